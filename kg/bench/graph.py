@@ -1,0 +1,100 @@
+"""`hereabouts bench graph`: one size after the other, rivals where they end in bearable time."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from kg.bench import ours, rivals
+from kg.bench.building import BASE, Building
+from kg.bench.ours import Flatness, LiveRun
+from kg.bench.timing import Timing
+from kg.semantic_map import SemanticMap
+
+RIVALS_MOST = 10_000  # objects; beyond it a rival's load alone takes minutes
+
+
+@dataclass(frozen=True, slots=True)
+class GraphBench:
+    """Everything that was measured."""
+
+    timings: tuple[Timing, ...]
+    live: LiveRun | None
+    flatness: Flatness | None
+
+    def update_ratio(self) -> float | None:
+        """Median cost of an update at the largest size over that at the smallest."""
+        updates = [
+            t for t in self.timings if (t.operation, t.store) == ("update by a frame", ours.STORE)
+        ]
+        low, high = min(updates, key=_size), max(updates, key=_size)
+        return None if low is high else high.median / low.median
+
+    def to_json(self) -> dict[str, object]:
+        """As a JSON object."""
+        live, flat = self.live, self.flatness
+        return {
+            "timings": [timing.to_json() for timing in self.timings],
+            "updateRatio": self.update_ratio(),
+            "live": live
+            and {
+                "frames": live.frames,
+                "late": live.late,
+                "update": live.update.to_json(),
+                "reads": live.reads,
+                "read": live.read.to_json(),
+            },
+            "lastTenthOverFirst": flat
+            and {
+                "frames": flat.frames,
+                "update": flat.update,
+                "lookup": flat.lookup,
+                "memory": flat.memory,
+                "disk": flat.disk,
+            },
+        }
+
+
+def bench_graph(
+    sizes: Sequence[int],
+    *,
+    seconds: float,
+    frames: int,
+    rivals_most: int = RIVALS_MOST,
+    say: Callable[[str], None] = lambda _: None,
+) -> GraphBench:
+    """Measure maps of each size; the largest is then written live for `seconds`, 0 for not at all.
+
+    The flatness run applies `frames` frames to the smallest. `say` hears what is being done.
+    """
+    timings: list[Timing] = []
+    live = flat = None
+    for size in sorted(sizes):
+        with tempfile.TemporaryDirectory(prefix="hereabouts-bench-") as name:
+            folder = Path(name)
+            say(f"furnishing {size:,} objects")
+            with SemanticMap.create(folder / "bench.map", base=BASE) as semantic_map:
+                building = Building(size, semantic_map.catalogue)
+                building.furnish(semantic_map)
+                say(f"measuring {size:,} objects")
+                if size > ours.EXPORT_MOST:
+                    say(f"leaving out the export: measured up to {ours.EXPORT_MOST:,} objects")
+                timings += ours.measure(semantic_map, building, folder)
+                timings += rivals.ours(semantic_map, building)
+                if size <= rivals_most:
+                    say(f"the same in rdflib and owlready2, {size:,} objects")
+                    timings += rivals.rdflib_memory(semantic_map, building, folder)
+                    timings += rivals.owlready_sqlite(semantic_map, building, folder)
+                if size == max(sizes) and seconds:
+                    say(f"writing 30 frames a second for {seconds:g} s beside two readers")
+                    live = ours.live(semantic_map, building, seconds=seconds)
+                if size == min(sizes) and frames:
+                    say(f"{frames:,} frames in a row over {size:,} objects")
+                    flat = ours.flatness(semantic_map, building, folder, frames=frames)
+    return GraphBench(tuple(timings), live, flat)
+
+
+def _size(timing: Timing) -> int:
+    return timing.objects

@@ -1,0 +1,179 @@
+"""The graph on disk: frame updates, every shipped question, export; live, and over a long run."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from kg.bench.building import BASE, Building
+from kg.bench.timing import Timing, goes_on, measured, timing
+from kg.export import export_map
+from kg.questions import Question, shipped_questions
+from kg.semantic_map import SemanticMap
+
+STORE = "hereabouts on disk"
+LOOKUPS = ("objects-within-radius", "objects-in-box", "why-object", "robot", "goals-relations")
+EXPORT_MOST = 10_000  # objects; an export is made whole in memory
+
+
+def measure(semantic_map: SemanticMap, building: Building, folder: Path) -> Iterator[Timing]:
+    """All operations on a furnished map."""
+    yield update_timing(semantic_map, building)
+    for question in shipped_questions():
+        values = parameters_for(question, building)
+        if values is not None:
+            yield measured(
+                question.name, STORE, building.size, asking(semantic_map, question, values)
+            )
+    if building.size <= EXPORT_MOST:
+        out = folder / "export.nt"
+        export = _silent(lambda: export_map(semantic_map, out, ontology=False))
+        yield measured("export as N-Triples", STORE, building.size, export)
+
+
+def update_timing(semantic_map: SemanticMap, building: Building) -> Timing:
+    """A frame's update of 20 objects; what the frame says is made up outside of the clock."""
+    durations: list[float] = []
+    while goes_on(durations):
+        number = len(durations)
+        update = building.frame(number)
+        start = time.perf_counter()
+        semantic_map.apply(update)
+        durations.append(1000 * (time.perf_counter() - start))
+    return timing("update by a frame", STORE, building.size, durations)
+
+
+def parameters_for(question: Question, building: Building) -> dict[str, object] | None:
+    """Values that ask `question` of something that is there; None for parameters unheard of."""
+    x, y = building.centre()
+    known: dict[str, object] = {
+        "category": "banana",
+        "place": 1,
+        "object": f"{BASE}object/1",
+        "x": x,
+        "y": y,
+        "xmin": x - 2,
+        "xmax": x + 2,
+        "ymin": y - 2,
+        "ymax": y + 2,
+    }
+    needed = [p.name for p in question.parameters if p.default is None]
+    return {name: known[name] for name in needed} if known.keys() >= set(needed) else None
+
+
+def asking(
+    semantic_map: SemanticMap, question: Question, values: dict[str, object]
+) -> Callable[[], int]:
+    """A run of a question, that tells how many rows it got."""
+    return lambda: len(semantic_map.ask(question.name, **values).rows)
+
+
+@dataclass(frozen=True, slots=True)
+class LiveRun:
+    """A writer at a fixed rate, readers beside it."""
+
+    frames: int
+    late: int  # frames not done when the next one was due
+    update: Timing
+    reads: int
+    read: Timing
+
+
+def live(
+    semantic_map: SemanticMap, building: Building, *, seconds: float, rate: float = 30.0
+) -> LiveRun:
+    """Write `rate` frames a second while two readers ask lookups as fast as they can."""
+    stop = threading.Event()
+    reads: list[float] = []
+    readers = [
+        threading.Thread(target=_read, args=(semantic_map, building, stop, reads)) for _ in (1, 2)
+    ]
+    updates = [building.frame(number) for number in range(int(seconds * rate))]
+    for reader in readers:
+        reader.start()
+    durations, late, due = [], 0, time.perf_counter()
+    for update in updates:
+        time.sleep(max(0.0, due - time.perf_counter()))
+        start = time.perf_counter()
+        semantic_map.apply(update)
+        done = time.perf_counter()
+        durations.append(1000 * (done - start))
+        due += 1 / rate
+        late += done > due
+    stop.set()
+    for reader in readers:
+        reader.join()
+    written = timing("update, 30 a second, 2 readers", STORE, building.size, durations)
+    read = timing("lookup beside that writer", STORE, building.size, reads)
+    return LiveRun(len(updates), late, written, len(reads), read)
+
+
+def _read(
+    semantic_map: SemanticMap, building: Building, stop: threading.Event, reads: list[float]
+) -> None:
+    questions = [q for q in shipped_questions() if q.name in LOOKUPS]
+    runs = [asking(semantic_map, q, parameters_for(q, building) or {}) for q in questions]
+    number = 0
+    while not stop.is_set() or not reads:
+        start = time.perf_counter()
+        runs[number % len(runs)]()
+        reads.append(1000 * (time.perf_counter() - start))
+        number += 1
+
+
+@dataclass(frozen=True, slots=True)
+class Flatness:
+    """The last tenth of a long run over the first tenth of it; 1 is flat."""
+
+    frames: int
+    update: float  # of the median latency
+    lookup: float  # of the median latency
+    memory: float  # of the resident set
+    disk: float  # of the folder
+
+
+def flatness(
+    semantic_map: SemanticMap, building: Building, folder: Path, *, frames: int
+) -> Flatness:
+    """Apply `frames` frames, one after the other, over a map that stays as large as it is."""
+    question = next(q for q in shipped_questions() if q.name == LOOKUPS[0])
+    ask = asking(semantic_map, question, parameters_for(question, building) or {})
+    rows = []
+    for number in range(frames):
+        update = building.frame(number)
+        start = time.perf_counter()
+        semantic_map.apply(update)
+        middle = time.perf_counter()
+        if number % 10 == 0:
+            ask()
+            lookup = time.perf_counter() - middle
+            rows.append((middle - start, lookup, _resident(), _on_disk(folder)))
+    table = np.array(rows)
+    tenth = max(1, len(table) // 10)
+    first, last = np.median(table[:tenth], axis=0), np.median(table[-tenth:], axis=0)
+    return Flatness(frames, *(float(ratio) for ratio in last / first))
+
+
+def _resident() -> float:
+    """Resident memory of this process [pages]; 1 where the system does not tell."""
+    status = Path("/proc/self/statm")
+    return float(status.read_text().split()[1]) if status.exists() else 1.0
+
+
+def _on_disk(folder: Path) -> float:
+    total = 1
+    for path in folder.rglob("*"):
+        try:
+            total += path.stat().st_size
+        except FileNotFoundError:  # compacted away meanwhile
+            continue
+    return float(total)
+
+
+def _silent(run: Callable[[], object]) -> Callable[[], None]:
+    return lambda: (run(), None)[1]

@@ -1,0 +1,141 @@
+"""Is an ontology, or a map, well made? SHACL shapes, and rules SHACL cannot say.
+
+The shapes are data (``ontologies/shapes.ttl``). What is checked here: terms used are declared, each
+property is of one kind (OWL 2 DL), the compiled view of a map is that of its ontology.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Final
+
+from pyoxigraph import BlankNode, NamedNode, Quad
+
+from kg import vocabulary as v
+from kg.errors import OntologyError
+from kg.ontology import SHAPES_FILE, compile_commonsense, load_ontologies
+from kg.relations import relations
+from kg.shapes import Finding, validate
+from kg.shipped import ONTOLOGIES
+
+_PROPERTY_KINDS: Final = {
+    v.OWL_OBJECT_PROPERTY: "object",
+    v.OWL_DATATYPE_PROPERTY: "data",
+    v.OWL_ANNOTATION_PROPERTY: "annotation",
+}
+_BUILT_IN: Final = tuple(v.PREFIXES[name] for name in ("rdf", "rdfs", "owl"))
+
+
+def check_ontologies(folder: Path = ONTOLOGIES) -> list[Finding]:
+    """What is wrong with the ontologies of a folder; empty where all is well.
+
+    Uses the folder's own ``shapes.ttl`` where it has one, the shipped shapes otherwise.
+
+    Raises:
+        OntologyError: there are none, or one does not parse.
+    """
+    quads = load_ontologies(folder).quads
+    own = folder / SHAPES_FILE
+    # nobody labels a restriction: only named classes are held to the shape of a term
+    named = [q for q in quads if not (isinstance(q.subject, BlankNode) and _is_class(q))]
+    found = validate(named, own if own.is_file() else ONTOLOGIES / SHAPES_FILE)
+    found += _undeclared(quads, _declared(quads))
+    found += _undeclared_properties(quads)
+    found += _mixed_kinds(quads)
+    try:
+        relations(quads)
+    except OntologyError as error:
+        found.append(Finding(focus="here:probability", message=str(error)))
+    return sorted(set(found))
+
+
+def check_map(quads: Iterable[Quad], shapes: Path = ONTOLOGIES / SHAPES_FILE) -> list[Finding]:
+    """What is wrong with a map, given all its quads (a pyoxigraph Store will do).
+
+    The present belief (graph:map), what people said (graph:assertions) and the map's own
+    description (graph:dataset) are held to the shapes; every graph may use only declared terms;
+    graph:commonsense must hold what the map's ontology compiles to.
+    """
+    graphs: dict[str, list[Quad]] = defaultdict(list)
+    for q in quads:
+        graphs[q.graph_name.value if isinstance(q.graph_name, NamedNode) else ""].append(q)
+    ontology = graphs.pop(v.ONTOLOGY_GRAPH, [])
+    if not ontology:
+        message = "the map holds no ontology; load one into this graph"
+        return [Finding(focus=v.ONTOLOGY_GRAPH, message=message)]
+    hierarchy = [q for q in ontology if q.predicate.value == v.RDFS_SUB_CLASS_OF]
+    shaped = (v.MAP_GRAPH, v.DATASET_GRAPH, v.ASSERTIONS_GRAPH)
+    found = validate([*(q for graph in shaped for q in graphs[graph]), *hierarchy], shapes)
+    declared = _declared(ontology)
+    for facts in graphs.values():
+        found += _undeclared(facts, declared)
+    found += _not_compiled(ontology, graphs[v.COMMONSENSE_GRAPH])
+    return sorted(set(found))
+
+
+def _is_class(q: Quad) -> bool:
+    return q.predicate.value == v.RDF_TYPE and q.object == NamedNode(v.OWL_CLASS)
+
+
+def _declared(ontology: Iterable[Quad]) -> set[str]:
+    kinds = {v.OWL_CLASS, *_PROPERTY_KINDS}
+    return {
+        q.subject.value
+        for q in ontology
+        if q.predicate.value == v.RDF_TYPE
+        and isinstance(q.subject, NamedNode)
+        and isinstance(q.object, NamedNode)
+        and q.object.value in kinds
+    }
+
+
+def _undeclared(quads: Iterable[Quad], declared: set[str]) -> list[Finding]:
+    """One finding for each here: term that is used, in whatever position, and not declared."""
+    uses: dict[str, str] = {}
+    for q in quads:
+        for term in (q.subject, q.predicate, q.object):
+            if not isinstance(term, NamedNode) or not term.value.startswith(v.HERE):
+                continue
+            if term.value not in declared and term.value != v.HERE:
+                uses.setdefault(term.value, _text(q.subject))
+    message = "the ontology declares no such term"
+    return [Finding(focus=user, message=message, value=term) for term, user in uses.items()]
+
+
+def _undeclared_properties(quads: Iterable[Quad]) -> list[Finding]:
+    """Borrowed properties used without a declaration: OWL 2 DL wants one."""
+    quads = tuple(quads)
+    known = (*_BUILT_IN, v.HERE)
+    used = {q.predicate.value for q in quads if not q.predicate.value.startswith(known)}
+    message = "a property is used that no ontology declares"
+    return [Finding(focus=iri, message=message) for iri in used - _declared(quads)]
+
+
+def _mixed_kinds(quads: Iterable[Quad]) -> list[Finding]:
+    kinds: dict[str, set[str]] = defaultdict(set)
+    for q in quads:
+        of_type = q.object.value if isinstance(q.object, NamedNode) else ""
+        if q.predicate.value == v.RDF_TYPE and of_type in _PROPERTY_KINDS:
+            kinds[_text(q.subject)].add(_PROPERTY_KINDS[of_type])
+    return [
+        Finding(focus=iri, message=f"is a property of two kinds: {' and '.join(sorted(of))}")
+        for iri, of in kinds.items()
+        if len(of) > 1
+    ]
+
+
+def _not_compiled(ontology: list[Quad], commonsense: list[Quad]) -> list[Finding]:
+    try:
+        missing = set(compile_commonsense(ontology)) - set(commonsense)
+    except OntologyError as error:
+        return [Finding(focus=v.ONTOLOGY_GRAPH, message=str(error))]
+    if not missing:
+        return []
+    message = f"lacks {len(missing)} facts that the map's ontology compiles to; compile it again"
+    return [Finding(focus=v.COMMONSENSE_GRAPH, message=message)]
+
+
+def _text(term: object) -> str:
+    return term.value if isinstance(term, NamedNode) else str(term)

@@ -1,0 +1,219 @@
+"""One SPARQL 1.1 server over HTTP: where its two addresses are, and what it says.
+
+A time limit of an Oxigraph server arrives as status 200 and a body that breaks off; a reader that
+took what there is would take a part for the whole. Here every body is parsed to its end.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import threading
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+from urllib.parse import urlsplit, urlunsplit
+
+import requests
+from pyoxigraph import (
+    QueryBoolean,
+    QueryResultsFormat,
+    QuerySolution,
+    RdfFormat,
+    Triple,
+    Variable,
+    parse,
+    parse_query_results,
+)
+
+from kg.errors import RemoteError, UnreachableError
+
+TOKEN_VARIABLE: Final = "HEREABOUTS_TOKEN"
+UPDATE_VARIABLE: Final = "HEREABOUTS_UPDATE_URL"
+CONNECT_WITHIN = 5.0  # [s]
+ANSWER_WITHIN = 300.0  # [s]
+
+_RESULTS = "application/sparql-results+json"
+_TRIPLES = "application/n-triples"
+#: ending of the address -> where (query, update) lie from there
+_LAYOUTS: Final[tuple[tuple[str, str], ...]] = (
+    ("/query", "/update"),  # Oxigraph, Fuseki
+    ("", "/statements"),  # RDF4J, GraphDB: .../repositories/NAME
+    ("/sparql", "/sparql"),  # hereabouts serve, Virtuoso
+    ("", ""),  # the address is the endpoint itself
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Solutions:
+    """A whole answer of SELECT."""
+
+    variables: tuple[Variable, ...]
+    rows: tuple[QuerySolution, ...]
+
+    def __iter__(self) -> Iterator[QuerySolution]:
+        return iter(self.rows)
+
+
+@dataclass(frozen=True, slots=True)
+class Triples:
+    """A whole answer of CONSTRUCT or DESCRIBE."""
+
+    triples: tuple[Triple, ...]
+
+    def __iter__(self) -> Iterator[Triple]:
+        return iter(self.triples)
+
+
+Answer = Solutions | QueryBoolean | Triples
+
+
+def is_url(address: object) -> bool:
+    """Whether an address of a map names a server rather than a folder."""
+    return isinstance(address, str) and address.lower().startswith(("http://", "https://"))
+
+
+class Endpoint:
+    """A SPARQL server; found by `at`. Safe to use from several threads."""
+
+    def __init__(self, address: str, query_url: str, update_url: str) -> None:
+        self.where = _without_secrets(address)
+        self.query_url = query_url
+        self.update_url = update_url
+        self._local = threading.local()
+        self._sessions: list[requests.Session] = []
+
+    @classmethod
+    def at(cls, address: str) -> Endpoint:
+        """The server at `address`, its query and update addresses found by asking.
+
+        `HEREABOUTS_UPDATE_URL` names the address for updates where it is an unusual one. Raises
+        RemoteError where nothing answers, or what answers does not speak SPARQL.
+        """
+        root = address.rstrip("/")
+        said = ""
+        for query, update in _LAYOUTS:
+            if update == "/statements" and "/repositories/" not in root:
+                continue
+            updates = os.environ.get(UPDATE_VARIABLE) or root + update
+            endpoint = cls(address, root + query, updates)
+            try:
+                if isinstance(endpoint.ask("ASK {}"), QueryBoolean):
+                    return endpoint
+            except UnreachableError:
+                endpoint.close()
+                raise
+            except (RemoteError, SyntaxError) as error:
+                said = said or str(error)
+            endpoint.close()
+        raise RemoteError(
+            f"{_without_secrets(address)} does not speak SPARQL at /query, /sparql or itself"
+            f" ({said}); give the address of a SPARQL 1.1 server"
+        )
+
+    def ask(self, query: str, parameters: Sequence[tuple[str, str]] = ()) -> Answer:
+        """The whole answer to a query.
+
+        Raises SyntaxError with the server's words where it does not parse there, RemoteError for
+        everything else that is not an answer, an answer cut short included.
+        """
+        reply = self._post(self.query_url, "application/sparql-query", query, parameters)
+        kind = reply.headers.get("content-type", "").split(";")[0].strip()
+        try:
+            if kind == _TRIPLES:
+                statements = parse(reply.content, format=RdfFormat.N_TRIPLES)
+                return Triples(tuple(quad.triple for quad in statements))
+            answer = parse_query_results(reply.content, format=QueryResultsFormat.JSON)
+            if isinstance(answer, QueryBoolean):
+                return answer
+            return Solutions(tuple(answer.variables), tuple(answer))
+        except (SyntaxError, ValueError) as error:
+            if kind not in (_RESULTS, _TRIPLES):
+                raise RemoteError(
+                    f"{self.where} answered with {kind or 'no type'} instead of SPARQL results"
+                ) from error
+            raise RemoteError(self._cut_short()) from error
+
+    def update(self, update: str) -> None:
+        """Run an update; raises RemoteError where the server did not do it."""
+        try:
+            self._post(self.update_url, "application/sparql-update", update, ())
+        except SyntaxError as error:
+            raise RemoteError(f"{self.where} refused an update: {error}") from error
+
+    def close(self) -> None:
+        """Let go of the connections."""
+        while self._sessions:
+            self._sessions.pop().close()
+
+    def _post(
+        self, url: str, kind: str, text: str, parameters: Sequence[tuple[str, str]]
+    ) -> requests.Response:
+        headers = {"Content-Type": f"{kind}; charset=utf-8", "Accept": f"{_RESULTS}, {_TRIPLES}"}
+        try:
+            reply = self._session().post(
+                url,
+                data=text.encode(),
+                params=list(parameters),
+                headers=headers,
+                timeout=(CONNECT_WITHIN, ANSWER_WITHIN),
+            )
+        except (requests.ConnectTimeout, requests.exceptions.InvalidURL) as error:
+            raise UnreachableError(self._unreachable("no answer in time")) from error
+        except requests.exceptions.ChunkedEncodingError as error:
+            raise RemoteError(self._cut_short()) from error
+        except requests.ReadTimeout as error:
+            raise RemoteError(
+                f"{self.where} gave no answer within {ANSWER_WITHIN:g} s; ask for less"
+            ) from error
+        except requests.RequestException as error:
+            raise UnreachableError(self._unreachable(_reason(error))) from error
+        if not reply.ok:
+            self._refuse(reply)
+        return reply
+
+    def _session(self) -> requests.Session:
+        session: requests.Session | None = getattr(self._local, "session", None)
+        if session is None:
+            session = self._local.session = requests.Session()
+            if urlsplit(self.query_url).hostname in ("127.0.0.1", "localhost", "::1"):
+                session.trust_env = False  # a proxy would look for the server on itself
+            if token := os.environ.get(TOKEN_VARIABLE):
+                session.headers["Authorization"] = f"Bearer {token}"
+            self._sessions.append(session)
+        return session
+
+    def _refuse(self, reply: requests.Response) -> None:
+        said = " ".join(reply.text.split())[:300]
+        if reply.status_code == 400:
+            raise SyntaxError(said)
+        if reply.status_code in (401, 403):
+            raise RemoteError(
+                f"{self.where} refused ({reply.status_code}); put its token in {TOKEN_VARIABLE}, "
+                "or user:password@ in the address"
+            )
+        raise RemoteError(f"{self.where} answered {reply.status_code}: {said or reply.reason}")
+
+    def _unreachable(self, reason: str) -> str:
+        return (
+            f"no server answers at {self.where} ({reason}); start one there, "
+            "e.g. oxigraph serve --location DIR --bind HOST:PORT"
+        )
+
+    def _cut_short(self) -> str:
+        return (
+            f"{self.where} broke off its answer, most likely at its time limit; ask for less, "
+            "or raise the limit (oxigraph serve --timeout-s)"
+        )
+
+
+def _without_secrets(address: str) -> str:
+    parts = urlsplit(address)
+    host = parts.netloc.rpartition("@")[2]
+    return urlunsplit((parts.scheme, host, parts.path, "", "")).rstrip("/")
+
+
+def _reason(error: Exception) -> str:
+    text = str(error)
+    match = re.search(r"\[Errno [^\]]+\] ([^\"')]+)|(Name or service not known|resolve)", text)
+    return (match[1] or "unknown host") if match else type(error).__name__

@@ -1,0 +1,51 @@
+"""What a map needs of the store beneath it, be it in this process or behind HTTP.
+
+Just what the rest of this room calls of pyoxigraph's own `Store`, so that a store is one without
+more ado; `kg.remote.RemoteEngine` is the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any, Protocol
+
+from pyoxigraph import BlankNode, DefaultGraph, Literal, NamedNode, Quad, Triple
+
+Subject = NamedNode | BlankNode | Triple | None
+Object = NamedNode | BlankNode | Literal | Triple | None
+Functions = dict[NamedNode, Callable[..., NamedNode | BlankNode | Literal | Triple | None]]
+
+
+class Engine(Protocol):
+    """A dataset that can be read by pattern, queried and updated."""
+
+    def quads_for_pattern(
+        self,
+        subject: Subject,
+        predicate: NamedNode | None,
+        object: Object,
+        graph_name: NamedNode | BlankNode | DefaultGraph | None = None,
+        /,
+    ) -> Iterator[Quad]:
+        """The quads that match; None matches anything."""
+
+    def query(
+        self,
+        query: str,
+        /,
+        *,
+        prefixes: dict[str, str] | None = None,
+        use_default_graph_as_union: bool = False,
+        custom_functions: Functions | None = None,
+    ) -> Any:
+        """Solutions (with `variables`), a boolean, or triples, as the form of the query asks.
+
+        Raises SyntaxError where the query does not parse.
+        """
+
+    def update(self, update: str, /) -> None:
+        """Run a SPARQL update: all of it, or nothing and an OSError or HereaboutsError."""
+
+    def __contains__(self, quad: Any, /) -> bool: ...
+
+    def __iter__(self) -> Iterator[Quad]: ...

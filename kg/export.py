@@ -1,0 +1,190 @@
+"""Maps as files for other tools: Turtle, TriG, N-Quads, N-Triples, JSON-LD, RDF/XML.
+
+What is written is the map and dataset graphs, what people asserted, the ontology unless it is not
+wanted, and a WKT geometry of everything. TriG and N-Quads keep the graphs apart; the other forms
+hold one. The same map gives the same text.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import uuid
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Final
+
+from pyoxigraph import BlankNode, Literal, NamedNode, Quad, RdfFormat, Triple, serialize
+
+from kg import vocabulary as v
+from kg.errors import GraphError, did_you_mean
+from kg.geometry import geometry_quads
+from kg.jsonld import to_jsonld
+from kg.semantic_map import SemanticMap
+
+#: format -> endings of its files
+FORMATS: Final[dict[str, tuple[str, ...]]] = {
+    "ttl": (".ttl",),
+    "trig": (".trig",),
+    "nq": (".nq",),
+    "nt": (".nt",),
+    "jsonld": (".jsonld", ".json"),
+    "rdfxml": (".rdf", ".owl", ".xml"),
+}
+#: what else people call the formats, as other RDF tools name them
+_ALIASES: Final = {
+    "turtle": "ttl",
+    "nquads": "nq",
+    "n-quads": "nq",
+    "ntriples": "nt",
+    "n-triples": "nt",
+    "json-ld": "jsonld",
+    "rdf/xml": "rdfxml",
+    "xml": "rdfxml",
+}
+
+_GRAPHS = (v.DATASET_GRAPH, v.MAP_GRAPH, v.ASSERTIONS_GRAPH, v.HISTORY_GRAPH)
+_FIRST = {v.RDF_TYPE: 0, v.RDFS_LABEL: 1}
+_DOUBLE = NamedNode(v.XSD + "double")
+_Prefixes = dict[str, str]
+
+
+def export_map(
+    semantic_map: SemanticMap,
+    path: Path | str,
+    format: str | None = None,
+    *,
+    ontology: bool = True,
+) -> int:
+    """Write the map to `path`, whole or not at all; returns how many triples were written.
+
+    `format` is one of `FORMATS`; without it the ending of `path` decides. Raises GraphError for an
+    unknown format and where `path` cannot be written.
+    """
+    path = Path(path)
+    chosen = format or _format_of(path)
+    quads = export_quads(semantic_map, ontology=ontology)
+    text = _text(quads, chosen, _prefixes(semantic_map.base))
+    write_atomically(path, text)
+    return len(quads)
+
+
+def export_text(semantic_map: SemanticMap, format: str, *, ontology: bool = True) -> str:
+    """The map as text in one of `FORMATS`; raises GraphError for an unknown one."""
+    quads = export_quads(semantic_map, ontology=ontology)
+    return _text(quads, format, _prefixes(semantic_map.base))
+
+
+def export_quads(semantic_map: SemanticMap, *, ontology: bool = True) -> list[Quad]:
+    """What an export holds, geometries included, in the order it is written."""
+    graphs = (*_GRAPHS, v.ONTOLOGY_GRAPH) if ontology else _GRAPHS
+    engine = semantic_map.engine
+    quads = [
+        quad
+        for graph in graphs
+        for quad in engine.quads_for_pattern(None, None, None, NamedNode(graph))
+    ]
+    things = semantic_map.objects(), semantic_map.places(), semantic_map.robot()
+    quads += geometry_quads(semantic_map.base, *things)
+    rank = {graph: number for number, graph in enumerate(graphs)}
+    return sorted(set(map(_with_exponent, quads)), key=lambda quad: _order(quad, rank))
+
+
+def _text(quads: list[Quad], form: str, prefixes: _Prefixes) -> str:
+    writers: dict[str, Callable[[list[Quad], _Prefixes], str]] = {
+        "ttl": lambda quads, prefixes: _tidy(_native(_triples(quads), RdfFormat.TURTLE, prefixes)),
+        "trig": lambda quads, prefixes: _tidy(_native(quads, RdfFormat.TRIG, prefixes)),
+        "nq": lambda quads, _: _native(quads, RdfFormat.N_QUADS, {}),
+        "nt": lambda quads, _: _native(_triples(quads), RdfFormat.N_TRIPLES, {}),
+        "jsonld": lambda quads, prefixes: to_jsonld(_triples(quads), prefixes) + "\n",
+        "rdfxml": lambda quads, prefixes: _native(_triples(quads), RdfFormat.RDF_XML, prefixes),
+    }
+    form = _ALIASES.get(form.lower(), form.lower())
+    if form not in writers:
+        hint = did_you_mean(form, FORMATS)
+        raise GraphError(f"no export format {form!r}; there are: {', '.join(FORMATS)}{hint}")
+    return writers[form](quads, prefixes)
+
+
+def _format_of(path: Path) -> str:
+    for form, endings in FORMATS.items():
+        if path.suffix.lower() in endings:
+            return form
+    endings_known = ", ".join(ending for endings in FORMATS.values() for ending in endings)
+    raise GraphError(
+        f"cannot tell the format of {path.name!r} from its ending; name a format "
+        f"({', '.join(FORMATS)}) or end it with one of: {endings_known}"
+    )
+
+
+def _prefixes(base: str) -> _Prefixes:
+    things = {name: f"{base}{name}/" for name in ("object", "observation", "place", "recording")}
+    return {**v.PREFIXES, "map": base, **things}
+
+
+def _triples(quads: Iterable[Quad]) -> list[Triple]:
+    return list(dict.fromkeys(quad.triple for quad in quads))
+
+
+def _native(statements: Iterable[Quad] | Iterable[Triple], form: RdfFormat, p: _Prefixes) -> str:
+    return (serialize(statements, format=form, prefixes=p) or b"").decode()
+
+
+def _tidy(text: str) -> str:
+    """Prefixes in order, one empty line between subjects; strings never span lines here."""
+    lines = text.replace("\t", "    ").splitlines()
+    prefixes = sorted(line for line in lines if line.startswith("@prefix"))
+    body = [line for line in lines if not line.startswith("@prefix")]
+    spaced = [line + "\n" if line.endswith(" .") else line for line in body]
+    return "\n".join([*prefixes, "", *spaced]).rstrip("\n") + "\n"
+
+
+def _with_exponent(quad: Quad) -> Quad:
+    """Doubles as 1.23e0, which Turtle writes bare; the engine keeps them without an exponent."""
+    term = quad.object
+    if not isinstance(term, Literal) or term.datatype != _DOUBLE:
+        return quad
+    text = repr(float(term.value))
+    if "e" not in text and math.isfinite(float(term.value)):
+        text += "e0"
+    text = {"inf": "INF", "-inf": "-INF", "nan": "NaN"}.get(text, text)
+    return Quad(quad.subject, quad.predicate, Literal(text, datatype=_DOUBLE), quad.graph_name)
+
+
+def _order(quad: Quad, rank: dict[str, int]) -> tuple[object, ...]:
+    graph, subject, predicate = quad.graph_name, quad.subject, quad.predicate.value
+    name = str(getattr(subject, "value", subject))
+    kind, _, _ = name.rpartition("/")
+    return (
+        rank.get(str(getattr(graph, "value", "")), len(rank)),
+        isinstance(subject, BlankNode),
+        kind if name.rpartition("/")[2].isdigit() else name,
+        (len(name), name),
+        (_FIRST.get(predicate, 2), predicate),
+        (len(str(quad.object)) if predicate == v.HAS_BELIEF else 0, str(quad.object)),
+    )
+
+
+def write_atomically(path: Path, text: str) -> None:
+    """Put `text` at `path` by way of a file beside it; raises GraphError where that fails.
+
+    A device or pipe (/dev/stdout) is written to, never replaced by a file, and a link stays one.
+    """
+    try:
+        if path.exists() and not path.is_file() and not path.is_dir():
+            path.write_text(text, encoding="utf-8", newline="\n")
+            return
+        path = path.resolve()
+    except OSError as error:
+        raise GraphError(f"cannot write {path}: {error.strerror or error}") from error
+    beside = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
+    try:
+        with beside.open("w", encoding="utf-8", newline="\n") as out:
+            out.write(text)
+            out.flush()
+            os.fsync(out.fileno())
+        beside.replace(path)
+    except OSError as error:
+        raise GraphError(f"cannot write {path}: {error.strerror or error}") from error
+    finally:
+        beside.unlink(missing_ok=True)

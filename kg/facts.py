@@ -1,0 +1,410 @@
+"""Records to quads and back, as docs/architecture.md draws them.
+
+Numbers are quantised when they become facts (positions to 1 cm, shares to 0.01, times to 1 s), so
+that noise below what the map can know never costs a write. Reading is tolerant: a person may add an
+object by SPARQL with a class and a position alone; what is missing takes the plainest value.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from urllib.parse import quote, unquote
+
+import numpy as np
+from pyoxigraph import Literal, NamedNode, Quad
+
+from kg import vocabulary as v
+from kg.categories import Catalogue
+from kg.cells import cell_of
+from kg.engine import Engine
+from kg.errors import InvalidFactError
+from kg.records import Evidence, ObjectRecord, PlaceRecord, RecordingRecord, RobotRecord
+from kg.remote import reading_ahead
+from kg.times import date_time, seconds
+
+LEAST_BELIEF = 0.005  # beliefs below it would be stored as zero
+
+_MAP = NamedNode(v.MAP_GRAPH)
+_DATASET = NamedNode(v.DATASET_GRAPH)
+_TYPE = NamedNode(v.RDF_TYPE)
+_DATE_TIME = NamedNode(v.XSD + "dateTime")
+
+#: predicate IRI -> objects (IRIs and lexical forms) of one subject
+Properties = dict[str, list[str]]
+
+
+class Facts:
+    """Translates between records and quads for the map with IRI `base`."""
+
+    def __init__(self, base: str, catalogue: Catalogue) -> None:
+        self.base = base
+        self.catalogue = catalogue
+
+    def observation_iri(self, object_iri: str) -> str:
+        """IRI of the observation that explains an object."""
+        kept = object_iri.removeprefix(self.base + "object/")
+        if kept == object_iri:
+            return object_iri + "/observation"
+        return f"{self.base}observation/{kept}"
+
+    def recording_iri(self, name: str) -> str:
+        """IRI of the recording called `name`."""
+        return f"{self.base}recording/{quote(name, safe='')}"
+
+    def of_object(self, record: ObjectRecord) -> list[Quad]:
+        """Facts of an object and of its observation.
+
+        Raises InvalidFactError for numbers that are not finite or out of range, and for a category
+        the ontology does not know.
+        """
+        what = f"object {record.iri}"
+        if record.observations < 1:
+            raise InvalidFactError(
+                f"{what}: observations must be 1 or more, got {record.observations}"
+            )
+        if record.first_seen > record.last_seen:
+            raise InvalidFactError(f"{what}: first seen must not be after last seen")
+        x, y, z = _position(record.p_map, what)
+        facts: list[tuple[str, NamedNode | Literal]] = [
+            (v.RDF_TYPE, NamedNode(self._known(record.category, what))),
+            (v.RDFS_LABEL, Literal(self.object_label(record))),
+            (v.X, Literal(x)),
+            (v.Y, Literal(y)),
+            (v.Z, Literal(z)),
+            (v.IN_CELL, NamedNode(cell_of(x, y))),
+            (v.CONFIDENCE, _confidence(record.confidence, f"{what}: confidence")),
+            (v.EXISTENCE, _number(record.existence, f"{what}: existence", least=0.0, most=1.0)),
+            (v.OBSERVATION_COUNT, Literal(record.observations)),
+            (v.FIRST_SEEN, _time(record.first_seen, f"{what}: first seen")),
+            (v.LAST_SEEN, _time(record.last_seen, f"{what}: last seen")),
+        ]
+        if record.place is not None:
+            facts.append((v.IN_PLACE, _iri(record.place, f"{what}: place")))
+        if record.evidence is None:
+            return _quads(record.iri, facts)
+        observation = self.observation_iri(record.iri)
+        facts.append((v.EXPLAINED_BY, NamedNode(observation)))
+        return _quads(record.iri, facts) + self._of_evidence(record, record.evidence, observation)
+
+    def of_place(self, record: PlaceRecord) -> list[Quad]:
+        """Facts of a place and of its beliefs; raises InvalidFactError as `of_object` does."""
+        what = f"place {record.iri}"
+        if not (record.xmin < record.xmax and record.ymin < record.ymax):
+            raise InvalidFactError(
+                f"{what}: a rectangle needs xmin < xmax and ymin < ymax, got "
+                f"x {record.xmin:g}..{record.xmax:g}, y {record.ymin:g}..{record.ymax:g}"
+            )
+        if record.views < 0:
+            raise InvalidFactError(f"{what}: views must be 0 or more, got {record.views}")
+        facts: list[tuple[str, NamedNode | Literal]] = [
+            (v.RDF_TYPE, NamedNode(v.PLACE)),
+            (v.RDF_TYPE, NamedNode(v.BOT_SPACE)),
+            (v.RDFS_LABEL, Literal(record.label)),
+            (v.X_MIN, _number(record.xmin, f"{what}: xmin")),
+            (v.X_MAX, _number(record.xmax, f"{what}: xmax")),
+            (v.Y_MIN, _number(record.ymin, f"{what}: ymin")),
+            (v.Y_MAX, _number(record.ymax, f"{what}: ymax")),
+            (v.X, _number((record.xmin + record.xmax) / 2, f"{what}: x")),
+            (v.Y, _number((record.ymin + record.ymax) / 2, f"{what}: y")),
+            (v.VIEW_COUNT, Literal(record.views)),
+        ]
+        held = self.of_beliefs(record)
+        if record.views and held:
+            top = max(record.beliefs, key=lambda category: (record.beliefs[category], category))
+            facts.append((v.RDF_TYPE, NamedNode(top)))
+        return _quads(record.iri, facts) + held
+
+    def of_beliefs(self, record: PlaceRecord) -> list[Quad]:
+        """Facts of what a place is believed to be, links included."""
+        nodes: list[Quad] = []
+        for category, belief in self._held(record):
+            node = f"{record.iri}/belief/{quote(category.removeprefix(v.HERE), safe='')}"
+            nodes += _quads(record.iri, [(v.HAS_BELIEF, NamedNode(node))])
+            nodes += _quads(
+                node,
+                [
+                    (v.RDF_TYPE, NamedNode(v.PLACE_BELIEF)),
+                    (v.OF_CATEGORY, NamedNode(category)),
+                    (v.BELIEF, belief),
+                ],
+            )
+        return nodes
+
+    def of_robot(self, record: RobotRecord) -> list[Quad]:
+        """Facts of the robot; raises InvalidFactError where its pose is not finite."""
+        x, y, z = _position(record.p_map, "robot")
+        return _quads(
+            self.base + "robot",
+            [
+                (v.RDF_TYPE, NamedNode(v.ROBOT)),
+                (v.X, Literal(x)),
+                (v.Y, Literal(y)),
+                (v.Z, Literal(z)),
+                (v.HEADING, _number(record.heading, "robot: heading")),
+                (v.LAST_SEEN, _time(record.stamp, "robot: stamp")),
+            ],
+        )
+
+    def of_recording(self, record: RecordingRecord) -> list[Quad]:
+        """Facts of a recording, its transform at full precision; raises InvalidFactError."""
+        transform = np.asarray(record.T_map_world, dtype=np.float64)
+        if transform.shape != (4, 4) or not np.isfinite(transform).all():
+            raise InvalidFactError(f"recording {record.name}: transform must be (4, 4) and finite")
+        facts: list[tuple[str, NamedNode | Literal]] = [
+            (v.RDF_TYPE, NamedNode(v.RECORDING)),
+            (v.RDFS_LABEL, Literal(record.name)),
+            (v.FRAMES_APPLIED, Literal(record.frames_applied)),
+            (v.LAST_FRAME, Literal(record.last_frame)),
+            (v.TRANSFORM, Literal(" ".join(repr(float(n)) for n in transform.flat))),
+        ]
+        if record.scene_model:
+            facts.append((v.SCENE_MODEL, Literal(record.scene_model)))
+        return _quads(self.recording_iri(record.name), facts, _DATASET)
+
+    def objects(self, store: Engine) -> tuple[ObjectRecord, ...]:
+        """All objects of the map, in the order of their numbers."""
+        return self._objects(_by_subject(store, _MAP))
+
+    def some_objects(self, store: Engine, iris: Iterable[str]) -> tuple[ObjectRecord, ...]:
+        """Those of `iris` that are objects, in the order of their numbers."""
+        nodes = [_iri(iri, "object") for iri in dict.fromkeys(iris)]
+        with reading_ahead(store, nodes):
+            subjects = {node.value: _properties(store, node.value, _MAP) for node in nodes}
+        reasons = {_first(held, v.EXPLAINED_BY, "") for held in subjects.values()} - {""}
+        with reading_ahead(store, map(NamedNode, reasons)):
+            subjects.update((iri, _properties(store, iri, _MAP)) for iri in reasons)
+        return self._objects(subjects)
+
+    def _objects(self, subjects: dict[str, Properties]) -> tuple[ObjectRecord, ...]:
+        found = []
+        for iri, properties in subjects.items():
+            category = self._category(properties)
+            if category is None or v.X not in properties or v.Y not in properties:
+                continue
+            observation = subjects.get(_first(properties, v.EXPLAINED_BY, ""))
+            found.append(self._object(iri, category, properties, observation))
+        return tuple(sorted(found, key=lambda record: _order(record.iri)))
+
+    def places(self, store: Engine) -> tuple[PlaceRecord, ...]:
+        """All places of the map, in the order of their numbers."""
+        subjects: dict[str, Properties] = {}
+        quads = store.quads_for_pattern(None, _TYPE, NamedNode(v.PLACE), _MAP)
+        nodes = [quad.subject for quad in quads if isinstance(quad.subject, NamedNode)]
+        with reading_ahead(store, nodes):
+            for node in nodes:
+                properties = subjects[node.value] = _properties(store, node.value, _MAP)
+                for held in properties.get(v.HAS_BELIEF, ()):
+                    subjects[held] = _properties(store, held, _MAP)
+        found = (
+            self._place(node.value, subjects[node.value], subjects)
+            for node in nodes
+            if v.X_MIN in subjects[node.value]
+        )
+        return tuple(sorted(found, key=lambda record: _order(record.iri)))
+
+    def label(self, store: Engine, iri: str) -> str | None:
+        """The label of a thing, if it has one."""
+        return _first(_properties(store, iri, _MAP), v.RDFS_LABEL, "") or None
+
+    def robot(self, store: Engine) -> RobotRecord | None:
+        """Where the robot was last, if it ever was."""
+        properties = _properties(store, self.base + "robot", _MAP)
+        if v.X not in properties:
+            return None
+        heading = float(_first(properties, v.HEADING, "0"))
+        return RobotRecord(_point(properties), heading, _stamp(properties, v.LAST_SEEN))
+
+    def recordings(self, store: Engine) -> tuple[RecordingRecord, ...]:
+        """All recordings applied to the map, by name."""
+        kind = NamedNode(v.RECORDING)
+        found = []
+        for quad in store.quads_for_pattern(None, _TYPE, kind, _DATASET):
+            iri = _text(quad.subject)
+            properties = _properties(store, iri, _DATASET)
+            numbers = [float(n) for n in _first(properties, v.TRANSFORM, "").split()]
+            transform = np.array(numbers).reshape(4, 4) if len(numbers) == 16 else np.eye(4)
+            name = _first(properties, v.RDFS_LABEL, self._recording_name(iri))
+            applied = int(_first(properties, v.FRAMES_APPLIED, "0"))
+            last = _first(properties, v.LAST_FRAME, "")
+            scene = _first(properties, v.SCENE_MODEL, "")
+            found.append(RecordingRecord(name, applied, last, transform, scene))
+        return tuple(sorted(found, key=lambda record: record.name))
+
+    def _known(self, category: str, what: str) -> str:
+        if self.catalogue.by_iri(category) is None:
+            raise InvalidFactError(
+                f"{what}: {category!r} is no category of the ontology; find one with its catalogue"
+            )
+        return category
+
+    def object_label(self, record: ObjectRecord) -> str:
+        """The label of an object to which nobody gave one: its category and its number."""
+        number = record.iri.rstrip("/").rpartition("/")[2]
+        return f"{self.catalogue.label(record.category)} {number}"
+
+    def _of_evidence(self, record: ObjectRecord, evidence: Evidence, iri: str) -> list[Quad]:
+        what = f"observation of {record.iri}"
+        if len(evidence.box) != 4 or not all(map(math.isfinite, evidence.box)):
+            raise InvalidFactError(f"{what}: box must be 4 finite numbers, got {evidence.box}")
+        return _quads(
+            iri,
+            [
+                (v.RDF_TYPE, NamedNode(v.SOSA_OBSERVATION)),
+                (v.SOSA_FEATURE, _iri(record.iri, what)),
+                (v.SOSA_RESULT_TIME, _time(evidence.stamp, f"{what}: stamp")),
+                (v.FRAME, Literal(evidence.frame)),
+                (v.FROM_RECORDING, NamedNode(self.recording_iri(evidence.recording))),
+                (v.BOX, Literal(" ".join(str(round(n)) for n in evidence.box))),
+                (v.SCORE, _number(evidence.score, f"{what}: score", least=0.0, most=1.0)),
+                (v.MODEL, Literal(evidence.model)),
+            ],
+        )
+
+    def _held(self, record: PlaceRecord) -> Iterator[tuple[str, Literal]]:
+        for category, belief in sorted(record.beliefs.items()):
+            what = f"place {record.iri}: belief"
+            self._known(category, what)
+            literal = _number(belief, what, least=0.0, most=1.0)
+            if belief >= LEAST_BELIEF:
+                yield category, literal
+
+    def _category(self, properties: Properties) -> str | None:
+        for iri in sorted(properties.get(v.RDF_TYPE, ())):
+            category = self.catalogue.by_iri(iri)
+            if category is not None and category.kind != "place":
+                return iri
+        return None
+
+    def _object(
+        self, iri: str, category: str, properties: Properties, observation: Properties | None
+    ) -> ObjectRecord:
+        return ObjectRecord(
+            iri=iri,
+            category=category,
+            p_map=_point(properties),
+            confidence=float(_first(properties, v.CONFIDENCE, "1")),
+            existence=float(_first(properties, v.EXISTENCE, "1")),
+            observations=int(_first(properties, v.OBSERVATION_COUNT, "1")),
+            first_seen=_stamp(properties, v.FIRST_SEEN),
+            last_seen=_stamp(properties, v.LAST_SEEN),
+            place=_first(properties, v.IN_PLACE, "") or None,
+            evidence=None if observation is None else self._evidence(observation),
+        )
+
+    def _evidence(self, properties: Properties) -> Evidence:
+        numbers = [float(n) for n in _first(properties, v.BOX, "0 0 0 0").split()]
+        left, top, right, bottom = numbers
+        return Evidence(
+            frame=_first(properties, v.FRAME, ""),
+            recording=self._recording_name(_first(properties, v.FROM_RECORDING, "")),
+            stamp=_stamp(properties, v.SOSA_RESULT_TIME),
+            box=(left, top, right, bottom),
+            score=float(_first(properties, v.SCORE, "1")),
+            model=_first(properties, v.MODEL, ""),
+        )
+
+    def _recording_name(self, iri: str) -> str:
+        return unquote(iri.removeprefix(self.base + "recording/"))
+
+    def _place(
+        self, iri: str, properties: Properties, subjects: dict[str, Properties]
+    ) -> PlaceRecord:
+        beliefs = {
+            _first(node, v.OF_CATEGORY, ""): float(_first(node, v.BELIEF, "0"))
+            for held in sorted(properties.get(v.HAS_BELIEF, ()))
+            if v.OF_CATEGORY in (node := subjects.get(held, {}))
+        }
+        xmin, xmax, ymin, ymax = (
+            float(_first(properties, edge, "nan")) for edge in (v.X_MIN, v.X_MAX, v.Y_MIN, v.Y_MAX)
+        )
+        label = _first(properties, v.RDFS_LABEL, iri)
+        views = int(_first(properties, v.VIEW_COUNT, "0"))
+        return PlaceRecord(iri, label, xmin, xmax, ymin, ymax, views, beliefs)
+
+
+def _quads(
+    subject: str, facts: Iterable[tuple[str, NamedNode | Literal]], graph: NamedNode = _MAP
+) -> list[Quad]:
+    node = _iri(subject, "subject")
+    return [Quad(node, NamedNode(predicate), value, graph) for predicate, value in facts]
+
+
+def _iri(text: str, what: str) -> NamedNode:
+    try:
+        return NamedNode(text)
+    except ValueError as error:
+        raise InvalidFactError(f"{what} must be an absolute IRI, got {text!r}") from error
+
+
+def _quantised(value: float, what: str) -> float:
+    number = float(value)
+    if not math.isfinite(number):
+        raise InvalidFactError(f"{what} must be a finite number, got {number}")
+    return round(number, 2) + 0.0  # + 0.0: minus zero is not a second zero
+
+
+def _number(
+    value: float, what: str, *, least: float = -math.inf, most: float = math.inf
+) -> Literal:
+    number = _quantised(value, what)
+    if not least <= number <= most:
+        raise InvalidFactError(f"{what} must be within {least:g}..{most:g}, got {number:g}")
+    return Literal(number)
+
+
+def _confidence(value: float, what: str) -> Literal:
+    # above zero means "still in the map" (eq. 3.4): rounding must not take that away
+    return Literal(0.01) if 0.0 < value < 0.01 else _number(value, what, least=0.0)
+
+
+def _position(p_map: np.ndarray, what: str) -> tuple[float, float, float]:
+    if np.shape(p_map) != (3,):
+        raise InvalidFactError(f"{what}: position must have shape (3,), got {np.shape(p_map)}")
+    x, y, z = (_quantised(value, f"{what}: position") for value in p_map)
+    return x, y, z
+
+
+def _time(stamp: float, what: str) -> Literal:
+    try:
+        return date_time(stamp)
+    except (ValueError, OverflowError, OSError) as error:
+        raise InvalidFactError(
+            f"{what} must be seconds since 1970 within years 1 to 9999, got {stamp}"
+        ) from error
+
+
+def _by_subject(store: Engine, graph: NamedNode) -> dict[str, Properties]:
+    subjects: dict[str, Properties] = {}
+    for quad in store.quads_for_pattern(None, None, None, graph):
+        properties = subjects.setdefault(_text(quad.subject), {})
+        properties.setdefault(quad.predicate.value, []).append(_text(quad.object))
+    return subjects
+
+
+def _properties(store: Engine, subject: str, graph: NamedNode) -> Properties:
+    properties: Properties = {}
+    for quad in store.quads_for_pattern(NamedNode(subject), None, None, graph):
+        properties.setdefault(quad.predicate.value, []).append(_text(quad.object))
+    return properties
+
+
+def _text(term: object) -> str:
+    return str(getattr(term, "value", term))
+
+
+def _first(properties: Properties, predicate: str, default: str) -> str:
+    values = properties.get(predicate)
+    return min(values) if values else default
+
+
+def _point(properties: Properties) -> np.ndarray:
+    return np.array([float(_first(properties, axis, "0")) for axis in (v.X, v.Y, v.Z)])
+
+
+def _stamp(properties: Properties, predicate: str) -> float:
+    return seconds(_first(properties, predicate, "1970-01-01T00:00:00Z"))
+
+
+def _order(iri: str) -> tuple[int, str]:
+    return len(iri), iri

@@ -1,0 +1,381 @@
+"""The log: every transaction in one SQLite file beside the store, written before the store is.
+
+A row of ``change`` is what one transaction changed about one subject; every `KEYFRAME` of them a
+row of ``state`` holds all that was then said of it, so that any moment is a short fold away. Both
+lie by subject, since the past is asked for by subject; ``commits`` names the subjects of each
+transaction, for those who read it in order. What held before the first recorded transaction, the
+floor, is a row of ``state`` too. Ontology and common sense have no floor: they are large, hardly
+ever change, and are folded backwards from what they say now.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+import threading
+from collections import OrderedDict
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Self
+
+from pyoxigraph import NamedNode, Quad
+
+from kg import vocabulary as v
+from kg.commits import Cause, ChangeSet
+from kg.errors import GraphError, HistoryError
+from kg.history.coding import (
+    Coded,
+    Term,
+    decode_delta,
+    decode_numbers,
+    encode_delta,
+    encode_numbers,
+)
+from kg.history.file import SCHEMA, connect, is_empty
+from kg.history.terms import Terms
+
+KEYFRAME: Final = 16  # changes of one subject between two of its full states
+BACKGROUND: Final = (NamedNode(v.ONTOLOGY_GRAPH), NamedNode(v.COMMONSENSE_GRAPH))
+_FORMAT = 1
+_LIVE = 16_384  # subjects whose present state is held in memory
+_TYPE = NamedNode(v.RDF_TYPE)
+
+
+@dataclass(frozen=True, slots=True)
+class Commit:
+    """A transaction as the log lists it."""
+
+    sequence: int
+    time: float  # [s] since 1970-01-01 UTC
+    cause: Cause
+
+
+@dataclass(slots=True)
+class _Live:
+    facts: set[Coded]
+    since: int  # changes since its last full state
+
+
+class Log:
+    """An open log; safe to use from several threads.
+
+    `floor` is the first moment it knows, `last` the last, as sequence numbers.
+    """
+
+    def __init__(self, connection: sqlite3.Connection, base: str, file: Path | None) -> None:
+        self.lock = threading.RLock()
+        self.file = file
+        self.db = connection
+        self.terms = Terms(connection, base)
+        self._live: OrderedDict[int, _Live] = OrderedDict()
+        self._causes: dict[tuple[str, str | None, str], int] = {}
+        self.floor = self.last = 0
+        self.floor_time = self.last_time = 0.0
+
+    @classmethod
+    def open(
+        cls, file: Path | None, base: str, *, read_only: bool = False, power_safe: bool = False
+    ) -> Self:
+        """The log in `file` (None: in memory), made where there is none.
+
+        Each transaction survives the death of the process; with `power_safe` also a power cut, for
+        a disk's sync each. Raises HistoryError where the file is no log, or another map's.
+        """
+        try:
+            connection = connect(file, read_only=read_only, power_safe=power_safe)
+            log = cls(connection, base, file)
+            fresh = not read_only and is_empty(connection)
+            if fresh:
+                connection.executescript("BEGIN;" + SCHEMA)
+                connection.executemany(
+                    "INSERT INTO meta VALUES (?, ?)", (("format", _FORMAT), ("base", base))
+                )
+                log.terms.begin()
+                connection.execute("COMMIT")
+            log._check(base)
+            log.refresh()
+        except sqlite3.Error as error:
+            raise HistoryError(f"cannot read the history at {file}: {error}") from error
+        return log
+
+    @property
+    def begun(self) -> bool:
+        """Whether it has a floor to stand on."""
+        return self._meta("floor") is not None
+
+    def begin(self, sequence: int, time: float, quads: Iterable[Quad]) -> None:
+        """Lay the floor: what the map says at `sequence`, as of `time` [s]."""
+        nodes: dict[int, list[Coded]] = {}
+        with self.transaction():
+            for quad in quads:
+                node = self.terms.node(quad.graph_name, quad.subject)
+                nodes.setdefault(node, []).append(self.terms.code(quad.predicate, quad.object))
+            for node, facts in nodes.items():
+                self._note_classes(node, facts)
+                self.put_state(node, sequence, facts)
+            self.set_floor(sequence, time)
+        self.refresh()
+
+    def append(self, change: ChangeSet) -> None:
+        """Record a transaction that is about to be applied.
+
+        What the log holds of that number and later ones was never applied, and gives way. Raises
+        GraphError, with nothing recorded, where the file cannot be written.
+        """
+        if self.last >= change.sequence:
+            self.withdraw(change.sequence)
+        try:
+            with self.transaction():
+                self._append(change)
+        except sqlite3.Error as error:
+            raise GraphError(f"cannot write the history at {self.file}: {error}") from error
+        self.last, self.last_time = change.sequence, change.time
+
+    def withdraw(self, sequence: int) -> None:
+        """Forget transactions from `sequence` on: the store refused them."""
+        with self.transaction():
+            select = "SELECT sequence, nodes FROM commits WHERE sequence >= ?"
+            for number, nodes in self.db.execute(select, (sequence,)).fetchall():
+                keys = [(node, number) for node in decode_numbers(nodes)]
+                self.db.executemany("DELETE FROM change WHERE node = ? AND sequence = ?", keys)
+                self.db.executemany("DELETE FROM state WHERE node = ? AND sequence = ?", keys)
+            self.db.execute("DELETE FROM commits WHERE sequence >= ?", (sequence,))
+        self.refresh()
+
+    def commit(self, sequence: int) -> Commit | None:
+        """The transaction of that number, where the log holds it."""
+        return next(self.commits(sequence - 1, sequence), None)
+
+    def commits(self, after: int, until: int) -> Iterator[Commit]:
+        """Transactions numbered above `after`, up to `until`, in order."""
+        for sequence, time, cause, _ in self._rows(after, until):
+            yield Commit(sequence, time, cause)
+
+    def changes(self, after: int, until: int | None = None) -> Iterator[ChangeSet]:
+        """Whole change sets numbered above `after`, up to `until` or the last, in order."""
+        until = self.last if until is None else until
+        for sequence, time, cause, nodes in self._rows(after, until):
+            removed: list[Quad] = []
+            added: list[Quad] = []
+            with self.lock:
+                for node in nodes:
+                    select = "SELECT data FROM change WHERE node = ? AND sequence = ?"
+                    (data,) = self.db.execute(select, (node, sequence)).fetchone()
+                    delta = decode_delta(data)
+                    removed += self.terms.quads(node, delta.removed)
+                    added += self.terms.quads(node, delta.added)
+            yield ChangeSet(sequence, time, cause, tuple(added), tuple(removed))
+
+    def touched(self, after: int, until: int) -> set[int]:
+        """The nodes that transactions above `after`, up to `until`, changed."""
+        with self.lock:
+            select = "SELECT nodes FROM commits WHERE sequence > ? AND sequence <= ?"
+            rows = self.db.execute(select, (after, until)).fetchall()
+        return {node for (nodes,) in rows for node in decode_numbers(nodes)}
+
+    def history(self, node: int) -> Iterator[tuple[int, bytes]]:
+        """Sequence number and row of each change of a node, oldest first."""
+        select = "SELECT sequence, data FROM change WHERE node = ? ORDER BY sequence"
+        with self.lock:
+            rows = self.db.execute(select, (node,)).fetchall()
+        yield from rows
+
+    def facts(self, node: int, sequence: int) -> set[Coded]:
+        """All that was said of a node right after the transaction `sequence`."""
+        return self._fold(node, sequence).facts
+
+    def nodes(self) -> list[int]:
+        """Every subject of every graph there ever was."""
+        with self.lock:
+            return [row[0] for row in self.db.execute("SELECT id FROM node ORDER BY id")]
+
+    def members(self, category: Term) -> list[int]:
+        """Every node that ever had the type `category`."""
+        with self.lock:
+            number = self.terms.find(category)
+            select = "SELECT node FROM member WHERE class = ?"
+            return [row[0] for row in self.db.execute(select, (number,))]
+
+    def sequence_at(self, time: float) -> int:
+        """The number of the last transaction at or before `time` [s]."""
+        low, high = self.floor, self.last
+        while low < high:
+            middle = (low + high + 1) // 2
+            select = "SELECT sequence, time FROM commits WHERE sequence >= ? LIMIT 1"
+            with self.lock:
+                row = self.db.execute(select, (middle,)).fetchone()
+            if row[1] <= time:
+                low = row[0]
+            else:
+                high = middle - 1
+        return low
+
+    def flush(self) -> None:
+        """Move what was written into the file proper, beside whoever goes on writing."""
+        if self.file is not None:
+            connection = sqlite3.connect(self.file)
+            try:
+                connection.execute("PRAGMA wal_checkpoint(PASSIVE)")
+            except sqlite3.OperationalError:
+                pass  # the next flush will do
+            finally:
+                connection.close()
+
+    def close(self) -> None:
+        """Let go of the file; closing twice is fine."""
+        with self.lock:
+            self.db.close()
+
+    @contextmanager
+    def transaction(self) -> Iterator[None]:
+        """All that is written within, or nothing."""
+        with self.lock:
+            self.db.execute("BEGIN IMMEDIATE")
+            try:
+                yield
+                self.db.execute("COMMIT")
+            except BaseException:
+                if self.db.in_transaction:
+                    self.db.execute("ROLLBACK")
+                self.forget()
+                raise
+
+    def forget(self) -> None:
+        """Drop what is held in memory of the file."""
+        self.terms.forget()
+        self._live.clear()
+        self._causes.clear()
+
+    def refresh(self) -> None:
+        """Read anew how far the log goes."""
+        self.forget()
+        self.floor = int(str(self._meta("floor") or 0))
+        self.floor_time = float(str(self._meta("floor time") or 0.0))
+        select = "SELECT sequence, time FROM commits ORDER BY sequence DESC LIMIT 1"
+        row = self.db.execute(select).fetchone()
+        self.last, self.last_time = row or (self.floor, self.floor_time)
+
+    def set_floor(self, sequence: int, time: float) -> None:
+        """Say from where on the log knows the map; within a transaction."""
+        rows = ("floor", sequence), ("floor time", time)
+        self.db.executemany("INSERT OR REPLACE INTO meta VALUES (?, ?)", rows)
+
+    def put_state(self, node: int, sequence: int, facts: Iterable[Coded]) -> None:
+        """Write all that is said of a node at `sequence`; within a transaction."""
+        row = node, sequence, encode_delta((), facts)
+        self.db.execute("INSERT OR REPLACE INTO state VALUES (?, ?, ?)", row)
+
+    def _append(self, change: ChangeSet) -> None:
+        touched: dict[int, tuple[list[Coded], list[Coded]]] = {}
+        node, code = self.terms.node, self.terms.code
+        for side, quads in enumerate((change.removed, change.added)):
+            about = None
+            for subject, predicate, value, graph in quads:
+                if about != (subject, graph):
+                    about = subject, graph
+                    sides = touched.setdefault(node(graph, subject), ([], []))
+                sides[side].append(code(predicate, value))
+        rows = []
+        for number, (removed, added) in touched.items():
+            live = self._present(number)
+            live.facts.difference_update(removed)
+            live.facts.update(added)
+            live.since += 1
+            self._note_classes(number, added)
+            rows.append((number, change.sequence, encode_delta(removed, added)))
+            if live.since >= KEYFRAME:
+                self.put_state(number, change.sequence, live.facts)
+                live.since = 0
+        self.db.executemany("INSERT INTO change VALUES (?, ?, ?)", rows)
+        stem, note = _split(change.cause)
+        row = change.sequence, change.time, self._cause(change.cause, stem), note
+        numbers = encode_numbers(touched)
+        self.db.execute("INSERT INTO commits VALUES (?, ?, ?, ?, ?)", (*row, numbers))
+
+    def _present(self, node: int) -> _Live:
+        live = self._live.get(node)
+        if live is None:
+            live = self._live[node] = self._fold(node, self.last)
+            if len(self._live) > _LIVE:
+                self._live.popitem(last=False)
+        else:
+            self._live.move_to_end(node)
+        return live
+
+    def _fold(self, node: int, sequence: int) -> _Live:
+        latest = (
+            "SELECT sequence, data FROM state WHERE node = ? AND sequence <= ? "
+            "ORDER BY sequence DESC LIMIT 1"
+        )
+        between = (
+            "SELECT data FROM change WHERE node = ? AND sequence > ? AND sequence <= ? "
+            "ORDER BY sequence"
+        )
+        with self.lock:
+            start, data = self.db.execute(latest, (node, sequence)).fetchone() or (-1, b"")
+            rows = self.db.execute(between, (node, start, sequence)).fetchall()
+        facts = set(decode_delta(data).added)
+        for (row,) in rows:
+            delta = decode_delta(row)
+            facts.difference_update(delta.removed)
+            facts.update(delta.added)
+        return _Live(facts, len(rows))
+
+    def _note_classes(self, node: int, facts: Iterable[Coded]) -> None:
+        kind = self.terms.number(_TYPE)
+        rows = [(coded.value, node) for coded in facts if coded.predicate == kind]
+        if rows:
+            self.db.executemany("INSERT OR IGNORE INTO member VALUES (?, ?)", rows)
+
+    def _cause(self, cause: Cause, stem: str) -> int:
+        key = cause.kind, cause.by, stem
+        if key not in self._causes:
+            select = "SELECT id FROM cause WHERE kind = ? AND by IS ? AND stem = ?"
+            row = self.db.execute(select, key).fetchone()
+            if row is None:
+                insert = "INSERT INTO cause (kind, by, stem) VALUES (?, ?, ?)"
+                row = (int(self.db.execute(insert, key).lastrowid or 0),)
+            self._causes[key] = row[0]
+        return self._causes[key]
+
+    def _rows(self, after: int, until: int) -> Iterator[tuple[int, float, Cause, list[int]]]:
+        select = (
+            "SELECT sequence, time, kind, by, stem, note, nodes FROM commits "
+            "JOIN cause ON cause.id = commits.cause WHERE sequence > ? AND sequence <= ? "
+            "ORDER BY sequence LIMIT 256"
+        )
+        while True:
+            with self.lock:
+                rows = self.db.execute(select, (after, until)).fetchall()
+            for sequence, time, kind, by, stem, note, nodes in rows:
+                yield sequence, time, Cause(kind, by, stem + note), decode_numbers(nodes)
+                after = sequence
+            if not rows:
+                return
+
+    def _meta(self, name: str) -> object:
+        with self.lock:
+            select = "SELECT value FROM meta WHERE name = ?"
+            row = self.db.execute(select, (name,)).fetchone()
+        return row[0] if row else None
+
+    def _check(self, base: str) -> None:
+        if self._meta("format") != _FORMAT:
+            raise HistoryError(
+                f"the history at {self.file} is of format {self._meta('format')}, this version "
+                f"reads {_FORMAT}; move the file away to begin a new one"
+            )
+        if self._meta("base") != base:
+            raise HistoryError(
+                f"the history at {self.file} is that of {self._meta('base')}, the map is {base}; "
+                "put the right file there, or move it away to begin a new one"
+            )
+
+
+def _split(cause: Cause) -> tuple[str, str]:
+    """A frame's recording, which recurs, and the rest of its note."""
+    if cause.kind != "frame":
+        return "", cause.note
+    recording, slash, frame = cause.note.rpartition("/")
+    return recording + slash, frame

@@ -1,0 +1,103 @@
+"""The past of a map, as its front door opens on it: `SemanticMap` inherits these."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Self
+
+from pyoxigraph import NamedNode, Quad
+
+from kg.commits import ChangeSet
+from kg.engine import Engine
+from kg.errors import HistoryError
+from kg.facts import Facts
+from kg.history.compaction import Compaction, compact
+from kg.history.instants import Instant, sequence_of
+from kg.history.log import Log
+from kg.history.naming import statement, thing
+from kg.history.past import Difference, difference, state_of, store_at
+from kg.history.recovery import without_past
+from kg.history.telling import Entry, tell
+from kg.history.why import Explainer, Reason
+from kg.store import MapStore
+
+
+class Remembering:
+    """A map that remembers: what it said when, what changed, and why it says what it says."""
+
+    base: str
+    _store: MapStore
+    _facts: Facts
+    _history: Log | None
+
+    def __init__(self, store: MapStore) -> None:
+        self._store = store
+        self._history = None
+
+    @property
+    def engine(self) -> Engine:
+        """The live store, here or on a server, for the other modules of this room."""
+        return self._store.engine
+
+    @property
+    def sequence(self) -> int:
+        """The number of the last transaction; 0 before the first."""
+        return self._store.sequence
+
+    @property
+    def history(self) -> Log:
+        """The log of all transactions; HistoryError where the map keeps none."""
+        if self._history is None:
+            raise HistoryError(
+                f"the map at {self._store.where} keeps no history; "
+                "one begins when the map is opened for writing"
+            )
+        return self._history
+
+    def changes(self, since: int = 0) -> Iterator[ChangeSet]:
+        """Change sets numbered above `since`, in order; HistoryError where they are not kept."""
+        log = self.history
+        if since < log.floor:
+            raise HistoryError(f"changes up to #{log.floor} are not kept, asked since #{since}")
+        return log.changes(since, self.sequence)
+
+    def at(self, when: Instant) -> Self:
+        """The map as believed at `when`, in memory and for reading only.
+
+        `when` is a sequence number (42 or "#42"), a datetime, or ISO 8601 text, by the clock of the
+        machine that wrote the map. Raises HistoryError where that past is not kept.
+        """
+        return type(self)(store_at(self.history, self.engine, sequence_of(self.history, when)))
+
+    def state_of(self, iri: str, when: Instant) -> tuple[Quad, ...]:
+        """All quads about one thing as of `when`, without building the whole map of then."""
+        return state_of(self.history, iri, sequence_of(self.history, when))
+
+    def diff(self, t1: Instant, t2: Instant) -> Difference:
+        """What the map says at `t2` and not at `t1`, and the other way round."""
+        log = self.history
+        return difference(log, sequence_of(log, t1), sequence_of(log, t2))
+
+    def log(self, iri: str) -> Iterator[Entry]:
+        """Each transaction that changed one thing, in words; `iri` may be short (object/17)."""
+        node = thing(iri, self.base)
+        observation = NamedNode(self._facts.observation_iri(node.value))
+        return tell(self.history, node, observation, self.base)
+
+    def why(self, what: str) -> tuple[Reason, ...]:
+        """Why the map says so: of a thing (object/17), or of a fact ("object/17 here:inPlace").
+
+        Terms may be short (`kg.history.naming`). A map without a history explains what it can.
+        Raises QueryParameterError for what the map never said.
+        """
+        subject, predicate, value = statement(what, self.base)
+        log = self._history or without_past(self._store, self.base)
+        explainer = Explainer(self.engine, log, self.base)
+        if predicate is None:
+            return (explainer.thing(subject),)
+        return explainer.facts(subject, predicate, value)
+
+    def compact(self, keep: float | None = None) -> Compaction:
+        """Drop the past more than `keep` seconds back (None: keep all), and pack the history."""
+        self._store.refuse_read_only()
+        return compact(self.history, keep)

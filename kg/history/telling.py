@@ -1,0 +1,108 @@
+"""The history of one thing in words: what each transaction changed about it, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+from pyoxigraph import NamedNode
+
+from kg import vocabulary as v
+from kg.commits import Cause
+from kg.errors import QueryParameterError
+from kg.history.coding import Coded, Delta, Term, decode_delta
+from kg.history.log import Log
+from kg.history.naming import short, word
+
+_TYPE = NamedNode(v.RDF_TYPE)
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One transaction, as far as it concerns one thing."""
+
+    sequence: int
+    time: float  # [s] since 1970-01-01 UTC
+    cause: Cause
+    changes: tuple[str, ...]  # in words, e.g. "x 1.20 -> 1.23"
+
+    @property
+    def words(self) -> str:
+        """All of it in one line."""
+        return ", ".join(self.changes)
+
+
+def tell(log: Log, iri: NamedNode, observation: NamedNode, base: str) -> Iterator[Entry]:
+    """Each transaction that changed `iri`, its `observation` or its beliefs; oldest first.
+
+    Raises QueryParameterError for what the history never heard of.
+    """
+    with log.lock:
+        nodes = [
+            *log.terms.nodes_of(iri),
+            *log.terms.nodes_of(observation),
+            *log.terms.nodes_under(iri.value + "/belief/"),
+        ]
+    if not nodes:
+        raise QueryParameterError(
+            f"the history knows nothing of {short(iri, base)}; "
+            "`hereabouts ask MAP objects` lists what there is"
+        )
+    by_sequence: dict[int, list[tuple[int, bytes]]] = {}
+    for node in nodes:
+        for sequence, data in log.history(node):
+            by_sequence.setdefault(sequence, []).append((node, data))
+    for commit in log.commits(min(by_sequence, default=0) - 1, max(by_sequence, default=-1)):
+        rows = by_sequence.get(commit.sequence)
+        if rows:
+            said = [
+                text for node, data in rows for text in _words(log, node, decode_delta(data), base)
+            ]
+            yield Entry(commit.sequence, commit.time, commit.cause, tuple(said))
+
+
+def _words(log: Log, node: int, delta: Delta, base: str) -> Iterator[str]:
+    with log.lock:
+        about = _about(log.terms.pair(node)[1], base)
+        gone, came = _by_predicate(log, delta.removed), _by_predicate(log, delta.added)
+        if _TYPE in gone and _TYPE not in came:
+            yield f"{about}: removed" if about else "removed"
+            return
+        said = list(_steps(gone, came, base))
+    if about:
+        yield f"{about}: {'; '.join(said)}"
+    else:
+        yield from said
+
+
+def _steps(gone: dict[Term, list[Term]], came: dict[Term, list[Term]], base: str) -> Iterator[str]:
+    new = _TYPE in came and _TYPE not in gone
+    if new:
+        yield "new " + ", ".join(short(kind, base) for kind in came[_TYPE])
+    for predicate in sorted({*gone, *came}, key=word):
+        if predicate != _TYPE or not new:
+            old, now = (
+                ", ".join(short(value, base) for value in side.get(predicate, ()))
+                for side in (gone, came)
+            )
+            yield f"{word(predicate)} {_step(old, now)}"
+
+
+def _step(old: str, new: str) -> str:
+    if old and new:
+        return f"{old} -> {new}"
+    return new or f"{old} no more"
+
+
+def _about(subject: Term, base: str) -> str:
+    text = short(subject, base)
+    if "/belief/" in text:
+        return f"belief in {text.rpartition('/')[2]}"
+    return "best observation" if "observation" in text else ""
+
+
+def _by_predicate(log: Log, facts: Iterable[Coded]) -> dict[Term, list[Term]]:
+    found: dict[Term, list[Term]] = {}
+    for coded in sorted(facts):
+        found.setdefault(log.terms.term(coded.predicate), []).append(log.terms.value(coded))
+    return found

@@ -1,0 +1,328 @@
+"""Why the map says what it says: from a fact to the frame, rule, model, source or person behind it.
+
+An explanation is a tree: each reason carries the reasons behind it. `kg.history.provenance` says
+the same in SOSA and PROV-O.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Literal as Choice
+
+from pyoxigraph import Literal, NamedNode, Quad
+
+from kg import vocabulary as v
+from kg.engine import Engine
+from kg.errors import QueryParameterError
+from kg.history.coding import Term, decode_delta
+from kg.history.instants import iso
+from kg.history.log import BACKGROUND, Commit, Log
+from kg.history.naming import short
+from kg.history.rules import EVIDENT, REMOVAL, RULES, rule_of
+
+Kind = (
+    Choice["thing", "fact", "was", "observation", "pose", "model", "rule"]
+    | Choice["commit", "change", "person", "belief", "view", "relation", "source"]
+)
+VIEWS = 3  # frames named of those a place's belief rests on
+
+_MAP, _ASSERTIONS = NamedNode(v.MAP_GRAPH), NamedNode(v.ASSERTIONS_GRAPH)
+_SUBJECT = NamedNode(v.RELATION_SUBJECT)
+_RELATIONS = {v.LOCATED_AT, v.NEAR_BY}
+
+
+@dataclass(frozen=True, slots=True)
+class Reason:
+    """One step of an explanation, and what stands behind it."""
+
+    kind: Kind
+    text: str
+    iri: str | None = None  # of what the step is about, where it has one
+    because: tuple[Reason, ...] = ()
+    fact: tuple[Term, Term, Term] | None = None  # of a "fact" or "was"
+    time: float | None = None  # [s since 1970] of a "commit" or "change"
+
+    def walk(self, depth: int = 0) -> Iterator[tuple[int, Reason]]:
+        """This step and all behind it, each with its depth."""
+        yield depth, self
+        for reason in self.because:
+            yield from reason.walk(depth + 1)
+
+
+class Explainer:
+    """Explains what `engine` says with what `log` knows."""
+
+    def __init__(self, engine: Engine, log: Log, base: str) -> None:
+        self._engine, self._log, self._base = engine, log, base
+
+    def thing(self, iri: NamedNode) -> Reason:
+        """Why this thing is in the map, or no longer; QueryParameterError where it never was."""
+        facts = [q for q in self._about(iri) if q.graph_name not in BACKGROUND]
+        if not facts:
+            return self._background_or_gone(iri)
+        types = [q for q in facts if q.predicate.value == v.RDF_TYPE]
+        reasons = [self.fact(q) for q in types if _tells(q)]
+        reasons += [self.fact(q) for q in facts if q.graph_name == _ASSERTIONS and q not in types]
+        if not any(step.kind == "observation" for r in reasons for _, step in r.walk()):
+            reasons += self._observation(iri)
+        if not reasons:
+            reasons = [self.fact(q) for q in facts]
+        return Reason("thing", self._name(iri, facts), iri.value, (*reasons, *self._last(facts)))
+
+    def facts(
+        self, subject: NamedNode, predicate: NamedNode, value: Term | None
+    ) -> tuple[Reason, ...]:
+        """Why the map says so, one reason a fact; QueryParameterError where it never did."""
+        said = [q for q in self._about(subject) if q.predicate == predicate]
+        meant = [q for q in said if value is None or same(q.object, value)]
+        return tuple(map(self.fact, meant)) or (self._was(subject, predicate, value, said),)
+
+    def fact(self, quad: Quad) -> Reason:
+        """Why the map holds `quad`."""
+        triple = quad.subject, quad.predicate, quad.object
+        return Reason("fact", self._says(quad), None, tuple(self._behind(quad)), triple)
+
+    def _behind(self, quad: Quad) -> Iterator[Reason]:
+        if quad.graph_name in BACKGROUND:
+            yield from self._known(quad)
+            return
+        sequence = self._sequence_of(quad)
+        commit = self._log.commit(sequence)
+        mapped = commit is None or commit.cause.kind in ("frame", "recovery")
+        if mapped and quad.graph_name == _MAP and isinstance(quad.subject, NamedNode):
+            yield from self._mapped(quad.subject, quad.predicate.value, quad.object)
+        yield self._commit(sequence)
+
+    def _mapped(self, subject: NamedNode, predicate: str, value: Term) -> Iterator[Reason]:
+        """The mapper's rule for a fact of its own, and what it applied the rule to."""
+        kinds = {getattr(kind, "value", "") for kind in self._values(subject, v.RDF_TYPE)}
+        rule = rule_of(predicate, kinds)
+        if rule:
+            yield Reason("rule", rule)
+        if v.PLACE in kinds and predicate == v.RDF_TYPE:
+            yield from self._belief(subject, value)
+        if v.PLACE_BELIEF in kinds and predicate == v.BELIEF:
+            yield from self._views(subject)
+        if v.SOSA_OBSERVATION in kinds:
+            yield from self._sighting(subject)
+        elif predicate in EVIDENT:
+            yield from self._observation(subject)
+
+    def _known(self, quad: Quad) -> Iterator[Reason]:
+        """What is behind a fact of the ontology: the relation with its source, or its file."""
+        if quad.predicate.value in _RELATIONS and isinstance(quad.object, NamedNode):
+            for node in self._engine.quads_for_pattern(None, _SUBJECT, quad.subject, None):
+                relation = node.subject
+                if (
+                    isinstance(relation, NamedNode)
+                    and quad.object in self._values(relation, v.RELATION_TARGET)
+                    and quad.predicate.value.removeprefix(v.HERE) in relation.value
+                ):
+                    yield self._background_or_gone(relation)
+            return
+        sources = [*self._sources(quad.subject)]
+        yield from sources or [Reason("source", "the ontology", v.ONTOLOGY_GRAPH)]
+        if self._sequence_of(quad) > self._log.floor:
+            yield self._made(quad)
+
+    def _observation(self, thing: NamedNode) -> Iterator[Reason]:
+        for node in self._values(thing, v.EXPLAINED_BY):
+            if isinstance(node, NamedNode):
+                yield from self._sighting(node)
+
+    def _sighting(self, node: NamedNode) -> Iterator[Reason]:
+        wanted = (v.FRAME, v.FROM_RECORDING, v.SOSA_RESULT_TIME, v.BOX, v.SCORE, v.MODEL)
+        frame, recording, when, box, score, model = (self._text(node, name) for name in wanted)
+        text = f"seen in {frame} of {recording} at {when}: box {box} px, score {score}"
+        behind = [Reason("model", f"detector {model}")]
+        for shown in self._quads(node, v.FRAME)[:1]:
+            sequence = self._sequence_of(shown)
+            behind += [*self._pose(sequence), self._commit(sequence)]
+        yield Reason("observation", text, node.value, tuple(behind))
+
+    def _pose(self, sequence: int) -> Iterator[Reason]:
+        """Where the camera was at the transaction `sequence`."""
+        with self._log.lock:
+            nodes = self._log.terms.nodes_of(NamedNode(self._base + "robot"))
+            quads = [
+                q for n in nodes for q in self._log.terms.quads(n, self._log.facts(n, sequence))
+            ]
+        said = {q.predicate.value: short(q.object, self._base) for q in quads}
+        if v.X in said and sequence > self._log.floor:
+            where = ", ".join(said.get(axis, "?") for axis in (v.X, v.Y, v.Z))
+            text = f"camera at ({where}) m, heading {said.get(v.HEADING, '?')} rad"
+            yield Reason("pose", text, self._base + "robot")
+
+    def _belief(self, place: NamedNode, category: Term) -> Iterator[Reason]:
+        for node in self._values(place, v.HAS_BELIEF):
+            if isinstance(node, NamedNode) and category in self._values(node, v.OF_CATEGORY):
+                text = f"belief {self._text(node, v.BELIEF)} in {short(category, self._base)}"
+                rule = Reason("rule", RULES[v.BELIEF])
+                yield Reason("belief", text, node.value, (rule, *self._views(node)))
+
+    def _views(self, node: NamedNode) -> Iterator[Reason]:
+        place = NamedNode(node.value.partition("/belief/")[0])
+        frames = self._changes_of(place, v.VIEW_COUNT)
+        count = self._text(place, v.VIEW_COUNT)
+        latest = ", ".join(c.cause.note for c in frames[-VIEWS:] if c.cause.note)
+        models = {
+            self._text(NamedNode(quad.subject.value), v.SCENE_MODEL)
+            for quad in self._engine.quads_for_pattern(None, NamedNode(v.SCENE_MODEL), None, None)
+            if isinstance(quad.subject, NamedNode)
+        }
+        behind = tuple(Reason("model", f"scene model {name}") for name in sorted(models))
+        text = f"{count} views of {short(place, self._base)}" + (f", last {latest}" * bool(latest))
+        yield Reason("view", text, place.value, behind)
+
+    def _background_or_gone(self, iri: NamedNode) -> Reason:
+        about = self._about(iri)
+        said = {q.predicate.value: short(q.object, self._base) for q in about}
+        if v.RELATION_SUBJECT in said:
+            kind = short(iri, self._base).removeprefix(v.RELATION).partition("/")[0]
+            ends = said[v.RELATION_SUBJECT], kind, said[v.RELATION_TARGET]
+            text = f"{' '.join(ends)} with probability {said[v.RELATION_PROBABILITY]}"
+            return Reason("relation", text, iri.value, tuple(self._sources(iri)))
+        if about:
+            found = self._engine.quads_for_pattern(None, _SUBJECT, iri, BACKGROUND[1])
+            relations = [
+                self._background_or_gone(q.subject)
+                for q in sorted(found, key=str)
+                if isinstance(q.subject, NamedNode)
+            ]
+            source = Reason("source", "the ontology", v.ONTOLOGY_GRAPH)
+            text = f"{short(iri, self._base)} ({said.get(v.RDFS_LABEL, 'no label')})"
+            return Reason("thing", text, iri.value, (source, *relations))
+        return self._gone(iri)
+
+    def _gone(self, iri: NamedNode) -> Reason:
+        removals = self._changes_of(iri, v.RDF_TYPE, removed=True)
+        if not removals:
+            raise QueryParameterError(
+                f"the map says nothing of {short(iri, self._base)}, and never did as far as its "
+                "history goes; `hereabouts ask MAP objects` lists what there is"
+            )
+        commit = removals[-1]
+        made = self._commit(commit.sequence)
+        reasons = [made] if commit.cause.kind != "frame" else [Reason("rule", REMOVAL), made]
+        text = f"{short(iri, self._base)} is no longer in the map"
+        return Reason("was", text, iri.value, tuple(reasons))
+
+    def _was(
+        self, subject: NamedNode, predicate: NamedNode, value: Term | None, said: list[Quad]
+    ) -> Reason:
+        removals = self._changes_of(subject, predicate.value, removed=True, value=value)
+        text = " ".join(short(x, self._base) for x in (subject, predicate, value) if x is not None)
+        if not removals:
+            now = ", ".join(short(q.object, self._base) for q in said) or "nothing"
+            raise QueryParameterError(
+                f"the map does not say {text}, and never did as far as its history goes; "
+                f"of that it says: {now}"
+            )
+        made = self._commit(removals[-1].sequence)
+        return Reason("was", f"{text}: no longer", subject.value, (made,))
+
+    def _last(self, facts: list[Quad]) -> Iterator[Reason]:
+        """The latest of the transactions behind `facts`, where there are several."""
+        made = {self._sequence_of(quad) for quad in facts}
+        if len(made) > 1:
+            last = self._commit(max(made))
+            yield replace(last, kind="change")
+
+    def _made(self, quad: Quad) -> Reason:
+        return self._commit(self._sequence_of(quad))
+
+    def _sequence_of(self, quad: Quad) -> int:
+        """The number of the transaction that made `quad` so; the floor where it is older."""
+        with self._log.lock:
+            coded = self._log.terms.find_code(quad.predicate, quad.object)
+            nodes = [
+                node
+                for node in self._log.terms.nodes_of(quad.subject)
+                if self._log.terms.pair(node)[0] == quad.graph_name
+            ]
+        for node in nodes:
+            for sequence, data in reversed([*self._log.history(node)]):
+                if coded in decode_delta(data).added:
+                    return sequence
+        return self._log.floor
+
+    def _commit(self, sequence: int) -> Reason:
+        commit = self._log.commit(sequence)
+        iri = f"{self._base}commit/{sequence}"
+        if commit is None:
+            when = iso(self._log.floor_time)
+            text = f"since before the history begins (#{self._log.floor}, {when})"
+            return Reason("commit", text, iri, (), None, self._log.floor_time)
+        cause = commit.cause
+        note = f" ({cause.note})" if cause.note else ""
+        text = f"transaction #{sequence} at {iso(commit.time)}: {cause.kind}{note}"
+        person = (Reason("person", cause.by, self._base + "person"),) if cause.by else ()
+        return Reason("commit", text, iri, person, None, commit.time)
+
+    def _changes_of(
+        self,
+        subject: NamedNode,
+        predicate: str,
+        *,
+        removed: bool = False,
+        value: Term | None = None,
+    ) -> list[Commit]:
+        """The transactions that added (or removed) such a fact of `subject`, oldest first."""
+        with self._log.lock:
+            number = self._log.terms.find(NamedNode(predicate))
+            found = [
+                sequence
+                for node in self._log.terms.nodes_of(subject)
+                for sequence, data in self._log.history(node)
+                for coded in decode_delta(data)[0 if removed else 1]
+                if coded.predicate == number
+                and (value is None or same(self._log.terms.value(coded), value))
+            ]
+        commits = (self._log.commit(sequence) for sequence in sorted(set(found)))
+        return [commit for commit in commits if commit is not None]
+
+    def _sources(self, subject: Term) -> Iterator[Reason]:
+        if isinstance(subject, NamedNode):
+            for source in self._values(subject, v.DCT_SOURCE):
+                iri = source.value if isinstance(source, NamedNode) else None
+                yield Reason("source", getattr(source, "value", str(source)), iri)
+
+    def _about(self, iri: NamedNode) -> list[Quad]:
+        return sorted(self._engine.quads_for_pattern(iri, None, None, None), key=str)
+
+    def _quads(self, iri: NamedNode, predicate: str) -> list[Quad]:
+        found = self._engine.quads_for_pattern(iri, NamedNode(predicate), None, None)
+        return sorted(found, key=str)
+
+    def _values(self, iri: NamedNode, predicate: str) -> list[Term]:
+        return [q.object for q in self._quads(iri, predicate)]
+
+    def _text(self, iri: NamedNode, predicate: str) -> str:
+        return ", ".join(short(value, self._base) for value in self._values(iri, predicate)) or "?"
+
+    def _says(self, quad: Quad) -> str:
+        return " ".join(short(x, self._base) for x in (quad.subject, quad.predicate, quad.object))
+
+    def _name(self, iri: NamedNode, facts: list[Quad]) -> str:
+        said = {q.predicate.value: short(q.object, self._base) for q in facts}
+        label = f" ({said[v.RDFS_LABEL]})" if v.RDFS_LABEL in said else ""
+        where = f" at ({said[v.X]}, {said[v.Y]}) m" if v.X in said and v.Y in said else ""
+        return f"{short(iri, self._base)}{label}{where}"
+
+
+def _tells(quad: Quad) -> bool:
+    # what every place is by construction needs no explanation
+    return getattr(quad.object, "value", "") not in {v.PLACE, v.BOT_SPACE}
+
+
+def same(one: Term, other: Term) -> bool:
+    """Whether two terms say the same, numbers by their value."""
+    if one == other:
+        return True
+    if not (isinstance(one, Literal) and isinstance(other, Literal)):
+        return False
+    try:
+        return float(one.value) == float(other.value)
+    except ValueError:
+        return one.value == other.value

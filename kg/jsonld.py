@@ -1,0 +1,62 @@
+"""Quads as compact JSON-LD: a context of prefixes, one node a subject, sorted as given.
+
+The engine's own writer gives the expanded form only, which is for machines.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+
+from pyoxigraph import BlankNode, Literal, NamedNode, Triple
+
+from kg import vocabulary as v
+
+Node = dict[str, object]
+
+
+def to_jsonld(triples: Iterable[Triple], prefixes: Mapping[str, str]) -> str:
+    """A JSON-LD document with the triples in its default graph, in the order they come."""
+    nodes: dict[str, dict[str, list[object]]] = {}
+    for triple in triples:
+        node = nodes.setdefault(_id(triple.subject, prefixes), {})
+        if triple.predicate.value == v.RDF_TYPE and isinstance(triple.object, NamedNode):
+            node.setdefault("@type", []).append(_id(triple.object, prefixes))
+        else:
+            key = _compact(triple.predicate.value, prefixes)
+            node.setdefault(key, []).append(_value(triple.object, prefixes))
+    graph: list[Node] = [{"@id": subject, **_single(node)} for subject, node in nodes.items()]
+    return json.dumps({"@context": dict(prefixes), "@graph": graph}, ensure_ascii=False, indent=1)
+
+
+def _single(node: dict[str, list[object]]) -> Node:
+    return {key: values[0] if len(values) == 1 else values for key, values in node.items()}
+
+
+def _value(term: object, prefixes: Mapping[str, str]) -> object:
+    if not isinstance(term, Literal):
+        return {"@id": _id(term, prefixes)}
+    if term.language:
+        return {"@value": term.value, "@language": term.language}
+    datatype = term.datatype.value
+    if datatype == v.XSD + "string":
+        return term.value
+    if datatype == v.XSD + "integer" and term.value == str(int(term.value)):
+        return int(term.value)
+    return {"@value": term.value, "@type": _compact(datatype, prefixes)}
+
+
+def _id(term: object, prefixes: Mapping[str, str]) -> str:
+    if isinstance(term, BlankNode):
+        return f"_:{term.value}"
+    return _compact(term.value, prefixes) if isinstance(term, NamedNode) else str(term)
+
+
+def _compact(iri: str, prefixes: Mapping[str, str]) -> str:
+    held = [(len(ns), name) for name, ns in prefixes.items() if iri.startswith(ns)]
+    if not held:
+        return iri
+    length, name = max(held)
+    local = iri[length:]
+    # a local part that starts with // would read as an absolute IRI
+    return iri if local.startswith("//") else f"{name}:{local}"

@@ -1,0 +1,281 @@
+"""Query files: a header that documents the question, checked parameters, a table back.
+
+    #+ summary: Objects within a distance of a point
+    #+ parameters:
+    #+   x (double): of the point [m]
+    #+   radius (double = 2.0): distance [m]
+    #+ columns: object, category, x, y, z
+    #+ cells: disc x y radius
+    SELECT ?object ... WHERE { GRAPH graph:map { ?object here:inCell ?cell ... } ... }
+
+`$name` is a parameter, `?name` a variable, two things even where spelt alike. A ``cells`` line
+(``disc x y radius`` or ``box xmin xmax ymin ymax``, naming parameters) makes the loader start
+the pattern with ``VALUES ?cell {...}``, the cells that the area touches; the answer is the same
+without it, only later.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from pyoxigraph import Literal, NamedNode
+
+from kg import vocabulary as v
+from kg.answers import Table, TripleTable, Value, evaluate
+from kg.cells import cells_of_box, cells_of_disc
+from kg.errors import QueryError, QueryParameterError, UnknownQueryError, did_you_mean
+from kg.shipped import QUERIES
+from kg.sparql_text import Term, after_where, parameters_in, put_in
+
+__all__ = [
+    "Parameter",
+    "Question",
+    "Resolver",
+    "Table",
+    "TripleTable",
+    "Value",
+    "any_question",
+    "evaluate",
+    "find_question",
+    "free_question",
+    "load_question",
+    "parse_question",
+    "shipped_questions",
+]
+
+#: parameter type, given text -> IRI; raises HereaboutsError for what the map does not know
+Resolver = Callable[[str, str], str]
+
+_TYPES = ("category", "place", "iri", "string", "double", "integer")
+_HEADER = re.compile(
+    r"#\+ ?(?P<indent>\s*)(?P<key>[\w-]+)(?P<type>\s*\([^)]*\))?\s*:\s*(?P<text>.*)"
+)
+_AREAS: dict[str, tuple[Callable[..., tuple[str, ...] | None], int]] = {
+    "disc": (cells_of_disc, 3),
+    "box": (cells_of_box, 4),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A parameter of a question; without a `default` it must be given."""
+
+    name: str
+    type: str  # category, place, iri, string, double or integer
+    default: str | None
+    about: str
+
+    def term(self, value: object, resolve: Resolver) -> Term:
+        """The RDF term for a given value; raises QueryParameterError for one of the wrong type."""
+        if self.type == "double":
+            return Literal(self._double(value))
+        if self.type == "integer":
+            return Literal(self._integer(value))
+        if not isinstance(value, str | int) or isinstance(value, bool):
+            raise QueryParameterError(f"{self.name} must be a text, got {value!r}")
+        if self.type == "string":
+            return Literal(str(value))
+        return self._iri(str(value), resolve)
+
+    def _double(self, value: object) -> float:
+        try:
+            number = float(value)  # type: ignore[arg-type]
+        except (TypeError, ValueError):
+            number = math.nan
+        if isinstance(value, bool) or not math.isfinite(number):
+            raise QueryParameterError(f"{self.name} must be a number, got {value!r}")
+        return number
+
+    def _integer(self, value: object) -> int:
+        number = self._double(value)
+        if number != int(number):
+            raise QueryParameterError(f"{self.name} must be a whole number, got {value!r}")
+        return int(number)
+
+    def _iri(self, text: str, resolve: Resolver) -> NamedNode:
+        prefix, _, local = text.partition(":")
+        if self.type != "iri":
+            return NamedNode(resolve(self.type, text))
+        whole = v.PREFIXES[prefix] + local if prefix in v.PREFIXES else resolve(self.type, text)
+        try:
+            return NamedNode(whole)
+        except ValueError as error:
+            raise QueryParameterError(
+                f"{self.name} must be an IRI such as object/1, here:Chair or http://..., "
+                f"got {text!r}"
+            ) from error
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """A query file: what it asks, of which parameters, for which columns."""
+
+    name: str
+    summary: str
+    parameters: tuple[Parameter, ...]
+    columns: tuple[str, ...]
+    cells: tuple[str, ...]  # area and its parameters, e.g. ("disc", "x", "y", "radius"); or empty
+    sparql: str
+
+    def bind(self, values: Mapping[str, object], resolve: Resolver) -> str:
+        """The query text with its parameters put in as RDF terms.
+
+        Raises QueryParameterError where one is missing, unknown or of the wrong type.
+        """
+        known = {parameter.name: parameter for parameter in self.parameters}
+        for name in values:
+            if name not in known:
+                raise QueryParameterError(self._unknown(name))
+        terms = {name: self._term(known[name], values, resolve) for name in known}
+        return after_where(put_in(self.sparql, terms), self._cell_values(terms))
+
+    def check(self, answer: Table) -> Table:
+        """`answer` itself; raises QueryError where its columns are not those of the header."""
+        if self.columns and answer.columns != self.columns:
+            raise QueryError(
+                f"{self.name}: the header promises the columns {', '.join(self.columns)}, "
+                f"the query gives {', '.join(answer.columns)}"
+            )
+        return answer
+
+    def _term(self, parameter: Parameter, values: Mapping[str, object], resolve: Resolver) -> Term:
+        value = values.get(parameter.name, parameter.default)
+        if value is None:
+            about = f": {parameter.about}" if parameter.about else ""
+            raise QueryParameterError(
+                f"{self.name} needs {parameter.name} ({parameter.type}{about})"
+            )
+        return parameter.term(value, resolve)
+
+    def _unknown(self, name: str) -> str:
+        known = [parameter.name for parameter in self.parameters]
+        takes = f"it takes: {', '.join(known)}" if known else "it takes none"
+        return f"{self.name} has no parameter {name!r}; {takes}{did_you_mean(name, known)}"
+
+    def _cell_values(self, terms: Mapping[str, Term]) -> str:
+        if not self.cells:
+            return ""
+        area, *names = self.cells
+        cells = _AREAS[area][0](*(float(terms[name].value) for name in names))
+        if cells is None:
+            return ""
+        return f" VALUES ?cell {{ {' '.join(str(NamedNode(cell)) for cell in cells)} }}"
+
+
+def load_question(path: Path | str) -> Question:
+    """The question in a query file; raises QueryError where that is missing or malformed."""
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise QueryError(f"cannot read the query file {path}: {error}") from error
+    return parse_question(text, path.stem)
+
+
+def parse_question(text: str, name: str) -> Question:
+    """The question in the text of a query file.
+
+    Raises QueryError where the header is malformed or disagrees with the `$names` of the query.
+    """
+    fields: dict[str, str] = {}
+    parameters: list[Parameter] = []
+    for number, line in enumerate(text.splitlines(), 1):
+        if not line.startswith("#+"):
+            continue
+        match = _HEADER.fullmatch(line.rstrip())
+        if match is None:
+            raise QueryError(f"{name}: line {number} is no header line: {line.strip()!r}")
+        if match["indent"]:
+            parameters.append(_parameter(name, match))
+        else:
+            fields[match["key"]] = match["text"]
+    question = Question(
+        name=name,
+        summary=fields.get("summary", ""),
+        parameters=tuple(parameters),
+        columns=tuple(column.strip() for column in fields.get("columns", "").split(",") if column),
+        cells=tuple(fields.get("cells", "").split()),
+        sparql=text,
+    )
+    _refuse_disagreement(question)
+    return question
+
+
+def free_question(sparql: str, values: Mapping[str, object]) -> Question:
+    """The question in a text that may lack a header; types of parameters then follow the values.
+
+    Text that starts like ``http://`` or ``urn:`` is an IRI, other text a string.
+    """
+    if any(line.startswith("#+") for line in sparql.splitlines()):
+        return parse_question(sparql, "query")
+    parameters = tuple(Parameter(name, _type_of(value), None, "") for name, value in values.items())
+    question = Question("query", "", parameters, (), (), sparql)
+    _refuse_disagreement(question)
+    return question
+
+
+def any_question(question: str | Path, values: Mapping[str, object]) -> Question:
+    """The question by name, in a ``.rq`` file, or in SPARQL text: what has a blank or a brace."""
+    text = str(question)
+    if isinstance(question, Path) or (text.endswith(".rq") and "\n" not in text):
+        return load_question(question)
+    if any(mark.isspace() or mark == "{" for mark in text):
+        return free_question(text, values)
+    return find_question(text)
+
+
+def shipped_questions() -> tuple[Question, ...]:
+    """All questions that ship with hereabouts, by name."""
+    return tuple(load_question(path) for path in sorted(QUERIES.glob("*.rq")))
+
+
+def find_question(name: str) -> Question:
+    """The shipped question called `name`; raises UnknownQueryError that lists what there is."""
+    names = sorted(path.stem for path in QUERIES.glob("*.rq"))
+    if name not in names:
+        raise UnknownQueryError(
+            f"no query {name!r}; there are: {', '.join(names)}{did_you_mean(name, names)}"
+        )
+    return load_question(QUERIES / f"{name}.rq")
+
+
+def _type_of(value: object) -> str:
+    if isinstance(value, int):
+        return "integer"
+    if isinstance(value, float):
+        return "double"
+    return "iri" if re.match(r"(https?://|urn:)\S+$", str(value)) else "string"
+
+
+def _parameter(question: str, match: re.Match[str]) -> Parameter:
+    inside = (match["type"] or "").strip().strip("()")
+    kind, equals, default = (part.strip() for part in inside.partition("="))
+    if kind not in _TYPES:
+        raise QueryError(
+            f"{question}: parameter {match['key']} has no type {kind!r}; "
+            f"there are: {', '.join(_TYPES)}"
+        )
+    return Parameter(match["key"], kind, default.strip("\"'") if equals else None, match["text"])
+
+
+def _refuse_disagreement(question: Question) -> None:
+    declared = {parameter.name for parameter in question.parameters}
+    used = parameters_in(question.sparql)
+    for name in sorted(used - declared):
+        raise QueryError(
+            f"{question.name}: ${name} has neither a value nor a line under '#+ parameters:'; "
+            f"write ?{name} for a variable"
+        )
+    for name in sorted(declared - used):
+        raise QueryError(f"{question.name}: the parameter {name} is declared but ${name} not used")
+    if question.cells:
+        area, *names = question.cells
+        if area not in _AREAS or len(names) != _AREAS[area][1] or not declared.issuperset(names):
+            raise QueryError(
+                f"{question.name}: cells must be 'disc X Y RADIUS' or 'box XMIN XMAX YMIN YMAX' "
+                f"over its own parameters, got '{' '.join(question.cells)}'"
+            )

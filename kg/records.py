@@ -1,0 +1,104 @@
+"""What the other rooms see of the graph: frozen records, one for each kind of thing in the map.
+
+Metres and radians in the map frame (z up, floor about z = 0), seconds since 1970-01-01 UTC.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """The observation that explains an object best: the most confident one so far."""
+
+    frame: str  # frame id within the recording
+    recording: str  # recording name
+    stamp: float  # [s]
+    box: tuple[float, float, float, float]  # xyxy [px] in that frame
+    score: float  # detector score, 0..1
+    model: str  # name of the detector
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectRecord:
+    """An object occurrence as the map believes it now."""
+
+    iri: str
+    category: str  # IRI of its class
+    p_map: NDArray[np.float64]  # (3,) [m]
+    confidence: float  # C of eq. 3.1, 0..nu; not a probability
+    existence: float  # 0..1
+    observations: int
+    first_seen: float  # [s]
+    last_seen: float  # [s]
+    place: str | None = None  # IRI of the place it stands in
+    evidence: Evidence | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class PlaceRecord:
+    """A place with its rectangle and the belief over its categories."""
+
+    iri: str
+    label: str
+    xmin: float  # [m]
+    xmax: float
+    ymin: float
+    ymax: float
+    views: int = 0  # k of eq. 3.5: scene categorisations that went into the belief
+    beliefs: Mapping[str, float] = field(default_factory=dict)  # category IRI -> belief
+
+
+@dataclass(frozen=True, slots=True)
+class RobotRecord:
+    """Where the robot (its camera) is."""
+
+    p_map: NDArray[np.float64]  # (3,) [m]
+    heading: float  # [rad] about z, 0 along x
+    stamp: float  # [s]
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingRecord:
+    """How far a recording has been applied to the map, and how its world sits in the map."""
+
+    name: str
+    frames_applied: int
+    last_frame: str
+    T_map_world: NDArray[np.float64]  # (4, 4)
+    scene_model: str = ""  # name of what told the kinds of its places; "" where nothing did
+
+
+@dataclass(frozen=True, slots=True)
+class Assertion:
+    """What somebody said of one property of an object or place, and what perception believes."""
+
+    subject: str  # IRI of the object or place
+    property: str  # "category", "position", "existence" or "label"
+    value: str  # IRI of a category; "x y z" [m]; "present" or "absent"; a label
+    by: str
+    stamp: float  # [s] when it was said
+    perceived: str | None = None  # like value; of existence a number 0..1; None: no opinion
+    strength: float = 0.0  # how strongly perception believes that, 0..1
+    since: float | None = None  # [s] since when the two contradict each other; None: they agree
+    beliefs: Mapping[str, float] = field(default_factory=dict)  # perception's, of a place
+
+
+@dataclass(frozen=True, slots=True)
+class MapUpdate:
+    """One frame's worth of change, applied as one transaction or not at all.
+
+    `objects` and `places` hold the whole new record of everything that may have changed (the writer
+    works out which triples differ); `removed` holds IRIs of objects that left the map.
+    """
+
+    objects: tuple[ObjectRecord, ...] = ()
+    removed: tuple[str, ...] = ()
+    places: tuple[PlaceRecord, ...] = ()
+    robot: RobotRecord | None = None
+    recording: RecordingRecord | None = None

@@ -1,0 +1,205 @@
+"""A map behind any SPARQL 1.1 server, seen as the engine that an embedded map has.
+
+Reads by pattern become SELECT, a commit one update request, which servers apply as a whole or not
+at all. The union of all named graphs as default graph is asked for as Oxigraph has it, else spelt
+out in the terms of the SPARQL protocol. A round trip costs more than a lookup, so a writer
+announces what it will read (`reading_ahead`), and gets it in two requests.
+"""
+
+from __future__ import annotations
+
+import re
+import threading
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from pyoxigraph import BlankNode, DefaultGraph, Literal, NamedNode, Quad, QueryBoolean
+
+from kg import vocabulary as v
+from kg.endpoint import Answer, Endpoint, Solutions
+from kg.engine import Engine, Functions, Object, Subject
+from kg.errors import RemoteError
+from kg.sparql_text import has_word
+
+ROOT_STEPS = 24  # of Newton's method: exact to a double above 1e-6, within 1e-7 below
+
+_HAS_BELIEF = NamedNode(v.HAS_BELIEF)
+_UNION = ("union-default-graph", "true")
+_GRAPHS = (
+    *(v.ONTOLOGY_GRAPH, v.COMMONSENSE_GRAPH, v.MAP_GRAPH),
+    *(v.HISTORY_GRAPH, v.ASSERTIONS_GRAPH, v.DATASET_GRAPH),
+)
+_SPELT_OUT = tuple(
+    (name, graph) for graph in _GRAPHS for name in ("default-graph-uri", "named-graph-uri")
+)
+_ROOT = re.compile(r"BIND\s*\(\s*math:sqrt\((\?\w+)\)\s+AS\s+(\?\w+)\s*\)", re.IGNORECASE)
+
+
+class RemoteEngine:
+    """The dataset of a SPARQL server, as `kg.engine.Engine`."""
+
+    def __init__(self, address: str) -> None:
+        self._endpoint = Endpoint.at(address)
+        self.where = self._endpoint.where
+        self._ahead = threading.local()
+        self._union = self._how_to_unite()
+
+    def close(self) -> None:
+        """Let go of the connections."""
+        self._endpoint.close()
+
+    def quads_for_pattern(
+        self,
+        subject: Subject,
+        predicate: NamedNode | None,
+        object: Object,
+        graph_name: NamedNode | BlankNode | DefaultGraph | None = None,
+        /,
+    ) -> Iterator[Quad]:
+        """The quads that match; None matches anything. Blank nodes cannot be looked up."""
+        known = self._known().get(subject) if isinstance(subject, NamedNode) else None
+        if known is not None:
+            wanted = (predicate, object, graph_name)
+            return (q for q in known if _matches(q, *wanted))
+        return self._select(subject, predicate, object, graph_name)
+
+    def query(
+        self,
+        query: str,
+        /,
+        *,
+        prefixes: dict[str, str] | None = None,
+        use_default_graph_as_union: bool = False,
+        custom_functions: Functions | None = None,
+    ) -> Answer:
+        """The whole answer; raises SyntaxError where the server cannot parse the query.
+
+        Functions of ours do not run there: math:sqrt is put in SPARQL's own terms, others fail.
+        """
+        declared = " ".join(f"PREFIX {name}: <{iri}>" for name, iri in (prefixes or {}).items())
+        united = use_default_graph_as_union and not has_word(query, "from")
+        text = f"{declared} {_ROOT.sub(_newton, query)}"
+        try:
+            return self._endpoint.ask(text, self._union if united else ())
+        except SyntaxError as error:
+            raise SyntaxError(_moved(str(error), len(declared) + 1)) from error
+
+    def update(self, update: str, /) -> None:
+        """Run an update in one request; raises RemoteError where the server did not do it."""
+        self._endpoint.update(update)
+
+    def __contains__(self, quad: Any, /) -> bool:
+        if isinstance(quad.subject, BlankNode) or isinstance(quad.object, BlankNode):
+            return False  # a name of ours says nothing of a node there
+        if (known := self._known().get(quad.subject)) is not None:
+            return quad in known
+        answer = self._endpoint.ask(f"ASK {{ GRAPH {quad.graph_name} {{ {quad.triple} }} }}")
+        return bool(answer)
+
+    def __iter__(self) -> Iterator[Quad]:
+        return self._select(None, None, None, None)
+
+    @contextmanager
+    def reading_ahead(self, subjects: Iterable[NamedNode]) -> Iterator[None]:
+        """Within, what is said of `subjects` and of their beliefs is read from a copy.
+
+        The copy is made now, in two requests, for this thread alone.
+        """
+        before = self._known()
+        known = dict(before)
+        wanted = [s for s in dict.fromkeys(subjects) if s not in known]
+        known.update(self._all_of(wanted))
+        held = {q.object for s in wanted for q in known[s] if q.predicate == _HAS_BELIEF}
+        known.update(self._all_of([s for s in held if isinstance(s, NamedNode)]))
+        self._ahead.known = known
+        try:
+            yield
+        finally:
+            self._ahead.known = before
+
+    def _known(self) -> dict[Any, frozenset[Quad]]:
+        return getattr(self._ahead, "known", {})
+
+    def _all_of(self, subjects: list[NamedNode]) -> dict[Any, frozenset[Quad]]:
+        if not subjects:
+            return {}
+        values = " ".join(map(str, subjects))
+        answer = self._endpoint.ask(
+            f"SELECT ?s ?p ?o ?g WHERE {{ VALUES ?s {{ {values} }} GRAPH ?g {{ ?s ?p ?o }} }}"
+        )
+        found: dict[Any, set[Quad]] = {subject: set() for subject in subjects}
+        for quad in _quads(answer, self.where):
+            found[quad.subject].add(quad)
+        return {subject: frozenset(quads) for subject, quads in found.items()}
+
+    def _select(
+        self,
+        subject: Subject,
+        predicate: NamedNode | None,
+        object: Object,
+        graph: NamedNode | BlankNode | DefaultGraph | None,
+    ) -> Iterator[Quad]:
+        given = {"s": subject, "p": predicate, "o": object, "g": graph}
+        bound = " ".join(f"BIND({term} AS ?{name})" for name, term in given.items() if term)
+        s, p, o, g = (str(term or f"?{name}") for name, term in given.items())
+        answer = self._endpoint.ask(
+            f"SELECT ?s ?p ?o ?g WHERE {{ GRAPH {g} {{ {s} {p} {o} }} {bound} }}"
+        )
+        return iter(_quads(answer, self.where))
+
+    def _how_to_unite(self) -> tuple[tuple[str, str], ...]:
+        """How this server is told that the default graph is the union of the named ones."""
+        probe = f"ASK {{ ?map a <{v.SEMANTIC_MAP}> }}"
+        return (_UNION,) if self._endpoint.ask(probe, (_UNION,)) else _SPELT_OUT
+
+
+@contextmanager
+def reading_ahead(engine: Engine, subjects: Iterable[NamedNode]) -> Iterator[None]:
+    """Announce what will be read of a far engine; nothing to do for one in this process."""
+    if isinstance(engine, RemoteEngine):
+        with engine.reading_ahead(subjects):
+            yield
+    else:
+        yield
+
+
+def _quads(answer: Answer, where: str) -> list[Quad]:
+    if isinstance(answer, Solutions):
+        return [Quad(row["s"], row["p"], row["o"], row["g"]) for row in answer.rows]
+    kind = "a boolean" if isinstance(answer, QueryBoolean) else "triples"
+    raise RemoteError(f"{where} answered a SELECT with {kind}; it is no SPARQL 1.1 server")
+
+
+def _matches(
+    quad: Quad,
+    predicate: NamedNode | None,
+    object: Object,
+    graph: NamedNode | BlankNode | DefaultGraph | None,
+) -> bool:
+    return (
+        (predicate is None or quad.predicate == predicate)
+        and (object is None or quad.object == object)
+        and (graph is None or quad.graph_name == graph)
+    )
+
+
+def _moved(message: str, columns: int) -> str:
+    """An error of line 1, where the prefixes were put in front, at its column without them."""
+    first = re.match(r"error at 1:(\d+)", message)
+    return (
+        message
+        if first is None
+        else f"error at 1:{int(first[1]) - columns}{message[first.end() :]}"
+    )
+
+
+def _newton(match: re.Match[str]) -> str:
+    """A square root in what every SPARQL server can count: plus, times and divided by."""
+    of, name = match.groups()
+    step = f"?{name[1:]}Step"
+    lines = [f"BIND(({of} + {Literal(1.0)}) / {Literal(2.0)} AS {step}0)"]
+    for k in range(1, ROOT_STEPS):
+        last = f"{step}{k - 1}"
+        lines.append(f"BIND(({last} + {of} / {last}) / {Literal(2.0)} AS {step}{k})")
+    return " ".join([*lines, f"BIND({step}{ROOT_STEPS - 1} AS {name})"])

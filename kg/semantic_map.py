@@ -1,0 +1,437 @@
+"""The front door of the graph: create or open a map, read records, apply updates, ask questions."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Callable, Collection, Iterable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Self
+
+import networkx as nx
+import rdflib
+from pyoxigraph import NamedNode
+
+from kg import vocabulary as v
+from kg.categories import Catalogue
+from kg.commits import Cause, ChangeSet, Listener
+from kg.consequences import draw_consequences
+from kg.dataset_view import DatasetView
+from kg.door import Door
+from kg.endpoint import is_url
+from kg.errors import (
+    MapBusyError,
+    MapNotFoundError,
+    QueryParameterError,
+)
+from kg.facts import Facts
+from kg.history.log import Log
+from kg.history.recovery import attach, look_into
+from kg.history.remembering import Remembering
+from kg.identity import first_quads, identity
+from kg.names import Names
+from kg.network import network
+from kg.outside import work_out
+from kg.questions import (
+    Question,
+    Table,
+    any_question,
+    evaluate,
+    find_question,
+    free_question,
+    load_question,
+)
+from kg.records import (
+    Assertion,
+    MapUpdate,
+    ObjectRecord,
+    PlaceRecord,
+    RecordingRecord,
+    RobotRecord,
+)
+from kg.sayings import Sayings
+from kg.selection import is_believed, select_objects, subcategories
+from kg.standing import RowsListener, Standing
+from kg.store import MapStore
+from kg.writer import Writer
+
+LONGEST_NOTE = 500  # characters of an update kept with its transaction
+
+_TYPE = NamedNode(v.RDF_TYPE)
+_MAP = NamedNode(v.MAP_GRAPH)
+
+
+class SemanticMap(Remembering):
+    """A map on disk or in memory; made by `create`, `open`, `open_or_create` or `in_memory`.
+
+    A context manager that closes itself. Safe to use from several threads of one process. `base` is
+    the map's own IRI, the start of all its things' IRIs; `catalogue` knows the categories.
+    """
+
+    def __init__(self, store: MapStore) -> None:
+        super().__init__(store)
+        self._guard = threading.RLock()
+        self._dataset: rdflib.Dataset | None = None
+        self._standing: list[Callable[[], None]] = []
+        self.base, self.title = identity(store)
+        self.catalogue = Catalogue.from_store(store.engine)
+        self._facts = Facts(self.base, self.catalogue)
+        self._writer = Writer(store, self._facts)
+        self._sayings = Sayings(store, self._facts, self._writer)
+        self._door = Door(store)
+
+    @classmethod
+    def create(
+        cls,
+        path: Path | str,
+        *,
+        title: str | None = None,
+        base: str | None = None,
+        power_safe: bool = False,
+    ) -> Self:
+        """A new map in the folder, or on the SPARQL server, at `path`; with the shipped ontologies.
+
+        Whole or not at all, also when killed midway. With `power_safe` each transaction waits for
+        the disk, and survives a power cut too. Raises GraphError where a map lies there.
+        """
+        if is_url(path):
+            return cls(MapStore.create_on(str(path), first_quads(title or "map", base)))
+        path = Path(path)
+        store = MapStore.create(path, first_quads(title or path.resolve().name, base))
+        return cls._with_history(store, path, power_safe)
+
+    @classmethod
+    def open(cls, path: Path | str, *, read_only: bool = False, power_safe: bool = False) -> Self:
+        """The map in the folder, or on the SPARQL server, at `path` (``http://127.0.0.1:7878``).
+
+        What a crash kept from the store is applied from its history first; `power_safe` is as for
+        `create`. Raises MapNotFoundError (creating nothing) or MapBusyError: a folder has one
+        writer at a time and no reader beside it; readers share. Raises RemoteError where no server
+        answers.
+        """
+        if is_url(path):
+            return cls._without_history(MapStore.connect(str(path), read_only=read_only))
+        path = Path(path)
+        store = MapStore.open(path, read_only=read_only)
+        found = cls._with_history(store, path, power_safe)
+        history = found._history
+        if not read_only or history is None or history.last <= found.sequence:
+            return found
+        found.close()
+        with suppress(MapBusyError), cls.open(path):
+            pass  # opened for writing, it catches up
+        return cls._with_history(MapStore.open(path, read_only=True), path, False)
+
+    @classmethod
+    def open_or_create(
+        cls,
+        path: Path | str,
+        *,
+        title: str | None = None,
+        base: str | None = None,
+        power_safe: bool = False,
+    ) -> Self:
+        """The map at `path` for writing, created with `title` and `base` where there is none."""
+        if is_url(path):
+            try:
+                return cls.open(path)
+            except MapNotFoundError:
+                return cls.create(path, title=title, base=base)
+        path = Path(path)
+        if path.exists() and not (path.is_dir() and not any(path.iterdir())):
+            return cls.open(path, power_safe=power_safe)
+        return cls.create(path, title=title, base=base, power_safe=power_safe)
+
+    @classmethod
+    def in_memory(cls, *, title: str = "map", base: str | None = None) -> Self:
+        """A map without a path, for tests and simulations of a few thousand frames."""
+        return cls._with_history(MapStore.in_memory(first_quads(title, base)), None, False)
+
+    @property
+    def read_only(self) -> bool:
+        """Whether it was opened for reading only."""
+        return self._store.read_only
+
+    @property
+    def store(self) -> MapStore:
+        """The store that holds the map, for the other modules of this room."""
+        return self._store
+
+    @property
+    def dataset(self) -> rdflib.Dataset:
+        """The live store as rdflib sees it; the default graph is the union of all graphs.
+
+        Hand it query strings: prepared queries fall back to rdflib's own, slow engine. Its
+        ``update`` is that of this class, and may write graph:commonsense; single triples it refuses
+        to write. Raises GraphError for a map on a server.
+        """
+        if self._dataset is None:
+            store = DatasetView(self._store.native, self._update_by_rdflib)
+            view = rdflib.Dataset(store=store, default_union=True)
+            for prefix, namespace in v.PREFIXES.items():
+                view.bind(prefix, namespace)
+            self._dataset = view
+        return self._dataset
+
+    def objects(
+        self,
+        category: str | None = None,
+        *,
+        place: str | int | None = None,
+        near: tuple[float, float] | str | None = None,
+        radius: float = 2.0,
+    ) -> tuple[ObjectRecord, ...]:
+        """Objects, oldest first: all, or those that every given condition admits.
+
+        `category` is a label or IRI and includes what is below it; `place` a label, number or IRI.
+        `near` is a point (x, y) [m] of the map or the IRI of an object, which is then itself left
+        out; it admits what is within `radius` [m] over the floor, and puts the nearest first.
+        Raises UnknownCategoryError, and QueryParameterError for what makes no sense.
+        """
+        wanted = None if category is None else self.catalogue.find(category).iri
+        room = None if place is None else self._resolve("place", str(place))
+        return select_objects(self.engine, self._facts, wanted, room, near, radius)
+
+    def places(
+        self, category: str | None = None, *, min_belief: float | None = None
+    ) -> tuple[PlaceRecord, ...]:
+        """Places, by number: all, or those of a category or of one below it.
+
+        Of a category are the places most believed to be so; with `min_belief`, those believed to be
+        so at least that much (without a category: to be anything). Raises UnknownCategoryError.
+        """
+        places = self._facts.places(self.engine)
+        if category is None and min_belief is None:
+            return places
+        kinds = None
+        if category is not None:
+            kinds = subcategories(self.engine, self.catalogue.find(category, "place").iri)
+        return tuple(place for place in places if is_believed(place, kinds, min_belief))
+
+    def network(self, *, near: float = 1.0) -> nx.Graph[str]:
+        """Objects and places as a networkx graph: who is in what, who within `near` [m] of whom."""
+        if not near > 0:
+            raise QueryParameterError(f"near must be a distance above 0 m, got {near!r}")
+        return network(self.objects(), self.places(), self.catalogue, near)
+
+    def snapshot(self) -> Self:
+        """A copy in memory for reading only: the map as it is now, whatever happens to it then."""
+        with self._guard:
+            return type(self)(MapStore.in_memory(self.engine, read_only=True))
+
+    def robot(self) -> RobotRecord | None:
+        """Where the robot was last, if it ever was."""
+        return self._facts.robot(self.engine)
+
+    def recordings(self) -> tuple[RecordingRecord, ...]:
+        """How far each recording has been applied, by name."""
+        return self._facts.recordings(self.engine)
+
+    def new_object_iri(self) -> str:
+        """``<base>object/N`` with a number no object of this map has had or will have."""
+        with self._guard:
+            return self._writer.new_object_iri()
+
+    def place_iri(self, number: int) -> str:
+        """``<base>place/N``."""
+        return f"{self.base}place/{number}"
+
+    def apply(self, update: MapUpdate, cause: Cause | None = None) -> int:
+        """Write what changed in one transaction; returns the number of triples that changed.
+
+        Without a `cause` it is the mapper's, for the frame that `update` says. Raises
+        InvalidFactError, with nothing written, where a record cannot become facts.
+        """
+        with self._guard:
+            return self._writer.apply(update, cause or _frame_cause(update))
+
+    def update(
+        self, sparql: str, *, by: str | None = None, allow: Collection[str] = ()
+    ) -> ChangeSet | None:
+        """Apply a SPARQL 1.1 Update of a person or program as one transaction; None: no change.
+
+        A triple without GRAPH is one of graph:map; WHERE reads all graphs. What follows from the
+        edit is written with it (`kg.consequences`). `allow` has names of graphs ("ontology",
+        "commonsense", "dataset", "history", "assertions") that may be written though they usually
+        may not. Raises QueryError for what does not parse or would reach out, ProtectedError and
+        ShapeError for what may not be written; the graph is then untouched.
+        """
+        with self._guard:
+            self._store.refuse_read_only()
+            pending = work_out(self._store, sparql)
+            self._door.refuse_protected(pending, allow)
+            draw_consequences(pending, self._facts, by)
+            self._door.refuse_malformed(pending)
+            cause = Cause("update", by, " ".join(sparql.split())[:LONGEST_NOTE])
+            change = self._store.commit(pending.removed, pending.added, cause)
+            if allow and change is not None:
+                self._read_ontology_again()
+            return change
+
+    def assert_(self, iri: str, prop: str, value: object, *, by: str) -> ChangeSet | None:
+        """Have something be as said, whatever perception believes, until it is retracted.
+
+        Of an object: category (label or IRI), position ((x, y, z) [m]), existence ("present" or
+        "absent"), label; of a place: category, label. ``object/17`` is short for its IRI. Raises
+        UnknownCategoryError, and InvalidFactError for what is not there or cannot be said.
+        """
+        with self._guard:
+            return self._sayings.assert_(iri, prop, value, by)
+
+    def retract(self, iri: str, prop: str, *, by: str | None = None) -> ChangeSet | None:
+        """Take back what was said: the map believes what perception does again.
+
+        Raises InvalidFactError where nothing was said of that.
+        """
+        with self._guard:
+            return self._sayings.retract(iri, prop, by)
+
+    def assertions(self, iri: str | None = None) -> tuple[Assertion, ...]:
+        """What people said, and what perception believes of it; of one thing or of all."""
+        return self._sayings.said(iri)
+
+    def conflicts(self) -> tuple[Assertion, ...]:
+        """The assertions that perception contradicts, with since when and how strongly."""
+        return tuple(said for said in self.assertions() if said.since is not None)
+
+    def perceived_objects(self, iris: Iterable[str] | None = None) -> tuple[ObjectRecord, ...]:
+        """Objects as perception alone believes them, as `apply` takes them; all, or some."""
+        return self._sayings.objects(None if iris is None else tuple(iris))
+
+    def perceived_places(self) -> tuple[PlaceRecord, ...]:
+        """Places as perception alone believes them, as `apply` takes them."""
+        return self._sayings.places()
+
+    @contextlib.contextmanager
+    def hold(self) -> Iterator[None]:
+        """Keep other threads from writing for the length of a block: between reading and writing.
+
+        Blocks those who write until it ends; keep it to milliseconds.
+        """
+        with self._guard:
+            yield
+
+    def listen(self, listener: Listener) -> Callable[[], None]:
+        """Have `listener` called with each change set once it is stored; returns how to stop.
+
+        It runs on the committing thread: it must be quick, and must not write.
+        """
+        return self._store.listen(listener)
+
+    def query(self, question: str | Path, **parameters: object) -> Table:
+        """The answer to any question: the name of a shipped one, a ``.rq`` file, or SPARQL.
+
+        What has a blank in it is SPARQL; `ask`, `ask_file` and `ask_text` are the three by name,
+        and say what is raised.
+        """
+        return self._answer(any_question(question, parameters), parameters)
+
+    def on(
+        self, question: str | Path, callback: RowsListener, **parameters: object
+    ) -> Callable[[], None]:
+        """Have `callback(added, removed)` called with the rows by which commits change an answer.
+
+        `question` is what `query` takes. The callback runs on a thread of its own, with two Tables;
+        the rows of now are not reported. On a server, commits of other programs are noticed within
+        a second. Returns how to stop; closing the map does too.
+        """
+        asked = any_question(question, parameters)
+        standing = Standing(
+            lambda: self._answer(asked, parameters),
+            callback,
+            lambda: self.sequence,
+            polls=self._store.shared,
+        )
+        deaf = self.listen(standing.hear)
+
+        def stop() -> None:
+            if stop in self._standing:
+                self._standing.remove(stop)
+                deaf()
+            standing.stop()
+
+        self._standing.append(stop)
+        return stop
+
+    def ask(self, question: str, **parameters: object) -> Table:
+        """The answer to the shipped question of that name.
+
+        A `category` parameter takes a label ("banana") or an IRI, a `place` parameter a label, a
+        number or an IRI. Raises UnknownQueryError, QueryParameterError, UnknownCategoryError.
+        """
+        return self._answer(find_question(question), parameters)
+
+    def ask_file(self, path: Path | str, **parameters: object) -> Table:
+        """The answer to the question in a query file (`kg.questions` has the format)."""
+        return self._answer(load_question(path), parameters)
+
+    def ask_text(self, sparql: str, **parameters: object) -> Table:
+        """The answer to a SPARQL query, prefixes predeclared, over the union of all named graphs.
+
+        CONSTRUCT and DESCRIBE give a TripleTable. Raises QueryError for what does not parse, would
+        write, or would reach out to another endpoint.
+        """
+        return self._answer(free_question(sparql, parameters), parameters)
+
+    def flush(self) -> None:
+        """Write everything to disk; happens every few seconds by itself."""
+        self._store.flush()
+
+    def close(self) -> None:
+        """Flush and let go of the store; closing twice is fine."""
+        for stop in tuple(self._standing):
+            stop()
+        with self._guard:
+            self._dataset = None
+            self._store.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def _update_by_rdflib(self, sparql: str) -> None:
+        self.update(sparql, by="rdflib", allow=("commonsense",))
+
+    def _read_ontology_again(self) -> None:
+        self.catalogue = Catalogue.from_store(self.engine)
+        self._facts.catalogue = self.catalogue
+        self._door = Door(self._store)
+
+    @classmethod
+    def _with_history(cls, store: MapStore, folder: Path | None, power_safe: bool) -> Self:
+        try:
+            base, _ = identity(store)
+            if not store.read_only:
+                log: Log | None = attach(store, folder, base, power_safe=power_safe)
+            else:
+                log = look_into(store, folder, base) if folder else None
+            found = cls(store)
+        except BaseException:
+            store.close()
+            raise
+        found._history = log
+        return found
+
+    @classmethod
+    def _without_history(cls, store: MapStore) -> Self:
+        try:
+            return cls(store)
+        except BaseException:
+            store.close()
+            raise
+
+    def _answer(self, question: Question, parameters: dict[str, object]) -> Table:
+        sparql = question.bind(parameters, self._resolve)
+        return question.check(evaluate(self.engine, sparql, question.name))
+
+    def _resolve(self, kind: str, text: str) -> str:
+        return Names(self.engine, self.base, self.catalogue, self.places).resolve(kind, text)
+
+
+def _frame_cause(update: MapUpdate) -> Cause:
+    recording = update.recording
+    note = f"{recording.name}/{recording.last_frame}" if recording else ""
+    return Cause("frame", note=note)

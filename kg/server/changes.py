@@ -1,0 +1,76 @@
+"""`/changes`: every commit as a server-sent event, resumed from a sequence number."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Iterable
+from datetime import UTC, datetime
+from functools import partial
+
+from pyoxigraph import Quad
+from starlette.concurrency import iterate_in_threadpool
+from starlette.requests import Request
+from starlette.types import ASGIApp
+
+from kg.commits import ChangeSet
+from kg.server.bodies import query_parameters
+from kg.server.event_stream import EventStream, event
+from kg.server.feed import Queue
+from kg.server.media_types import EVENTS
+from kg.server.problems import Problem
+from kg.server.serving import Serving
+from kg.workers.formats import negotiate
+
+
+async def changes(serving: Serving, request: Request) -> ASGIApp:
+    """Commits after `Last-Event-ID` or ``?since=``, or from now on.
+
+    Raises Problem: 410 where that is too long ago, 503 where too many follow.
+    """
+    negotiate(request.headers.get("accept"), (EVENTS,))
+    since = _since(request)
+    feed = serving.feed
+    queue = Queue(serving.settings.limits.feed_backlog)
+    feed.add(queue)
+    try:
+        past = () if since is None else feed.since(since)
+    except BaseException:
+        feed.remove(queue)
+        raise
+    events = _events(queue, past, since or 0)
+    return EventStream(events, queue.ended, partial(feed.remove, queue))
+
+
+def to_json(change: ChangeSet) -> dict[str, object]:
+    """A change set as JSON: quads as N-Quads, a line each."""
+    return {
+        "sequence": change.sequence,
+        "time": datetime.fromtimestamp(change.time, UTC).isoformat(timespec="milliseconds"),
+        "cause": {"kind": change.cause.kind, "by": change.cause.by, "note": change.cause.note},
+        "removed": _lines(change.removed),
+        "added": _lines(change.added),
+    }
+
+
+async def _events(queue: Queue, past: Iterable[ChangeSet], sent: int) -> AsyncIterator[bytes]:
+    async for change in iterate_in_threadpool(past):
+        sent = change.sequence
+        yield event(sent, "change", to_json(change))
+    while True:
+        change = await queue.take()
+        # what was committed while the past was read is in both
+        if change.sequence > sent:
+            sent = change.sequence
+            yield event(sent, "change", to_json(change))
+
+
+def _lines(quads: Iterable[Quad]) -> list[str]:
+    return [f"{quad} ." for quad in quads]
+
+
+def _since(request: Request) -> int | None:
+    text = request.headers.get("last-event-id") or query_parameters(request).one("since")
+    if text is None:
+        return None
+    if not (text.isascii() and text.isdigit() and len(text) < 19):
+        raise Problem(400, f"since must be a sequence number, got {text[:40]!r}")
+    return int(text)

@@ -1,0 +1,82 @@
+"""HTTP connections that do not wait for ever: for the rest of a request, or for a slow reader.
+
+uvicorn gives a client all the time it likes to finish a request's head and to read an answer; a few
+hundred such clients would hold every connection there is.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import h11
+from uvicorn.protocols.http.h11_impl import H11Protocol
+
+IDLE_SECONDS = 10.0
+
+
+class PatientConnection(H11Protocol):
+    """Closes where a head stays incomplete, or a reader takes nothing, for `idle_seconds`."""
+
+    idle_seconds = IDLE_SECONDS
+
+    def __init__(self, *arguments: Any, **named: Any) -> None:
+        super().__init__(*arguments, **named)
+        # so that whoever answers can end it, also while a write is stuck
+        self.app_state = {**self.app_state, "connection": self}
+        self._head_timer: asyncio.TimerHandle | None = None
+        self._reader_timer: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """A client connected: its first request's head is due."""
+        super().connection_made(transport)
+        self._head_timer = self.loop.call_later(self.idle_seconds, self._head_is_late)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """The client left."""
+        for timer in (self._head_timer, self._reader_timer):
+            if timer is not None:
+                timer.cancel()
+        super().connection_lost(exc)
+
+    def data_received(self, data: bytes) -> None:
+        """Bytes of a request: the first of a head start its clock, its end stops it."""
+        super().data_received(data)
+        waiting = self.conn.their_state is h11.IDLE
+        if not waiting and self._head_timer is not None:
+            self._head_timer.cancel()
+            self._head_timer = None
+        elif waiting and self._head_timer is None:
+            self._head_timer = self.loop.call_later(self.idle_seconds, self._head_is_late)
+
+    def pause_writing(self) -> None:
+        """The reader does not keep up: watch whether it reads at all."""
+        super().pause_writing()
+        self._watch_reader()
+
+    def resume_writing(self) -> None:
+        """The reader has caught up."""
+        if self._reader_timer is not None:
+            self._reader_timer.cancel()
+            self._reader_timer = None
+        super().resume_writing()
+
+    def abort(self) -> None:
+        """End the connection now, whatever is still to be sent."""
+        if not self.transport.is_closing() or self.transport.get_write_buffer_size():
+            self.transport.abort()
+
+    def _head_is_late(self) -> None:
+        self._head_timer = None
+        if self.conn.their_state is h11.IDLE:
+            self.abort()
+
+    def _watch_reader(self) -> None:
+        left = self.transport.get_write_buffer_size()
+        self._reader_timer = self.loop.call_later(self.idle_seconds, self._reader_is_late, left)
+
+    def _reader_is_late(self, before: int) -> None:
+        if self.transport.get_write_buffer_size() >= before:
+            self.abort()
+        else:
+            self._watch_reader()

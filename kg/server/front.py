@@ -1,0 +1,113 @@
+"""`/`: the map itself, as a page for people or as its description for programs."""
+
+from __future__ import annotations
+
+import threading
+import time
+from functools import partial
+
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import Response
+
+from kg.answers import Value
+from kg.errors import QueryError
+from kg.questions import shipped_questions
+from kg.records import PlaceRecord
+from kg.server.description import dataset_description, graph_sizes
+from kg.server.floor import Spot, floor_plan
+from kg.server.media_types import GRAPH_FORMATS, HTML
+from kg.server.pages import front_page
+from kg.server.serving import Serving
+from kg.server.things import local_path
+from kg.vocabulary import MAP_GRAPH
+from kg.workers.formats import negotiate
+
+FRESH = 1.0  # [s] for which a page is handed out again although the map moved on
+
+
+class Front:
+    """Makes the front page, at most once for a state of the map and once a second."""
+
+    def __init__(self) -> None:
+        self._guard = threading.Lock()
+        self._page = ""
+        self._sequence = -1
+        self._made = 0.0
+
+    async def answer(self, serving: Serving, request: Request) -> Response:
+        """The page, or VoID and DCAT for who asks for RDF."""
+        media_type = negotiate(request.headers.get("accept"), (*GRAPH_FORMATS, HTML))
+        if media_type != HTML:
+            return await dataset_description(serving, request)
+        page = await run_in_threadpool(partial(self.page, serving))
+        return Response(page, media_type=HTML, headers={"Vary": "Accept"})
+
+    def page(self, serving: Serving) -> str:
+        """The page as HTML."""
+        with self._guard:
+            sequence, now = serving.semantic_map.sequence, time.monotonic()
+            if not self._page or (sequence != self._sequence and now - self._made > FRESH):
+                self._page, self._sequence, self._made = _page(serving, sequence), sequence, now
+            return self._page
+
+
+def _page(serving: Serving, sequence: int) -> str:
+    semantic_map = serving.semantic_map
+    objects = semantic_map.ask("objects-surest").records()
+    places = semantic_map.places()
+    summary = semantic_map.ask("summary").records()
+    base = semantic_map.base
+    total = sum(int(str(row["count"])) for row in summary)
+
+    def path(iri: str) -> str:
+        return local_path(base, iri)
+
+    spots = [_spot(row, path(str(row["object"]))) for row in objects]
+    return front_page(
+        title=semantic_map.title,
+        base=base,
+        sequence=sequence,
+        floor=floor_plan(
+            places, spots, semantic_map.robot(), lambda place: _category(serving, place)[0]
+        ),
+        numbers=[
+            ("objects", total),
+            ("categories", len(summary)),
+            ("places", len(places)),
+            ("triples of the map", graph_sizes(serving).get(MAP_GRAPH, 0)),
+        ],
+        objects=objects,
+        places=[(place.iri, place.label, *_category(serving, place)) for place in places],
+        questions=_questions(),
+        writable=bool(serving.settings.tokens),
+        path=path,
+    )
+
+
+def _spot(row: dict[str, Value], link: str) -> Spot:
+    existence = row["existence"]
+    x, y = float(str(row["x"])), float(str(row["y"]))
+    tooltip = f"{row['label'] or row['category']} ({x:.2f}, {y:.2f})"
+    sure = float(existence) if isinstance(existence, int | float) else 1.0
+    return link, tooltip, str(row["category"]), x, y, sure
+
+
+def _category(serving: Serving, place: PlaceRecord) -> tuple[str, str]:
+    """Label and belief of a place's likeliest category."""
+    if not place.beliefs:
+        return place.label, ""
+    best = max(place.beliefs, key=lambda iri: (place.beliefs[iri], iri))
+    return serving.semantic_map.catalogue.label(best), f"{place.beliefs[best]:.2f}"
+
+
+def _questions() -> list[tuple[str, str, str]]:
+    """Those that need no parameters, ready to be asked."""
+    ready = []
+    for question in shipped_questions():
+        try:
+            sparql = question.bind({}, lambda kind, text: text)
+        except QueryError:
+            continue
+        ready.append((question.name, question.summary, sparql.strip()))
+    return ready

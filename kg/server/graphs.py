@@ -1,0 +1,172 @@
+"""`/graphs`: the SPARQL 1.1 Graph Store HTTP Protocol.
+
+A graph is named by ``?graph=IRI`` or by its path, ``/graphs/map`` for graph:map. ``?default`` reads
+the union of all graphs, as a query without GRAPH does, and adds to graph:map, as an update does.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Generator, Iterable
+from contextlib import closing
+from functools import partial
+from typing import Final
+
+from pyoxigraph import NamedNode, Quad, RdfFormat, Triple, parse, serialize
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import Response
+
+from kg import vocabulary as v
+from kg.server import bodies
+from kg.server.media_types import GRAPH_FORMATS, prefixes_of
+from kg.server.problems import Problem
+from kg.server.protocol import SEQUENCE, write
+from kg.server.serving import Serving
+from kg.workers.formats import negotiate
+
+_DUMPS: Final = {"trig": RdfFormat.TRIG, "nq": RdfFormat.N_QUADS}
+_MEDIA: Final = {form: media_type for media_type, form in GRAPH_FORMATS.items()}
+#: formats of a single graph
+_FORMATS: Final = {name: form for form, name in _MEDIA.items() if form not in _DUMPS.values()}
+
+_Quads = Generator[Quad, None, None]
+_Triples = Generator[Triple, None, None]
+
+
+async def graph_store(serving: Serving, request: Request) -> Response:
+    """Read, replace, extend or delete a graph."""
+    graph = _graph(request)
+    if request.method in ("GET", "HEAD"):
+        return await _read(serving, request, graph)
+    by = serving.settings.tokens.holder(request.headers.get("authorization"))
+    if graph is None and request.method != "POST":
+        raise Problem(403, "the default graph is the union of all: name the graph to change")
+    target = graph or NamedNode(v.MAP_GRAPH)
+    existed = _has(serving, target)
+    if request.method == "DELETE":
+        if not existed:
+            raise _unknown(target)
+        return await write(serving, f"CLEAR SILENT GRAPH {target}", by)
+    triples = await _body(serving, request, target)
+    update = f"INSERT DATA {{ GRAPH {target} {{\n{_lines(triples)}}} }}"
+    if request.method == "PUT":
+        update = f"CLEAR SILENT GRAPH {target} ;\n{update}"
+    answer = await write(serving, update, by)
+    answer.status_code = 200 if existed else 201
+    return answer
+
+
+async def dump(serving: Serving, request: Request) -> Response:
+    """Every named graph, as TriG or N-Quads by the ending of the path."""
+    form = _DUMPS[request.path_params["ending"]]
+    body = await run_in_threadpool(partial(_serialised, serving, _quads(serving), form))
+    return Response(body, media_type=_MEDIA[form])
+
+
+async def _read(serving: Serving, request: Request, graph: NamedNode | None) -> Response:
+    media_type = negotiate(request.headers.get("accept"), tuple(_FORMATS))
+    if graph is not None and not _has(serving, graph):
+        raise _unknown(graph)
+    sequence = serving.semantic_map.sequence
+    triples = _triples(serving, graph)
+    body = await run_in_threadpool(partial(_serialised, serving, triples, _FORMATS[media_type]))
+    headers = {"Vary": "Accept", SEQUENCE: str(sequence)}
+    return Response(body, media_type=media_type, headers=headers)
+
+
+def _triples(serving: Serving, graph: NamedNode | None) -> _Triples:
+    quads = serving.semantic_map.engine.quads_for_pattern(None, None, None, graph)
+    seen: set[Triple] = set()
+    for quad in quads:
+        if graph is None:
+            # one triple may stand in several graphs
+            if quad.triple in seen:
+                continue
+            seen.add(quad.triple)
+        yield quad.triple
+
+
+def _quads(serving: Serving) -> _Quads:
+    yield from serving.semantic_map.engine.quads_for_pattern(None, None, None)
+
+
+def _serialised(
+    serving: Serving,
+    statements: Generator[Quad, None, None] | Generator[Triple, None, None],
+    form: RdfFormat,
+) -> bytes:
+    # the engine's iterators abort the process when another thread touches them: they begin, inside
+    # of these generators, and end here
+    with closing(statements):
+        out = _Capped(serving.settings.limits.result)
+        try:
+            serialize(statements, out, form, prefixes=prefixes_of(serving.semantic_map.base))
+        except OSError as error:
+            raise out.too_long() from error
+        return out.getvalue()
+
+
+class _Capped(io.BytesIO):
+    """A buffer that refuses to grow beyond `limit` bytes."""
+
+    def __init__(self, limit: int) -> None:
+        super().__init__()
+        self._limit = limit
+
+    def write(self, data: bytes) -> int:  # type: ignore[override]
+        """Append, or raise Problem 503."""
+        if self.tell() + len(data) > self._limit:
+            raise self.too_long()
+        return super().write(data)
+
+    def too_long(self) -> Problem:
+        """What a client is told."""
+        return Problem(503, f"the answer has more than {self._limit} bytes; query for a part of it")
+
+
+def _graph(request: Request) -> NamedNode | None:
+    """The graph a request means; None for the default graph."""
+    path = request.path_params.get("name")
+    given = bodies.query_parameters(request)
+    iri = given.one("graph")
+    if path:
+        if given.pairs:
+            raise Problem(400, "the path names the graph; leave out ?graph and ?default")
+        iri = v.GRAPH + path
+    elif (iri is None) == ("default" not in given):
+        raise Problem(400, "name one graph: ?graph=IRI, ?default, or /graphs/map")
+    try:
+        return None if iri is None else NamedNode(iri)
+    except ValueError as error:
+        raise Problem(400, f"a graph needs an absolute IRI, got {iri!r:.100}") from error
+
+
+def _has(serving: Serving, graph: NamedNode) -> bool:
+    quads = serving.semantic_map.engine.quads_for_pattern(None, None, None, graph)
+    return next(iter(quads), None) is not None
+
+
+def _unknown(graph: NamedNode) -> Problem:
+    return Problem(404, f"no graph {graph.value} in this map, or nothing in it")
+
+
+async def _body(serving: Serving, request: Request, graph: NamedNode) -> list[Triple]:
+    kind = bodies.media_type(request)
+    form = _FORMATS.get(kind)
+    if form is None:
+        known = ", ".join(_FORMATS)
+        raise Problem(415, f"a body of type {kind[:100] or '(none)'}; there are: {known}")
+    body = await bodies.read_body(request, serving.settings.limits)
+    return await run_in_threadpool(partial(_parsed, body, form, graph))
+
+
+def _parsed(body: bytes, form: RdfFormat, graph: NamedNode) -> list[Triple]:
+    try:
+        return [quad.triple for quad in parse(body, format=form, base_iri=graph.value)]
+    except (SyntaxError, ValueError) as error:
+        raise Problem(400, f"the body does not parse: {' '.join(str(error).split())}") from error
+
+
+def _lines(triples: Iterable[Triple]) -> str:
+    return "".join(f"{triple} .\n" for triple in triples)

@@ -1,0 +1,82 @@
+"""What a client is told when a request fails: a status and a line, as text or JSON (RFC 9457)."""
+
+from __future__ import annotations
+
+import http
+import json
+from collections.abc import Mapping
+
+from starlette.responses import Response
+
+from kg.errors import (
+    GraphError,
+    HereaboutsError,
+    InvalidFactError,
+    NotAcceptableError,
+    OntologyError,
+    PoolBusyError,
+    ProtectedError,
+    QueryError,
+    QueryTimeoutError,
+    QueryTooLargeError,
+    ServerError,
+)
+
+LONGEST = 2000  # characters of a message: a client may be quoted in it
+#: what an error of the tree means to a client; the first that fits counts
+_STATUS: tuple[tuple[type[HereaboutsError], int], ...] = (
+    (NotAcceptableError, 406),
+    (QueryTimeoutError, 504),
+    (QueryTooLargeError, 503),
+    (PoolBusyError, 503),
+    (QueryError, 400),
+    (ProtectedError, 403),
+    (InvalidFactError, 422),
+    (OntologyError, 422),
+    (GraphError, 503),
+)
+
+
+_PASSING = (PoolBusyError, GraphError)  # what may work a moment later
+
+
+class Problem(ServerError):  # noqa: N818  RFC 9457 calls it so
+    """A request that is refused, with its HTTP status."""
+
+    def __init__(self, status: int, message: str, headers: Mapping[str, str] | None = None) -> None:
+        super().__init__(message)
+        self.status = status
+        self.headers = dict(headers or {})
+
+
+def problem_of(error: HereaboutsError) -> Problem:
+    """The problem an error of the tree amounts to."""
+    if isinstance(error, Problem):
+        return error
+    status = next((status for kind, status in _STATUS if isinstance(error, kind)), 500)
+    return Problem(
+        status, str(error), {"Retry-After": "1"} if isinstance(error, _PASSING) else None
+    )
+
+
+def problem_response(problem: Problem, accept: str | None) -> Response:
+    """One line of text, or a JSON problem where the client asked for some kind of JSON."""
+    message = " ".join(str(problem).split())[:LONGEST]
+    if accept and "json" in accept:
+        body = {
+            "title": http.HTTPStatus(problem.status).phrase,
+            "status": problem.status,
+            "detail": message,
+        }
+        return Response(
+            json.dumps(body, ensure_ascii=False) + "\n",
+            status_code=problem.status,
+            headers=problem.headers,
+            media_type="application/problem+json",
+        )
+    return Response(
+        message + "\n",
+        status_code=problem.status,
+        headers=problem.headers,
+        media_type="text/plain",
+    )

@@ -1,0 +1,141 @@
+"""`/sparql`: the SPARQL 1.1 Protocol, query and update."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from functools import partial
+from typing import Final
+
+from pyoxigraph import NamedNode
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import Response
+
+from kg.server import bodies
+from kg.server.bodies import Parameters
+from kg.server.description import service_description
+from kg.server.event_stream import disconnected
+from kg.server.problems import Problem
+from kg.server.serving import Serving
+from kg.server.using import with_graphs
+from kg.workers.process import Answer
+
+QUERY: Final = "application/sparql-query"
+UPDATE: Final = "application/sparql-update"
+SEQUENCE: Final = "Here-Sequence"  # which state of the map an answer is about
+
+
+async def sparql(serving: Serving, request: Request) -> Response:
+    """Answer a query, carry out an update, or describe the service."""
+    url = bodies.query_parameters(request)
+    if request.method in ("GET", "HEAD"):
+        if "update" in url:
+            raise Problem(400, "an update needs POST")
+        if "query" not in url:
+            return await service_description(serving, request)
+        return await _query(serving, request, url)
+    kind = bodies.media_type(request)
+    if kind == bodies.FORM:
+        return await _form(serving, request, url)
+    if kind == QUERY:
+        _refuse_in_url(url, "query")
+        body = bodies.text(await bodies.read_body(request, serving.settings.limits))
+        return await _query(serving, request, Parameters((("query", body),)) + url)
+    if kind == UPDATE:
+        _refuse_in_url(url, "update")
+        by = _writer(serving, request)
+        body = bodies.text(await bodies.read_body(request, serving.settings.limits))
+        return await _update(serving, Parameters((("update", body),)) + url, by)
+    raise Problem(
+        415, f"a body of type {kind[:100] or '(none)'}; use {QUERY}, {UPDATE} or {bodies.FORM}"
+    )
+
+
+async def _form(serving: Serving, request: Request, url: Parameters) -> Response:
+    form = bodies.form_parameters(await bodies.read_body(request, serving.settings.limits))
+    if ("query" in form) == ("update" in form):
+        raise Problem(400, "the form needs either 'query' or 'update'")
+    _refuse_in_url(url, "query")
+    _refuse_in_url(url, "update")
+    if "query" in form:
+        return await _query(serving, request, form + url)
+    return await _update(serving, form + url, _writer(serving, request))
+
+
+async def _query(serving: Serving, request: Request, given: Parameters) -> Response:
+    query = asyncio.ensure_future(
+        serving.pool.run_async(
+            given.one("query") or "",
+            accept=request.headers.get("accept"),
+            default_graphs=_graphs(given, "default-graph-uri"),
+            named_graphs=_graphs(given, "named-graph-uri"),
+            at_least=serving.written,
+        )
+    )
+    answer = await _unless_gone(request, query)
+    return Response(
+        answer.body,
+        media_type=answer.media_type,
+        headers={"Vary": "Accept", SEQUENCE: str(answer.sequence)},
+    )
+
+
+async def _unless_gone(request: Request, query: asyncio.Task[Answer]) -> Answer:
+    """The query's answer; a client that leaves takes its query with it."""
+    gone = asyncio.ensure_future(disconnected(request.receive))
+    try:
+        await asyncio.wait({query, gone}, return_when=asyncio.FIRST_COMPLETED)
+        if not query.done():
+            query.cancel()
+            await asyncio.gather(query, return_exceptions=True)
+            raise Problem(400, "the client left before its answer was ready")
+        return query.result()
+    finally:
+        gone.cancel()
+        query.cancel()
+
+
+async def _update(serving: Serving, given: Parameters, by: str) -> Response:
+    text = with_graphs(
+        given.one("update") or "",
+        _graphs(given, "using-graph-uri"),
+        _graphs(given, "using-named-graph-uri"),
+    )
+    return await write(serving, text, by)
+
+
+async def write(serving: Serving, update: str, by: str) -> Response:
+    """Carry out an update; the answer says what it changed, and under which number."""
+    # a client that leaves meanwhile must not leave half of a decision behind
+    change = await asyncio.shield(
+        run_in_threadpool(partial(serving.semantic_map.update, update, by=by))
+    )
+    sequence = change.sequence if change else serving.semantic_map.sequence
+    serving.written = max(serving.written, sequence)
+    done = {
+        "sequence": sequence,
+        "added": len(change.added) if change else 0,
+        "removed": len(change.removed) if change else 0,
+    }
+    return Response(
+        json.dumps(done) + "\n", media_type="application/json", headers={SEQUENCE: str(sequence)}
+    )
+
+
+def _writer(serving: Serving, request: Request) -> str:
+    return serving.settings.tokens.holder(request.headers.get("authorization"))
+
+
+def _graphs(given: Parameters, name: str) -> tuple[str, ...]:
+    for iri in given.all(name):
+        try:
+            NamedNode(iri)
+        except ValueError as error:
+            raise Problem(400, f"{name} must be an absolute IRI, got {iri[:100]!r}") from error
+    return given.all(name)
+
+
+def _refuse_in_url(url: Parameters, name: str) -> None:
+    if name in url:
+        raise Problem(400, f"{name!r} stands in the URL of a POST with a body; give one of them")

@@ -1,0 +1,69 @@
+"""What a server is allowed to do, and how much of it."""
+
+from __future__ import annotations
+
+import ipaddress
+from dataclasses import dataclass, field
+
+from kg.errors import ServerError
+from kg.server.access import Tokens
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Bounds that keep one client from taking the server away from the others."""
+
+    body: int = 8 << 20  # [bytes] of a request
+    result: int = 64 << 20  # [bytes] of an answer
+    url: int = 64 << 10  # [bytes] of a request line and its headers
+    query_seconds: float = 10.0  # evaluation of one query
+    query_memory: int = 1024  # [MB] of one query
+    body_seconds: float = 20.0  # to send a request's body
+    idle_seconds: float = 10.0  # to finish a request's head, or to read on in an answer
+    rate: float = 200.0  # requests a second and client address, in the long run
+    burst: int = 1000  # requests a client may make at once before `rate` holds
+    connections: int = 512
+    workers: int = 2
+    feed_clients: int = 64  # followers of changes and standing queries together
+    standing_queries: int = 16
+    feed_backlog: int = 256  # changes that may wait for one follower before it is dropped
+    feed_memory: int = 1024  # last changes kept in memory for those who come back
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """How a map is served; without `tokens` nobody can write."""
+
+    host: str = "127.0.0.1"
+    port: int = 8008  # 0 takes a free one
+    tokens: Tokens = field(default_factory=Tokens)
+    allow_origins: tuple[str, ...] = ()  # origins of web pages that may read (and write) by script
+    licence: str | None = None  # IRI of the licence the map is under, for its description
+    public: bool = False  # serve to other machines although there are no tokens
+    limits: Limits = field(default_factory=Limits)
+
+    def __post_init__(self) -> None:
+        if not self.loopback and not self.tokens and not self.public:
+            raise ServerError(
+                f"host {self.host} is open to other machines: give a --token-file, or --public to "
+                "serve a map anyone there may read"
+            )
+
+    @property
+    def loopback(self) -> bool:
+        """Whether only this machine can reach the server."""
+        if self.host == "localhost":
+            return True
+        try:
+            return ipaddress.ip_address(self.host).is_loopback
+        except ValueError:
+            return False
+
+    @property
+    def hosts(self) -> frozenset[str] | None:
+        """Names a request's Host may carry; None = any.
+
+        On loopback only this machine's own: a web page whose name was made to point here must not
+        read the map (DNS rebinding).
+        """
+        return frozenset({"localhost", "127.0.0.1", "[::1]"}) if self.loopback else None

@@ -1,0 +1,111 @@
+"""Facts against SHACL shapes: pyshacl's answer as findings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import pyoxigraph
+import rdflib
+from pyshacl import validate as pyshacl_validate
+from rdflib.term import Node
+
+from kg import vocabulary as v
+from kg.errors import OntologyError
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Finding:
+    """One thing that is wrong, and with what."""
+
+    focus: str  # IRI of what is wrong, or a blank node's name
+    message: str
+    path: str = ""  # IRI of the property, where one is to blame
+    value: str = ""  # what was found there
+    severity: str = "violation"  # or "warning"
+
+    def without_value(self) -> Finding:
+        """The same fault, whatever the value that shows it."""
+        return replace(self, value="")
+
+    def __str__(self) -> str:
+        value = f" (found {self.value})" if self.value else ""
+        return f"{self.severity}: {self.focus}: {self.message}{value}"
+
+
+#: beginnings of IRIs that pyshacl takes as they are; of others it makes prefixed names
+_PLAIN = ("http:", "https:", "urn:", "file:")
+
+
+class Shapes:
+    """A file of shapes, read once."""
+
+    def __init__(self, file: Path) -> None:
+        """Raises OntologyError where the shapes do not parse."""
+        self._file = file
+        try:
+            self._graph = rdflib.Graph().parse(file, format="turtle")
+        except (SyntaxError, OSError) as error:
+            raise OntologyError(f"{file}: {str(error).splitlines()[0]}") from None
+
+    def validate(
+        self, quads: Iterable[pyoxigraph.Quad], focus: Iterable[str] | None = None
+    ) -> list[Finding]:
+        """Hold quads, whatever their graphs, to the shapes; nothing is inferred or fetched.
+
+        `focus` has the IRIs of the subjects to look at; where the validator could take one of them
+        for a prefixed name, it looks at all. Raises OntologyError where the shapes are no shapes.
+        """
+        data = rdflib.Graph()
+        for q in quads:
+            data.add((as_rdflib(q.subject), as_rdflib(q.predicate), as_rdflib(q.object)))
+        names = None if focus is None else list(focus)
+        if names is not None and not all(name.lower().startswith(_PLAIN) for name in names):
+            names = None
+        _, results, text = pyshacl_validate(
+            data,
+            shacl_graph=self._graph,
+            inference="none",
+            do_owl_imports=False,
+            inplace=True,
+            focus_nodes=names,
+        )
+        if not isinstance(results, rdflib.Graph):
+            raise OntologyError(f"{self._file}: {text}")
+        is_result = (rdflib.RDF.type, rdflib.URIRef(v.SH_RESULT))
+        return sorted({_finding(results, result) for result in results.subjects(*is_result)})
+
+
+def validate(quads: Iterable[pyoxigraph.Quad], shapes: Path) -> list[Finding]:
+    """`Shapes.validate` for one use of a file."""
+    return Shapes(shapes).validate(quads)
+
+
+def _finding(results: rdflib.Graph, result: Node) -> Finding:
+    def said(predicate: str) -> str:
+        term = results.value(result, rdflib.URIRef(predicate))
+        return "" if term is None or isinstance(term, rdflib.BNode) else str(term)
+
+    focus = results.value(result, rdflib.URIRef(v.SH_FOCUS_NODE))
+    return Finding(
+        focus=str(focus),
+        message=said(v.SH_RESULT_MESSAGE),
+        path=said(v.SH_RESULT_PATH),
+        value=said(v.SH_VALUE),
+        severity="warning" if said(v.SH_RESULT_SEVERITY) == v.SH_WARNING else "violation",
+    )
+
+
+def as_rdflib(term: object) -> Node:
+    """The same term in rdflib, its lexical form untouched (NaN stays NaN)."""
+    if isinstance(term, pyoxigraph.NamedNode):
+        return rdflib.URIRef(term.value)
+    if isinstance(term, pyoxigraph.BlankNode):
+        return rdflib.BNode(term.value)
+    if isinstance(term, pyoxigraph.Literal):
+        if term.language:
+            return rdflib.Literal(term.value, lang=term.language)
+        datatype = rdflib.URIRef(term.datatype.value)
+        return rdflib.Literal(term.value, datatype=datatype, normalize=False)
+    raise OntologyError(f"a quoted triple cannot be checked: {term}")

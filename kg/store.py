@@ -1,0 +1,418 @@
+"""The store on disk: one Oxigraph store a process, one writer at a time.
+
+A map is a folder: ``store/`` is Oxigraph's, ``lock`` says who has it open. A writer holds the lock
+alone; readers share it, since Oxigraph leaves reading beside a writing process undefined. Deletions
+leave tombstones that slow every query until a flush, so a writer's thread flushes every few
+seconds.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import glob
+import os
+import shutil
+import threading
+import time
+import uuid
+import weakref
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Protocol, Self
+
+from pyoxigraph import BlankNode, Literal, NamedNode, Quad, Store
+
+from kg import vocabulary as v
+from kg.commits import Cause, ChangeSet, Listener
+from kg.engine import Engine
+from kg.errors import GraphError, InvalidFactError, MapBusyError, MapNotFoundError
+from kg.remote import RemoteEngine, reading_ahead
+
+FLUSH_EVERY = 3.0  # [s]
+
+
+class Journal(Protocol):
+    """Where each transaction is recorded before the store takes it."""
+
+    last_time: float  # [s] of the last transaction recorded
+
+    def append(self, change: ChangeSet) -> None:
+        """Record it; raises GraphError where that fails."""
+
+    def withdraw(self, sequence: int) -> None:
+        """Forget it and later ones: the store refused it."""
+
+    def flush(self) -> None:
+        """Tidy up, on the flushing thread."""
+
+    def close(self) -> None:
+        """Let go of it."""
+
+
+class MapStore:
+    """An open store; closes with `close` and as a context manager.
+
+    `engine` is the live store, for reading; `commit` is how it is written. A `journal` hears of
+    each transaction before the store does.
+    """
+
+    def __init__(self, engine: Engine, *, where: str, read_only: bool, lock: int | None) -> None:
+        self._engine: Engine | None = engine
+        self.where = where
+        self.read_only = read_only
+        self.journal: Journal | None = None
+        self._sequence: int | None = None
+        self._listeners: list[Listener] = []
+        self._committing = threading.RLock()
+        self._stop = threading.Event()
+        self._flusher: threading.Thread | None = None
+        self._unlock = weakref.finalize(self, os.close, lock) if lock is not None else None
+        if lock is not None and not read_only:
+            self._flusher = threading.Thread(
+                target=_keep_flushing, args=(weakref.ref(self), self._stop), daemon=True
+            )
+            self._flusher.start()
+
+    @classmethod
+    def in_memory(cls, quads: Iterable[Quad], *, read_only: bool = False) -> Self:
+        """A store without a path, gone when closed."""
+        engine = Store()
+        engine.bulk_extend(quads)
+        return cls(engine, where="memory", read_only=read_only, lock=None)
+
+    @classmethod
+    def create(cls, path: Path, quads: Iterable[Quad]) -> Self:
+        """A new store at `path` that holds `quads`, open for writing.
+
+        Built beside `path` and renamed into place, so a process that dies meanwhile leaves no half
+        of a map. Raises GraphError where something lies at `path` already.
+        """
+        _refuse_existing(path)
+        building = path.parent / f".{path.name}.new-{uuid.uuid4().hex}"
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            remove_abandoned(path)
+            building.mkdir()
+            lock = _lock(building / "lock", path, shared=False)
+            try:
+                _fill(building / "store", quads)
+                building.rename(path)
+                return cls(_engine(path, False), where=str(path), read_only=False, lock=lock)
+            except BaseException:
+                os.close(lock)
+                shutil.rmtree(building, ignore_errors=True)
+                raise
+        except OSError as error:
+            raise GraphError(f"cannot create a map at {path}: {_reason(error)}") from error
+
+    @classmethod
+    def open(cls, path: Path, *, read_only: bool = False) -> Self:
+        """The store at `path`.
+
+        Raises MapNotFoundError where there is none (and creates nothing), MapBusyError where
+        another process (or another handle of this one) writes it, or reads it while this one wants
+        to write.
+        """
+        _refuse_what_is_no_map(path)
+        lock = _lock(path / "lock", path, shared=read_only)
+        try:
+            engine = _engine(path, read_only)
+        except (OSError, RuntimeError) as error:  # RuntimeError: RocksDB finds damaged files
+            os.close(lock)
+            raise GraphError(f"cannot open the map at {path}: {_reason(error)}") from error
+        return cls(engine, where=str(path), read_only=read_only, lock=lock)
+
+    @classmethod
+    def create_on(cls, url: str, quads: Iterable[Quad]) -> Self:
+        """A new map of `quads` on the server at `url`, which may hold other graphs beside.
+
+        Raises GraphError where there is a map already, RemoteError where no server answers.
+        """
+        store = cls.connect(url)
+        try:
+            kind = NamedNode(v.SEMANTIC_MAP)
+            if any(store.engine.quads_for_pattern(None, NamedNode(v.RDF_TYPE), kind, None)):
+                raise GraphError(f"there is a map at {store.where} already; open it")
+            store.engine.update(f"INSERT DATA {{\n{_graph_blocks(quads)}}}")
+            # asked anew: how a server unites its graphs shows only once it holds a map
+            return cls.connect(url)
+        finally:
+            store.close()
+
+    @classmethod
+    def connect(cls, url: str, *, read_only: bool = False) -> Self:
+        """The store of the SPARQL 1.1 server at `url`; raises RemoteError where none answers.
+
+        Such a store has no lock: that one process at a time writes is for its users to keep.
+        """
+        engine = RemoteEngine(url)
+        return cls(engine, where=engine.where, read_only=read_only, lock=None)
+
+    @property
+    def engine(self) -> Engine:
+        """The live store; raises GraphError once closed."""
+        if self._engine is None:
+            raise GraphError(f"the map at {self.where} is closed; open it again")
+        return self._engine
+
+    @property
+    def path(self) -> Path | None:
+        """The map's folder; None in memory and on a server."""
+        return Path(self.where) if self._unlock is not None else None
+
+    @property
+    def shared(self) -> bool:
+        """Whether others may write it meanwhile, unheard here."""
+        return isinstance(self.engine, RemoteEngine)
+
+    @property
+    def native(self) -> Store:
+        """The live store where it is in this process; raises GraphError where it is not."""
+        if not isinstance(self.engine, Store):
+            raise GraphError(
+                f"the map at {self.where} is on a server; open the folder of a map for this"
+            )
+        return self.engine
+
+    def commit(
+        self, delete: Iterable[Quad], insert: Iterable[Quad], cause: Cause
+    ) -> ChangeSet | None:
+        """Delete and insert in one transaction: all of it or nothing, also when killed midway.
+
+        Only what really changes is written, with the transaction's number; None where nothing does.
+        Raises InvalidFactError for blank nodes.
+        """
+        self.refuse_read_only()
+        insert, delete = dict.fromkeys(insert), dict.fromkeys(delete)
+        subjects = (q.subject for q in (sequence_quad(0), *insert, *delete))
+        named = (subject for subject in subjects if isinstance(subject, NamedNode))
+        with self._committing, reading_ahead(self.engine, named):
+            added = tuple(quad for quad in insert if quad not in self.engine)
+            removed = tuple(quad for quad in delete if quad not in insert and quad in self.engine)
+            if not added and not removed:
+                return None
+            _refuse_blank_nodes((*added, *removed))
+            change = ChangeSet(self.sequence + 1, self._now(), cause, added, removed)
+            self._record(change)
+            self._sequence = change.sequence
+            for listener in tuple(self._listeners):
+                listener(change)
+        return change
+
+    @property
+    def sequence(self) -> int:
+        """The number of the last transaction; 0 before the first."""
+        if self._sequence is None or self.shared:
+            self._sequence = _stored_sequence(self.engine)
+        return self._sequence
+
+    @contextlib.contextmanager
+    def copied(self) -> Iterator[Store]:
+        """A copy of the store as it is now, gone after the block; on disk by hard links."""
+        if self._unlock is None:
+            copy = Store()
+            copy.bulk_extend(self.native)
+            yield copy
+            return
+        folder = Path(self.where) / "scratch"
+        shutil.rmtree(folder, ignore_errors=True)  # of a process that was killed
+        try:
+            self.native.backup(str(folder))
+            copy = Store(str(folder))
+            yield copy
+            del copy
+        except OSError as error:
+            raise GraphError(f"cannot copy the map at {self.where}: {_reason(error)}") from error
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+
+    def listen(self, listener: Listener) -> Callable[[], None]:
+        """Have `listener` called after each commit; returns how to stop that."""
+        self._listeners.append(listener)
+        return lambda: self._listeners.remove(listener)
+
+    def replay(self, change: ChangeSet) -> None:
+        """Apply a transaction that the journal holds already; nobody else hears of it."""
+        self.refuse_read_only()
+        with self._committing:
+            self._write(change)
+            self._sequence = change.sequence
+
+    def _now(self) -> float:
+        # a clock set back must not put a transaction before the one it follows
+        return max(time.time(), self.journal.last_time if self.journal else 0.0)
+
+    def _record(self, change: ChangeSet) -> None:
+        if self.journal is None:
+            self._write(change)
+            return
+        self.journal.append(change)
+        try:
+            self._write(change)
+        except GraphError:
+            self.journal.withdraw(change.sequence)
+            raise
+
+    def _write(self, change: ChangeSet) -> None:
+        removed, added = [*change.removed], [*change.added, sequence_quad(change.sequence)]
+        if self.sequence:
+            removed.append(sequence_quad(self.sequence))
+        text = ";\n".join(
+            f"{verb} DATA {{\n{_graph_blocks(quads)}}}"
+            for verb, quads in (("DELETE", removed), ("INSERT", added))
+            if quads
+        )
+        try:
+            self.engine.update(text)
+        except OSError as error:
+            raise GraphError(f"cannot write the map at {self.where}: {_reason(error)}") from error
+
+    def refuse_read_only(self) -> None:
+        """Raises GraphError where the store was opened for reading only."""
+        if self.read_only:
+            raise GraphError(f"the map at {self.where} is open for reading only; open it to write")
+
+    def flush(self) -> None:
+        """Write everything to disk and drop tombstones; nothing to do for readers."""
+        engine = self._engine
+        if isinstance(engine, Store) and self._unlock is not None and not self.read_only:
+            engine.flush()
+            if self.journal is not None:
+                self.journal.flush()
+
+    def close(self) -> None:
+        """Flush, stop the thread, let go of the store and of the lock; closing twice is fine."""
+        self._stop.set()
+        if self._flusher is not None:
+            self._flusher.join()
+            self._flusher = None
+        self.flush()
+        if self.journal is not None:
+            self.journal.close()
+            self.journal = None
+        if isinstance(self._engine, RemoteEngine):
+            self._engine.close()
+        self._engine = None
+        if self._unlock is not None:
+            self._unlock()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+
+def _keep_flushing(reference: weakref.ref[MapStore], stop: threading.Event) -> None:
+    # a weak reference, so that a map nobody holds any more is let go although never closed
+    while not stop.wait(FLUSH_EVERY):
+        store = reference()
+        if store is None:
+            return
+        store.flush()
+        del store
+
+
+def _refuse_blank_nodes(quads: Iterable[Quad]) -> None:
+    # an update renames those it inserts and cannot delete any: nobody could refer to them again
+    for quad in quads:
+        if isinstance(quad.subject, BlankNode) or isinstance(quad.object, BlankNode):
+            raise InvalidFactError(f"a blank node cannot be written: {quad.triple}; give it an IRI")
+
+
+def sequence_quad(number: int) -> Quad:
+    """The fact that the store holds the transaction `number` and all before it."""
+    graph = NamedNode(v.DATASET_GRAPH)
+    return Quad(graph, NamedNode(v.SEQUENCE), Literal(number), graph)
+
+
+def _stored_sequence(engine: Engine) -> int:
+    graph = NamedNode(v.DATASET_GRAPH)
+    quads = engine.quads_for_pattern(graph, NamedNode(v.SEQUENCE), None, graph)
+    return max((int(q.object.value) for q in quads if isinstance(q.object, Literal)), default=0)
+
+
+def _graph_blocks(quads: Iterable[Quad]) -> str:
+    triples: dict[str, list[str]] = {}
+    for quad in quads:
+        triples.setdefault(str(quad.graph_name), []).append(f"{quad.triple} .\n")
+    return "".join(f"GRAPH {graph} {{\n{''.join(rows)}}}\n" for graph, rows in triples.items())
+
+
+def _fill(folder: Path, quads: Iterable[Quad]) -> None:
+    engine = Store(str(folder))
+    engine.bulk_extend(quads)
+    engine.flush()
+
+
+def _engine(path: Path, read_only: bool) -> Store:
+    folder = str(path / "store")
+    return Store.read_only(folder) if read_only else Store(folder)
+
+
+def _lock(file: Path, path: Path, *, shared: bool) -> int:
+    try:
+        descriptor = _open_lock(file, shared)
+    except OSError as error:
+        raise GraphError(f"cannot lock the map at {path}: {_reason(error)}") from error
+    try:
+        fcntl.flock(descriptor, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
+    except OSError as error:
+        os.close(descriptor)
+        what = "is being written" if shared else "is already open"
+        raise MapBusyError(
+            f"the map at {path} {what}, here or in another process; close it there first, "
+            "or work on a copy of the folder"
+        ) from error
+    return descriptor
+
+
+def _open_lock(file: Path, shared: bool) -> int:
+    if shared:
+        try:
+            return os.open(file, os.O_RDONLY)
+        except FileNotFoundError:
+            pass  # a copied map may lack it
+    return os.open(file, os.O_RDWR | os.O_CREAT, 0o666)
+
+
+def _refuse_existing(path: Path) -> None:
+    if path.is_dir() and not any(path.iterdir()):
+        return
+    if path.exists() or path.is_symlink():
+        what = "there is a map" if (path / "store" / "CURRENT").is_file() else "something lies"
+        raise GraphError(f"{what} at {path} already; open it, or create at a path that is free")
+
+
+def _refuse_what_is_no_map(path: Path) -> None:
+    if not path.exists():
+        raise MapNotFoundError(f"no map at {path}: nothing is there; create a map first")
+    if not path.is_dir():
+        raise MapNotFoundError(f"no map at {path}: that is a file; a map is a folder with store/")
+    if not (path / "store" / "CURRENT").is_file():
+        raise MapNotFoundError(f"no map at {path}: that folder holds no store/; create a map first")
+
+
+def remove_abandoned(path: Path, kind: str = "new") -> None:
+    """Folders ``.<name>.<kind>-*`` beside `path` of processes that were killed.
+
+    Nobody holds the lock in them any more.
+    """
+    for folder in path.parent.glob(f".{glob.escape(path.name)}.{kind}-*"):
+        try:
+            lock = os.open(folder / "lock", os.O_RDWR)
+        except OSError:
+            continue
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            shutil.rmtree(folder, ignore_errors=True)
+        except OSError:
+            continue
+        finally:
+            os.close(lock)
+
+
+def _reason(error: OSError | RuntimeError) -> str:
+    said = error.strerror if isinstance(error, OSError) else None
+    return " ".join((said or str(error)).split())

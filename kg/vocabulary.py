@@ -1,0 +1,175 @@
+"""Every IRI that code may name. Nothing else in Python spells one out.
+
+A plain namespace of `Final` strings: a misspelt term is an AttributeError that type checkers see.
+The object and place categories themselves are data (`ontologies/`), never constants here.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+HERE: Final = "https://w3id.org/hereabouts#"
+GRAPH: Final = "https://w3id.org/hereabouts/graph/"
+CELL: Final = "https://w3id.org/hereabouts/cell/"
+RELATION: Final = "https://w3id.org/hereabouts/relation/"
+
+# named graphs
+ONTOLOGY_GRAPH: Final = GRAPH + "ontology"
+COMMONSENSE_GRAPH: Final = GRAPH + "commonsense"
+MAP_GRAPH: Final = GRAPH + "map"
+HISTORY_GRAPH: Final = GRAPH + "history"
+ASSERTIONS_GRAPH: Final = GRAPH + "assertions"
+DATASET_GRAPH: Final = GRAPH + "dataset"
+
+# classes
+OBJECT: Final = HERE + "Object"
+PLACE: Final = HERE + "Place"
+ROBOT: Final = HERE + "Robot"
+SEMANTIC_MAP: Final = HERE + "SemanticMap"
+RECORDING: Final = HERE + "Recording"
+PLACE_BELIEF: Final = HERE + "PlaceBelief"
+LOCATED_AT_RELATION: Final = HERE + "LocatedAtRelation"
+NEAR_BY_RELATION: Final = HERE + "NearByRelation"
+
+# between classes: annotation properties, as Protege shows and edits them
+LOCATED_AT: Final = HERE + "locatedAt"
+NEAR_BY: Final = HERE + "nearBy"
+PROBABILITY: Final = HERE + "probability"
+
+# compiled view of the ontology (graph:commonsense), for queries
+IS_A: Final = HERE + "isA"  # reflexive, transitive closure of rdfs:subClassOf
+RELATION_SUBJECT: Final = HERE + "relationSubject"
+RELATION_TARGET: Final = HERE + "relationTarget"
+RELATION_PROBABILITY: Final = HERE + "relationProbability"
+
+# individuals: where
+X: Final = HERE + "x"
+Y: Final = HERE + "y"
+Z: Final = HERE + "z"
+HEADING: Final = HERE + "heading"
+X_MIN: Final = HERE + "xMin"
+X_MAX: Final = HERE + "xMax"
+Y_MIN: Final = HERE + "yMin"
+Y_MAX: Final = HERE + "yMax"
+IN_PLACE: Final = HERE + "inPlace"
+IN_CELL: Final = HERE + "inCell"
+
+# individuals: how sure, how often, when
+CONFIDENCE: Final = HERE + "confidence"  # the thesis' C, between 0 and nu
+EXISTENCE: Final = HERE + "existence"
+OBSERVATION_COUNT: Final = HERE + "observationCount"
+FIRST_SEEN: Final = HERE + "firstSeen"
+LAST_SEEN: Final = HERE + "lastSeen"
+
+# places
+HAS_BELIEF: Final = HERE + "hasBelief"
+OF_CATEGORY: Final = HERE + "ofCategory"
+BELIEF: Final = HERE + "belief"
+VIEW_COUNT: Final = HERE + "viewCount"
+
+# why
+EXPLAINED_BY: Final = HERE + "explainedBy"
+FRAME: Final = HERE + "frame"
+BOX: Final = HERE + "box"
+SCORE: Final = HERE + "score"
+MODEL: Final = HERE + "model"
+
+# what people said, and what perception believes meanwhile (graph:assertions)
+ASSERTION: Final = HERE + "Assertion"
+ASSERTED_OF: Final = HERE + "assertedOf"
+ASSERTED_PROPERTY: Final = HERE + "assertedProperty"
+ASSERTED_VALUE: Final = HERE + "assertedValue"
+PERCEIVED_VALUE: Final = HERE + "perceivedValue"
+PERCEIVED_STRENGTH: Final = HERE + "perceivedStrength"
+PERCEIVED_BELIEF: Final = HERE + "perceivedBelief"
+CONFLICT_SINCE: Final = HERE + "conflictSince"
+
+# the map itself and what was fed to it (graph:dataset)
+NEXT_OBJECT: Final = HERE + "nextObject"
+SEQUENCE: Final = HERE + "sequence"  # of the last transaction; stated of graph:dataset
+FRAMES_APPLIED: Final = HERE + "framesApplied"
+LAST_FRAME: Final = HERE + "lastFrame"
+TRANSFORM: Final = HERE + "transform"
+FROM_RECORDING: Final = HERE + "fromRecording"
+SCENE_MODEL: Final = HERE + "sceneModel"
+
+# borrowed terms
+RDF_TYPE: Final = "http://www.w3.org/1999/02/22-rdf-syntax-ns#type"
+RDFS_LABEL: Final = "http://www.w3.org/2000/01/rdf-schema#label"
+RDFS_COMMENT: Final = "http://www.w3.org/2000/01/rdf-schema#comment"
+RDFS_SUB_CLASS_OF: Final = "http://www.w3.org/2000/01/rdf-schema#subClassOf"
+OWL_CLASS: Final = "http://www.w3.org/2002/07/owl#Class"
+SKOS_ALT_LABEL: Final = "http://www.w3.org/2004/02/skos/core#altLabel"
+DCT_SOURCE: Final = "http://purl.org/dc/terms/source"
+DCT_TITLE: Final = "http://purl.org/dc/terms/title"
+DCT_CREATED: Final = "http://purl.org/dc/terms/created"
+VOID_DATASET: Final = "http://rdfs.org/ns/void#Dataset"
+SOSA_OBSERVATION: Final = "http://www.w3.org/ns/sosa/Observation"
+SOSA_FEATURE: Final = "http://www.w3.org/ns/sosa/hasFeatureOfInterest"
+SOSA_RESULT_TIME: Final = "http://www.w3.org/ns/sosa/resultTime"
+BOT_SPACE: Final = "https://w3id.org/bot#Space"
+GEO_HAS_GEOMETRY: Final = "http://www.opengis.net/ont/geosparql#hasGeometry"
+GEO_AS_WKT: Final = "http://www.opengis.net/ont/geosparql#asWKT"
+PROV_AGENT: Final = "http://www.w3.org/ns/prov#Agent"
+PROV_ATTRIBUTED_TO: Final = "http://www.w3.org/ns/prov#wasAttributedTo"
+PROV_GENERATED_AT: Final = "http://www.w3.org/ns/prov#generatedAtTime"
+XSD: Final = "http://www.w3.org/2001/XMLSchema#"
+GEO_GEOMETRY: Final = "http://www.opengis.net/ont/geosparql#Geometry"
+GEO_WKT_LITERAL: Final = "http://www.opengis.net/ont/geosparql#wktLiteral"
+MATH_SQRT: Final = "http://www.w3.org/2005/xpath-functions/math#sqrt"
+XSD_DOUBLE: Final = XSD + "double"
+OWL_THING: Final = "http://www.w3.org/2002/07/owl#Thing"
+OWL_ONTOLOGY: Final = "http://www.w3.org/2002/07/owl#Ontology"
+OWL_IMPORTS: Final = "http://www.w3.org/2002/07/owl#imports"
+OWL_OBJECT_PROPERTY: Final = "http://www.w3.org/2002/07/owl#ObjectProperty"
+OWL_DATATYPE_PROPERTY: Final = "http://www.w3.org/2002/07/owl#DatatypeProperty"
+OWL_ANNOTATION_PROPERTY: Final = "http://www.w3.org/2002/07/owl#AnnotationProperty"
+OWL_ANNOTATED_SOURCE: Final = "http://www.w3.org/2002/07/owl#annotatedSource"
+OWL_ANNOTATED_PROPERTY: Final = "http://www.w3.org/2002/07/owl#annotatedProperty"
+OWL_ANNOTATED_TARGET: Final = "http://www.w3.org/2002/07/owl#annotatedTarget"
+SH_RESULT: Final = "http://www.w3.org/ns/shacl#ValidationResult"
+SH_FOCUS_NODE: Final = "http://www.w3.org/ns/shacl#focusNode"
+SH_RESULT_PATH: Final = "http://www.w3.org/ns/shacl#resultPath"
+SH_RESULT_MESSAGE: Final = "http://www.w3.org/ns/shacl#resultMessage"
+SH_RESULT_SEVERITY: Final = "http://www.w3.org/ns/shacl#resultSeverity"
+SH_VALUE: Final = "http://www.w3.org/ns/shacl#value"
+SH_WARNING: Final = "http://www.w3.org/ns/shacl#Warning"
+RDF_STATEMENT: Final = "http://www.w3.org/1999/02/22-rdf-syntax-ns#Statement"
+RDF_SUBJECT: Final = "http://www.w3.org/1999/02/22-rdf-syntax-ns#subject"
+RDF_PREDICATE: Final = "http://www.w3.org/1999/02/22-rdf-syntax-ns#predicate"
+RDF_OBJECT: Final = "http://www.w3.org/1999/02/22-rdf-syntax-ns#object"
+PROV: Final = "http://www.w3.org/ns/prov#"
+PROV_ENTITY: Final = PROV + "Entity"
+PROV_ACTIVITY: Final = PROV + "Activity"
+PROV_PLAN: Final = PROV + "Plan"
+PROV_GENERATED_BY: Final = PROV + "wasGeneratedBy"
+PROV_INVALIDATED_BY: Final = PROV + "wasInvalidatedBy"
+PROV_DERIVED_FROM: Final = PROV + "wasDerivedFrom"
+PROV_PRIMARY_SOURCE: Final = PROV + "hadPrimarySource"
+PROV_ASSOCIATED_WITH: Final = PROV + "wasAssociatedWith"
+PROV_INFLUENCED_BY: Final = PROV + "wasInfluencedBy"
+PROV_ENDED_AT: Final = PROV + "endedAtTime"
+SOSA_MADE_BY_SENSOR: Final = "http://www.w3.org/ns/sosa/madeBySensor"
+SOSA_SENSOR: Final = "http://www.w3.org/ns/sosa/Sensor"
+DCT_LICENSE: Final = "http://purl.org/dc/terms/license"
+VOID_TRIPLES: Final = "http://rdfs.org/ns/void#triples"
+VOID_ENTITIES: Final = "http://rdfs.org/ns/void#entities"
+VOID_CLASS: Final = "http://rdfs.org/ns/void#class"
+VOID_CLASS_PARTITION: Final = "http://rdfs.org/ns/void#classPartition"
+
+#: Prefixes every query may use without declaring them, and every export declares.
+PREFIXES: Final[dict[str, str]] = {
+    "here": HERE,
+    "graph": GRAPH,
+    "rdf": "http://www.w3.org/1999/02/22-rdf-syntax-ns#",
+    "rdfs": "http://www.w3.org/2000/01/rdf-schema#",
+    "owl": "http://www.w3.org/2002/07/owl#",
+    "xsd": XSD,
+    "skos": "http://www.w3.org/2004/02/skos/core#",
+    "dct": "http://purl.org/dc/terms/",
+    "void": "http://rdfs.org/ns/void#",
+    "sosa": "http://www.w3.org/ns/sosa/",
+    "prov": PROV,
+    "geo": "http://www.opengis.net/ont/geosparql#",
+    "bot": "https://w3id.org/bot#",
+}

@@ -1,0 +1,374 @@
+"""Untrusted queries, evaluated side by side in killable processes on snapshots of a live map."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import threading
+import time
+import weakref
+from collections.abc import Collection, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from typing import Any, Self
+
+from kg import vocabulary as v
+from kg.errors import GraphError, NotAcceptableError, PoolBusyError, QueryError
+from kg.semantic_map import SemanticMap
+from kg.store import MapStore
+from kg.workers.formats import Form, choose_format
+from kg.workers.process import Answer, WorkerDiedError, WorkerProcess
+from kg.workers.snapshots import Snapshot, Snapshots
+from kg.workers.vetting import MAX_LENGTH, refuse_length
+
+_GRAPHS = (
+    v.ONTOLOGY_GRAPH,
+    v.COMMONSENSE_GRAPH,
+    v.MAP_GRAPH,
+    v.HISTORY_GRAPH,
+    v.ASSERTIONS_GRAPH,
+    v.DATASET_GRAPH,
+)
+_WARM = 10.0  # [s] without a query until the snapshot is no longer kept fresh ahead of questions
+_TICK = 0.05  # [s] between looks at whether the snapshot is due, at the least
+_NICE = 5  # so that the writer goes first where processors are short
+
+
+class QueryPool:
+    """Worker processes that answer queries nobody vouches for; a context manager.
+
+    Safe from several threads, and from an event loop through `run_async`. `timeout` [s] is each
+    query's, `memory_mb` what a worker may need beyond its start, `queue` how many queries may wait,
+    `services` the endpoints SERVICE may name. An answer is at most `refresh` seconds behind the map
+    (twice that while writing never pauses).
+    """
+
+    def __init__(
+        self,
+        source: SemanticMap | MapStore,
+        *,
+        workers: int = 2,
+        timeout: float = 10.0,
+        memory_mb: int = 1024,
+        max_result_bytes: int = 64 << 20,
+        refresh: float = 1.0,
+        queue: int = 32,
+        max_query_length: int = MAX_LENGTH,
+        services: Collection[str] = (),
+    ) -> None:
+        self.timeout = timeout
+        self.max_result_bytes = max_result_bytes
+        self.max_query_length = max_query_length
+        self._settings = _settings(memory_mb, services)
+        self._places = threading.BoundedSemaphore(workers + queue)
+        self._changed = threading.Condition()
+        self._idle: list[WorkerProcess] = []
+        self._all: set[WorkerProcess] = set()
+        self._workers, self._starting = workers, 0
+        self._last_query = time.monotonic()
+        self._closed = threading.Event()
+        store = source if isinstance(source, MapStore) else source.store
+        self._snapshots = Snapshots(store, refresh=refresh)
+        self._threads = ThreadPoolExecutor(workers + queue, thread_name_prefix="query")
+        for _ in range(workers):
+            self._start_worker()
+        self._keeper = threading.Thread(
+            target=_keep_fresh,
+            args=(weakref.ref(self), self._closed, max(refresh, _TICK)),
+            daemon=True,
+        )
+        self._keeper.start()
+
+    @property
+    def pids(self) -> tuple[int, ...]:
+        """The worker processes there are now."""
+        with self._changed:
+            return tuple(sorted(worker.pid for worker in self._all))
+
+    def run(
+        self,
+        sparql: str,
+        *,
+        accept: str | None = None,
+        default_graphs: Sequence[str] = (),
+        named_graphs: Sequence[str] = (),
+        timeout: float | None = None,
+        at_least: int = 0,
+    ) -> Answer:
+        """The serialised answer to a query, in the best format an Accept header asks for.
+
+        The graphs override FROM and FROM NAMED (SPARQL 1.1 Protocol, section 2.1.4); without either
+        the default graph is the union of all. `timeout` [s] counts from when a worker is free, and
+        cannot exceed the pool's. The answer has seen transaction `at_least`.
+
+        Raises QueryRefusedError, QueryTimeoutError, QueryTooLargeError, NotAcceptableError,
+        PoolBusyError, QueryError for what does not parse, GraphError where the pool is closed.
+        """
+        request = self._request(sparql, accept, default_graphs, named_graphs)
+        with self._place():
+            return self._run(_Call(request, self._limit(timeout), at_least))
+
+    async def run_async(
+        self,
+        sparql: str,
+        *,
+        accept: str | None = None,
+        default_graphs: Sequence[str] = (),
+        named_graphs: Sequence[str] = (),
+        timeout: float | None = None,
+        at_least: int = 0,
+    ) -> Answer:
+        """`run` without blocking the event loop; cancelling it kills the query."""
+        request = self._request(sparql, accept, default_graphs, named_graphs)
+        call = _Call(request, self._limit(timeout), at_least)
+        place = self._place()
+
+        def evaluate() -> Answer:
+            with place:
+                return self._run(call)
+
+        try:
+            future = self._threads.submit(evaluate)
+        except BaseException:
+            place.close()
+            raise
+        try:
+            return await asyncio.wrap_future(future)
+        except asyncio.CancelledError:
+            call.cancel()
+            if future.cancel():
+                place.close()
+            raise
+
+    def close(self) -> None:
+        """Kill the workers and remove the snapshots; closing twice is fine."""
+        with self._changed:
+            self._closed.set()
+            for worker in self._all:
+                worker.kill()
+            self._changed.notify_all()
+        self._threads.shutdown(wait=True, cancel_futures=True)
+        self._keeper.join()
+        with self._changed:
+            self._changed.wait_for(lambda: len(self._idle) == len(self._all))
+            for worker in self._idle:
+                worker.close()
+            self._all.clear()
+            self._idle.clear()
+        self._snapshots.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def freshen(self) -> None:
+        """Take a new snapshot if one is due, and have idle workers open it ahead of questions."""
+        if time.monotonic() - self._last_query > _WARM:
+            return
+        snapshot = self._snapshots.lease()
+        try:
+            with self._changed:
+                for worker in self._idle:
+                    if worker.snapshot is not snapshot:
+                        self._prepare(worker)
+        finally:
+            self._snapshots.release(snapshot)
+
+    def _request(
+        self, sparql: str, accept: str | None, default: Sequence[str], named: Sequence[str]
+    ) -> dict[str, Any]:
+        refuse_length(sparql, self.max_query_length)
+        for text in (sparql, *default, *named):
+            _refuse_surrogates(text)
+        result_type, graph_type = _acceptable(accept, "select"), _acceptable(accept, "construct")
+        if result_type is None and graph_type is None:
+            choose_format(accept, "select")
+        return {
+            "sparql": sparql,
+            "default_graphs": list(default),
+            "named_graphs": list(named),
+            "result_type": result_type,
+            "graph_type": graph_type,
+            "max_bytes": self.max_result_bytes,
+        }
+
+    def _limit(self, timeout: float | None) -> float:
+        return self.timeout if timeout is None else max(0.001, min(timeout, self.timeout))
+
+    def _place(self) -> ExitStack:
+        """A place in the queue, given back when the stack closes."""
+        if not self._places.acquire(blocking=False):
+            raise PoolBusyError("all query workers are busy and the queue is full; ask again later")
+        stack = ExitStack()
+        stack.callback(self._places.release)
+        return stack
+
+    def _run(self, call: _Call) -> Answer:
+        try:
+            return self._try(call)
+        except WorkerDiedError:
+            if call.cancelled:
+                raise
+            return self._try(call)  # ended by somebody else: once more, on another worker
+
+    def _try(self, call: _Call) -> Answer:
+        self._last_query = time.monotonic()
+        worker = self._take()
+        try:
+            call.begin(worker)
+            snapshot = self._snapshots.lease(call.at_least)
+            self._reads(worker, snapshot)
+            request = call.request | {"folder": str(snapshot.folder)}
+            return worker.ask(request, call.timeout)
+        finally:
+            call.end()
+            self._give_back(worker)
+
+    def _take(self) -> WorkerProcess:
+        deadline = time.monotonic() + 2 * self.timeout  # one that runs into its limit is outlasted
+        while True:
+            worker = self._next(deadline)
+            if worker is None:
+                return self._new_worker()
+            if worker.alive:
+                return worker
+            self._give_back(worker)  # it died while idle: have it replaced
+
+    def _next(self, deadline: float) -> WorkerProcess | None:
+        """An idle worker, dead or alive; None where a new one may be started."""
+        with self._changed:
+            while not self._idle and len(self._all) + self._starting >= self._workers:
+                self._refuse_closed()
+                if not self._changed.wait(deadline - time.monotonic()):
+                    raise PoolBusyError("all query workers are busy; ask again later")
+            self._refuse_closed()
+            if self._idle:
+                return self._idle.pop()
+            self._starting += 1
+            return None
+
+    def _give_back(self, worker: WorkerProcess) -> None:
+        if not worker.alive:
+            self._bury(worker)
+            with contextlib.suppress(GraphError):  # the next question tries again, and reports it
+                self._start_worker()
+            return
+        with self._changed:
+            self._idle.append(worker)
+            self._changed.notify_all()
+
+    def _bury(self, worker: WorkerProcess) -> None:
+        worker.close()
+        if worker.snapshot is not None:
+            self._snapshots.release(worker.snapshot)
+        with self._changed:
+            self._all.discard(worker)
+            self._changed.notify_all()
+
+    def _start_worker(self) -> None:
+        """Have one more idle worker, where one is missing."""
+        with self._changed:
+            if self._closed.is_set() or len(self._all) + self._starting >= self._workers:
+                return
+            self._starting += 1
+        self._give_back(self._new_worker())
+
+    def _new_worker(self) -> WorkerProcess:
+        worker = None
+        try:
+            worker = WorkerProcess(self._settings)
+            self._prepare(worker)
+        except BaseException:
+            if worker is not None:
+                worker.close()
+            raise
+        finally:
+            with self._changed:
+                self._starting -= 1
+                if worker is not None and worker.snapshot is not None:
+                    self._all.add(worker)
+                    if self._closed.is_set():
+                        worker.kill()
+                self._changed.notify_all()
+        return worker
+
+    def _prepare(self, worker: WorkerProcess) -> None:
+        snapshot = self._snapshots.lease()
+        self._reads(worker, snapshot)
+        worker.prepare(snapshot, self.timeout)
+
+    def _reads(self, worker: WorkerProcess, snapshot: Snapshot) -> None:
+        worker.snapshot, before = snapshot, worker.snapshot
+        if before is not None:
+            self._snapshots.release(before)
+
+    def _refuse_closed(self) -> None:
+        if self._closed.is_set():
+            raise GraphError("the query pool is closed; make a new one")
+
+
+class _Call:
+    """One query on its way through the pool, which another thread may cancel."""
+
+    def __init__(self, request: dict[str, Any], timeout: float, at_least: int) -> None:
+        self.request, self.timeout, self.at_least = request, timeout, at_least
+        self.cancelled = False
+        self._worker: WorkerProcess | None = None
+        self._guard = threading.Lock()
+
+    def begin(self, worker: WorkerProcess) -> None:
+        with self._guard:
+            if self.cancelled:
+                raise QueryError("the query was cancelled")
+            self._worker = worker
+
+    def end(self) -> None:
+        with self._guard:
+            self._worker = None
+
+    def cancel(self) -> None:
+        with self._guard:
+            self.cancelled = True
+            if self._worker is not None:
+                self._worker.kill()
+
+
+def _keep_fresh(reference: weakref.ref[QueryPool], closed: threading.Event, refresh: float) -> None:
+    # a weak reference, so that a pool nobody holds any more is let go although never closed
+    while not closed.wait(refresh):
+        pool = reference()
+        if pool is None:
+            return
+        with contextlib.suppress(GraphError):  # the next question reports it
+            pool.freshen()
+        del pool
+
+
+def _settings(memory_mb: int, services: Collection[str]) -> dict[str, Any]:
+    return {
+        "memory": memory_mb << 20,
+        "nice": _NICE,
+        "services": sorted(services),
+        "prefixes": v.PREFIXES,
+        "graphs": _GRAPHS,
+        "dataset": v.DATASET_GRAPH,
+        "sequence": v.SEQUENCE,
+    }
+
+
+def _acceptable(accept: str | None, form: Form) -> str | None:
+    try:
+        return choose_format(accept, form)
+    except NotAcceptableError:
+        return None
+
+
+def _refuse_surrogates(text: str) -> None:
+    try:
+        text.encode()
+    except UnicodeEncodeError as error:
+        raise QueryError(
+            f"the query is no Unicode text: character {error.start} is half of a surrogate pair"
+        ) from error

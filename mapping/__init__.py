@@ -1,0 +1,1 @@
+"""From detections to changes of the map: localisation, association, confidence, place beliefs."""

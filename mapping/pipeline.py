@@ -1,0 +1,204 @@
+"""A recording becomes a map: read, detect, look at the scene, map, one transaction a frame."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from kg.errors import LayoutError
+from kg.records import MapUpdate, RecordingRecord, RobotRecord
+from kg.semantic_map import SemanticMap
+from mapping.layout import Layout
+from mapping.object_mapper import ObjectChanges, ObjectMapper
+from mapping.place_book import PlaceBook
+from mapping.place_mapper import PlaceMapper
+from mapping.report import FrameReport, MappingReport, StageClock
+from mapping.settings import ReferenceSettings
+from mapping.viewpoint import map_points
+from perception.frame import (
+    Detections,
+    Detector,
+    Frame,
+    Recording,
+    SceneClassifier,
+    SceneScores,
+)
+
+__all__ = ["FrameReport", "MappingReport", "map_recording"]
+
+OnFrame = Callable[[FrameReport], None]
+OnPicture = Callable[[Frame, Detections, SceneScores | None], None]
+
+
+def map_recording(
+    recording: Recording,
+    semantic_map: SemanticMap,
+    detector: Detector,
+    scene: SceneClassifier | None = None,
+    *,
+    layout: Layout | None = None,
+    settings: ReferenceSettings | None = None,
+    on_frame: OnFrame | None = None,
+    on_picture: OnPicture | None = None,
+    again: bool = False,
+) -> MappingReport:
+    """Map the frames of `recording` that `semantic_map` does not hold yet; all of them if `again`.
+
+    Each frame is one transaction: a run that ends early, by an error or by being killed, leaves
+    whole frames, and the same call goes on behind them. `on_frame` hears of each frame once it is
+    in the graph; `on_picture` gets each frame with its detections and, where the scene classifier
+    was asked, its scores. Without a `layout` the recording gets one place that grows with what is
+    seen.
+
+    Raises RecordingError at the first unreadable frame, LayoutError where the layout contradicts
+    the ontology or the recording already lies in the map by another transform.
+    """
+    run = _Run(recording, semantic_map, detector, scene, layout, settings or ReferenceSettings())
+    start = 0 if again else min(run.applied, len(recording))
+    views = 0
+    for index, frame in run.read(start):
+        report, seen, scores = run.frame(index, frame)
+        views += report.place is not None
+        if on_picture is not None:
+            on_picture(frame, seen, scores)
+        if on_frame is not None:
+            on_frame(report)
+    return run.report(start, views)
+
+
+class _Run:
+    """One call of `map_recording`: the mappers, the clock, and how far it is."""
+
+    def __init__(
+        self,
+        recording: Recording,
+        semantic_map: SemanticMap,
+        detector: Detector,
+        scene: SceneClassifier | None,
+        layout: Layout | None,
+        settings: ReferenceSettings,
+    ) -> None:
+        self.clock = StageClock()
+        self._done = 0
+        self._recording, self._map, self._settings = recording, semantic_map, settings
+        self._detector, self._scene = detector, scene
+        self._progress = _progress(recording, semantic_map)
+        self._places = PlaceBook(semantic_map, layout, recording=recording.name)
+        self._place_mapper = PlaceMapper(semantic_map, self._places, settings)
+        self._object_mapper = ObjectMapper(
+            semantic_map, settings, self._places, recording=recording.name, model=detector.name
+        )
+
+    @property
+    def applied(self) -> int:
+        """Frames of the recording that the map held before this run."""
+        return self._progress.frames_applied if self._progress else 0
+
+    def read(self, start: int) -> Iterator[tuple[int, Frame]]:
+        """Frames from `start` on with their index, on the clock."""
+        frames = self._recording.frames(start)
+        index = start
+        while True:
+            self.clock.next_frame()
+            with self.clock.stage("read"):
+                frame = next(frames, None)
+            if frame is None:
+                return
+            yield index, frame
+            index += 1
+
+    def frame(self, index: int, frame: Frame) -> tuple[FrameReport, Detections, SceneScores | None]:
+        """Map one frame and write it."""
+        with self.clock.stage("detect"):
+            detections = self._detector.detect(frame)
+        place, scores = self._view(frame)
+        with self._map.hold():  # nobody writes between what is read and what follows from it
+            with self.clock.stage("map"):
+                self._places.refresh()
+                changes = self._object_mapper.step(frame, detections)
+            with self.clock.stage("graph"):
+                changed = self._map.apply(self._update(index, frame, changes))
+        self._done += 1
+        report = FrameReport(
+            index=index,
+            total=len(self._recording),
+            frame=frame.id,
+            detections=len(detections),
+            objects=len(self._object_mapper.objects()),
+            place=place,
+            changed_triples=changed,
+            seconds=self.clock.frame,
+            frames_per_second=self._done / self.clock.elapsed(),
+        )
+        return report, detections, scores
+
+    def _view(self, frame: Frame) -> tuple[str | None, SceneScores | None]:
+        """The place this frame was used for, and its scores; the cheap rule goes first."""
+        s = self._settings
+        with self.clock.stage("map"):
+            self._places.refresh()
+            self._places.observe(map_points(frame, s.stride, s.max_depth))
+            place = self._place_mapper.viewed_place(frame) if self._scene else None
+        if self._scene is None or place is None:
+            return None, None
+        with self.clock.stage("scene"):
+            scores = self._scene.classify(frame)
+        with self.clock.stage("map"):
+            self._place_mapper.view(place, frame, scores)
+        return place, scores
+
+    def _update(self, index: int, frame: Frame, changes: ObjectChanges) -> MapUpdate:
+        before = self._progress
+        if before is None or before.frames_applied <= index:
+            self._progress = RecordingRecord(
+                name=self._recording.name,
+                frames_applied=index + 1,
+                last_frame=frame.id,
+                T_map_world=self._recording.T_map_world,
+                scene_model=self._scene.name if self._scene else "",
+            )
+        return MapUpdate(
+            objects=changes.updated,
+            removed=changes.removed,
+            places=self._places.take_changed(),
+            robot=robot_at(frame),
+            recording=self._progress,
+        )
+
+    def report(self, skipped: int, views: int) -> MappingReport:
+        """The run so far."""
+        unknown = self._object_mapper.unknown_labels + self._place_mapper.unknown_labels
+        return MappingReport(
+            recording=self._recording.name,
+            frames=self._done,
+            skipped=skipped,
+            seconds=self.clock.elapsed(),
+            stage_seconds=dict(self.clock.run),
+            objects=len(self._object_mapper.objects()),
+            places=len(self._places.places()),
+            views=views,
+            unplaced=self._object_mapper.unplaced,
+            unknown_labels=dict(unknown.most_common()),
+        )
+
+
+def robot_at(frame: Frame) -> RobotRecord:
+    """Where the camera of `frame` is, and where it looks: heading [rad] of its axis from above."""
+    T = frame.T_map_cam
+    heading = math.atan2(float(T[1, 2]), float(T[0, 2]))
+    return RobotRecord(p_map=T[:3, 3].copy(), heading=heading, stamp=frame.stamp)
+
+
+def _progress(recording: Recording, semantic_map: SemanticMap) -> RecordingRecord | None:
+    """How far the map holds `recording`; LayoutError where it lies there by another transform."""
+    for record in semantic_map.recordings():
+        if record.name == recording.name:
+            if not np.allclose(record.T_map_world, recording.T_map_world, atol=1e-3):
+                raise LayoutError(
+                    f"recording {recording.name!r} is in this map by another T_map_world; "
+                    "the same transform, another name or another map would work"
+                )
+            return record
+    return None

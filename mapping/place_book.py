@@ -1,0 +1,155 @@
+"""The places of a map as the mappers use them: which one holds a point, what each is believed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kg.categories import Catalogue
+from kg.errors import LayoutError, UnknownCategoryError
+from kg.others import OthersWrites
+from kg.records import PlaceRecord
+from kg.semantic_map import SemanticMap
+from mapping.extent import Bounds, grown
+from mapping.layout import Layout, Rectangle
+
+
+class PlaceBook:
+    """All places of a map, those of this run first; a cache that the graph can rebuild.
+
+    With a layout its rectangles are this run's places. Without one the run has a single place,
+    labelled with the recording's name, that grows with what is seen. Places that the map holds
+    from other runs stay behind them, with their views and beliefs. All as perception believes them;
+    what others wrote is taken over by `refresh`.
+
+    Raises LayoutError where the layout names a category that the ontology does not have.
+    """
+
+    def __init__(
+        self, semantic_map: SemanticMap, layout: Layout | None = None, *, recording: str = "extent"
+    ) -> None:
+        self._map = semantic_map
+        self._watch = OthersWrites(semantic_map)
+        known = {record.iri: record for record in semantic_map.perceived_places()}
+        self.revision = 0  # counts the changes of any rectangle
+        self._recording = recording
+        self._growing = None if layout else _extent_iri(semantic_map, known.values(), recording)
+        given = _given(semantic_map, layout.rectangles, known) if layout else {}
+        if self._growing in known:
+            given = {self._growing: known[self._growing]}
+        self._places = given | {iri: r for iri, r in known.items() if iri not in given}
+        self._changed = {iri for iri, record in given.items() if record != known.get(iri)}
+
+    def places(self) -> tuple[PlaceRecord, ...]:
+        """Every place, in the order in which they claim points."""
+        return tuple(self._places.values())
+
+    def refresh(self) -> None:
+        """Read again what others changed since the last call; cheap where nothing was."""
+        touched = self._watch.take()
+        if not touched:
+            return
+        known = {record.iri: record for record in self._map.perceived_places()}
+        for iri in touched & self._places.keys():
+            self._changed.discard(iri)
+            if iri not in known:
+                del self._places[iri]
+        self._places |= {iri: record for iri, record in known.items() if iri in touched}
+        self.revision += 1
+
+    def put(self, record: PlaceRecord) -> None:
+        """Keep a new belief of a place."""
+        self._places[record.iri] = record
+        self._changed.add(record.iri)
+
+    def __getitem__(self, iri: str) -> PlaceRecord:
+        return self._places[iri]
+
+    def take_changed(self) -> tuple[PlaceRecord, ...]:
+        """The records that changed since the last call, for the graph."""
+        changed = tuple(r for iri, r in self._places.items() if iri in self._changed)
+        self._changed.clear()
+        return changed
+
+    def observe(self, points: NDArray[np.float64]) -> None:
+        """Let the growing place, where there is one, take in `points` (n, 3) [m] of the map."""
+        if self._growing is None:
+            return
+        old = self._places.get(self._growing)
+        before: Bounds | None = (old.xmin, old.xmax, old.ymin, old.ymax) if old else None
+        bounds = grown(before, points)
+        if bounds is None or bounds == before:
+            return
+        xmin, xmax, ymin, ymax = bounds
+        first = PlaceRecord(self._growing, self._recording, xmin, xmax, ymin, ymax)
+        if old is not None:
+            first = replace(first, views=old.views, beliefs=old.beliefs)
+        self._places = {self._growing: first} | self._places | {self._growing: first}
+        self._changed.add(self._growing)
+        self.revision += 1
+
+    def owners(self, points: NDArray[np.float64]) -> NDArray[np.intp]:
+        """Index into `places()` of the first place that holds each point (n, 2 or more); or -1."""
+        owner = np.full(len(points), -1, dtype=np.intp)
+        x, y = points[:, 0], points[:, 1]
+        for index, p in enumerate(self._places.values()):
+            inside = (x >= p.xmin) & (x <= p.xmax) & (y >= p.ymin) & (y <= p.ymax)
+            owner[inside & (owner < 0)] = index
+        return owner
+
+    def at(self, p_map: NDArray[np.float64]) -> str | None:
+        """IRI of the place that holds `p_map` (3,) [m], or None."""
+        owner = int(self.owners(p_map[None, :])[0])
+        return None if owner < 0 else self.places()[owner].iri
+
+
+def _extent_iri(semantic_map: SemanticMap, known: Iterable[PlaceRecord], recording: str) -> str:
+    """The recording's own growing place, from an earlier run or the first free number."""
+    taken = set()
+    for record in known:
+        if record.label == recording:
+            return record.iri
+        taken.add(record.iri)
+    number = 1
+    while semantic_map.place_iri(number) in taken:
+        number += 1
+    return semantic_map.place_iri(number)
+
+
+def _given(
+    semantic_map: SemanticMap, rectangles: Iterable[Rectangle], known: dict[str, PlaceRecord]
+) -> dict[str, PlaceRecord]:
+    """The layout's places, with what the map already believes of them."""
+    given = {}
+    for rectangle in rectangles:
+        iri = semantic_map.place_iri(rectangle.number)
+        old = known.get(iri)
+        if old is not None and old.views > 0:
+            views, beliefs = old.views, old.beliefs
+        else:
+            beliefs = _stated(rectangle, semantic_map.catalogue)
+            views = len(beliefs)
+        given[iri] = PlaceRecord(
+            iri,
+            rectangle.label,
+            rectangle.xmin,
+            rectangle.xmax,
+            rectangle.ymin,
+            rectangle.ymax,
+            views,
+            beliefs,
+        )
+    return given
+
+
+def _stated(rectangle: Rectangle, catalogue: Catalogue) -> dict[str, float]:
+    """A category that the layout states counts as one certain view."""
+    if rectangle.category is None:
+        return {}
+    try:
+        return {catalogue.find(rectangle.category, kind="place").iri: 1.0}
+    except UnknownCategoryError as error:
+        raise LayoutError(f"{rectangle.label} has the category: {error}") from error

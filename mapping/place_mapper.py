@@ -1,0 +1,116 @@
+"""What kind of place each place is, from the views that describe it (thesis section 3.3.2)."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kg.records import PlaceRecord
+from kg.semantic_map import SemanticMap
+from mapping.beliefs import bayes_update, mean_update, with_prior
+from mapping.place_book import PlaceBook
+from mapping.settings import INDOOR_CATEGORIES, ReferenceSettings
+from mapping.viewpoint import main_owner, map_points, unknown_share, used_up
+from perception.frame import Frame, SceneScores
+
+
+class PlaceMapper:
+    """Turns scene scores into beliefs over place categories.
+
+    Views and beliefs come from the graph (through `places`) and go back into it; the poses used
+    lately are remembered for this run only. A network label that no category carries is counted in
+    `unknown_labels`; its probability is dropped, and the rest is not scaled up for it.
+    """
+
+    def __init__(
+        self, semantic_map: SemanticMap, places: PlaceBook, settings: ReferenceSettings
+    ) -> None:
+        self._catalogue = semantic_map.catalogue
+        self._places = places
+        self._settings = settings
+        self._beliefs: dict[str, dict[str, float]] = {}  # unrounded, of this run's views
+        self._kept: dict[str, Mapping[str, float]] = {}  # the same, as the book got them
+        self._history: dict[str, deque[NDArray[np.float64]]] = {}
+        self._iris: dict[str, str | None] = {}
+        self.unknown_labels: Counter[str] = Counter()
+        self._categories = self._allowed()
+
+    def viewed_place(self, frame: Frame) -> str | None:
+        """IRI of the place that `frame` can be used for, or None; needs no network.
+
+        Enough depth, 75 % of it in one place, and no used-up pose.
+        """
+        s = self._settings
+        if unknown_share(frame, s.stride) > s.max_unknown_view:
+            return None
+        owner = main_owner(self._places.owners(map_points(frame, s.stride)), s.purity)
+        if owner is None:
+            return None
+        iri = self._places.places()[owner].iri
+        history = self._history.get(iri, ())
+        if used_up(frame.T_map_cam, history, s.history_distance, s.history_angle):
+            return None
+        return iri
+
+    def view(self, iri: str, frame: Frame, scene: SceneScores) -> PlaceRecord:
+        """Update the belief of place `iri` with what `frame` shows; the new record."""
+        record = self._places[iri]
+        scores = self._scores(scene)
+        if scores is None:
+            return record
+        belief = self._updated(self._belief(record), record.views, scores)
+        self._beliefs[iri] = belief
+        history = self._history.setdefault(iri, deque(maxlen=self._settings.history_length))
+        history.append(frame.T_map_cam)
+        kept = {c: p for c, p in belief.items() if p >= self._settings.least_belief}
+        self._kept[iri] = kept
+        updated = replace(record, views=record.views + 1, beliefs=kept)
+        self._places.put(updated)
+        return updated
+
+    def step(self, frame: Frame, scene: SceneScores) -> tuple[PlaceRecord, ...]:
+        """`view` for the place that `frame` can be used for; nothing where there is none."""
+        iri = self.viewed_place(frame)
+        return () if iri is None else (self.view(iri, frame, scene),)
+
+    def _belief(self, record: PlaceRecord) -> dict[str, float]:
+        """The belief so far; the book's, where others changed it since the last view."""
+        if self._kept.get(record.iri) is record.beliefs:
+            return self._beliefs[record.iri]
+        return dict(record.beliefs)
+
+    def _updated(
+        self, belief: dict[str, float], views: int, scores: dict[str, float]
+    ) -> dict[str, float]:
+        if self._settings.belief_filter == "mean":
+            return mean_update(belief, views, scores)
+        return bayes_update(belief, scores, self._categories, self._settings.bayes_floor)
+
+    def _scores(self, scene: SceneScores) -> dict[str, float] | None:
+        """Scores by category IRI; None where they say nothing."""
+        scores: dict[str, float] = {}
+        for label, probability in scene.probability.items():
+            iri = self._category(label)
+            if iri is None:
+                self.unknown_labels[label] += 1
+            else:
+                scores[iri] = scores.get(iri, 0.0) + probability
+        if self._settings.indoor_prior:
+            return with_prior(scores, self._categories)
+        return scores or None
+
+    def _category(self, label: str) -> str | None:
+        if label not in self._iris:
+            category = self._catalogue.get(label, kind="place")
+            self._iris[label] = category.iri if category else None
+        return self._iris[label]
+
+    def _allowed(self) -> frozenset[str]:
+        """Categories that a place may have, by IRI."""
+        if self._settings.indoor_prior:
+            return frozenset(self._catalogue.find(c, kind="place").iri for c in INDOOR_CATEGORIES)
+        return frozenset(c.iri for c in self._catalogue.categories if c.kind == "place")

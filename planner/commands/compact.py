@@ -1,0 +1,50 @@
+"""`hereabouts compact`: a map's history made small."""
+
+from __future__ import annotations
+
+import argparse
+
+from planner.commands.arguments import add_json, add_map
+from planner.commands.console import note, write_json
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "compact",
+        help="pack a map's history, and drop the past before a moment",
+        description="Pack the history of a map. With --keep, drop what lies further back; the map "
+        "itself, and every moment since, stay as they are.",
+        epilog="example: hereabouts compact kitchen.map --keep 30d",
+    )
+    add_map(parser)
+    parser.add_argument(
+        "--keep", metavar="DURATION", help="30d, 12h, 90m, 2w or 1y (default: all of the past)"
+    )
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Compact."""
+    from kg.history.instants import duration
+    from kg.semantic_map import SemanticMap
+
+    keep = duration(arguments.keep) if arguments.keep is not None else None
+    with SemanticMap.open(arguments.map) as semantic_map:
+        done = semantic_map.compact(keep)
+    if arguments.json:
+        write_json(
+            {
+                "floor": done.floor,
+                "dropped": done.dropped,
+                "bytes_before": done.bytes_before,
+                "bytes_after": done.bytes_after,
+            }
+        )
+        return 0
+    note(
+        f"{done.dropped} transactions dropped; the past begins at #{done.floor}; "
+        f"{done.bytes_before / 1e6:.2f} MB before, {done.bytes_after / 1e6:.2f} MB after"
+    )
+    return 0

@@ -1,0 +1,152 @@
+"""How commands print: tables and JSON on stdout, notes and progress bars on stderr."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterable, Sequence
+from datetime import datetime
+from typing import TYPE_CHECKING
+
+from rich import box
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    SpinnerColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.table import Table as RichTable
+
+from kg.vocabulary import GRAPH, HERE, PREFIXES
+
+if TYPE_CHECKING:
+    from planner.search import Plan
+
+# wide enough that a table piped into a file or pager is not squeezed into 80 columns
+_PIPE_WIDTH = 200
+
+
+def out() -> Console:
+    """The console of the answer."""
+    return Console(width=None if sys.stdout.isatty() else _PIPE_WIDTH, soft_wrap=False)
+
+
+def err() -> Console:
+    """The console of everything else."""
+    return Console(stderr=True)
+
+
+def note(message: str) -> None:
+    """A line on stderr, dim where colours are on."""
+    err().print(message, style="dim", highlight=False, markup=False, soft_wrap=True)
+
+
+def write(text: str) -> None:
+    """Text on stdout, exactly as it is, with one newline at its end."""
+    sys.stdout.write(text if text.endswith("\n") else text + "\n")
+
+
+def write_json(value: object) -> None:
+    """`value` as indented JSON on stdout."""
+    write(json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False))
+
+
+def heading(text: str) -> None:
+    """A line on stdout that starts a part of a longer answer."""
+    out().print(f"\n{text}", style="bold", highlight=False, markup=False)
+
+
+def print_plan(plan: Plan) -> None:
+    """A search plan as a table: where to look, at what cost, and why."""
+    print_table(
+        ("", "look at", "x", "y", "metres", "seconds", "p", "why"),
+        [
+            (
+                index,
+                step.goal.label,
+                float(step.goal.p_map[0]),
+                float(step.goal.p_map[1]),
+                step.distance,
+                step.seconds,
+                step.goal.probability,
+                step.goal.why,
+            )
+            for index, step in enumerate(plan.steps, start=1)
+        ],
+    )
+    if plan.expected_seconds is not None:
+        note(f"expected {plan.expected_seconds:.0f} s until found, if it is at one of these")
+
+
+def print_table(
+    columns: Sequence[str], rows: Iterable[Sequence[object]], *, title: str | None = None
+) -> None:
+    """A readable table: numbers to the right, IRIs shortened to their prefix or last part."""
+    rows = [tuple(row) for row in rows]
+    table = RichTable(
+        box=box.SIMPLE_HEAD, title=title, title_justify="left", title_style="bold", pad_edge=False
+    )
+    for index, column in enumerate(columns):
+        numeric = any(_is_number(row[index]) for row in rows)
+        table.add_column(column, justify="right" if numeric else "left", overflow="fold")
+    for row in rows:
+        table.add_row(*(_cell(value) for value in row))
+    out().print(table, markup=False)
+
+
+def progress(description: str = "[progress.description]{task.description}") -> Progress:
+    """A progress bar on stderr; silent where stderr is not a terminal."""
+    return Progress(
+        SpinnerColumn(),
+        TextColumn(description),
+        BarColumn(bar_width=30),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[status]}"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        console=err(),
+        transient=False,
+        disable=not sys.stderr.isatty(),
+    )
+
+
+def shorten(iri: str) -> str:
+    """An IRI as people read it: ``here:Chair``, ``object/17``; other text unchanged.
+
+    >>> shorten("https://w3id.org/hereabouts#Chair")
+    'here:Chair'
+    """
+    if not iri.startswith(("http://", "https://", "urn:")):
+        return iri
+    for prefix, namespace in PREFIXES.items():
+        if iri.startswith(namespace) and namespace not in (HERE, GRAPH):
+            return f"{prefix}:{iri[len(namespace) :]}"
+    if iri.startswith(HERE):
+        return f"here:{iri[len(HERE) :]}"
+    if iri.startswith(GRAPH):
+        return f"graph:{iri[len(GRAPH) :]}"
+    parts = iri.split("/")
+    for kind in ("object", "place", "observation", "recording"):
+        if kind in parts:
+            return "/".join(parts[parts.index(kind) :])
+    return iri
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, float):
+        return f"{value:.2f}"
+    if isinstance(value, datetime):
+        return value.strftime("%Y-%m-%d %H:%M:%S")
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return shorten(str(value))

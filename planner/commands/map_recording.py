@@ -1,0 +1,138 @@
+"""`hereabouts map`: a recording becomes a map."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from kg.errors import GraphError, RecordingError
+from planner.commands.arguments import MAP_HELP, add_json, title_for
+from planner.commands.console import note, print_table, progress, write_json
+from planner.commands.recording_arguments import Inputs, add_recording_options, open_inputs
+
+if TYPE_CHECKING:
+    from kg.semantic_map import SemanticMap
+    from mapping.pipeline import FrameReport, MappingReport, OnPicture
+    from perception.frame import Detections, Frame, SceneScores
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "map",
+        help="map a recording: RGB-D frames with poses in, objects and places out",
+        description="Map a recording into a new map, or into an existing one. A run that was cut "
+        "short goes on where it stopped.",
+        epilog="example: hereabouts map recordings/kitchen --into kitchen.map",
+    )
+    parser.add_argument("recording", metavar="RECORDING", help="folder of the recording")
+    parser.add_argument("--into", required=True, metavar="MAP", help=MAP_HELP)
+    parser.add_argument("--pictures", metavar="DIR", help="save frames with boxes and scene scores")
+    parser.add_argument(
+        "--again", action="store_true", help="map frames again that this map already holds"
+    )
+    parser.add_argument(
+        "--base", metavar="IRI", help="base IRI of a new map (default: a unique one)"
+    )
+    parser.add_argument(
+        "--power-safe",
+        action="store_true",
+        help="wait for the disk at each frame, so that a power cut loses nothing",
+    )
+    add_json(parser)
+    add_recording_options(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Map the recording, and say what was found."""
+    from kg.semantic_map import SemanticMap
+
+    inputs = open_inputs(arguments)
+    on_picture = _picture_saver(Path(arguments.pictures)) if arguments.pictures else None
+    title = title_for(arguments.into)
+    with SemanticMap.open_or_create(
+        arguments.into, title=title, base=arguments.base, power_safe=arguments.power_safe
+    ) as semantic_map:
+        _refuse_other_base(semantic_map, arguments)
+        report = map_with_progress(
+            inputs, semantic_map, on_picture=on_picture, again=arguments.again
+        )
+        _print_outcome(semantic_map, report, arguments)
+    return 0
+
+
+def _refuse_other_base(semantic_map: SemanticMap, arguments: argparse.Namespace) -> None:
+    """Refuse a `--base` that is not the one of the map that exists already."""
+    given = arguments.base
+    if given is not None and semantic_map.base not in (given, f"{given}/"):
+        raise GraphError(
+            f"{arguments.into} has the base {semantic_map.base}; another one needs another map"
+        )
+
+
+def map_with_progress(
+    inputs: Inputs,
+    semantic_map: SemanticMap,
+    *,
+    on_picture: OnPicture | None = None,
+    again: bool = False,
+) -> MappingReport:
+    """Run the mapping pipeline under a progress bar."""
+    from mapping.pipeline import map_recording
+
+    with progress() as bar:
+        task = bar.add_task(inputs.recording.name, total=len(inputs.recording), status="")
+
+        def on_frame(report: FrameReport) -> None:
+            rate = report.frames_per_second
+            bar.update(
+                task,
+                completed=report.index + 1,
+                status=f"{rate:4.1f} frames/s  {report.objects} objects",
+            )
+
+        return map_recording(
+            inputs.recording,
+            semantic_map,
+            inputs.detector,
+            inputs.scene,
+            layout=inputs.layout,
+            settings=inputs.settings,
+            on_frame=on_frame,
+            on_picture=on_picture,
+            again=again,
+        )
+
+
+def _picture_saver(folder: Path) -> OnPicture:
+    from perception.pictures import draw_picture, save_picture
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RecordingError(f"cannot make the folder {folder}: {error.strerror}") from error
+
+    def save(frame: Frame, detections: Detections, scene: SceneScores | None) -> None:
+        save_picture(folder / f"{frame.id}.jpg", draw_picture(frame, detections, scene))
+
+    return save
+
+
+def _print_outcome(
+    semantic_map: SemanticMap, report: MappingReport, arguments: argparse.Namespace
+) -> None:
+    if arguments.json:
+        write_json(report.to_json())
+        return
+    if report.frames == 0:
+        note(f"all {report.skipped} frames are already in this map; --again maps them once more")
+    summary = semantic_map.ask("summary")
+    print_table(summary.columns, summary.rows)
+    stages = "  ".join(f"{stage} {ms:.1f}" for stage, ms in report.milliseconds.items())
+    note(
+        f"{report.frames} frames in {report.seconds:.1f} s "
+        f"({report.frames_per_second:.1f} frames/s); ms a frame: {stages}"
+    )
+    note(f"next: hereabouts ask {arguments.into} objects, hereabouts find {arguments.into} cup")

@@ -1,0 +1,184 @@
+"""`hereabouts serve`: the map over HTTP, live while recordings are mapped into it."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from kg.errors import HereaboutsError
+from planner.commands.arguments import add_map, positive
+from planner.commands.console import note
+from planner.commands.recording_arguments import Inputs, add_recording_options, open_inputs
+
+if TYPE_CHECKING:
+    from kg.semantic_map import SemanticMap
+    from kg.server import Settings
+    from mapping.report import FrameReport
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "serve",
+        help="serve the map over HTTP: SPARQL, linked data, a page, a feed of changes",
+        description="Serve a map: SPARQL 1.1 Protocol at /sparql, graphs at /graphs, every thing "
+        "of the map as a page or a document, changes as events at /changes. Without a token file "
+        "it only reads.",
+        epilog="example: hereabouts serve kitchen.map --token-file tokens.txt",
+    )
+    add_map(parser)
+    parser.add_argument("--host", default="127.0.0.1", help="address to listen at (127.0.0.1)")
+    parser.add_argument(
+        "--port", type=_port, default=8008, metavar="N", help="port (8008; 0 takes a free one)"
+    )
+    parser.add_argument(
+        "--token-file", metavar="FILE", help="who may write: lines of NAME TOKEN (none: nobody)"
+    )
+    parser.add_argument(
+        "--allow-origin",
+        action="append",
+        default=[],
+        metavar="ORIGIN",
+        help="let scripts of web pages from there use the server (again for more)",
+    )
+    parser.add_argument(
+        "--public",
+        action="store_true",
+        help="serve other machines although there is no token file: anyone there may read",
+    )
+    parser.add_argument("--licence", metavar="IRI", help="licence of the map, for its description")
+    parser.add_argument(
+        "--timeout", type=positive, default=10.0, metavar="S", help="a query may take (10 s)"
+    )
+    parser.add_argument("--verbose", action="store_true", help="a line on stderr for each request")
+    parser.add_argument(
+        "--recording",
+        action="append",
+        default=[],
+        metavar="DIR",
+        help="map this recording meanwhile (again for more, one after the other)",
+    )
+    add_recording_options(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Serve until interrupted."""
+    from kg.semantic_map import SemanticMap
+    from kg.server import MapServer
+
+    settings = _settings(arguments)
+    inputs = _inputs(arguments)
+    if arguments.verbose:
+        logging.basicConfig(level=logging.INFO, format="%(message)s")
+    path = Path(arguments.map)
+    # a server that only reads leaves the map to other readers
+    opened = (
+        SemanticMap.open_or_create(path, title=path.stem)
+        if inputs
+        else SemanticMap.open(path, read_only=not settings.tokens)
+    )
+    with opened as semantic_map, _Mapper(semantic_map, inputs) as mapper:
+        server = MapServer(semantic_map, settings, status=mapper.status)
+        access = "reading and writing" if settings.tokens else "reading only"
+        note(f"{semantic_map.title} at {server.url} ({access}); Ctrl+C ends")
+        mapper.start()
+        server.run()
+    return 0
+
+
+def _settings(arguments: argparse.Namespace) -> Settings:
+    from kg.server import Limits, Settings, Tokens
+
+    return Settings(
+        host=arguments.host,
+        port=arguments.port,
+        tokens=Tokens.load(arguments.token_file) if arguments.token_file else Tokens(),
+        allow_origins=tuple(arguments.allow_origin),
+        licence=arguments.licence,
+        public=arguments.public,
+        limits=Limits(query_seconds=arguments.timeout),
+    )
+
+
+def _inputs(arguments: argparse.Namespace) -> list[Inputs]:
+    """What each recording needs, opened before the map is touched."""
+    return [
+        open_inputs(argparse.Namespace(**{**vars(arguments), "recording": folder}))
+        for folder in arguments.recording
+    ]
+
+
+def _port(text: str) -> int:
+    if not (text.isascii() and text.isdigit() and int(text) < 65536):
+        raise argparse.ArgumentTypeError(f"needs a port between 0 and 65535, got {text!r}")
+    return int(text)
+
+
+class _Mapper:
+    """Maps recordings on a thread of its own; leaving the context ends it after its frame."""
+
+    def __init__(self, semantic_map: SemanticMap, inputs: list[Inputs]) -> None:
+        self._map, self._inputs = semantic_map, inputs
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self._map_all, name="hereabouts-mapper", daemon=True)
+        self._told: dict[str, object] = {}
+
+    def start(self) -> None:
+        """Begin, where there is anything to map."""
+        if self._inputs:
+            self._thread.start()
+
+    def status(self) -> Mapping[str, object]:
+        """How far each recording is, for `/health`."""
+        return {"mapping": dict(self._told)} if self._inputs else {}
+
+    def __enter__(self) -> _Mapper:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._end.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def _map_all(self) -> None:
+        for inputs in self._inputs:
+            name = inputs.recording.name
+            try:
+                self._map_one(inputs)
+            except _EndedError:
+                return
+            except HereaboutsError as error:
+                # the others, and the server, go on
+                self._told[name] = f"failed: {error}"
+                note(f"{name}: {error}")
+
+    def _map_one(self, inputs: Inputs) -> None:
+        from mapping.pipeline import map_recording
+
+        name = inputs.recording.name
+
+        def on_frame(report: FrameReport) -> None:
+            self._told[name] = {"frame": report.index + 1, "of": report.total}
+            if self._end.is_set():
+                raise _EndedError
+
+        report = map_recording(
+            inputs.recording,
+            self._map,
+            inputs.detector,
+            inputs.scene,
+            layout=inputs.layout,
+            settings=inputs.settings,
+            on_frame=on_frame,
+        )
+        self._told[name] = f"done: {report.frames} frames mapped, {report.skipped} were there"
+        note(f"{name}: {report.frames} frames mapped, {report.objects} objects")
+
+
+class _EndedError(Exception):
+    """The server ends: leave the mapping behind a whole frame."""

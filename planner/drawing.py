@@ -1,0 +1,84 @@
+"""How each thing of a map is drawn on the axes of a sheet; coordinates are map metres."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.patches import Polygon, Rectangle
+from matplotlib.text import Text
+from numpy.typing import NDArray
+
+from kg.records import ObjectRecord, PlaceRecord, RobotRecord
+from planner.goals import Goal
+from planner.palette import INK, OUTLINE, ROUTE, TRUE_SPOT, WALL, Group
+from planner.simulation.house import House, Item
+
+
+def draw_place(axes: Axes, place: PlaceRecord, colour: str | None) -> None:
+    """Its rectangle; white and dashed where `colour` is None, for it has not been viewed."""
+    size = place.xmax - place.xmin, place.ymax - place.ymin
+    fill, line = ("white", (0, (4, 3))) if colour is None else (colour, "solid")
+    corner = place.xmin, place.ymin
+    axes.add_patch(Rectangle(corner, *size, fc=fill, ec="#b9bec7", lw=0.9, ls=line))
+
+
+def draw_house(axes: Axes, house: House) -> None:
+    """Walls with their doorways, furniture from above, and a cross where each object truly is."""
+    for item in (*house.furnishings, *house.objects):
+        _draw_footprint(axes, item)
+    for wall in house.walls:
+        for a, b in wall.pieces():
+            across = [wall.start[1 if wall.along_x else 0]] * 2
+            ends = ([a, b], across) if wall.along_x else (across, [a, b])
+            axes.plot(*ends, color=WALL, lw=2.6, solid_capstyle="projecting", zorder=2)
+    centres = np.array([item.centre()[:2] for item in house.objects]).reshape(-1, 2)
+    axes.plot(*centres.T, "+", color=TRUE_SPOT, ms=4.5, mew=0.7, zorder=2.5)
+
+
+def _draw_footprint(axes: Axes, item: Item) -> None:
+    """What stands on the floor, or on something, from above; not what hangs on a wall."""
+    solids = item.solids()
+    lo = np.min([solid.lo for solid in solids], axis=0)
+    hi = np.max([solid.hi for solid in solids], axis=0)
+    if lo[2] > 0.9 or hi[2] < 0.05:
+        return
+    style: dict[str, Any] = {"fc": (1, 1, 1, 0.5), "ec": OUTLINE, "lw": 0.6}
+    corner, (width, depth) = (float(lo[0]), float(lo[1])), hi[:2] - lo[:2]
+    axes.add_patch(Rectangle(corner, width, depth, zorder=1.5 + 0.1 * float(lo[2]), **style))
+
+
+def draw_route(axes: Axes, route: NDArray[np.float64]) -> None:
+    """A dashed line along `route` (n, 2) [m]."""
+    axes.plot(*route.T, color="white", lw=4.2, zorder=4, solid_joinstyle="round")
+    axes.plot(*route.T, color=ROUTE, lw=1.7, zorder=4.1, ls=(0, (5, 2.2)), dash_capstyle="round")
+
+
+def draw_object(axes: Axes, record: ObjectRecord, group: Group) -> None:
+    """A dot in its group's colour, fainter where existence is doubtful."""
+    x, y, _ = record.p_map
+    alpha = 0.35 + 0.65 * float(np.clip(record.existence, 0, 1))
+    axes.plot(x, y, "o", ms=6.2, mfc=group.colour, mec="white", mew=0.9, alpha=alpha, zorder=6)
+
+
+def draw_goal(axes: Axes, goal: Goal, number: int) -> Text:
+    """A numbered disc."""
+    x, y = float(goal.p_map[0]), float(goal.p_map[1])
+    axes.plot(x, y, "o", ms=14, mfc=ROUTE, mec="white", mew=1.4, zorder=8)
+    style: dict[str, Any] = {"ha": "center", "va": "center_baseline", "fontweight": "bold"}
+    return axes.text(x, y, str(number), color="white", fontsize=8.5, zorder=9, **style)
+
+
+def draw_robot(axes: Axes, robot: RobotRecord, reach: float) -> None:
+    """An arrowhead of `reach` [m] along its heading."""
+    angles = robot.heading + np.array([0.0, 2.5, np.pi, -2.5])
+    radii = reach * np.array([1.15, 0.95, 0.42, 0.95])
+    corners = robot.p_map[:2] + np.column_stack([np.cos(angles), np.sin(angles)]) * radii[:, None]
+    axes.add_patch(Polygon(corners, closed=True, fc=INK, ec="white", lw=1.2, zorder=7.5))
+
+
+def mark(marker: Any, label: str, **style: Any) -> Line2D:
+    """An entry of the legend."""
+    return Line2D([], [], ls="none", marker=marker, ms=7.5, label=label, **style)

@@ -1,0 +1,67 @@
+"""A small real recording and a small map, for the command line's tests."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from planner.commands import main
+
+
+@pytest.fixture
+def kitchen(shared: Callable[[str], Path], tmp_path: Path) -> Path:
+    """Eight frames of the real kitchen recording, in a folder that a test may damage."""
+    source = shared("data/rgbd/redkitchen")
+    folder = tmp_path / "kitchen"
+    folder.mkdir()
+    for number in range(0, 32, 4):
+        for path in source.glob(f"frame-{number:06d}.*"):
+            shutil.copy(path, folder)
+    for name in ("color-intrinsics.txt", "camera-intrinsics.txt", "gravity-direction.txt"):
+        shutil.copy(source / name, folder)
+    return folder
+
+
+@pytest.fixture
+def lab(shared: Callable[[str], Path], tmp_path: Path) -> Path:
+    """The thesis author's saved laboratory as a map."""
+    path = tmp_path / "lab.map"
+    files = [
+        "--objects",
+        str(shared("reference/saved_objects_lab.json")),
+        "--places",
+        str(shared("reference/saved_places_lab.json")),
+    ]
+    assert main(["import", "reference-maps", *files, "--into", str(path)]) == 0
+    return path
+
+
+@pytest.fixture
+def fails(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
+    """Callable: run a command that must fail with exit code 1 and one line; returns the line."""
+
+    def run(*words: object) -> str:
+        capsys.readouterr()
+        assert main([str(word) for word in words]) == 1
+        out, err = capsys.readouterr()
+        assert out == ""
+        assert err.startswith("error: ")
+        assert err.count("\n") == 1
+        return err
+
+    return run
+
+
+@pytest.fixture
+def prints(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
+    """Callable: run a command that must succeed; returns its standard output."""
+
+    def run(*words: object) -> str:
+        capsys.readouterr()
+        assert main([str(word) for word in words]) == 0
+        return capsys.readouterr().out
+
+    return run

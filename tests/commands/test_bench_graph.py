@@ -1,0 +1,55 @@
+"""`hereabouts bench graph` measures what it names, on answers that are right."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from kg.bench import rivals
+from kg.bench.building import BASE, Building
+from kg.questions import shipped_questions
+from kg.semantic_map import SemanticMap
+from planner.commands import main
+
+
+@pytest.fixture(autouse=True)
+def _brief(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("kg.bench.timing.BUDGET", 0.0)
+
+
+def test_every_store_and_question_is_measured(prints: Callable[..., str]) -> None:
+    words = ("--sizes", "40,200", "--seconds", "0.3", "--frames", "40", "--rivals-up-to", "40")
+    result = json.loads(prints("bench", "graph", *words, "--json"))
+    measured = {(t["operation"], t["store"], t["objects"]) for t in result["timings"]}
+    for size in (40, 200):
+        asked = {name for name, store, n in measured if (store, n) == ("hereabouts on disk", size)}
+        assert asked >= {"update by a frame", "export as N-Triples", "a class", "a cell"}
+        assert asked >= {question.name for question in shipped_questions()} - {"graph-sizes"}
+    beside = {(store, n) for _, store, n in measured if store != "hereabouts on disk"}
+    assert beside == {("rdflib in memory", 40), ("owlready2 on disk", 40)}
+    assert all(t["milliseconds"]["median"] > 0 for t in result["timings"])
+    assert result["live"]["frames"] == 9
+    assert result["live"]["reads"] > 0
+    assert result["updateRatio"] > 0
+    assert set(result["lastTenthOverFirst"]) >= {"update", "lookup", "memory", "disk"}
+
+
+def test_the_stores_agree_on_every_answer(tmp_path: Path) -> None:
+    with SemanticMap.in_memory(base=BASE) as semantic_map:
+        building = Building(200, semantic_map.catalogue)
+        building.furnish(semantic_map)
+        here = {t.operation: t.rows for t in rivals.ours(semantic_map, building)}
+        assert min(here.values()) > 0
+        for rival in (rivals.rdflib_memory, rivals.owlready_sqlite):
+            there = {t.operation: t.rows for t in rival(semantic_map, building, tmp_path)}
+            assert {operation: there[operation] for operation in here} == here
+
+
+@pytest.mark.parametrize("sizes", ["ten", "5", "", "100,-1"])
+def test_sizes_that_make_no_sense_are_wrong_usage(sizes: str) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        main(["bench", "graph", "--sizes", sizes])
+    assert stopped.value.code == 2

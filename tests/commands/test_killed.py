@@ -1,0 +1,63 @@
+"""`hereabouts map` killed at any moment: whole frames stay, and the same command goes on."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from kg.semantic_map import SemanticMap
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+Prints = Callable[..., str]
+
+
+def _start(recording: Path, into: Path) -> subprocess.Popen[bytes]:
+    words = ["map", str(recording), "--into", str(into), "--json"]
+    return subprocess.Popen(
+        [sys.executable, "-m", "planner.commands", *words],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+
+
+def _frames_applied(path: Path) -> int:
+    with SemanticMap.open(path, read_only=True) as semantic_map:
+        (record,) = semantic_map.recordings() or (None,)
+        robot = semantic_map.robot()
+        assert (record is None) == (robot is None)
+        return record.frames_applied if record else 0
+
+
+def test_killed_three_times_then_finished(
+    shared: Callable[[str], Path], tmp_path: Path, prints: Prints
+) -> None:
+    recording = shared("data/rgbd/redkitchen")
+    into = tmp_path / "kitchen.map"
+    rng = random.Random(4)
+    before = 0
+    for _ in range(3):
+        process = _start(recording, into)
+        while not into.exists() and process.poll() is None:
+            time.sleep(0.01)
+        time.sleep(rng.uniform(0.0, 2.5))
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        applied = _frames_applied(into)
+        assert applied >= before
+        before = applied
+        assert prints("check", into) == ""
+    assert 0 < before < 250
+
+    report = json.loads(prints("map", recording, "--into", into, "--json"))
+    assert report["skipped"] == before
+    assert report["frames"] == 250 - before
+    assert _frames_applied(into) == 250
+    assert prints("check", into) == ""

@@ -1,0 +1,152 @@
+"""A real server over a small map, on a free port of this machine."""
+
+from __future__ import annotations
+
+import http.client
+import json
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from urllib.parse import urlencode, urlsplit
+
+import numpy as np
+import pytest
+import requests
+
+from kg.commits import Cause
+from kg.records import MapUpdate, ObjectRecord, PlaceRecord
+from kg.semantic_map import SemanticMap
+from kg.server import Limits, MapServer, Settings, Tokens
+
+TOKEN = "a-token-of-the-tests-0123"
+BASE = "https://example.org/maps/flat/"
+
+
+class Stream:
+    """Server-sent events of a running answer."""
+
+    def __init__(self, url: str, headers: dict[str, str]) -> None:
+        whole = urlsplit(url)
+        self._connection = http.client.HTTPConnection(whole.netloc, timeout=20)
+        self._connection.request("GET", f"{whole.path}?{whole.query}", headers=headers)
+        self._answer = self._connection.getresponse()
+        assert self._answer.status == 200, self._answer.read()
+        assert self._answer.headers["Content-Type"].startswith("text/event-stream")
+
+    def next(self) -> tuple[int, str, dict[str, object]]:
+        """Number, kind and data of the next event."""
+        fields: dict[str, str] = {}
+        while line := self._answer.readline():
+            if line == b"\n" and "data" in fields:
+                return int(fields["id"]), fields["event"], json.loads(fields["data"])
+            name, colon, value = line.decode().rstrip("\n").partition(": ")
+            if name and colon:
+                fields[name] = value
+        raise EOFError("the stream ended")
+
+    def close(self) -> None:
+        self._answer.close()
+        self._connection.close()
+
+    def __enter__(self) -> Stream:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+
+@dataclass(frozen=True)
+class Served:
+    """A running server and the map behind it."""
+
+    map: SemanticMap
+    server: MapServer
+
+    @property
+    def url(self) -> str:
+        return self.server.url
+
+    def get(self, path: str, **given: object) -> requests.Response:
+        return self.request("GET", path, **given)
+
+    def post(self, path: str, **given: object) -> requests.Response:
+        return self.request("POST", path, **given)
+
+    def request(self, method: str, path: str, **given: object) -> requests.Response:
+        given.setdefault("timeout", 20)
+        return requests.request(method, self.url + path, **given)  # type: ignore[arg-type]
+
+    def write(self, update: str, **given: object) -> requests.Response:
+        headers = {"Content-Type": "application/sparql-update", **self.bearer()}
+        return self.post("sparql", data=update.encode(), headers=headers, **given)
+
+    def rows(self, query: str) -> list[dict[str, str]]:
+        """Bindings as plain texts, asked over HTTP."""
+        answer = self.get("sparql", params={"query": query})
+        assert answer.status_code == 200, answer.text
+        found = answer.json()["results"]["bindings"]
+        return [{name: cell["value"] for name, cell in row.items()} for row in found]
+
+    @staticmethod
+    def bearer(token: str = TOKEN) -> dict[str, str]:
+        return {"Authorization": f"Bearer {token}"}
+
+    def stream(self, path: str, params: dict[str, object] | None = None, **headers: str) -> Stream:
+        """Events of a path, read as they come."""
+        given = {name.replace("_", "-"): value for name, value in headers.items()}
+        return Stream(f"{self.url}{path}?{urlencode(params or {})}", given)
+
+    def move(self, number: int, x: float) -> None:
+        """The mapper sees an object elsewhere."""
+        self.map.apply(MapUpdate(objects=(thing(self.map, number, "cup", x, 0.5),)))
+
+
+def thing(semantic_map: SemanticMap, number: int, label: str, x: float, y: float) -> ObjectRecord:
+    return ObjectRecord(
+        iri=f"{semantic_map.base}object/{number}",
+        category=semantic_map.catalogue.find(label).iri,
+        p_map=np.array([x, y, 0.8]),
+        confidence=2.4,
+        existence=0.8,
+        observations=3,
+        first_seen=1_700_000_000.0,
+        last_seen=1_700_000_060.0,
+        place=semantic_map.place_iri(1),
+    )
+
+
+@pytest.fixture
+def flat() -> Iterator[SemanticMap]:
+    """A kitchen with a cup and a chair."""
+    with SemanticMap.in_memory(title="flat <1>", base=BASE) as semantic_map:
+        kitchen = semantic_map.catalogue.find("kitchen").iri
+        place = PlaceRecord(
+            f"{BASE}place/1", "the kitchen", -1, 4, -1, 3, views=3, beliefs={kitchen: 0.8}
+        )
+        objects = (
+            thing(semantic_map, 1, "cup", 1.0, 0.5),
+            thing(semantic_map, 2, "chair", 2.0, 1.5),
+        )
+        update = MapUpdate(objects=objects, places=(place,))
+        semantic_map.apply(update, Cause("frame", note="flat/frame-000001"))
+        yield semantic_map
+
+
+@pytest.fixture
+def serve(flat: SemanticMap) -> Iterator[Callable[..., Served]]:
+    """Callable: settings, and limits by name -> a running server of the flat."""
+    with ExitStack() as stack:
+
+        def start(*, limits: Limits | None = None, **settings: object) -> Served:
+            settings.setdefault("tokens", Tokens((("ann", TOKEN.encode()),)))
+            wanted = Settings(port=0, limits=limits or Limits(), **settings)  # type: ignore[arg-type]
+            server = stack.enter_context(MapServer(flat, wanted))
+            return Served(flat, server)
+
+        yield start
+
+
+@pytest.fixture
+def served(serve: Callable[..., Served]) -> Served:
+    """A running server whose clients may write with `bearer()`."""
+    return serve()

@@ -1,0 +1,137 @@
+"""The SPARQL 1.1 Graph Store HTTP Protocol against a running server."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+import rdflib
+from pyoxigraph import RdfFormat, parse
+
+if TYPE_CHECKING:
+    from conftest import Served
+
+MAP = "https://w3id.org/hereabouts/graph/map"
+ASSERTIONS = "https://example.org/graphs/notes"
+NOTES = f"graphs?graph={ASSERTIONS}"
+CUP = "https://example.org/maps/flat/object/1"
+TURTLE = {"Content-Type": "text/turtle"}
+
+
+def note(text: str) -> bytes:
+    return f'<{CUP}> <{rdflib.RDFS.comment}> "{text}" .'.encode()
+
+
+def notes(served: Served, graph: str = ASSERTIONS) -> set[str]:
+    query = f"SELECT ?n WHERE {{ GRAPH <{graph}> {{ <{CUP}> rdfs:comment ?n }} }}"
+    return {row["n"] for row in served.rows(query)}
+
+
+@pytest.mark.parametrize("path", ["graphs/map", f"graphs?graph={MAP}"])
+def test_graph_by_path_and_by_name(served: Served, path: str) -> None:
+    answer = served.get(path)
+    assert answer.headers["Content-Type"].startswith("text/turtle")
+    graph = rdflib.Graph().parse(data=answer.text, format="turtle")
+    assert (rdflib.URIRef(CUP), rdflib.RDFS.label, rdflib.Literal("cup 1")) in graph
+    assert not list(graph.subjects(rdflib.RDFS.subClassOf))
+
+
+def test_default_graph_is_the_union(served: Served) -> None:
+    answer = served.get("graphs?default", headers={"Accept": "application/n-triples"})
+    text = answer.text
+    assert "flat/object/1" in text
+    assert "SemanticMap" in text
+    assert "subClassOf" in text
+    lines = text.splitlines()
+    assert len(lines) == len(set(lines))
+
+
+def test_head_tells_whether_there_is_a_graph(served: Served) -> None:
+    assert served.request("HEAD", "graphs/map").status_code == 200
+    assert served.request("HEAD", "graphs/nowhere").status_code == 404
+    assert served.request("HEAD", "graphs/map").content == b""
+
+
+@pytest.mark.parametrize("path", ["graphs", "graphs?graph=map", "graphs?graph=a:b&default"])
+def test_graph_that_is_not_named_rightly_is_a_bad_request(served: Served, path: str) -> None:
+    assert served.get(path).status_code == 400
+
+
+def test_put_replaces_and_post_adds(served: Served) -> None:
+    headers = {**TURTLE, **served.bearer()}
+    made = served.request("PUT", NOTES, data=note("one"), headers=headers)
+    assert made.status_code == 201, made.text
+    replaced = served.request("PUT", NOTES, data=note("two"), headers=headers)
+    assert replaced.status_code == 200, replaced.text
+    assert notes(served) == {"two"}
+    added = served.post(NOTES, data=note("three"), headers=headers)
+    assert added.status_code == 200, added.text
+    assert notes(served) == {"two", "three"}
+
+
+def test_put_is_one_commit(served: Served) -> None:
+    headers = {**TURTLE, **served.bearer()}
+    served.request("PUT", NOTES, data=note("one"), headers=headers)
+    before = served.map.sequence
+    served.request("PUT", NOTES, data=note("two"), headers=headers)
+    assert served.map.sequence == before + 1
+
+
+def test_delete_empties_a_graph(served: Served) -> None:
+    headers = {**TURTLE, **served.bearer()}
+    served.post(NOTES, data=note("one"), headers=headers)
+    assert served.request("DELETE", NOTES, headers=served.bearer()).ok
+    assert served.get(NOTES).status_code == 404
+    again = served.request("DELETE", NOTES, headers=served.bearer())
+    assert again.status_code == 404
+
+
+def test_post_to_the_default_graph_adds_to_graph_map(served: Served) -> None:
+    headers = {**TURTLE, **served.bearer()}
+    assert served.post("graphs?default", data=note("here"), headers=headers).ok
+    assert notes(served, MAP) == {"here"}
+    refused = served.request("DELETE", "graphs?default", headers=served.bearer())
+    assert refused.status_code == 403
+
+
+@pytest.mark.parametrize("method", ["PUT", "POST", "DELETE"])
+def test_writing_needs_a_token(served: Served, method: str) -> None:
+    before = served.map.sequence
+    answer = served.request(method, "graphs/map", data=note("x"), headers=TURTLE)
+    assert answer.status_code == 401
+    assert served.map.sequence == before
+
+
+def test_body_that_does_not_parse_changes_nothing(served: Served) -> None:
+    headers = {**TURTLE, **served.bearer()}
+    before = served.map.sequence
+    answer = served.request("PUT", "graphs/map", data=b"<a> <b> .", headers=headers)
+    assert answer.status_code == 400
+    assert served.map.sequence == before
+
+
+def test_body_of_an_unknown_type_is_refused(served: Served) -> None:
+    headers = {"Content-Type": "text/html", **served.bearer()}
+    assert served.post("graphs/map", data=b"<p>", headers=headers).status_code == 415
+
+
+@pytest.mark.parametrize(
+    ("kind", "body"),
+    [
+        ("application/n-triples", f'<{CUP}> <{rdflib.RDFS.comment}> "one" .'),
+        (
+            "application/ld+json",
+            f'{{"@id": "{CUP}", "{rdflib.RDFS.comment}": {{"@value": "one"}}}}',
+        ),
+    ],
+)
+def test_other_formats_are_taken(served: Served, kind: str, body: str) -> None:
+    headers = {"Content-Type": kind, **served.bearer()}
+    assert served.post(NOTES, data=body, headers=headers).ok
+    assert notes(served) == {"one"}
+
+
+@pytest.mark.parametrize(("ending", "form"), [("trig", RdfFormat.TRIG), ("nq", RdfFormat.N_QUADS)])
+def test_dump_is_the_whole_map(served: Served, ending: str, form: RdfFormat) -> None:
+    answer = served.get(f"dump.{ending}")
+    assert set(parse(answer.content, format=form)) == set(served.map.engine)

@@ -1,0 +1,263 @@
+"""The SPARQL 1.1 Protocol's query operation, case by case as its specification has them."""
+
+from __future__ import annotations
+
+import csv
+import io
+import xml.etree.ElementTree as ET
+from typing import TYPE_CHECKING
+
+import pytest
+import rdflib
+from pyoxigraph import Literal, NamedNode, RdfFormat, Triple, parse
+
+if TYPE_CHECKING:
+    from conftest import Served
+
+ASK = "ASK {}"
+CUPS = "SELECT ?cup WHERE { GRAPH graph:map { ?cup a here:Cup } }"
+CUP = "https://example.org/maps/flat/object/1"
+QUERY = "application/sparql-query"
+FORM = "application/x-www-form-urlencoded"
+MAP = "https://w3id.org/hereabouts/graph/map"
+ONTOLOGY = "https://w3id.org/hereabouts/graph/ontology"
+DATASET = "https://w3id.org/hereabouts/graph/dataset"
+
+
+def truth(answer: object) -> bool:
+    assert answer.status_code == 200, answer.text  # type: ignore[attr-defined]
+    return bool(answer.json()["boolean"])  # type: ignore[attr-defined]
+
+
+def test_query_by_get(served: Served) -> None:
+    assert truth(served.get("sparql", params={"query": ASK}))
+
+
+def test_query_by_posted_form(served: Served) -> None:
+    assert truth(served.post("sparql", data={"query": ASK}))
+
+
+def test_query_posted_directly(served: Served) -> None:
+    assert truth(served.post("sparql", data=ASK, headers={"Content-Type": QUERY}))
+
+
+def test_query_posted_directly_with_a_charset(served: Served) -> None:
+    kind = f"{QUERY}; charset=UTF-8"
+    query = 'ASK { FILTER(STRLEN("tür") = 3) }'.encode()
+    assert truth(served.post("sparql", data=query, headers={"Content-Type": kind}))
+
+
+@pytest.mark.parametrize("how", ["get", "form", "direct"])
+def test_default_graph_is_the_one_that_is_named(served: Served, how: str) -> None:
+    def ask(query: str, graphs: list[str]) -> bool:
+        given = {"default-graph-uri": graphs}
+        if how == "get":
+            return truth(served.get("sparql", params={"query": query, **given}))
+        if how == "form":
+            return truth(served.post("sparql", data={"query": query, **given}))
+        headers = {"Content-Type": QUERY}
+        return truth(served.post("sparql", params=given, data=query, headers=headers))
+
+    assert ask("ASK { ?s a here:Cup }", [MAP])
+    assert not ask("ASK { ?s a here:Cup }", [DATASET])
+    assert ask("ASK { ?s a here:Cup . ?m a here:SemanticMap }", [MAP, DATASET])
+    assert not ask("ASK { ?s a here:Cup . ?m a here:SemanticMap }", [MAP])
+
+
+@pytest.mark.parametrize("method", ["GET", "POST"])
+def test_named_graphs_are_those_that_are_named(served: Served, method: str) -> None:
+    query = "ASK { GRAPH ?g { ?s a here:Cup } GRAPH ?h { ?m a here:SemanticMap } }"
+
+    def ask(graphs: list[str]) -> bool:
+        key = "params" if method == "GET" else "data"
+        given = {"query": query, "named-graph-uri": graphs}
+        return truth(served.request(method, "sparql", **{key: given}))
+
+    assert ask([MAP, DATASET])
+    assert not ask([MAP])
+
+
+def test_default_and_named_graphs_together_are_the_whole_dataset(served: Served) -> None:
+    query = "ASK { ?s a here:Cup . GRAPH ?g { ?m a here:SemanticMap } }"
+    both = {"query": query, "default-graph-uri": MAP, "named-graph-uri": DATASET}
+    assert truth(served.get("sparql", params=both))
+    turned = {"query": query, "default-graph-uri": DATASET, "named-graph-uri": MAP}
+    assert not truth(served.get("sparql", params=turned))
+
+
+def test_graphs_of_the_request_outrank_those_of_the_query(served: Served) -> None:
+    query = f"ASK FROM <{ONTOLOGY}> {{ ?s a here:Cup }}"
+    assert truth(served.get("sparql", params={"query": query, "default-graph-uri": MAP}))
+    assert not truth(served.get("sparql", params={"query": query}))
+
+
+def test_without_graphs_the_default_graph_is_the_union(served: Served) -> None:
+    query = "ASK { ?cup a here:Cup . here:Cup rdfs:label ?label . ?map a here:SemanticMap }"
+    assert truth(served.get("sparql", params={"query": query}))
+
+
+def test_select_as_json(served: Served) -> None:
+    kind = "application/sparql-results+json"
+    answer = served.get("sparql", params={"query": CUPS}, headers={"Accept": kind})
+    assert answer.headers["Content-Type"] == kind
+    assert answer.json()["results"]["bindings"] == [{"cup": {"type": "uri", "value": CUP}}]
+
+
+def test_select_as_xml(served: Served) -> None:
+    kind = "application/sparql-results+xml"
+    answer = served.get("sparql", params={"query": CUPS}, headers={"Accept": kind})
+    assert answer.headers["Content-Type"] == kind
+    uris = ET.fromstring(answer.content).iter("{http://www.w3.org/2005/sparql-results#}uri")
+    assert [uri.text for uri in uris] == [CUP]
+
+
+def test_select_as_csv_and_tsv(served: Served) -> None:
+    given = {"query": CUPS}
+    table = served.get("sparql", params=given, headers={"Accept": "text/csv"})
+    assert table.headers["Content-Type"].startswith("text/csv")
+    assert list(csv.reader(io.StringIO(table.text))) == [["cup"], [CUP]]
+    tabs = served.get("sparql", params=given, headers={"Accept": "text/tab-separated-values"})
+    assert tabs.text.split() == ["?cup", f"<{CUP}>"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "form"),
+    [
+        ("text/turtle", "turtle"),
+        ("application/n-triples", "nt"),
+        ("application/rdf+xml", "xml"),
+        ("application/ld+json", "json-ld"),
+        ("application/trig", "trig"),
+        ("application/n-quads", "nquads"),
+    ],
+)
+@pytest.mark.parametrize(
+    "query", [f"DESCRIBE <{CUP}>", "CONSTRUCT { ?s ?p ?o } WHERE { ?s a here:Cup ; ?p ?o }"]
+)
+def test_triples_in_every_format(served: Served, query: str, kind: str, form: str) -> None:
+    answer = served.get("sparql", params={"query": query}, headers={"Accept": kind})
+    assert answer.headers["Content-Type"].partition(";")[0] == kind
+    if form in ("trig", "nquads", "json-ld"):
+        told = {
+            quad.triple for quad in parse(answer.content, format=RdfFormat.from_media_type(kind))
+        }
+        assert Triple(NamedNode(CUP), NamedNode(str(rdflib.RDFS.label)), Literal("cup 1")) in told
+        return
+    labels = list(
+        rdflib.Graph()
+        .parse(data=answer.text, format=form)
+        .objects(rdflib.URIRef(CUP), rdflib.RDFS.label)
+    )
+    assert labels == [rdflib.Literal("cup 1")]
+
+
+def test_the_best_liked_format_wins(served: Served) -> None:
+    accept = "text/csv;q=0.4, application/sparql-results+xml;q=0.9, */*;q=0.1"
+    answer = served.get("sparql", params={"query": CUPS}, headers={"Accept": accept})
+    assert answer.headers["Content-Type"] == "application/sparql-results+xml"
+    assert answer.headers["Vary"] == "Accept"
+
+
+def test_format_that_does_not_exist_is_not_acceptable(served: Served) -> None:
+    answer = served.get("sparql", params={"query": CUPS}, headers={"Accept": "image/png"})
+    assert answer.status_code == 406
+    assert "sparql-results+json" in answer.text
+
+
+def test_head_has_the_headers_and_no_body(served: Served) -> None:
+    answer = served.request("HEAD", "sparql", params={"query": ASK})
+    assert answer.status_code == 200
+    assert answer.headers["Content-Type"].startswith("application/sparql-results+json")
+    assert answer.content == b""
+
+
+@pytest.mark.parametrize("method", ["PUT", "DELETE", "PATCH"])
+def test_query_by_another_method_is_not_allowed(served: Served, method: str) -> None:
+    answer = served.request(method, "sparql", params={"query": ASK})
+    assert answer.status_code == 405
+    assert "POST" in answer.headers["Allow"]
+
+
+def test_two_queries_are_refused(served: Served) -> None:
+    assert served.get("sparql", params={"query": [ASK, "SELECT * {}"]}).status_code == 400
+    assert served.post("sparql", data={"query": [ASK, ASK]}).status_code == 400
+    headers = {"Content-Type": QUERY}
+    both = served.post("sparql", params={"query": ASK}, data=ASK, headers=headers)
+    assert both.status_code == 400
+
+
+def test_query_of_another_media_type_is_refused(served: Served) -> None:
+    answer = served.post("sparql", data=ASK, headers={"Content-Type": "text/plain"})
+    assert answer.status_code == 415
+    assert QUERY in answer.text
+
+
+def test_query_without_a_media_type_is_refused(served: Served) -> None:
+    answer = served.post("sparql", data=ASK.encode())
+    assert "Content-Type" not in answer.request.headers
+    assert answer.status_code == 415
+    as_form = served.post("sparql", data=b"query=ASK%20%7B%7D")
+    assert as_form.status_code == 415
+
+
+@pytest.mark.parametrize("kind", [QUERY, FORM])
+def test_query_that_is_not_utf_8_is_refused(served: Served, kind: str) -> None:
+    body = 'ASK { ?s ?p "tür" }'.encode("latin-1")
+    if kind == FORM:
+        body = b"query=ASK%20%7B%20%3Fs%20%3Fp%20%22t%FCr%22%20%7D"
+    answer = served.post("sparql", data=body, headers={"Content-Type": kind})
+    assert answer.status_code == 400
+    assert "UTF-8" in answer.text
+
+
+def test_query_in_another_charset_is_refused(served: Served) -> None:
+    headers = {"Content-Type": f"{QUERY}; charset=UTF-16"}
+    answer = served.post("sparql", data="ASK {}".encode("utf-16"), headers=headers)
+    assert answer.status_code == 400
+
+
+@pytest.mark.parametrize(
+    "query", ["SELECT nothing", "", "ASK { ?s ?p", "\x00", "ASK { ?s a nix:x }"]
+)
+def test_query_that_does_not_parse_is_refused_in_one_line(served: Served, query: str) -> None:
+    answer = served.get("sparql", params={"query": query})
+    assert answer.status_code == 400
+    assert answer.headers["Content-Type"].startswith("text/plain")
+    assert answer.text.count("\n") == 1
+
+
+def test_refusal_is_a_json_problem_for_who_takes_json(served: Served) -> None:
+    answer = served.get(
+        "sparql", params={"query": "nothing"}, headers={"Accept": "application/json"}
+    )
+    assert answer.status_code == 400
+    assert answer.headers["Content-Type"] == "application/problem+json"
+    assert answer.json()["status"] == 400
+    assert answer.json()["detail"]
+
+
+def test_update_as_a_query_is_refused_and_changes_nothing(served: Served) -> None:
+    before = served.map.sequence
+    for update in ("CLEAR ALL", "DELETE WHERE { ?s ?p ?o }", "# SELECT\nDROP ALL"):
+        answer = served.post("sparql", data={"query": update})
+        assert answer.status_code == 400, update
+    assert served.map.sequence == before
+    assert served.rows(CUPS)
+
+
+@pytest.mark.parametrize(
+    "query",
+    [
+        "SELECT * { SERVICE <http://127.0.0.1:1/> { ?s ?p ?o } }",
+        "ASK { { SERVICE SILENT <http://127.0.0.1:1/> { ?s ?p ?o } } }",
+    ],
+)
+def test_query_that_reaches_out_is_refused(served: Served, query: str) -> None:
+    answer = served.get("sparql", params={"query": query})
+    assert answer.status_code in (400, 403)
+    assert "SERVICE" in answer.text
+
+
+def test_answer_names_the_state_of_the_map_it_is_about(served: Served) -> None:
+    answer = served.get("sparql", params={"query": ASK})
+    assert int(answer.headers["Here-Sequence"]) == served.map.sequence

@@ -1,0 +1,243 @@
+"""Queries in worker processes: right answers, from a state of the map that is known."""
+
+from __future__ import annotations
+
+import asyncio
+import csv
+import io
+import json
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from pyoxigraph import Literal, NamedNode, Quad
+
+from kg import vocabulary as v
+from kg.commits import Cause
+from kg.errors import (
+    GraphError,
+    NotAcceptableError,
+    PoolBusyError,
+    QueryError,
+    QueryRefusedError,
+    QueryTimeoutError,
+)
+from kg.semantic_map import SemanticMap
+from kg.workers.pool import QueryPool
+
+ENDLESS = "SELECT (SUM(STRLEN(STR(?a))) AS ?n) {?a ?b ?c. ?d ?e ?f. ?g ?h ?i. ?j ?k ?l}"
+
+
+def note(number: int) -> Quad:
+    graph = NamedNode(v.ASSERTIONS_GRAPH)
+    return Quad(NamedNode(f"urn:note:{number}"), NamedNode("urn:says"), Literal(number), graph)
+
+
+def write(live: SemanticMap, number: int) -> None:
+    live.store.commit([], [note(number)], Cause("update"))
+
+
+@pytest.fixture
+def live(tmp_path: Path) -> Iterator[SemanticMap]:
+    with SemanticMap.create(tmp_path / "home") as opened:
+        yield opened
+
+
+@pytest.fixture
+def pool(live: SemanticMap) -> Iterator[QueryPool]:
+    with QueryPool(live, timeout=5) as made:
+        yield made
+
+
+def rows(pool: QueryPool, sparql: str, **options: object) -> list[list[str]]:
+    answer = pool.run(sparql, accept="text/csv", **options)  # type: ignore[arg-type]
+    return list(csv.reader(io.StringIO(answer.body.decode())))[1:]
+
+
+def test_an_answer_is_what_the_map_itself_answers(live: SemanticMap, pool: QueryPool) -> None:
+    sparql = "SELECT ?label {here:Kitchen rdfs:label ?label} ORDER BY ?label"
+    assert rows(pool, sparql) == [[str(cell) for cell in row] for row in live.ask_text(sparql).rows]
+
+
+def test_each_form_comes_in_the_format_asked_for(pool: QueryPool) -> None:
+    table = pool.run("SELECT ?p {graph:dataset ?p ?o}", accept="application/json")
+    triples = pool.run("CONSTRUCT WHERE {?s a here:SemanticMap}", accept="application/n-triples")
+    assert "bindings" in json.loads(table.body)["results"]
+    assert table.media_type == "application/json"
+    assert triples.body.decode().rstrip().endswith(f"<{v.SEMANTIC_MAP}> .")
+    assert b"true" in pool.run("ASK {}", accept="application/sparql-results+xml").body
+
+
+def test_a_format_nobody_has_is_refused_before_and_after_the_form_is_known(
+    pool: QueryPool,
+) -> None:
+    with pytest.raises(NotAcceptableError, match="image/png"):
+        pool.run("ASK {}", accept="image/png")
+    with pytest.raises(NotAcceptableError, match="table or truth value"):
+        pool.run("ASK {}", accept="text/turtle")
+    with pytest.raises(NotAcceptableError, match="triples"):
+        pool.run("DESCRIBE here:Kitchen", accept="text/csv")
+
+
+def test_the_default_graph_is_the_union_unless_graphs_are_chosen(
+    live: SemanticMap, pool: QueryPool
+) -> None:
+    write(live, 7)
+    ask = "SELECT ?n {?s <urn:says> ?n}"
+    elsewhere = "SELECT ?n FROM graph:map {?s <urn:says> ?n}"
+    by_name = "SELECT ?n FROM NAMED graph:assertions {GRAPH ?g {?s <urn:says> ?n}}"
+    assert rows(pool, ask, at_least=1) == [["7"]]
+    assert rows(pool, elsewhere) == []
+    assert rows(pool, by_name) == [["7"]]
+    assert rows(pool, ask, default_graphs=[v.MAP_GRAPH]) == []
+    assert rows(pool, elsewhere, default_graphs=[v.ASSERTIONS_GRAPH]) == [["7"]]
+    assert rows(pool, by_name, named_graphs=[v.MAP_GRAPH]) == []
+
+
+def test_graphs_that_are_not_of_the_map_are_refused_in_the_request_too(pool: QueryPool) -> None:
+    with pytest.raises(QueryRefusedError, match="passwd"):
+        pool.run("ASK {}", default_graphs=["file:///etc/passwd"])
+    with pytest.raises(QueryRefusedError, match="no iri"):
+        pool.run("ASK {}", named_graphs=["no iri"])
+
+
+def test_answers_say_which_transaction_they_saw_and_catch_up_when_told(live: SemanticMap) -> None:
+    with QueryPool(live, refresh=3600) as pool:
+        assert pool.run("ASK {}").sequence == 0
+        for number in range(3):
+            write(live, number)
+        assert pool.run("ASK {}").sequence == 0
+        answer = pool.run("SELECT (COUNT(*) AS ?n) {?s <urn:says> ?o}", at_least=2)
+        assert answer.sequence == 3
+        assert b'"3"' in answer.body
+
+
+def test_a_live_map_is_followed_within_its_refresh_time(live: SemanticMap) -> None:
+    with QueryPool(live, refresh=0.1) as pool:
+        pool.run("ASK {}")
+        write(live, 1)
+        time.sleep(0.15)
+        assert pool.run("ASK {}").sequence == 1
+
+
+def test_maps_in_memory_and_maps_open_for_reading_are_answered_as_well(tmp_path: Path) -> None:
+    with SemanticMap.in_memory() as memory, QueryPool(memory) as pool:
+        write(memory, 5)
+        assert rows(pool, "SELECT ?n {?s <urn:says> ?n}", at_least=1) == [["5"]]
+    SemanticMap.create(tmp_path / "still").close()
+    with SemanticMap.open(tmp_path / "still", read_only=True) as still, QueryPool(still) as pool:
+        assert b"true" in pool.run("ASK {here:Kitchen a ?x}").body
+    assert [path.name for path in tmp_path.iterdir()] == ["still"]
+
+
+def test_snapshots_live_beside_the_map_and_are_removed_with_the_pool(
+    live: SemanticMap, tmp_path: Path
+) -> None:
+    with QueryPool(live, refresh=0) as pool:
+        for number in range(5):
+            write(live, number)
+            pool.run("ASK {}")
+        (home,) = (path for path in tmp_path.iterdir() if path.name != "home")
+        assert len([path for path in home.iterdir() if path.is_dir()]) <= 3
+    assert [path.name for path in tmp_path.iterdir()] == ["home"]
+
+
+def test_snapshots_of_a_killed_server_are_removed_at_the_next_start(tmp_path: Path) -> None:
+    code = (
+        "import os, signal, sys; from kg.semantic_map import SemanticMap\n"
+        "from kg.workers.pool import QueryPool\n"
+        "pool = QueryPool(SemanticMap.create(sys.argv[1])); pool.run('ASK {}')\n"
+        "print(*pool.pids, flush=True); os.kill(os.getpid(), signal.SIGKILL)"
+    )
+    root = Path(__file__).resolve().parents[2]
+    ran = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path / "home")],
+        cwd=root, stdout=subprocess.PIPE, check=False, text=True,
+    )  # fmt: skip
+    assert len(list(tmp_path.glob(".home.snapshots-*"))) == 1
+    with SemanticMap.open(tmp_path / "home") as opened, QueryPool(opened) as pool:
+        pool.run("ASK {}")
+        assert len(list(tmp_path.glob(".home.snapshots-*"))) == 1
+    assert not list(tmp_path.glob(".home.snapshots-*"))
+    for _ in range(100):
+        left = [pid for pid in ran.stdout.split() if Path(f"/proc/{pid}/stat").exists()]
+        if not left:
+            break
+        time.sleep(0.05)
+    assert not left, "workers outlived the process that asked them"
+
+
+def test_many_threads_ask_at_once_and_each_gets_its_own_answer(pool: QueryPool) -> None:
+    answers: dict[int, bytes] = {}
+
+    def ask(number: int) -> None:
+        answers[number] = pool.run(f"SELECT (({number} + 0) AS ?n) {{}}", accept="text/csv").body
+
+    threads = [threading.Thread(target=ask, args=(number,)) for number in range(20)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert {n: int(body.split()[1]) for n, body in answers.items()} == {n: n for n in range(20)}
+
+
+def test_a_full_queue_says_so_at_once(live: SemanticMap) -> None:
+    with QueryPool(live, workers=1, queue=1, timeout=0.7) as pool:
+
+        async def crowd() -> list[object]:
+            asked = [pool.run_async(ENDLESS), pool.run_async("ASK {}"), pool.run_async("ASK {}")]
+            return await asyncio.gather(*asked, return_exceptions=True)
+
+        first, second, third = asyncio.run(crowd())
+        assert isinstance(first, QueryTimeoutError)
+        assert not isinstance(second, QueryError)
+        assert isinstance(third, PoolBusyError)
+        assert pool.run("ASK {}")
+
+
+def test_a_cancelled_query_is_killed_and_its_worker_free_again(live: SemanticMap) -> None:
+    with QueryPool(live, workers=1, timeout=60) as pool:
+
+        async def give_up() -> None:
+            with pytest.raises(TimeoutError):
+                await asyncio.wait_for(pool.run_async(ENDLESS), 0.3)
+            assert (await asyncio.wait_for(pool.run_async("ASK {}"), 20)).body
+
+        asyncio.run(give_up())
+
+
+def test_a_shorter_time_limit_holds_and_a_longer_one_is_cut(live: SemanticMap) -> None:
+    with QueryPool(live, workers=1, timeout=0.4) as pool:
+        for timeout in (0.1, 1000.0):
+            with pytest.raises(QueryTimeoutError, match="time limit"):
+                pool.run(ENDLESS, timeout=timeout)
+
+
+def test_a_closed_pool_says_it_is_closed(live: SemanticMap) -> None:
+    pool = QueryPool(live)
+    pool.close()
+    pool.close()
+    with pytest.raises(GraphError, match="closed"):
+        pool.run("ASK {}")
+
+
+def test_closing_ends_queries_that_still_run(live: SemanticMap) -> None:
+    pool = QueryPool(live, timeout=60)
+    raised: list[BaseException] = []
+
+    def ask() -> None:
+        try:
+            pool.run(ENDLESS)
+        except (GraphError, QueryError) as error:
+            raised.append(error)
+
+    thread = threading.Thread(target=ask)
+    thread.start()
+    time.sleep(0.3)
+    pool.close()
+    thread.join(10)
+    assert len(raised) == 1

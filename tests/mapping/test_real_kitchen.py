@@ -1,0 +1,74 @@
+"""The mapper on a few real frames: recorded images, real networks, a map on disk."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from kg.semantic_map import SemanticMap
+from mapping.pipeline import map_recording
+from mapping.transform import load_transform
+from mapping.truth import load_truth, score_map
+from perception.detector import load_detector
+from perception.frame import Frame
+from perception.recording import open_recording
+from perception.scene import load_scene_classifier
+
+
+class Every:
+    """Every n-th frame of a recording."""
+
+    def __init__(self, recording, n: int) -> None:
+        self.recording, self.n = recording, n
+        self.name, self.T_map_world = recording.name, recording.T_map_world
+
+    def __len__(self) -> int:
+        return len(range(0, len(self.recording), self.n))
+
+    def frames(self, start: int = 0) -> Iterator[Frame]:
+        for index in range(start * self.n, len(self.recording), self.n):
+            yield next(iter(self.recording.frames(index)))
+
+
+@pytest.fixture
+def building(shared):
+    """Callable: sequence -> every n-th frame, standing in the map of both rooms."""
+
+    def open_room(sequence: str, n: int) -> Every:
+        T = load_transform(shared("data/rgbd/composite_building.json"), sequence)
+        return Every(open_recording(shared(f"data/rgbd/{sequence}"), T_map_world=T), n)
+
+    return open_room
+
+
+def test_kitchen_is_mapped_with_its_cups_and_chairs(tmp_path, shared, building):
+    kitchen = building("redkitchen", 10)
+    detector = load_detector(shared("models/deimv2_femto_416.onnx"), threshold=0.25)
+    truth = load_truth(shared("data/rgbd/redkitchen/objects_gt.json"))
+    with SemanticMap.create(tmp_path / "kitchen.map") as semantic_map:
+        map_recording(kitchen, semantic_map, detector, load_scene_classifier())
+        (place,) = semantic_map.places()
+        catalogue = semantic_map.catalogue
+        found = [(catalogue.label(o.category), o.p_map) for o in semantic_map.objects()]
+    score = score_map(found, truth, kitchen.T_map_world)
+    assert score.recall >= 0.5
+    assert score.position_error_median < 0.15
+    assert score.per_class["cup"].matched == 2
+    assert catalogue.label(max(place.beliefs, key=place.beliefs.__getitem__)) == "kitchen"
+
+
+def test_two_recordings_make_a_building_of_two_places(tmp_path, shared, building):
+    detector = load_detector(shared("models/deimv2_femto_416.onnx"), threshold=0.25)
+    scene = load_scene_classifier()
+    with SemanticMap.create(tmp_path / "flat.map") as semantic_map:
+        for sequence, n in (("redkitchen", 25), ("icl_livingroom", 10)):
+            map_recording(building(sequence, n), semantic_map, detector, scene)
+        places = {p.label: p for p in semantic_map.places()}
+        objects = semantic_map.objects()
+    kitchen, living = places["redkitchen"], places["icl_livingroom"]
+    assert kitchen.xmax < living.xmin
+    for place in (kitchen, living):
+        inside = [o for o in objects if o.place == place.iri]
+        assert inside
+        assert all(place.xmin <= o.p_map[0] <= place.xmax for o in inside)

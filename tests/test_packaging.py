@@ -1,0 +1,63 @@
+"""The wheel holds what it must, and the four top-level names are ours."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import zipfile
+from importlib.metadata import packages_distributions
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGES = {"kg", "perception", "mapping", "planner"}
+
+
+@pytest.fixture(scope="module")
+def wheel_names(tmp_path_factory: pytest.TempPathFactory) -> set[str]:
+    folder = tmp_path_factory.mktemp("wheel")
+    built = subprocess.run(
+        [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert built.returncode == 0, built.stderr
+    (wheel,) = folder.glob("*.whl")
+    return set(zipfile.ZipFile(wheel).namelist())
+
+
+def test_wheel_has_the_four_packages_and_nothing_else(wheel_names: set[str]) -> None:
+    tops = {name.split("/")[0] for name in wheel_names}
+    assert {top for top in tops if not top.endswith(".dist-info")} == PACKAGES
+
+
+@pytest.mark.parametrize("folder", ["ontologies", "queries"])
+def test_wheel_carries_every_shipped_file(wheel_names: set[str], folder: str) -> None:
+    shipped = {f"kg/{folder}/{path.name}" for path in (ROOT / folder).iterdir()}
+    assert shipped
+    assert shipped <= wheel_names
+
+
+def test_wheel_carries_the_bundled_networks_and_their_licences(wheel_names: set[str]) -> None:
+    networks = {name for name in wheel_names if name.endswith(".onnx")}
+    assert networks == {
+        f"perception/networks/{path.name}" for path in (ROOT / "perception/networks").glob("*.onnx")
+    }
+    assert len(networks) == 2
+    assert any(name.endswith("NOTICE") for name in wheel_names)
+    assert any(name.endswith("LICENSE") for name in wheel_names)
+
+
+def test_wheel_declares_the_command(wheel_names: set[str]) -> None:
+    assert any(name.endswith("entry_points.txt") for name in wheel_names)
+
+
+@pytest.mark.parametrize("name", sorted(PACKAGES))
+def test_top_level_name_is_ours(name: str) -> None:
+    owners = packages_distributions().get(name, [])
+    assert set(owners) <= {"hereabouts"}, f"{name} also comes with {owners}: use a venv of its own"
+    module = __import__(name)
+    assert Path(module.__file__).resolve().parent == ROOT / name
