@@ -240,8 +240,10 @@ class MapStore:
             self._sequence = change.sequence
 
     def _now(self) -> float:
+        # whole milliseconds, as times are told: `--at` the time of a transaction includes it;
         # a clock set back must not put a transaction before the one it follows
-        return max(time.time(), self.journal.last_time if self.journal else 0.0)
+        now = time.time_ns() // 1_000_000 / 1000
+        return max(now, self.journal.last_time if self.journal else 0.0)
 
     def _record(self, change: ChangeSet) -> None:
         if self.journal is None:
