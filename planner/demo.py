@@ -26,7 +26,7 @@ from mapping.layout import Layout, Rectangle
 from mapping.pipeline import map_recording
 from mapping.report import FrameReport, MappingReport
 from mapping.truth import MapScore, Truth, score_map
-from planner.picture import plot_map
+from planner.picture.map_picture import plot_map
 from planner.search import Plan, plan_search
 from planner.simulation.camera import SimulatedCamera
 from planner.simulation.house import House, Item, furnished_house

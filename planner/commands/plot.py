@@ -31,7 +31,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 def run(arguments: argparse.Namespace) -> int:
     """Draw the picture."""
     from kg.semantic_map import SemanticMap
-    from planner.picture import plot_map
+    from planner.picture.map_picture import plot_map
     from planner.search import plan_search
 
     output = Path(arguments.output)

@@ -14,11 +14,11 @@ from kg.records import MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
 from kg.reference_maps import import_reference_maps
 from kg.semantic_map import SemanticMap
 from planner.goals import Goal
-from planner.label_placement import overlap, place_labels
-from planner.palette import object_groups
-from planner.paper import Extent, Sheet
-from planner.picture import plot_map
-from planner.place_names import fit_name
+from planner.picture.label_placement import overlap, place_labels
+from planner.picture.map_picture import plot_map
+from planner.picture.palette import object_groups
+from planner.picture.paper import Extent, Sheet
+from planner.picture.place_names import fit_name
 from planner.simulation.house import furnished_house
 
 

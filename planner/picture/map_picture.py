@@ -19,7 +19,8 @@ from numpy.typing import ArrayLike, NDArray
 from kg.errors import PictureError
 from kg.records import ObjectRecord, PlaceRecord
 from kg.semantic_map import SemanticMap
-from planner.drawing import (
+from planner.goals import Goal
+from planner.picture.drawing import (
     draw_goal,
     draw_house,
     draw_object,
@@ -28,9 +29,8 @@ from planner.drawing import (
     draw_route,
     mark,
 )
-from planner.goals import Goal
-from planner.label_placement import Box, Label, place_labels
-from planner.palette import (
+from planner.picture.label_placement import Box, Label, place_labels
+from planner.picture.palette import (
     FAINT,
     HALO,
     INK,
@@ -40,8 +40,8 @@ from planner.palette import (
     place_colours,
     top_category,
 )
-from planner.paper import Extent, Sheet
-from planner.place_names import calm_spot, fit_name
+from planner.picture.paper import Extent, Sheet
+from planner.picture.place_names import calm_spot, fit_name
 from planner.simulation.house import House
 
 FORMATS: Final = (".png", ".svg", ".pdf")

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from planner.palette import INK
+from planner.picture.palette import INK
 
 DPI: Final = 160
 LONGER_SIDE: Final = (10.5, 20.0)  # [inch] of the drawing: usually, and where it is crowded

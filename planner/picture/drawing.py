@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from kg.records import ObjectRecord, PlaceRecord, RobotRecord
 from planner.goals import Goal
-from planner.palette import INK, OUTLINE, ROUTE, TRUE_SPOT, WALL, Group
+from planner.picture.palette import INK, OUTLINE, ROUTE, TRUE_SPOT, WALL, Group
 from planner.simulation.house import House, Item
 
 

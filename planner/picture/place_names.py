@@ -14,8 +14,8 @@ from matplotlib.text import Text
 from numpy.typing import NDArray
 
 from kg.records import PlaceRecord
-from planner.palette import FAINT, INK
-from planner.paper import Sheet
+from planner.picture.palette import FAINT, INK
+from planner.picture.paper import Sheet
 
 SIZES: Final = (5.0, 9.5)  # [pt] of the name: least and usual
 DETAIL_SIZE: Final = 7.0  # [pt]

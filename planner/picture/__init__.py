@@ -1,0 +1,1 @@
+"""A map as a picture one wants to look at."""
