@@ -13,6 +13,10 @@ from planner.ordering.segments import Legs, Order, legs_of
 
 #: nearest places to which new legs are tried
 NEIGHBOURS = 8
+#: longest stretch a kick moves
+LONGEST = 12
+#: from here on sorting the legs of every place would take longer than the search may
+MANY = 2000
 #: a gain must exceed this share of the cost: rounding must not make a search go in circles
 _LEAST = 1e-12
 
@@ -20,19 +24,27 @@ _LEAST = 1e-12
 def by_ratio(kernel: Kernel) -> Ints:
     """Always on to the place with the most probability a second: the constructive ratio rule."""
     m = kernel.size
-    chance = np.where(kernel.w < 1, kernel.w, 1.0)
+    chance = kernel.w
     order = np.empty(m, dtype=np.intp)
     left, at = np.arange(m), kernel.root
-    legs = np.maximum(kernel.D, 1e-9)
     for k in range(m):
-        best = int(np.argmax(chance[left] / legs[at, left]))
+        best = int(np.argmax(chance[left] / (kernel.D[at, left] + 1e-9)))
         order[k] = at = left[best]
         left = np.delete(left, best)
     return order
 
 
-def near(kernel: Kernel, count: int = NEIGHBOURS) -> Ints:
-    """(m + 1, count) the places that are quickest to reach and look over, row by row."""
+def near(kernel: Kernel, order: Ints, count: int = NEIGHBOURS) -> Ints:
+    """(m + 1, count) places to try after each place, row by row.
+
+    The quickest to reach and look over; of very many places, those that follow soon in `order`.
+    """
+    if kernel.size > MANY:
+        following = np.append(kernel.root, order)
+        at = np.minimum(np.arange(kernel.size + 1)[:, None] + np.arange(2, count + 2), kernel.size)
+        rows = np.empty((kernel.size + 1, count), dtype=np.intp)
+        rows[following] = following[at]
+        return rows
     D = kernel.D.copy()
     np.fill_diagonal(D, np.inf)
     count = min(count, kernel.size - 1)
@@ -62,15 +74,17 @@ def improve(
 
     `kicks` bounds the work instead where results must not depend on the machine's speed.
     """
-    late = lambda: time.perf_counter() > deadline  # noqa: E731
-    legs, near_to = legs_of(kernel), near(kernel)
+
+    def late() -> bool:
+        return time.perf_counter() > deadline
+
+    legs, near_to = legs_of(kernel), near(kernel, start)
     best = descend(Order(legs, start), np.arange(kernel.size + 1), near_to, late)
     rng = np.random.default_rng(seed)
     done = 0
     while not late() and best.end > 3 and (kicks is None or done < kicks):
         best = _kick(best, legs, near_to, rng, late)
         done += 1
-    improve.done = done
     return best.place[1:-1].copy(), best.cost
 
 
@@ -78,8 +92,8 @@ def _kick(
     best: Order, legs: Legs, near_to: Ints, rng: np.random.Generator, late: Callable[[], bool]
 ) -> Order:
     """`best` with two neighbouring stretches exchanged, improved again; whichever is better."""
-    longest = max(2, min(best.end // 3, 12))
-    one, two = rng.integers(1, longest, 2)
+    longest = min(best.end // 2, LONGEST)
+    one, two = (int(length) for length in rng.integers(1, longest + 1, 2))
     i = int(rng.integers(1, max(2, best.end - one - two + 2)))
     c, j = i + one - 1, min(i + one + two - 1, best.end)
     places = best.place[1:-1].copy()

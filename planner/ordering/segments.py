@@ -35,24 +35,22 @@ class Stretch(NamedTuple):
 
 
 class Legs(NamedTuple):
-    """A kernel made ready for moves: a last column of zeros ends an order."""
+    """A kernel made ready for moves."""
 
-    D: Array  # (m + 1, m + 1) [s]
-    flat: Array  # the same, flattened
+    flat: Floats  # ((m + 1) m,) [s] the leg matrix, row after row
     w: Array  # (m,)
     keep: Array  # (m,) share left after a look
 
     def __call__(self, a: Ints, b: Ints) -> Array:
-        """Seconds from a to b, element by element."""
-        return self.flat.take(a * len(self.D) + b)
+        """Seconds from a to b, element by element; none to the end, which is place m."""
+        m = len(self.w)
+        return np.where(b < m, self.flat.take(a * m + np.minimum(b, m - 1)), 0.0)
 
 
 def legs_of(kernel: Kernel) -> Legs:
-    """`kernel`'s legs, padded."""
-    D = np.zeros((kernel.size + 1, kernel.size + 1))
-    D[:, :-1] = kernel.D
+    """`kernel` for moves."""
     w = np.minimum(kernel.w, _SUREST) if kernel.any else kernel.w
-    return Legs(D, D.ravel(), w, 1.0 - w if kernel.any else np.ones_like(w))
+    return Legs(kernel.D.ravel(), w, 1.0 - w if kernel.any else np.ones_like(w))
 
 
 class Order:
