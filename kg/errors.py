@@ -131,7 +131,7 @@ class LayoutError(HereaboutsError):
 
 
 class OrderingError(HereaboutsError):
-    """A search ordering problem makes no sense: sizes differ, a time is negative, no probability."""
+    """A search problem makes no sense: sizes differ, a time is negative, no probability."""
 
 
 class ServerError(HereaboutsError):

@@ -86,7 +86,9 @@ def _shortcut(problem: OrderingProblem, worth: NDArray[np.bool_]) -> bool:
     for via in np.flatnonzero(~worth):
         np.minimum(short, short[:, via, None] + problem.explore[via] + short[via], out=short)
     kept = np.append(worth, True)
-    return bool(np.any((short < direct - 1e-9 * (1 + direct))[np.ix_(kept, worth)] & _off(kept, worth)))
+    return bool(
+        np.any((short < direct - 1e-9 * (1 + direct))[np.ix_(kept, worth)] & _off(kept, worth))
+    )
 
 
 def _off(rows: NDArray[np.bool_], columns: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -1,4 +1,4 @@
-"""Moves that make one leg part of an order: 2-opt, or-opt and their turned forms, priced at once."""
+"""Moves that make one leg part of an order: 2-opt, or-opt, turned or not, priced at once."""
 
 from __future__ import annotations
 
@@ -103,4 +103,6 @@ def changed(place: Ints, i: int, c: int, j: int, turn: int) -> Ints:
     if turn < 0:
         return place[i : j + 1][::-1]
     first, second = place[c + 1 : j + 1], place[i : c + 1]
-    return np.concatenate([first[::-1] if turn & 1 else first, second[::-1] if turn & 2 else second])
+    return np.concatenate(
+        [first[::-1] if turn & 1 else first, second[::-1] if turn & 2 else second]
+    )

@@ -1,8 +1,8 @@
 """A lower bound on every order's cost: legs split between their ends, then Smith's rule.
 
-Where out[i] + in[j] <= D[i, j] for all legs, a place j costs at least in[j] x what is left before it
-plus out[j] x what is left after it, wherever it stands. Without legs this is a sum that the order
-of c / w minimises (Smith 1956), c[j] = in[j] + out[j], in the model `any` in[j] + out[j] (1 - p[j]):
+Where out[i] + in[j] <= D[i, j] for all legs, a place j costs at least in[j] x what is left before
+it plus out[j] x what is left after it, wherever it stands. Without legs this is a sum that the
+order of c / w minimises (Smith 1956), c[j] = in[j] + out[j], times 1 - p[j] the latter in `any`:
 exchanging two neighbours shows it. The bound is concave in `out` (in[j] = the least D[i, j] -
 out[i], and a minimum over orders of what is linear in both), so steps along a supergradient raise
 it; each value on the way is a bound by itself.
