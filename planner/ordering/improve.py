@@ -13,6 +13,8 @@ from planner.ordering.segments import Legs, Order, legs_of
 
 #: nearest places to which new legs are tried
 NEIGHBOURS = 8
+#: places whose moves are priced at once
+_BATCH = 1024
 #: longest stretch a kick moves
 LONGEST = 12
 #: from here on sorting the legs of every place would take longer than the search may
@@ -54,16 +56,16 @@ def near(kernel: Kernel, order: Ints, count: int = NEIGHBOURS) -> Ints:
 def descend(order: Order, around: Ints, near_to: Ints, late: Callable[[], bool]) -> Order:
     """Apply improving moves that begin at places `around` until there are none, or it is late."""
     while len(around) and not late():
+        around, rest = around[:_BATCH], around[_BATCH:]
         a = np.repeat(around, near_to.shape[1])
         b = near_to[around].ravel()
         found = moves(order, a, b)
         places, ends = apply_best(order, found, _LEAST * order.cost)
-        if not ends:
-            break
-        better = Order(order.legs, places)
-        if better.cost >= order.cost:
-            break
-        order, around = better, np.unique(better.place[:-1][ends])
+        better = Order(order.legs, places) if ends else order
+        if better.cost < order.cost:
+            order, around = better, np.union1d(rest, better.place[:-1][ends])
+        else:
+            around = rest
     return order
 
 

@@ -14,6 +14,8 @@ Ints = NDArray[np.intp]
 
 #: beyond this many places no look is taken at whether a place without probability is a shortcut
 _SHORTCUTS_UP_TO = 1000
+#: up to so many places legs are kept in double precision whatever they come in
+_DOUBLE_UP_TO = 2000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,7 +27,7 @@ class Kernel:
     """
 
     D: Floats  # (m + 1, m) [s] travel plus look of the column's place; row m leaves from the start
-    w: Floats  # (m,) `single`: p / sum p; `any`: p
+    w: NDArray[np.float64]  # (m,) `single`: p / sum p; `any`: p
     any: bool
     sites: Ints  # (m,) which places of the problem these are
     rest: Ints  # places that are visited last or never
@@ -71,8 +73,11 @@ def reduce_problem(problem: OrderingProblem) -> Kernel:
         worth = np.ones_like(worth)
     sites = np.flatnonzero(worth)
     T = problem.T if worth.all() else problem.T[np.ix_(sites, sites)]
-    D = np.concatenate([T, problem.t0[None, sites].astype(T.dtype)])
-    D += problem.explore[sites].astype(T.dtype)
+    D = np.empty(
+        (len(sites) + 1, len(sites)), dtype=T.dtype if len(sites) > _DOUBLE_UP_TO else np.float64
+    )
+    np.add(T, problem.explore[sites], out=D[:-1], casting="same_kind")
+    np.add(problem.t0[sites], problem.explore[sites], out=D[-1], casting="same_kind")
     p = problem.p[sites].astype(np.float64)
     some = problem.model == "any"
     rest = np.flatnonzero(~worth)
@@ -92,4 +97,5 @@ def _shortcut(problem: OrderingProblem, worth: NDArray[np.bool_]) -> bool:
 
 
 def _off(rows: NDArray[np.bool_], columns: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    return np.flatnonzero(rows)[:, None] != np.flatnonzero(columns)[None]
+    apart: NDArray[np.bool_] = np.flatnonzero(rows)[:, None] != np.flatnonzero(columns)[None]
+    return apart

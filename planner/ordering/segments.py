@@ -109,7 +109,8 @@ class Order:
         shorter = nearer + old.time - instead.time
         shorter += self.legs(old.last, after) - self.legs(instead.last, after)
         inside = old.found * nearer + old.cost - instead.cost
-        return self._left[i - 1] * inside + shorter * (self._found[-1] - self._found[j])
+        gained: Array = self._left[i - 1] * inside + shorter * (self._found[-1] - self._found[j])
+        return gained
 
 
 def join(legs: Legs, a: Stretch, b: Stretch) -> Stretch:

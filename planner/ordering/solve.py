@@ -13,14 +13,22 @@ from planner.ordering.improve import MANY, by_ratio, improve
 from planner.ordering.kernel import Ints, Kernel, reduce_problem
 from planner.ordering.potentials import best_bound, quick_bound
 from planner.ordering.problem import OrderingProblem
+from planner.ordering.prove import prove
 from planner.ordering.subsets import MOST, best_order
+from planner.ordering.walks import Known, coarsest_step, raise_prices
 
+#: places up to which all subsets can be gone through in half a second
+_SUBSETS = 17
 #: share of the time spent on orders; the rest goes into the bound
 _ON_ORDERS = 0.6
+#: up to so many places walks bound the model `single`; fine steps and a proof only up to so many
+_WALKED, _FINE = 60, 36
+#: share of the time spent on orders of that few
+_ON_FEW = 0.2
 #: share of the time limit kept back for what cannot be interrupted
 _RESERVE = 0.08
 #: rounding: by how much less than computed a bound is said to be
-_EXACT, _ROUNDED = 1e-12, 1e-9
+_EXACT, _ROUNDED, _SINGLE = 1e-12, 1e-9, 1e-5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,14 +59,15 @@ def solve(problem: OrderingProblem, time_limit: float = 1.0, seed: int = 0) -> O
         raise OrderingError(f"the time limit must be above 0 s, got {time_limit}")
     begin = time.perf_counter()
     kernel = reduce_problem(problem)
-    if kernel.size <= MOST:
+    if kernel.size <= MOST or (kernel.size <= _SUBSETS and time_limit >= 0.5):
         order, bound = best_order(kernel), np.inf
     else:
         order, bound = _anytime(kernel, begin, time_limit, seed)
+    rounded = _ROUNDED if kernel.D.dtype == np.float64 else _SINGLE
     whole = np.concatenate([kernel.sites[order], kernel.rest])
     expected = problem.expected_seconds(whole)
     proven = bound >= kernel.cost(order) * (1 - _ROUNDED)
-    lower = expected * (1 - _EXACT) if proven else bound / kernel.norm * (1 - _ROUNDED)
+    lower = expected * (1 - _EXACT) if proven else bound / kernel.norm * (1 - rounded)
     return Ordering(whole, expected, lower, bool(proven), time.perf_counter() - begin)
 
 
@@ -69,5 +78,28 @@ def _anytime(kernel: Kernel, begin: float, limit: float, seed: int) -> tuple[Int
         bound = quick_bound(kernel)
         return improve(kernel, order, end, seed)[0], bound
     now = time.perf_counter()
+    if kernel.size <= _WALKED and not kernel.any:
+        order, _ = improve(kernel, order, now + (end - now) * _ON_FEW, seed)
+        return _walked(kernel, order, end)
     order, cost = improve(kernel, order, now + (end - now) * _ON_ORDERS, seed)
     return order, best_bound(kernel, cost, end)
+
+
+def _walked(kernel: Kernel, order: Ints, end: float) -> tuple[Ints, float]:
+    """A bound from walks, and the proof that it may lead to."""
+    known = Known.of(kernel, order)
+    step = coarsest_step(kernel, known.total)
+    if step is None:
+        return order, best_bound(kernel, known.cost, end)
+    now = time.perf_counter()
+    share = 0.4 if kernel.size <= _FINE else 0.9
+    walks = raise_prices(kernel, known, known.price, step, now + (end - now) * share)
+    if kernel.size <= _FINE:
+        now = time.perf_counter()
+        walks = raise_prices(kernel, known, walks.price, step / 6, now + (end - now) * 0.3)
+        now = time.perf_counter()
+        better = prove(kernel, walks, known.cost, now + (end - now) * 0.7)
+        if better is not None:
+            order = better if len(better) else order
+            return order, kernel.cost(order)
+    return order, max(walks.bound, best_bound(kernel, known.cost, end))

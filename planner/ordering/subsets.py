@@ -1,4 +1,4 @@
-"""The optimal order of up to fifteen places: dynamic programming over subsets.
+"""The optimal order of few places: dynamic programming over subsets.
 
 Held and Karp (1962), with the leg's time weighted by the probability left: that depends on the set
 visited before alone, in both models, so the best way to have visited a set and stand at one of its
@@ -23,7 +23,8 @@ def probability_left(kernel: Kernel) -> NDArray[np.float64]:
     left = np.ones(1) if kernel.any else np.full(1, kernel.w.sum())
     for weight in kernel.w:
         left = np.concatenate([left, left * (1.0 - weight) if kernel.any else left - weight])
-    return np.maximum(left - left[-1], 0.0)
+    after: NDArray[np.float64] = np.maximum(left - left[-1], 0.0)
+    return after
 
 
 def best_order(kernel: Kernel) -> Ints:
@@ -52,7 +53,7 @@ def _trace(cost: Floats, legs: Floats, left: Floats) -> Ints:
     return np.array(order[::-1], dtype=np.intp)
 
 
-@lru_cache(maxsize=MOST + 2)
+@lru_cache(maxsize=20)
 def _layers(m: int) -> tuple[Ints, ...]:
     """The subsets of m places as bit masks, by their number of places."""
     size = np.zeros(1, dtype=np.int64)
