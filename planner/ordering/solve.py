@@ -25,6 +25,10 @@ _ON_ORDERS = 0.6
 _WALKED, _FINE = 60, 36
 #: share of the time spent on orders of that few
 _ON_FEW = 0.2
+#: share of what is left after that for split legs
+_ON_SPLITS = 0.15
+#: how much finer the fine steps are
+_FINER = 6
 #: share of the time limit kept back for what cannot be interrupted
 _RESERVE = 0.08
 #: rounding: by how much less than computed a bound is said to be
@@ -92,14 +96,18 @@ def _walked(kernel: Kernel, order: Ints, end: float) -> tuple[Ints, float]:
     if step is None:
         return order, best_bound(kernel, known.cost, end)
     now = time.perf_counter()
-    share = 0.4 if kernel.size <= _FINE else 0.9
-    walks = raise_prices(kernel, known, known.price, step, now + (end - now) * share)
-    if kernel.size <= _FINE:
-        now = time.perf_counter()
-        walks = raise_prices(kernel, known, walks.price, step / 6, now + (end - now) * 0.3)
+    bound = best_bound(kernel, known.cost, now + (end - now) * _ON_SPLITS)
+    few = kernel.size <= _FINE
+    walks = raise_prices(
+        kernel, known, known.price, step, now + (end - now) * (0.5 if few else 0.9)
+    )
+    now = time.perf_counter()
+    if few and walks.seconds * _FINER * 2 < end - now:
+        until = now + (end - now) * 0.3
+        walks = raise_prices(kernel, known, walks.price, step / _FINER, until)
         now = time.perf_counter()
         better = prove(kernel, walks, known.cost, now + (end - now) * 0.7)
         if better is not None:
             order = better if len(better) else order
             return order, kernel.cost(order)
-    return order, max(walks.bound, best_bound(kernel, known.cost, end))
+    return order, max(bound, walks.bound)

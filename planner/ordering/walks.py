@@ -36,6 +36,7 @@ class Walks:
     price: Array  # (m,)
     step: float  # [s]
     bound: float  # of every order's cost
+    seconds: float  # [s] it took to work out
 
     def at(self, seconds: Array, place: NDArray[np.intp]) -> Array:
         """`onward` (k,) at `seconds` (k,) in `place` (k,)."""
@@ -59,6 +60,7 @@ class Grid:
 
     def solve(self, price: Array) -> tuple[Walks, Array]:
         """The cheapest walk at `price` (m,), and 1 less how often it visits each place (m,)."""
+        begin = time.perf_counter()
         m, steps = self.kernel.size, self.steps
         w = self.kernel.w
         pays = np.arange(self.rows)[:, None] * (self.step * w) - price
@@ -83,7 +85,8 @@ class Grid:
             second[low:top] = pays[low:top] + np.minimum(two, 0.0)[:, :m]
             after[low:top] = np.where(one < 0, nearest[..., 0], m + 1)[:, :m]
         slope = 1.0 - self._trace(best, second, after)
-        return Walks(onward, price, self.step, float(price.sum() + onward[0, m])), slope
+        bound = float(price.sum() + onward[0, m])
+        return Walks(onward, price, self.step, bound, time.perf_counter() - begin), slope
 
     def _trace(self, best: Array, second: Array, after: NDArray[np.intp]) -> Array:
         m = self.kernel.size

@@ -89,7 +89,7 @@ def test_bounds_are_never_above_the_optimum(problem: OrderingProblem) -> None:
     assert best_bound(kernel, kernel.cost(order), np.inf) <= optimum + slack
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(problems(most=8), st.randoms(use_true_random=False))
 def test_the_gain_of_a_move_is_what_the_cost_falls_by(problem: OrderingProblem, rng: Any) -> None:
     kernel = reduce_problem(problem)
@@ -145,7 +145,7 @@ def test_proofs_beyond_all_subsets_agree_with_all_subsets() -> None:
         assert found == pytest.approx(optimum, rel=1e-9)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(problems())
 def test_walks_bound_every_order(problem: OrderingProblem) -> None:
     kernel = reduce_problem(problem)
