@@ -23,6 +23,7 @@
     ├── RecordingError           a recording that cannot be read: poses, images, intrinsics
     ├── ModelError               a network that cannot be loaded, fetched or understood
     ├── LayoutError              places or transforms given by file that make no sense
+    ├── OrderingError            a search problem that makes no sense: sizes, signs, no probability
     ├── ServerError              a server that cannot start as asked, or a request it refuses
     └── PictureError             a picture that cannot be drawn or written
 
@@ -127,6 +128,10 @@ class ModelError(HereaboutsError):
 
 class LayoutError(HereaboutsError):
     """Places or transforms given by file make no sense."""
+
+
+class OrderingError(HereaboutsError):
+    """A search problem makes no sense: sizes differ, a time is negative, no probability."""
 
 
 class ServerError(HereaboutsError):

@@ -1,0 +1,63 @@
+"""Orders and bounds on made-up buildings, beside the ratio rule and a long search.
+
+    python -m benchmarks.ordering [SIZES [SEEDS [LONG]]]     (30,50,100,330,10000  2  10)
+
+For each size, model and building: the expected time of the ratio rule, of a search of one second,
+and of the best of two searches of LONG seconds; the proven gap; the wall-clock time.
+`--write FILE` writes the buildings as problems for `hereabouts bench plan` instead.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from benchmarks.ordering_worlds import document, problem
+from planner.ordering import solve
+from planner.ordering.improve import by_ratio
+from planner.ordering.kernel import reduce_problem
+
+MODELS: tuple[Literal["single", "any"], ...] = ("single", "any")
+
+
+def main() -> None:
+    """Measure, or write the problems."""
+    words = sys.argv[1:]
+    if words[:1] == ["--write"]:
+        Path(words[1]).write_text(json.dumps(document([30, 50, 100, 330], 2)))
+        return
+    sizes = [int(size) for size in (words[0] if words else "30,50,100,330,10000").split(",")]
+    seeds = int(words[1]) if len(words) > 1 else 2
+    long = float(words[2]) if len(words) > 2 else 10.0
+    sys.stdout.write("| places | model | ratio rule | 1 s | over best known | gap | proven | s |\n")
+    sys.stdout.write("|---|---|---|---|---|---|---|---|\n")
+    for size in sizes:
+        for model in MODELS:
+            _row(size, model, seeds, long)
+
+
+def _row(size: int, model: Literal["single", "any"], seeds: int, long: float) -> None:
+    rows = []
+    for seed in range(seeds):
+        made = problem(size, seed, model)
+        kernel = reduce_problem(made)
+        rule = kernel.cost(by_ratio(kernel)) / kernel.norm
+        found = solve(made)
+        others = [solve(made, long, seed=s).expected_seconds for s in (1, 2)] if long > 0 else []
+        best = min([*others, found.expected_seconds])
+        over = found.expected_seconds / best - 1
+        rows.append((rule, found.expected_seconds, over, found.gap, found.proven, found.seconds))
+    rule, expected, over, gap, proven, seconds = np.mean(rows, axis=0)
+    sys.stdout.write(
+        f"| {size} | {model} | {rule:.0f} | {expected:.0f} | {over:.2%} | {gap:.1%} | "
+        f"{proven:.0%} | {seconds:.2f} |\n"
+    )
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,78 @@
+"""Made-up buildings as search problems, in the format of `hereabouts bench plan`; seeded.
+
+Rooms of 3 to 8 m hang on both sides of parallel corridors that a cross corridor joins; travel
+follows the corridors, from door to door. Rooms of one category have like probabilities, as a
+knowledge graph gives them.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.ordering.problem import OrderingProblem
+from planner.travel import SearchModel
+
+SPEED = 0.2412  # [m/s]; planner/travel.py
+EXPLORE = 41.79  # [s]
+CATEGORIES = 12
+
+
+def building(rooms: int, seed: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Metres (n, n) between the rooms' centres along the corridors, and their categories (n,)."""
+    rng = np.random.default_rng(seed)
+    corridors = max(1, round(np.sqrt(rooms / 12)))
+    corridor = np.sort(np.arange(rooms) % corridors)
+    side = rng.integers(0, 2, rooms)
+    along = np.zeros(rooms)
+    for c in range(corridors):
+        for s in (0, 1):
+            mine = np.flatnonzero((corridor == c) & (side == s))
+            width = rng.uniform(3.0, 8.0, len(mine))
+            along[mine] = np.cumsum(width) - width / 2
+    depth = rng.uniform(2.0, 4.0, rooms)
+    across = np.abs(corridor[:, None] - corridor) * 14.0
+    crossing = np.where(across > 0, along[:, None] + along, np.abs(along[:, None] - along))
+    metres = crossing + across + depth[:, None] + depth
+    np.fill_diagonal(metres, 0.0)
+    return metres, rng.integers(0, CATEGORIES, rooms)
+
+
+def problem(rooms: int, seed: int, model: SearchModel = "single") -> OrderingProblem:
+    """One search in such a building: the probabilities peaked by category, then jittered."""
+    metres, category = building(rooms, seed)
+    rng = np.random.default_rng([seed, rooms])
+    prior = rng.dirichlet(np.full(CATEGORIES, 0.4))[category] + 1e-3
+    p = prior * rng.uniform(0.5, 1.5, rooms)
+    p /= p.sum()
+    if model == "any":
+        p = np.minimum(p * rng.uniform(0.8, 4.0), 0.95)
+    start = rng.integers(rooms)
+    explore = EXPLORE * rng.uniform(0.6, 1.6, rooms)
+    T = (metres / SPEED).astype(np.float32 if rooms > 2000 else np.float64)
+    return OrderingProblem(p, T, T[start].copy(), explore.astype(T.dtype), model)
+
+
+def document(sizes: list[int], seeds: int) -> dict[str, Any]:
+    """Worlds and queries in the format of `hereabouts bench plan`, `seeds` of each size."""
+    worlds, queries = [], []
+    for rooms in sizes:
+        for seed in range(seeds):
+            for model in ("single", "any"):
+                made = problem(rooms, seed, "any" if model == "any" else "single")
+                name = f"b{rooms}_{seed}_{model}"
+                places = [{"id": k, "explore_s": float(e)} for k, e in enumerate(made.explore)]
+                worlds.append({"id": name, "places": places, "T": made.T.tolist()})
+                queries.append(
+                    {
+                        "id": name,
+                        "world": name,
+                        "object": "cup",
+                        "model": model,
+                        "t0": made.t0.tolist(),
+                        "p": made.p.tolist(),
+                    }
+                )
+    return {"worlds": worlds, "queries": queries}

@@ -1,0 +1,108 @@
+"""`hereabouts bench plan`: search problems from a file, ordered, with proven bounds."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from kg.errors import OrderingError
+from planner.commands.arguments import add_json, count, positive
+from planner.commands.console import err, note, progress, write_json
+
+if TYPE_CHECKING:
+    from planner.ordering.solve import Ordering
+    from planner.search_problems import SearchProblem
+
+
+def add(benches: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare `bench plan`."""
+    plan = benches.add_parser(
+        "plan",
+        help="orders of least expected time for the search problems of a file",
+        description="Order the places of every query so that the expected time to find is least, "
+        "with a proven lower bound (docs/ordering.md).",
+        epilog="example: hereabouts bench plan problems.json -o plans.json",
+    )
+    plan.add_argument("problems", metavar="PROBLEMS", help="JSON file of worlds and queries")
+    plan.add_argument("-o", "--output", required=True, metavar="PLANS", help="JSON file to write")
+    plan.add_argument(
+        "--time-limit", type=positive, default=1.0, metavar="S", help="a query (default: 1)"
+    )
+    plan.add_argument("--seed", type=count, default=0, metavar="N", help="(default: 0)")
+    add_json(plan)
+    plan.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Read, solve, write, sum up."""
+    from planner.ordering.solve import solve
+    from planner.search_problems import read_problems
+
+    output = Path(arguments.output)
+    problems = read_problems(Path(arguments.problems))
+    solved: list[tuple[SearchProblem, Ordering]] = []
+    with progress() as bar:
+        task = bar.add_task("planning", total=len(problems), status="")
+        for entry in problems:
+            bar.update(task, status=entry.id)
+            solved.append((entry, solve(entry.problem, arguments.time_limit, arguments.seed)))
+            bar.advance(task)
+    plans = {entry.id: _plan(entry, ordering) for entry, ordering in solved}
+    try:
+        output.write_text(json.dumps(plans, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise OrderingError(f"cannot write {output}: {error.strerror}") from error
+    summary = _summary(solved)
+    _print_summary(summary)
+    if arguments.json:
+        write_json(summary)
+    return 0
+
+
+def _plan(entry: SearchProblem, ordering: Ordering) -> dict[str, Any]:
+    return {
+        "order": [entry.places[site] for site in ordering.order],
+        "expected_seconds": ordering.expected_seconds,
+        "lower_bound": ordering.lower_bound,
+        "time_s": ordering.seconds,
+    }
+
+
+def _summary(solved: list[tuple[SearchProblem, Ordering]]) -> list[dict[str, Any]]:
+    """One row for each size of problem."""
+    rows = []
+    for places in sorted({entry.problem.size for entry, _ in solved}):
+        these = [ordering for entry, ordering in solved if entry.problem.size == places]
+        rows.append(
+            {
+                "places": places,
+                "queries": len(these),
+                "proven": sum(ordering.proven for ordering in these),
+                "mean_expected_seconds": sum(o.expected_seconds for o in these) / len(these),
+                "mean_gap": sum(ordering.gap for ordering in these) / len(these),
+                "greatest_gap": max(ordering.gap for ordering in these),
+                "mean_time_s": sum(ordering.seconds for ordering in these) / len(these),
+                "greatest_time_s": max(ordering.seconds for ordering in these),
+            }
+        )
+    return rows
+
+
+def _print_summary(rows: list[dict[str, Any]]) -> None:
+    from rich import box
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for column in ("places", "queries", "proven", "E [s]", "gap", "worst gap", "ms", "worst ms"):
+        table.add_column(column, justify="right")
+    for row in rows:
+        table.add_row(
+            *(str(row[key]) for key in ("places", "queries", "proven")),
+            f"{row['mean_expected_seconds']:.1f}",
+            *(f"{row[key]:.2%}" for key in ("mean_gap", "greatest_gap")),
+            *(f"{1000 * row[key]:.1f}" for key in ("mean_time_s", "greatest_time_s")),
+        )
+    err().print(table)
+    note(f"{sum(row['proven'] for row in rows)} of {sum(row['queries'] for row in rows)} proven")
