@@ -45,6 +45,7 @@ def application(serving: Serving) -> ASGIApp:
     table: list[tuple[str, Answer, list[str]]] = [
         ("/", Front().answer, get),
         ("/sparql", sparql, ["GET", "POST"]),
+        ("/sparql/", sparql, ["GET", "POST"]),
         ("/graphs", graph_store, write),
         ("/graphs/{name:path}", graph_store, write),
         ("/dump.{ending:str}", dump, get),
