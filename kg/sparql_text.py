@@ -38,6 +38,7 @@ _SERVICE = re.compile(
     rf"service{_GAP}(?:silent{_GAP})?(?:<[^>]*>|[?$]\w+|[\w.-]*:[^\s{{]*){_GAP}\{{", re.IGNORECASE
 )
 _ESCAPE = re.compile(r"\\u([0-9a-fA-F]{4})|\\U([0-9a-fA-F]{8})")
+_RELATIVE = re.compile(r"<(?![A-Za-z][A-Za-z0-9+.-]*:)[^<>\"{}|^`\\\x00-\x20]*>")
 _UPDATES = frozenset(
     "insert delete load clear drop create add move copy with".split()  # noqa: SIM905
 )
@@ -78,6 +79,14 @@ def after_where(sparql: str, clause: str) -> str:
 def has_word(sparql: str, word: str) -> bool:
     """Whether a keyword occurs outside of strings, comments, IRIs and names."""
     return any((m["word"] or "").lower() == word for m in _TOKEN.finditer(sparql))
+
+
+def with_base(sparql: str, base: str) -> str:
+    """The text with `base` to resolve its relative IRIs, where it may have any.
+
+    A BASE of the text's own comes later, and so counts.
+    """
+    return f"BASE <{base}> {sparql}" if _RELATIVE.search(sparql) else sparql
 
 
 @dataclass(frozen=True, slots=True)

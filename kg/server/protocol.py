@@ -19,6 +19,7 @@ from kg.server.event_stream import disconnected
 from kg.server.problems import Problem
 from kg.server.serving import Serving
 from kg.server.using import with_graphs
+from kg.sparql_text import with_base
 from kg.workers.process import Answer
 
 QUERY: Final = "application/sparql-query"
@@ -66,7 +67,7 @@ async def _form(serving: Serving, request: Request, url: Parameters) -> Response
 async def _query(serving: Serving, request: Request, given: Parameters) -> Response:
     query = asyncio.ensure_future(
         serving.pool.run_async(
-            given.one("query") or "",
+            with_base(given.one("query") or "", serving.semantic_map.base),
             accept=request.headers.get("accept"),
             default_graphs=_graphs(given, "default-graph-uri"),
             named_graphs=_graphs(given, "named-graph-uri"),
@@ -98,7 +99,7 @@ async def _unless_gone(request: Request, query: asyncio.Task[Answer]) -> Answer:
 
 async def _update(serving: Serving, given: Parameters, by: str) -> Response:
     text = with_graphs(
-        given.one("update") or "",
+        with_base(given.one("update") or "", serving.semantic_map.base),
         _graphs(given, "using-graph-uri"),
         _graphs(given, "using-named-graph-uri"),
     )
