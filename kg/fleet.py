@@ -18,6 +18,7 @@ from pyoxigraph import Literal, NamedNode, QuerySolutions, Store
 
 from kg import vocabulary as v
 from kg.answers import Row, Table, Value
+from kg.endpoint import is_url, without_secrets
 from kg.errors import GraphError, HereaboutsError, QueryError
 from kg.questions import any_question
 from kg.semantic_map import SemanticMap
@@ -70,8 +71,10 @@ class Fleet:
                     strict=True,
                 )
             )
-        tables = {name: answer for name, answer in told.items() if isinstance(answer, Table)}
-        failed = {name: error for name, error in told.items() if not isinstance(error, Table)}
+        # rows and reasons are shown: an address without its password
+        shown = {(without_secrets(n) if is_url(n) else n): answer for n, answer in told.items()}
+        tables = {name: answer for name, answer in shown.items() if isinstance(answer, Table)}
+        failed = {name: error for name, error in shown.items() if not isinstance(error, Table)}
         failures = {name: " ".join(str(error).split()) for name, error in failed.items()}
         if not tables:
             raise _shared_failure(list(failed.values()), failures)

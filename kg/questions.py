@@ -233,6 +233,16 @@ def shipped_questions() -> tuple[Question, ...]:
     return tuple(load_question(path) for path in sorted(QUERIES.glob("*.rq")))
 
 
+def ready_questions() -> list[tuple[str, str, str]]:
+    """Name, summary and SPARQL of those that need no parameters."""
+    ready = []
+    for question in shipped_questions():
+        if all(parameter.default is not None for parameter in question.parameters):
+            sparql = question.bind({}, lambda kind, text: text)
+            ready.append((question.name, question.summary, sparql.strip()))
+    return ready
+
+
 def find_question(name: str) -> Question:
     """The shipped question called `name`; raises UnknownQueryError that lists what there is."""
     names = sorted(path.stem for path in QUERIES.glob("*.rq"))

@@ -98,14 +98,19 @@ class Tail:
     offset: bool  # whether it skips rows
 
 
-def tail_of(sparql: str) -> Tail:
-    """The ORDER BY, LIMIT and OFFSET of the whole query; those of subqueries do not count."""
+def outermost(sparql: str) -> str:
+    """The text, as long as it was, with what stands in braces blank and in other tokens masked."""
     masked = _TOKEN.sub(lambda m: m[0] if m["word"] or m["bracket"] else "_" * len(m[0]), sparql)
     depth, outer = 0, []
     for mark in masked:
         depth += (mark == "{") - (mark == "}")
         outer.append(mark if depth == 0 and mark != "}" else " ")
-    flat = "".join(outer)
+    return "".join(outer)
+
+
+def tail_of(sparql: str) -> Tail:
+    """The ORDER BY, LIMIT and OFFSET of the whole query; those of subqueries do not count."""
+    flat = outermost(sparql)
     limit = re.search(r"\blimit\s+(\d+)", flat, re.IGNORECASE)
     offset = re.search(r"\boffset\s+0*[1-9]", flat, re.IGNORECASE)
     order = re.search(

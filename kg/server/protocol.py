@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 from functools import partial
-from typing import Final
+from typing import Any, Final, TypeVar
 
 from pyoxigraph import NamedNode
 from starlette.concurrency import run_in_threadpool
@@ -20,10 +20,10 @@ from kg.server.problems import Problem
 from kg.server.serving import Serving
 from kg.server.using import with_graphs
 from kg.sparql_text import with_base
-from kg.workers.process import Answer
 
 QUERY: Final = "application/sparql-query"
 UPDATE: Final = "application/sparql-update"
+T = TypeVar("T")
 SEQUENCE: Final = "Here-Sequence"  # which state of the map an answer is about
 
 
@@ -69,12 +69,12 @@ async def _query(serving: Serving, request: Request, given: Parameters) -> Respo
         serving.pool.run_async(
             with_base(given.one("query") or "", serving.semantic_map.base),
             accept=request.headers.get("accept"),
-            default_graphs=_graphs(given, "default-graph-uri"),
-            named_graphs=_graphs(given, "named-graph-uri"),
+            default_graphs=graphs_of(given, "default-graph-uri"),
+            named_graphs=graphs_of(given, "named-graph-uri"),
             at_least=serving.written,
         )
     )
-    answer = await _unless_gone(request, query)
+    answer = await unless_gone(request, query)
     return Response(
         answer.body,
         media_type=answer.media_type,
@@ -82,11 +82,12 @@ async def _query(serving: Serving, request: Request, given: Parameters) -> Respo
     )
 
 
-async def _unless_gone(request: Request, query: asyncio.Task[Answer]) -> Answer:
+async def unless_gone(request: Request, query: asyncio.Future[T]) -> T:
     """The query's answer; a client that leaves takes its query with it."""
     gone = asyncio.ensure_future(disconnected(request.receive))
     try:
-        await asyncio.wait({query, gone}, return_when=asyncio.FIRST_COMPLETED)
+        waiting: set[asyncio.Future[Any]] = {query, gone}
+        await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
         if not query.done():
             query.cancel()
             await asyncio.gather(query, return_exceptions=True)
@@ -100,8 +101,8 @@ async def _unless_gone(request: Request, query: asyncio.Task[Answer]) -> Answer:
 async def _update(serving: Serving, given: Parameters, by: str) -> Response:
     text = with_graphs(
         with_base(given.one("update") or "", serving.semantic_map.base),
-        _graphs(given, "using-graph-uri"),
-        _graphs(given, "using-named-graph-uri"),
+        graphs_of(given, "using-graph-uri"),
+        graphs_of(given, "using-named-graph-uri"),
     )
     return await write(serving, text, by)
 
@@ -128,7 +129,8 @@ def _writer(serving: Serving, request: Request) -> str:
     return serving.settings.tokens.holder(request.headers.get("authorization"))
 
 
-def _graphs(given: Parameters, name: str) -> tuple[str, ...]:
+def graphs_of(given: Parameters, name: str) -> tuple[str, ...]:
+    """The graphs a request names by that parameter; Problem 400 where one is no absolute IRI."""
     for iri in given.all(name):
         try:
             NamedNode(iri)

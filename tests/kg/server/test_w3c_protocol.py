@@ -1,8 +1,8 @@
 """The W3C's SPARQL 1.1 Protocol tests, one function a case and under its name.
 
 Source: w3c/rdf-tests, sparql/sparql11/protocol/manifest.ttl, all 34 approved cases. Two things
-differ, on purpose. A case that begins with CLEAR ALL or DROP ALL clears a graph of its own or none: a
-map that loses its ontology is no map, so that is refused (the last test). And
+differ, on purpose. A case that begins with CLEAR ALL or DROP ALL clears a graph of its own or none:
+a map that loses its ontology is no map, so that is refused (the last test). And
 `query_multiple_dataset` names its two graphs as two parameters, where the manifest has escaped the
 & between them.
 """
