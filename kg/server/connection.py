@@ -8,6 +8,7 @@ served, half as many more are told to come back (`kg.server.guard`), and the res
 from __future__ import annotations
 
 import asyncio
+import socket
 from typing import Any
 
 import h11
@@ -32,6 +33,10 @@ class PatientConnection(H11Protocol):
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """A client connected: its first request's head is due."""
         super().connection_made(transport)
+        # asyncio overlooks sockets made without naming the protocol; an answer goes out in two
+        # pieces, and the second would wait 40 ms for the client's delayed acknowledgement
+        accepted = transport.get_extra_info("socket")
+        accepted.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         if len(self.connections) > self.most + self.most // 2:
             transport.abort()
             return

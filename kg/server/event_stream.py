@@ -38,9 +38,9 @@ class EventStream:
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer one request; a HEAD with the head alone."""
         if scope["method"] == "HEAD":
+            self._on_end()
             await send({"type": "http.response.start", "status": 200, "headers": _HEADERS})
             await send({"type": "http.response.body", "body": b""})
-            self._on_end()
             return
         left = asyncio.ensure_future(disconnected(receive))
         over = asyncio.ensure_future(self._ended.wait())
