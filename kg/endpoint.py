@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import re
 import threading
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -26,12 +27,13 @@ from pyoxigraph import (
     parse_query_results,
 )
 
-from kg.errors import RemoteError, UnreachableError
+from kg.errors import QueryTimeoutError, QueryTooLargeError, RemoteError, UnreachableError
 
 TOKEN_VARIABLE: Final = "HEREABOUTS_TOKEN"
 UPDATE_VARIABLE: Final = "HEREABOUTS_UPDATE_URL"
 CONNECT_WITHIN = 5.0  # [s]
 ANSWER_WITHIN = 300.0  # [s]
+_CHUNK = 1 << 16
 
 _RESULTS = "application/sparql-results+json"
 _TRIPLES = "application/n-triples"
@@ -77,7 +79,7 @@ class Endpoint:
     """A SPARQL server; found by `at`. Safe to use from several threads."""
 
     def __init__(self, address: str, query_url: str, update_url: str) -> None:
-        self.where = _without_secrets(address)
+        self.where = without_secrets(address)
         self.query_url = query_url
         self.update_url = update_url
         self._local = threading.local()
@@ -107,7 +109,7 @@ class Endpoint:
                 said = said or str(error)
             endpoint.close()
         raise RemoteError(
-            f"{_without_secrets(address)} does not speak SPARQL at /query, /sparql or itself"
+            f"{without_secrets(address)} does not speak SPARQL at /query, /sparql or itself"
             f" ({said}); give the address of a SPARQL 1.1 server"
         )
 
@@ -134,6 +136,31 @@ class Endpoint:
                 ) from error
             raise RemoteError(self._cut_short()) from error
 
+    def fetch(
+        self, query: str, parameters: Sequence[tuple[str, str]], *, seconds: float, most: int
+    ) -> tuple[str, bytes]:
+        """Media type and body of an answer, as it came: JSON results or N-Triples.
+
+        Raises QueryTimeoutError where it is not there within `seconds`, QueryTooLargeError beyond
+        `most` bytes, and as `ask`. Whether it is whole shows when it is parsed.
+        """
+        deadline, body = time.monotonic() + seconds, bytearray()
+        kind = "application/sparql-query"
+        with self._post(self.query_url, kind, query, parameters, seconds, stream=True) as reply:
+            try:
+                for chunk in reply.iter_content(_CHUNK):
+                    body += chunk
+                    if len(body) > most:
+                        raise QueryTooLargeError(f"{self.where} has more than {most} bytes to say")
+                    if time.monotonic() > deadline:
+                        raise QueryTimeoutError(self._too_late(seconds))
+            except requests.exceptions.ChunkedEncodingError as error:
+                raise RemoteError(self._cut_short()) from error
+            except requests.RequestException as error:
+                raise QueryTimeoutError(self._too_late(seconds)) from error
+            media_type = reply.headers.get("content-type", "").split(";")[0].strip()
+        return media_type, bytes(body)
+
     def update(self, update: str) -> None:
         """Run an update; raises RemoteError where the server did not do it."""
         try:
@@ -147,7 +174,14 @@ class Endpoint:
             self._sessions.pop().close()
 
     def _post(
-        self, url: str, kind: str, text: str, parameters: Sequence[tuple[str, str]]
+        self,
+        url: str,
+        kind: str,
+        text: str,
+        parameters: Sequence[tuple[str, str]],
+        seconds: float = ANSWER_WITHIN,
+        *,
+        stream: bool = False,
     ) -> requests.Response:
         headers = {"Content-Type": f"{kind}; charset=utf-8", "Accept": f"{_RESULTS}, {_TRIPLES}"}
         try:
@@ -156,16 +190,17 @@ class Endpoint:
                 data=text.encode(),
                 params=list(parameters),
                 headers=headers,
-                timeout=(CONNECT_WITHIN, ANSWER_WITHIN),
+                timeout=(min(CONNECT_WITHIN, seconds), seconds),
+                stream=stream,
             )
         except (requests.ConnectTimeout, requests.exceptions.InvalidURL) as error:
             raise UnreachableError(self._unreachable("no answer in time")) from error
         except requests.exceptions.ChunkedEncodingError as error:
             raise RemoteError(self._cut_short()) from error
         except requests.ReadTimeout as error:
-            raise RemoteError(
-                f"{self.where} gave no answer within {ANSWER_WITHIN:g} s; ask for less"
-            ) from error
+            if stream:
+                raise QueryTimeoutError(self._too_late(seconds)) from error
+            raise RemoteError(self._too_late(seconds)) from error
         except requests.RequestException as error:
             raise UnreachableError(self._unreachable(_reason(error))) from error
         if not reply.ok:
@@ -200,6 +235,9 @@ class Endpoint:
             "e.g. oxigraph serve --location DIR --bind HOST:PORT"
         )
 
+    def _too_late(self, seconds: float) -> str:
+        return f"{self.where} gave no answer within {seconds:g} s; ask for less"
+
     def _cut_short(self) -> str:
         return (
             f"{self.where} broke off its answer, most likely at its time limit; ask for less, "
@@ -207,7 +245,8 @@ class Endpoint:
         )
 
 
-def _without_secrets(address: str) -> str:
+def without_secrets(address: str) -> str:
+    """An address as it may be shown: without user, password and query."""
     parts = urlsplit(address)
     host = parts.netloc.rpartition("@")[2]
     return urlunsplit((parts.scheme, host, parts.path, "", "")).rstrip("/")

@@ -18,13 +18,15 @@ from pyoxigraph import Literal, NamedNode, QuerySolutions, Store
 
 from kg import vocabulary as v
 from kg.answers import Row, Table, Value
+from kg.endpoint import is_url, without_secrets
 from kg.errors import GraphError, HereaboutsError, QueryError
-from kg.questions import any_question
+from kg.questions import LIKE_AN_IRI, any_question
 from kg.semantic_map import SemanticMap
-from kg.sparql_text import tail_of
+from kg.sparql_text import after_where, tail_of
 
 MEMBER = "member"
 ROW = "hereaboutsRow"
+BOUND = 2000  # rows that are bound at once
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +59,25 @@ class Fleet:
         asked = any_question(question, parameters)
         return self.gather(lambda member: member.query(question, **parameters), asked.sparql)
 
+    def bound(self, rows: Table, sparql: str) -> FleetAnswer:
+        """What all members say to a SELECT or ASK, its variables bound to `rows` of another answer.
+
+        So maps are joined: what one said goes to the others in a VALUES block, once, where a
+        SERVICE clause would be asked row by row or for everything. Columns are variables (but for
+        `member`); text that starts like ``http://`` or ``urn:`` is an IRI. Raises QueryError for
+        more than 2,000 different rows, and as `query`.
+        """
+        names = [name for name in rows.columns if name != MEMBER]
+        wanted = dict.fromkeys(tuple(row[name] for name in names) for row in rows.records())
+        if not names or len(wanted) > BOUND:
+            raise QueryError(
+                f"binds 1 column or more in up to {BOUND:,} rows, got {len(names)} in "
+                f"{len(wanted):,}; ask for fewer, or DISTINCT"
+            )
+        lines = " ".join(f"({' '.join(map(_term, row))})" for row in wanted)
+        block = f" VALUES ({' '.join(f'?{name}' for name in names)}) {{ {lines} }}"
+        return self.gather(lambda member: member.ask_text(after_where(sparql, block)), sparql)
+
     def gather(self, ask: Callable[[SemanticMap], Table], sparql: str) -> FleetAnswer:
         """The answers of `ask`, in the order and number that the query text `sparql` wants."""
         tail = tail_of(sparql)
@@ -70,8 +91,10 @@ class Fleet:
                     strict=True,
                 )
             )
-        tables = {name: answer for name, answer in told.items() if isinstance(answer, Table)}
-        failed = {name: error for name, error in told.items() if not isinstance(error, Table)}
+        # rows and reasons are shown: an address without its password
+        shown = {(without_secrets(n) if is_url(n) else n): answer for n, answer in told.items()}
+        tables = {name: answer for name, answer in shown.items() if isinstance(answer, Table)}
+        failed = {name: error for name, error in shown.items() if not isinstance(error, Table)}
         failures = {name: " ".join(str(error).split()) for name, error in failed.items()}
         if not tables:
             raise _shared_failure(list(failed.values()), failures)
@@ -140,6 +163,13 @@ def _written(value: Value) -> str:
     if isinstance(value, datetime):
         return str(Literal(value.isoformat(), datatype=NamedNode(v.XSD + "dateTime")))
     return str(Literal(value))
+
+
+def _term(value: Value) -> str:
+    """A value as the term it most likely was: texts that look like IRIs are IRIs."""
+    if isinstance(value, str) and LIKE_AN_IRI.match(value):
+        return str(NamedNode(value))
+    return _written(value)
 
 
 def _shared_failure(

@@ -51,6 +51,7 @@ __all__ = [
 Resolver = Callable[[str, str], str]
 
 _TYPES = ("category", "place", "iri", "string", "double", "integer")
+LIKE_AN_IRI = re.compile(r"(https?://|urn:)\S+$")
 _HEADER = re.compile(
     r"#\+ ?(?P<indent>\s*)(?P<key>[\w-]+)(?P<type>\s*\([^)]*\))?\s*:\s*(?P<text>.*)"
 )
@@ -233,6 +234,16 @@ def shipped_questions() -> tuple[Question, ...]:
     return tuple(load_question(path) for path in sorted(QUERIES.glob("*.rq")))
 
 
+def ready_questions() -> list[tuple[str, str, str]]:
+    """Name, summary and SPARQL of those that need no parameters."""
+    ready = []
+    for question in shipped_questions():
+        if all(parameter.default is not None for parameter in question.parameters):
+            sparql = question.bind({}, lambda kind, text: text)
+            ready.append((question.name, question.summary, sparql.strip()))
+    return ready
+
+
 def find_question(name: str) -> Question:
     """The shipped question called `name`; raises UnknownQueryError that lists what there is."""
     names = sorted(path.stem for path in QUERIES.glob("*.rq"))
@@ -248,7 +259,7 @@ def _type_of(value: object) -> str:
         return "integer"
     if isinstance(value, float):
         return "double"
-    return "iri" if re.match(r"(https?://|urn:)\S+$", str(value)) else "string"
+    return "iri" if LIKE_AN_IRI.match(str(value)) else "string"
 
 
 def _parameter(question: str, match: re.Match[str]) -> Parameter:

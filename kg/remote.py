@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -19,7 +19,7 @@ from pyoxigraph import BlankNode, DefaultGraph, Literal, NamedNode, Quad, QueryB
 from kg import vocabulary as v
 from kg.endpoint import Answer, Endpoint, Solutions
 from kg.engine import Engine, Functions, Object, Subject
-from kg.errors import RemoteError
+from kg.errors import QueryError, RemoteError
 from kg.sparql_text import has_word
 
 ROOT_STEPS = 24  # of Newton's method: exact to a double above 1e-6, within 1e-7 below
@@ -84,6 +84,30 @@ class RemoteEngine:
             return self._endpoint.ask(text, self._union if united else ())
         except SyntaxError as error:
             raise SyntaxError(_moved(str(error), len(declared) + 1)) from error
+
+    def fetch(
+        self,
+        query: str,
+        default_graphs: Sequence[str],
+        named_graphs: Sequence[str],
+        *,
+        seconds: float,
+        most: int,
+    ) -> tuple[str, bytes]:
+        """The answer as it came, within limits (`Endpoint.fetch`).
+
+        Without graphs, and without FROM in the query, the default graph is the union of all.
+        """
+        declared = " ".join(f"PREFIX {name}: <{iri}>" for name, iri in v.PREFIXES.items())
+        graphs = [("default-graph-uri", iri) for iri in default_graphs]
+        graphs += [("named-graph-uri", iri) for iri in named_graphs]
+        united = () if has_word(query, "from") else self._union
+        try:
+            return self._endpoint.fetch(
+                f"{declared} {query}", graphs or united, seconds=seconds, most=most
+            )
+        except SyntaxError as error:
+            raise QueryError(f"{self.where}: {_moved(str(error), len(declared) + 1)}") from error
 
     def update(self, update: str, /) -> None:
         """Run an update in one request; raises RemoteError where the server did not do it."""

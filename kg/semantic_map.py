@@ -26,6 +26,7 @@ from kg.errors import (
     QueryParameterError,
 )
 from kg.facts import Facts
+from kg.history.instants import Instant
 from kg.history.log import Log
 from kg.history.recovery import attach, look_into
 from kg.history.remembering import Remembering
@@ -181,26 +182,39 @@ class SemanticMap(Remembering):
         place: str | int | None = None,
         near: tuple[float, float] | str | None = None,
         radius: float = 2.0,
+        at: Instant | None = None,
     ) -> tuple[ObjectRecord, ...]:
         """Objects, oldest first: all, or those that every given condition admits.
 
         `category` is a label or IRI and includes what is below it; `place` a label, number or IRI.
         `near` is a point (x, y) [m] of the map or the IRI of an object, which is then itself left
         out; it admits what is within `radius` [m] over the floor, and puts the nearest first.
-        Raises UnknownCategoryError, and QueryParameterError for what makes no sense.
+        `at` asks the map of then (see `at`). Raises UnknownCategoryError, QueryParameterError for
+        what makes no sense, HistoryError for a past that is not kept.
         """
+        if at is not None:
+            with self.at(at) as then:
+                return then.objects(category, place=place, near=near, radius=radius)
         wanted = None if category is None else self.catalogue.find(category).iri
         room = None if place is None else self._resolve("place", str(place))
         return select_objects(self.engine, self._facts, wanted, room, near, radius)
 
     def places(
-        self, category: str | None = None, *, min_belief: float | None = None
+        self,
+        category: str | None = None,
+        *,
+        min_belief: float | None = None,
+        at: Instant | None = None,
     ) -> tuple[PlaceRecord, ...]:
         """Places, by number: all, or those of a category or of one below it.
 
         Of a category are the places most believed to be so; with `min_belief`, those believed to be
-        so at least that much (without a category: to be anything). Raises UnknownCategoryError.
+        so at least that much (without a category: to be anything). `at` asks the map of then (see
+        `at`). Raises UnknownCategoryError, and HistoryError for a past that is not kept.
         """
+        if at is not None:
+            with self.at(at) as then:
+                return then.places(category, min_belief=min_belief)
         places = self._facts.places(self.engine)
         if category is None and min_belief is None:
             return places

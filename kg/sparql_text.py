@@ -38,6 +38,7 @@ _SERVICE = re.compile(
     rf"service{_GAP}(?:silent{_GAP})?(?:<[^>]*>|[?$]\w+|[\w.-]*:[^\s{{]*){_GAP}\{{", re.IGNORECASE
 )
 _ESCAPE = re.compile(r"\\u([0-9a-fA-F]{4})|\\U([0-9a-fA-F]{8})")
+_RELATIVE = re.compile(r"<(?![A-Za-z][A-Za-z0-9+.-]*:)[^<>\"{}|^`\\\x00-\x20]*>")
 _UPDATES = frozenset(
     "insert delete load clear drop create add move copy with".split()  # noqa: SIM905
 )
@@ -80,6 +81,14 @@ def has_word(sparql: str, word: str) -> bool:
     return any((m["word"] or "").lower() == word for m in _TOKEN.finditer(sparql))
 
 
+def with_base(sparql: str, base: str) -> str:
+    """The text with `base` to resolve its relative IRIs, where it may have any.
+
+    A BASE of the text's own comes later, and so counts.
+    """
+    return f"BASE <{base}> {sparql}" if _RELATIVE.search(sparql) else sparql
+
+
 @dataclass(frozen=True, slots=True)
 class Tail:
     """What a query says of the order and number of its rows."""
@@ -89,14 +98,19 @@ class Tail:
     offset: bool  # whether it skips rows
 
 
-def tail_of(sparql: str) -> Tail:
-    """The ORDER BY, LIMIT and OFFSET of the whole query; those of subqueries do not count."""
+def outermost(sparql: str) -> str:
+    """The text, as long as it was, with what stands in braces blank and in other tokens masked."""
     masked = _TOKEN.sub(lambda m: m[0] if m["word"] or m["bracket"] else "_" * len(m[0]), sparql)
     depth, outer = 0, []
     for mark in masked:
         depth += (mark == "{") - (mark == "}")
         outer.append(mark if depth == 0 and mark != "}" else " ")
-    flat = "".join(outer)
+    return "".join(outer)
+
+
+def tail_of(sparql: str) -> Tail:
+    """The ORDER BY, LIMIT and OFFSET of the whole query; those of subqueries do not count."""
+    flat = outermost(sparql)
     limit = re.search(r"\blimit\s+(\d+)", flat, re.IGNORECASE)
     offset = re.search(r"\boffset\s+0*[1-9]", flat, re.IGNORECASE)
     order = re.search(

@@ -156,6 +156,8 @@ VOID_TRIPLES: Final = "http://rdfs.org/ns/void#triples"
 VOID_ENTITIES: Final = "http://rdfs.org/ns/void#entities"
 VOID_CLASS: Final = "http://rdfs.org/ns/void#class"
 VOID_CLASS_PARTITION: Final = "http://rdfs.org/ns/void#classPartition"
+VOID_SUBSET: Final = "http://rdfs.org/ns/void#subset"
+VOID_SPARQL_ENDPOINT: Final = "http://rdfs.org/ns/void#sparqlEndpoint"
 
 #: Prefixes every query may use without declaring them, and every export declares.
 PREFIXES: Final[dict[str, str]] = {

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from kg.semantic_map import SemanticMap
 from kg.server.access import Tokens
+from kg.server.fleet.running import FleetServer
 from kg.server.running import MapServer
 from kg.server.settings import Limits, Settings
 
-__all__ = ["Limits", "MapServer", "Settings", "Tokens", "serve"]
+__all__ = ["FleetServer", "Limits", "MapServer", "Settings", "Tokens", "serve"]
 
 
 def serve(semantic_map: SemanticMap, settings: Settings | None = None) -> MapServer:

@@ -45,6 +45,7 @@ def application(serving: Serving) -> ASGIApp:
     table: list[tuple[str, Answer, list[str]]] = [
         ("/", Front().answer, get),
         ("/sparql", sparql, ["GET", "POST"]),
+        ("/sparql/", sparql, ["GET", "POST"]),
         ("/graphs", graph_store, write),
         ("/graphs/{name:path}", graph_store, write),
         ("/dump.{ending:str}", dump, get),
@@ -66,7 +67,7 @@ def application(serving: Serving) -> ASGIApp:
         serving.feed.stop()
 
     app = Starlette(
-        routes=routes, lifespan=lifespan, exception_handlers={HTTPException: _not_this_way}
+        routes=routes, lifespan=lifespan, exception_handlers={HTTPException: not_this_way}
     )
     app.router.redirect_slashes = False
     return Guard(app, serving.settings, serving.metrics)
@@ -105,6 +106,11 @@ async def _metrics(serving: Serving, request: Request) -> Response:
 
 
 async def _file(serving: Serving, request: Request) -> Response:
+    return file(request)
+
+
+def file(request: Request) -> Response:
+    """A file of the pages; Problem 404 where there is none of that name."""
     name = request.path_params["name"]
     if name not in _FILES:
         raise Problem(404, f"no file {name[:100]!r}; there are: {', '.join(_FILES)}")
@@ -112,7 +118,8 @@ async def _file(serving: Serving, request: Request) -> Response:
     return Response(body, media_type=_FILES[name], headers={"Cache-Control": "max-age=300"})
 
 
-async def _not_this_way(request: Request, error: Exception) -> Response:
+async def not_this_way(request: Request, error: Exception) -> Response:
+    """What is told where a path has no answer, or none by that method."""
     assert isinstance(error, HTTPException)
     if error.status_code == 405:
         message = f"{request.method} is not for {request.url.path[:200]}"

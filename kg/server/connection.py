@@ -1,12 +1,14 @@
 """HTTP connections that do not wait for ever: for the rest of a request, or for a slow reader.
 
-uvicorn gives a client all the time it likes to finish a request's head and to read an answer; a few
-hundred such clients would hold every connection there is.
+uvicorn gives a client all the time it likes to finish a request's head and to read an answer, and
+takes any number of clients; a few hundred would hold every connection there is. Up to `most` are
+served, half as many more are told to come back (`kg.server.guard`), and the rest is hung up on.
 """
 
 from __future__ import annotations
 
 import asyncio
+import socket
 from typing import Any
 
 import h11
@@ -19,6 +21,7 @@ class PatientConnection(H11Protocol):
     """Closes where a head stays incomplete, or a reader takes nothing, for `idle_seconds`."""
 
     idle_seconds = IDLE_SECONDS
+    most = 512
 
     def __init__(self, *arguments: Any, **named: Any) -> None:
         super().__init__(*arguments, **named)
@@ -30,6 +33,13 @@ class PatientConnection(H11Protocol):
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """A client connected: its first request's head is due."""
         super().connection_made(transport)
+        # asyncio overlooks sockets made without naming the protocol; an answer goes out in two
+        # pieces, and the second would wait 40 ms for the client's delayed acknowledgement
+        accepted = transport.get_extra_info("socket")
+        accepted.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        if len(self.connections) > self.most + self.most // 2:
+            transport.abort()
+            return
         self._head_timer = self.loop.call_later(self.idle_seconds, self._head_is_late)
 
     def connection_lost(self, exc: Exception | None) -> None:
@@ -60,6 +70,11 @@ class PatientConnection(H11Protocol):
             self._reader_timer.cancel()
             self._reader_timer = None
         super().resume_writing()
+
+    @property
+    def crowded(self) -> bool:
+        """Whether there are more clients than are served."""
+        return len(self.connections) > self.most
 
     def abort(self) -> None:
         """End the connection now, whatever is still to be sent."""

@@ -9,6 +9,11 @@ from collections.abc import AsyncIterator, Callable
 
 from starlette.types import Receive, Scope, Send
 
+_HEADERS = [
+    (b"content-type", b"text/event-stream; charset=utf-8"),
+    (b"cache-control", b"no-store"),
+    (b"x-accel-buffering", b"no"),
+]
 HEARTBEAT = 15.0  # [s] of silence after which a comment shows that the stream lives
 
 
@@ -31,7 +36,12 @@ class EventStream:
         self._events, self._ended, self._on_end = events, ended, on_end
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer one request."""
+        """Answer one request; a HEAD with the head alone."""
+        if scope["method"] == "HEAD":
+            self._on_end()
+            await send({"type": "http.response.start", "status": 200, "headers": _HEADERS})
+            await send({"type": "http.response.body", "body": b""})
+            return
         left = asyncio.ensure_future(disconnected(receive))
         over = asyncio.ensure_future(self._ended.wait())
         pump = asyncio.ensure_future(self._pump(send))
@@ -54,12 +64,7 @@ class EventStream:
         await left
 
     async def _pump(self, send: Send) -> None:
-        headers = [
-            (b"content-type", b"text/event-stream; charset=utf-8"),
-            (b"cache-control", b"no-store"),
-            (b"x-accel-buffering", b"no"),
-        ]
-        await send({"type": "http.response.start", "status": 200, "headers": headers})
+        await send({"type": "http.response.start", "status": 200, "headers": _HEADERS})
         await send(_part(b": here\n\n"))
         async for piece in _with_heartbeat(self._events):
             await send(_part(piece))

@@ -11,8 +11,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from kg.answers import Value
-from kg.errors import QueryError
-from kg.questions import shipped_questions
+from kg.questions import ready_questions
 from kg.records import PlaceRecord
 from kg.server.description import dataset_description, graph_sizes
 from kg.server.floor import Spot, floor_plan
@@ -79,7 +78,7 @@ def _page(serving: Serving, sequence: int) -> str:
         ],
         objects=objects,
         places=[(place.iri, place.label, *_category(serving, place)) for place in places],
-        questions=_questions(),
+        questions=ready_questions(),
         writable=bool(serving.settings.tokens),
         path=path,
     )
@@ -99,15 +98,3 @@ def _category(serving: Serving, place: PlaceRecord) -> tuple[str, str]:
         return place.label, ""
     best = max(place.beliefs, key=lambda iri: (place.beliefs[iri], iri))
     return serving.semantic_map.catalogue.label(best), f"{place.beliefs[best]:.2f}"
-
-
-def _questions() -> list[tuple[str, str, str]]:
-    """Those that need no parameters, ready to be asked."""
-    ready = []
-    for question in shipped_questions():
-        try:
-            sparql = question.bind({}, lambda kind, text: text)
-        except QueryError:
-            continue
-        ready.append((question.name, question.summary, sparql.strip()))
-    return ready

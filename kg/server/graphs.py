@@ -19,6 +19,7 @@ from starlette.responses import Response
 
 from kg import vocabulary as v
 from kg.server import bodies
+from kg.server.conditions import state_of
 from kg.server.media_types import GRAPH_FORMATS, prefixes_of
 from kg.server.problems import Problem
 from kg.server.protocol import SEQUENCE, write
@@ -68,10 +69,12 @@ async def _read(serving: Serving, request: Request, graph: NamedNode | None) -> 
     media_type = negotiate(request.headers.get("accept"), tuple(_FORMATS))
     if graph is not None and not _has(serving, graph):
         raise _unknown(graph)
-    sequence = serving.semantic_map.sequence
+    state = state_of(serving.semantic_map)
+    headers = {"Vary": "Accept", SEQUENCE: str(state.sequence), **state.headers}
+    if state.is_known_to(request):
+        return Response(status_code=304, headers=headers)
     triples = _triples(serving, graph)
     body = await run_in_threadpool(partial(_serialised, serving, triples, _FORMATS[media_type]))
-    headers = {"Vary": "Accept", SEQUENCE: str(sequence)}
     return Response(body, media_type=media_type, headers=headers)
 
 

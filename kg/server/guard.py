@@ -75,6 +75,10 @@ class Guard:
         name = host[: host.find("]") + 1] if host.startswith("[") else host.partition(":")[0]
         if hosts is not None and name.lower() not in hosts:
             raise Problem(421, "this server is called localhost or 127.0.0.1 here")
+        if scope["state"]["connection"].crowded:
+            # so that this connection makes room for others
+            leaving = {"Retry-After": "1", "Connection": "close"}
+            raise Problem(503, "too many clients at once; come back in a second", leaving)
         address = scope["client"][0] if scope.get("client") else ""
         wait = self._rates.take(address)
         if wait:
@@ -90,9 +94,11 @@ class Guard:
         answer["Access-Control-Allow-Origin"] = origin
         answer["Access-Control-Allow-Methods"] = "GET, HEAD, POST, PUT, DELETE"
         answer["Access-Control-Allow-Headers"] = _join(
-            ("Authorization", "Content-Type", "Accept", "Last-Event-ID")
+            ("Authorization", "Content-Type", "Accept", "Last-Event-ID", "If-None-Match")
         )
-        answer["Access-Control-Expose-Headers"] = _join(("Here-Sequence", "Retry-After"))
+        answer["Access-Control-Expose-Headers"] = _join(
+            ("Here-Sequence", "Here-Missing", "Retry-After", "ETag")
+        )
         answer["Access-Control-Max-Age"] = "600"
         answer["Cross-Origin-Resource-Policy"] = "cross-origin"
 

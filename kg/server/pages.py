@@ -44,8 +44,8 @@ def front_page(
         f'<option value="{escape(sparql)}">{escape(name)}: {escape(summary)}</option>'
         for name, summary, sparql in questions
     )
-    return _template("front.html").substitute(
-        head=_head(title),
+    return template("front.html").substitute(
+        head=head(title),
         title=escape(title),
         base=escape(base),
         sequence=sequence,
@@ -65,8 +65,8 @@ def thing_page(thing: Thing, title: str, link: Link) -> str:
     pointing = "".join(
         _fact(quad.predicate.value, _term(quad.subject, link), link) for quad in thing.pointing
     )
-    return _template("thing.html").substitute(
-        head=_head(title),
+    return template("thing.html").substitute(
+        head=head(title),
         title=escape(title),
         iri=escape(thing.iri),
         facts=facts,
@@ -86,12 +86,14 @@ def compact(iri: str, base: str) -> str:
     return f"{name}:{iri[length:]}"
 
 
-def _template(name: str) -> Template:
+def template(name: str) -> Template:
+    """A page of the shipped files, to be filled in."""
     return Template(files("kg.server").joinpath("files", name).read_text(encoding="utf-8"))
 
 
-def _head(title: str) -> str:
-    return _template("head.html").substitute(title=escape(title))
+def head(title: str) -> str:
+    """What every page has in its head."""
+    return template("head.html").substitute(title=escape(title))
 
 
 def _is(term: object, iri: str) -> bool:

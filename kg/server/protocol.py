@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 from functools import partial
-from typing import Final
+from typing import Any, Final, TypeVar
 
 from pyoxigraph import NamedNode
 from starlette.concurrency import run_in_threadpool
@@ -19,10 +19,11 @@ from kg.server.event_stream import disconnected
 from kg.server.problems import Problem
 from kg.server.serving import Serving
 from kg.server.using import with_graphs
-from kg.workers.process import Answer
+from kg.sparql_text import with_base
 
 QUERY: Final = "application/sparql-query"
 UPDATE: Final = "application/sparql-update"
+T = TypeVar("T")
 SEQUENCE: Final = "Here-Sequence"  # which state of the map an answer is about
 
 
@@ -66,14 +67,14 @@ async def _form(serving: Serving, request: Request, url: Parameters) -> Response
 async def _query(serving: Serving, request: Request, given: Parameters) -> Response:
     query = asyncio.ensure_future(
         serving.pool.run_async(
-            given.one("query") or "",
+            with_base(given.one("query") or "", serving.semantic_map.base),
             accept=request.headers.get("accept"),
-            default_graphs=_graphs(given, "default-graph-uri"),
-            named_graphs=_graphs(given, "named-graph-uri"),
+            default_graphs=graphs_of(given, "default-graph-uri"),
+            named_graphs=graphs_of(given, "named-graph-uri"),
             at_least=serving.written,
         )
     )
-    answer = await _unless_gone(request, query)
+    answer = await unless_gone(request, query)
     return Response(
         answer.body,
         media_type=answer.media_type,
@@ -81,11 +82,12 @@ async def _query(serving: Serving, request: Request, given: Parameters) -> Respo
     )
 
 
-async def _unless_gone(request: Request, query: asyncio.Task[Answer]) -> Answer:
+async def unless_gone(request: Request, query: asyncio.Future[T]) -> T:
     """The query's answer; a client that leaves takes its query with it."""
     gone = asyncio.ensure_future(disconnected(request.receive))
     try:
-        await asyncio.wait({query, gone}, return_when=asyncio.FIRST_COMPLETED)
+        waiting: set[asyncio.Future[Any]] = {query, gone}
+        await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
         if not query.done():
             query.cancel()
             await asyncio.gather(query, return_exceptions=True)
@@ -98,9 +100,9 @@ async def _unless_gone(request: Request, query: asyncio.Task[Answer]) -> Answer:
 
 async def _update(serving: Serving, given: Parameters, by: str) -> Response:
     text = with_graphs(
-        given.one("update") or "",
-        _graphs(given, "using-graph-uri"),
-        _graphs(given, "using-named-graph-uri"),
+        with_base(given.one("update") or "", serving.semantic_map.base),
+        graphs_of(given, "using-graph-uri"),
+        graphs_of(given, "using-named-graph-uri"),
     )
     return await write(serving, text, by)
 
@@ -127,7 +129,8 @@ def _writer(serving: Serving, request: Request) -> str:
     return serving.settings.tokens.holder(request.headers.get("authorization"))
 
 
-def _graphs(given: Parameters, name: str) -> tuple[str, ...]:
+def graphs_of(given: Parameters, name: str) -> tuple[str, ...]:
+    """The graphs a request names by that parameter; Problem 400 where one is no absolute IRI."""
     for iri in given.all(name):
         try:
             NamedNode(iri)

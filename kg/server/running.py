@@ -1,28 +1,17 @@
-"""A server as it runs: its socket, its event loop, and how it ends."""
+"""A map's server: the application of one map, at an address."""
 
 from __future__ import annotations
 
-import socket
-import threading
-from collections.abc import Callable
-from typing import Self
-
-import uvicorn
-
-from kg.errors import ServerError
 from kg.semantic_map import SemanticMap
 from kg.server.app import application
-from kg.server.connection import PatientConnection
 from kg.server.feed import Feed
+from kg.server.listening import Listening
 from kg.server.serving import Serving, Status
 from kg.server.settings import Settings
 from kg.workers.pool import QueryPool
 
-START_WITHIN = 10.0  # [s]
-END_WITHIN = 3  # [s] that answers under way have when the server ends
 
-
-class MapServer:
+class MapServer(Listening):
     """Serves one map; `run` blocks, and as a context manager it serves from a thread.
 
     The map stays the caller's, to write and to close. Raises ServerError, when made, where the
@@ -36,9 +25,7 @@ class MapServer:
         *,
         status: Status = dict,
     ) -> None:
-        self.settings = settings or Settings()
-        self._socket = _listen(self.settings.host, self.settings.port)
-        self._address: tuple[str, int] = self._socket.getsockname()[:2]
+        super().__init__(settings)
         limits = self.settings.limits
         self.serving = Serving(
             semantic_map,
@@ -53,88 +40,8 @@ class MapServer:
             Feed(semantic_map, limits),
             status=status,
         )
-        self._server = _Uvicorn(_config(self.serving), self.serving.feed.stop)
-        self._thread: threading.Thread | None = None
-
-    @property
-    def url(self) -> str:
-        """Where the server answers, with a slash at the end."""
-        host, port = self._address
-        return f"http://{f'[{host}]' if ':' in host else host}:{port}/"
-
-    def run(self) -> None:
-        """Serve until interrupted, or until `stop` is called from another thread."""
-        try:
-            self._server.run(sockets=[self._socket])
-        finally:
-            self._close()
-
-    def stop(self) -> None:
-        """End every answer and stop; waits for the thread where there is one."""
-        self._server.should_exit = True
-        if self._thread is not None:
-            self._thread.join()
-            self._thread = None
-        self._close()
+        self._answer_with(application(self.serving), self.serving.feed.stop)
 
     def _close(self) -> None:
         self.serving.pool.close()
-        self._socket.close()
-
-    def __enter__(self) -> Self:
-        self._thread = threading.Thread(target=self.run, name="hereabouts-server", daemon=True)
-        self._thread.start()
-        if not self._server.ready.wait(START_WITHIN):
-            raise ServerError(f"the server at {self.url} did not start in {START_WITHIN:g} s")
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.stop()
-
-
-class _Uvicorn(uvicorn.Server):
-    """uvicorn, which tells when it is up, and ends streams before it waits for them to end."""
-
-    def __init__(self, config: uvicorn.Config, end_streams: Callable[[], None]) -> None:
-        super().__init__(config)
-        self.ready = threading.Event()
-        self._end_streams = end_streams
-
-    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        await super().startup(sockets)
-        self.ready.set()
-
-    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        self._end_streams()
-        await super().shutdown(sockets)
-
-
-def _config(serving: Serving) -> uvicorn.Config:
-    limits = serving.settings.limits
-    patient = type("Connection", (PatientConnection,), {"idle_seconds": limits.idle_seconds})
-    return uvicorn.Config(
-        application(serving),
-        http=patient,
-        ws="none",
-        lifespan="on",
-        log_config=None,
-        log_level="error",
-        access_log=False,
-        server_header=False,
-        proxy_headers=False,
-        limit_concurrency=limits.connections,
-        h11_max_incomplete_event_size=limits.url,
-        timeout_graceful_shutdown=END_WITHIN,
-    )
-
-
-def _listen(host: str, port: int) -> socket.socket:
-    family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    try:
-        return socket.create_server((host, port), family=family, backlog=1024)
-    except (OSError, OverflowError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise ServerError(
-            f"cannot listen at {host}, port {port}: {reason}; try another --port (0 takes a free "
-            "one)"
-        ) from error
+        super()._close()

@@ -16,7 +16,9 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from kg import vocabulary as v
+from kg.engine import Engine
 from kg.server import bodies
+from kg.server.conditions import state_of
 from kg.server.media_types import GRAPH_FORMATS, HTML, document, prefixes_of
 from kg.server.pages import compact, thing_page
 from kg.server.problems import Problem
@@ -52,13 +54,12 @@ async def resource(serving: Serving, request: Request) -> Response:
     return await _answer(serving, request, iri)
 
 
-def look_up(serving: Serving, iri: str) -> Thing:
+def look_up(engine: Engine, iri: str) -> Thing:
     """What the graph says of `iri`; Problem 404 where it says nothing."""
     try:
         node = NamedNode(iri)
     except ValueError as error:
         raise Problem(404, f"{iri[:200]!r} is no IRI this map could know") from error
-    engine = serving.semantic_map.engine
     about = list(islice(engine.quads_for_pattern(node, None, None), MOST_OUT))
     for quad in about:
         if isinstance(quad.object, BlankNode) and len(about) < MOST_OUT:
@@ -78,11 +79,11 @@ def local_path(base: str, iri: str) -> str:
 
 async def _answer(serving: Serving, request: Request, iri: str) -> Response:
     media_type = negotiate(request.headers.get("accept"), (*GRAPH_FORMATS, HTML))
-    thing = await run_in_threadpool(look_up, serving, iri)
-    sequence = serving.semantic_map.sequence
-    tag = f'W/"{sequence}"'
-    headers = {"Vary": "Accept", "ETag": tag, "Cache-Control": "no-cache"}
-    if request.headers.get("if-none-match") == tag:
+    # before anything is read: a commit meanwhile makes the tag too old, never the answer
+    state = state_of(serving.semantic_map)
+    thing = await run_in_threadpool(look_up, serving.semantic_map.engine, iri)
+    headers = {"Vary": "Accept", **state.headers}
+    if state.is_known_to(request):
         return Response(status_code=304, headers=headers)
     if media_type == HTML:
         page = await run_in_threadpool(_page, serving, thing)

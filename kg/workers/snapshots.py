@@ -92,7 +92,9 @@ class Snapshots:
         # read before the backup: a transaction in between is in the snapshot, never missing from it
         sequence, made = self._store.sequence, time.monotonic()
         if self._home is None:
-            return Snapshot(Path(self._store.where) / "store", sequence, made, False)
+            # workers have another working directory
+            folder = Path(self._store.where).resolve() / "store"
+            return Snapshot(folder, sequence, made, False)
         folder = self._home / str(uuid.uuid4())
         try:
             if self._store.path is None:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import argparse
 import logging
+import signal
 import threading
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kg.errors import HereaboutsError
-from planner.commands.arguments import add_map, positive
+from planner.commands.arguments import MAP_HELP, positive
 from planner.commands.console import note
 from planner.commands.recording_arguments import Inputs, add_recording_options, open_inputs
 
@@ -27,10 +28,18 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         help="serve the map over HTTP: SPARQL, linked data, a page, a feed of changes",
         description="Serve a map: SPARQL 1.1 Protocol at /sparql, graphs at /graphs, every thing "
         "of the map as a page or a document, changes as events at /changes. Without a token file "
-        "it only reads.",
+        "it only reads. With --member it serves several maps as one, for reading: /sparql asks all "
+        "of them, and each row says which map it is from.",
         epilog="example: hereabouts serve kitchen.map --token-file tokens.txt",
     )
-    add_map(parser)
+    parser.add_argument("map", metavar="MAP", nargs="?", help=MAP_HELP)
+    parser.add_argument(
+        "--member",
+        action="append",
+        default=[],
+        metavar="MAP",
+        help="serve this map with others instead of MAP (again for each: folder or address)",
+    )
     parser.add_argument("--host", default="127.0.0.1", help="address to listen at (127.0.0.1)")
     parser.add_argument(
         "--port", type=_port, default=8008, metavar="N", help="port (8008; 0 takes a free one)"
@@ -63,11 +72,39 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         help="map this recording meanwhile (again for more, one after the other)",
     )
     add_recording_options(parser)
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, usage_error=parser.error)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Serve until interrupted."""
+    """Serve until interrupted, or told to end by SIGTERM."""
+    if (arguments.map is None) == (not arguments.member):
+        arguments.usage_error("give MAP, or one --member MAP or more, not both")
+    if arguments.member and (arguments.token_file or arguments.recording):
+        arguments.usage_error("a fleet only reads: --token-file and --recording are for one MAP")
+    signal.signal(signal.SIGTERM, _end)
+    return _serve_fleet(arguments) if arguments.member else _serve_map(arguments)
+
+
+def _end(number: int, frame: object) -> None:
+    # so that everything is closed on the way out, which the signal's default is not waiting for
+    raise SystemExit(0)
+
+
+def _serve_fleet(arguments: argparse.Namespace) -> int:
+    from kg.server import FleetServer
+
+    if arguments.verbose:
+        logging.basicConfig(level=logging.INFO, format="%(message)s")
+    server = FleetServer(arguments.member, _settings(arguments))
+    for name, why in server.away().items():
+        note(f"no answer from {name} yet: {why}")
+    count = len(arguments.member)
+    note(f"{count} map{'' if count == 1 else 's'} at {server.url} (reading only); Ctrl+C ends")
+    server.run()
+    return 0
+
+
+def _serve_map(arguments: argparse.Namespace) -> int:
     from kg.semantic_map import SemanticMap
     from kg.server import MapServer
 

@@ -75,6 +75,28 @@ def test_counts_are_each_members_own(fleet: Fleet, folder: str, server: str) -> 
     )
 
 
+def test_what_one_map_says_is_bound_in_the_others(fleet: Fleet, folder: str, server: str) -> None:
+    first = fleet.query("SELECT ?o { ?o a here:Cup ; here:existence ?e FILTER(?e > 0.7) }").table
+    assert len(first.rows) == 2
+    again = fleet.bound(first, "SELECT ?o ?e { ?o here:existence ?e } ORDER BY ?e").table
+    assert [row[0::2] for row in again.rows] == [(server, 0.8), (folder, 0.9)]
+    values = Table(("member", "e"), ((folder, 0.3), (server, 0.6), (folder, 0.3), (folder, None)))
+    found = fleet.bound(
+        values, "SELECT ?o ?e { ?o here:existence ?e FILTER(?e < 0.7) } ORDER BY ?e"
+    )
+    # a row without a value binds nothing: it matches whatever there is
+    assert sorted(row[2] for row in found.table.rows) == [0.3, 0.3, 0.6, 0.6]
+    harmless = Table(("x",), (('"} DROP ALL #',), ("urn:a> <b",)))
+    assert fleet.bound(harmless, "SELECT ?x { ?o rdfs:label ?x }").table.rows == ()
+
+
+def test_binding_too_much_or_nothing_is_refused(fleet: Fleet) -> None:
+    many = Table(("x",), tuple((n,) for n in range(2001)))
+    for rows in (many, Table(("member",), (("a",),))):
+        with pytest.raises(QueryError, match="2,000 rows"):
+            fleet.bound(rows, "SELECT ?x { ?o here:x ?x }")
+
+
 def test_who_is_away_is_named_and_the_others_answer(folder: str, tmp_path: Path) -> None:
     away, gone = "http://127.0.0.1:9", str(tmp_path / "gone.map")
     with Fleet([away, folder, gone]) as fleet:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import http.client
 import json
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from urllib.parse import urlencode, urlsplit
 
@@ -115,8 +115,8 @@ def thing(semantic_map: SemanticMap, number: int, label: str, x: float, y: float
     )
 
 
-@pytest.fixture
-def flat() -> Iterator[SemanticMap]:
+@contextmanager
+def furnished() -> Iterator[SemanticMap]:
     """A kitchen with a cup and a chair."""
     with SemanticMap.in_memory(title="flat <1>", base=BASE) as semantic_map:
         kitchen = semantic_map.catalogue.find("kitchen").iri
@@ -130,6 +130,21 @@ def flat() -> Iterator[SemanticMap]:
         update = MapUpdate(objects=objects, places=(place,))
         semantic_map.apply(update, Cause("frame", note="flat/frame-000001"))
         yield semantic_map
+
+
+@pytest.fixture
+def flat() -> Iterator[SemanticMap]:
+    """A kitchen with a cup and a chair."""
+    with furnished() as semantic_map:
+        yield semantic_map
+
+
+@pytest.fixture(scope="module")
+def lasting() -> Iterator[Served]:
+    """A server that all tests of a module share, whose clients may write with `bearer()`."""
+    settings = Settings(port=0, tokens=Tokens((("ann", TOKEN.encode()),)))
+    with furnished() as semantic_map, MapServer(semantic_map, settings) as server:
+        yield Served(semantic_map, server)
 
 
 @pytest.fixture

@@ -1,0 +1,1 @@
+"""Several maps behind one address: asked together, answered as one, each row with its member."""
