@@ -86,7 +86,7 @@ def _opened(path: Path) -> Iterator[tuple[IO[bytes], IO[bytes]]]:
         with path.open("rb") as raw:
             packed = raw.read(2) == _GZIP
             raw.seek(0)
-            yield raw, io.BufferedReader(gzip.GzipFile(fileobj=raw), _CHUNK) if packed else raw  # type: ignore[type-var]
+            yield raw, io.BufferedReader(gzip.GzipFile(fileobj=raw), _CHUNK) if packed else raw
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
         reason = " ".join(str(error).split())
         raise ConceptNetError(

@@ -71,19 +71,15 @@ def read_standing(path: Path) -> Standing:
     if not path.exists():
         return Standing()
     triples = _parsed(path)
-    headers = {
-        t.subject.value for t in triples if t.object == NamedNode(v.OWL_ONTOLOGY) and _names(t)
-    }
-    if v.CONCEPTNET_ONTOLOGY not in headers:
+    header = Triple(
+        NamedNode(v.CONCEPTNET_ONTOLOGY), NamedNode(v.RDF_TYPE), NamedNode(v.OWL_ONTOLOGY)
+    )
+    if header not in triples:
         raise ConceptNetError(
             f"{path} is no file of this importer (no ontology <{v.CONCEPTNET_ONTOLOGY}> in it): "
             "name a new file, the import would overwrite this one"
         )
     return _sorted_out(triples)
-
-
-def _names(triple: Triple) -> bool:
-    return isinstance(triple.subject, NamedNode) and triple.predicate.value == v.RDF_TYPE
 
 
 def _parsed(path: Path) -> list[Triple]:

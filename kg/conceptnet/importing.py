@@ -106,7 +106,7 @@ def _assertions(
     if client is None and not str(source).startswith(("http://", "https://")):
         yield read_dump(Path(source), language, wanted, reading, progress)
         return
-    client = client or Client(str(source), cache and Cache(cache))
+    client = client or Client(str(source), Cache(cache) if cache else None)
     client.reading = reading
     try:
         yield read_api(client, collection.names, language, wanted, progress)

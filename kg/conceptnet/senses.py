@@ -14,7 +14,7 @@ both with a little added so that nothing is impossible.
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Mapping
 from functools import cached_property
 from typing import Final
@@ -94,7 +94,7 @@ class Senses:
             return self.group(category)
         if depth < 0:
             return None
-        votes: Counter[str] = Counter()
+        votes: dict[str, float] = defaultdict(float)
         for parent, fact in self._collection.is_a.get(key, {}).items():
             group = self._collection.names.get(parent[0], "supercategory")
             if group is None and depth:
@@ -102,14 +102,14 @@ class Senses:
             if group is not None and fact.net > 0:
                 votes[group] += fact.net
         best = max(sorted(votes), key=votes.__getitem__, default="")
-        return best if votes[best] >= FEWEST_RIVALS else None
+        return best if votes.get(best, 0.0) >= FEWEST_RIVALS else None
 
     def _priors(self, key: Key, category: str) -> dict[str, float]:
         """How much each meaning of a term weighs before its place is known."""
         own = self.group(category)
         if key[1]:  # the source says which sense is meant
             return {own: 1.0}
-        votes: Counter[str] = Counter()
+        votes: dict[str, float] = defaultdict(float)
         for parent, fact in self._collection.is_a.get(key, {}).items():
             group = self.group_of(parent)
             if group is not None and fact.net > 0:
@@ -118,15 +118,15 @@ class Senses:
         return {own: votes[own] + PARENT_PRIOR, **rivals}
 
     def _usage(self, group: str, place: str) -> float:
-        counts = self._counts.get(group, Counter())
+        counts = self._counts[group]
         places = len(self._collection.names.groups["place"])
-        total: float = sum(counts.values())
+        total = sum(counts.values())
         return (counts[place] + USAGE_PRIOR) / (total + USAGE_PRIOR * places)
 
     @cached_property
-    def _counts(self) -> dict[str, Counter[str]]:
+    def _counts(self) -> dict[str, dict[str, float]]:
         """Group -> place -> votes that things of the group are there, unclear terms left out."""
-        counts: dict[str, Counter[str]] = defaultdict(Counter)
+        counts: dict[str, dict[str, float]] = defaultdict(lambda: defaultdict(float))
         for key, facts in self._collection.at_place.items():
             group = self.group_of(key)
             category = self._collection.naming.get(key)

@@ -31,4 +31,4 @@ def probability_of(weight: float, *, half: float = HALF, steepness: float = STEE
     """
     if weight <= 0:
         return 0.0
-    return 1 / (1 + (half / weight) ** steepness)
+    return 1 / (1 + math.pow(half / weight, steepness))

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 from kg.conceptnet.assertion import (
     Assertion,
+    Node,
     Unreadable,
     assertion_iri,
     clean,
@@ -70,10 +71,7 @@ def parse_edge(edge: object, language: str, wanted: Wanted) -> Assertion | None:
 def _assertion(
     relation: tuple[str, bool], start: str, end: str, data: object, language: str, wanted: Wanted
 ) -> Assertion | None:
-    ends = (parse_node(start), parse_node(end))
-    if ends[0] is None or ends[1] is None:
-        raise Unreadable("no concept's URI")
-    (start_language, start_node), (end_language, end_node) = ends
+    (start_language, start_node), (end_language, end_node) = _node(start), _node(end)
     if start_language != language or end_language != language:
         return None
     name, negated = relation
@@ -96,6 +94,13 @@ def _assertion(
         clean(_BRACKETS.sub("", spoken)),
         adds=False,
     )
+
+
+def _node(uri: str) -> tuple[str, Node]:
+    node = parse_node(uri)
+    if node is None:
+        raise Unreadable("no concept's URI")
+    return node
 
 
 def _weight(value: object) -> float:

@@ -115,7 +115,7 @@ def _block(found: Found) -> str:
 
 
 def _turtle(triples: list[Triple]) -> str:
-    text = serialize(triples, format=RdfFormat.TURTLE, prefixes=_PREFIXES).decode()
+    text = (serialize(triples, format=RdfFormat.TURTLE, prefixes=_PREFIXES) or b"").decode()
     return text.split("\n", len(_PREFIXES))[-1]
 
 

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from kg.conceptnet.importing import Imported
     from kg.conceptnet.relate import Found
 
+_FOUND = ("what", "", "where", "p", "weight", "against", "wording")
+_CHANGES = ("change", "what", "", "where", "p before", "p after")
 _WORDS = {"locatedAt": "located at", "nearBy": "near", "subClassOf": "is a"}
 
 
@@ -71,11 +73,9 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         write_json(_json(imported))
     elif into is None:
-        columns = ("what", "", "where", "p", "weight", "against", "wording")
-        print_table(columns, [_found_row(found) for found in imported.found])
+        print_table(_FOUND, [_found_row(found) for found in imported.found])
     else:
-        columns = ("change", "what", "", "where", "p before", "p after")
-        print_table(columns, [_change_row(change) for change in imported.changes])
+        print_table(_CHANGES, [_change_row(change) for change in imported.changes])
     _tell(imported, arguments)
     return 0
 
