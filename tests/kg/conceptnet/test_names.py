@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kg.categories import Catalogue
@@ -67,6 +67,7 @@ def test_every_category_is_found_by_each_of_its_names_or_shares_it() -> None:
                 assert NAMES.get(name, kind) is not None, name
 
 
+@settings(deadline=None)
 @given(st.text())
 def test_reducing_what_is_reduced_again_needs_no_more_words(text: str) -> None:
     assert len(reduced(text).split()) <= max(1, len(text))

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kg import vocabulary as v
@@ -210,6 +210,7 @@ def test_other_languages_are_not_ours(tmp_path: Path) -> None:
     assert one(import_conceptnet(path, language="de"), "Cup", "Kitchen")
 
 
+@settings(deadline=None)
 @given(st.floats(0.01, 1e4), st.floats(0.01, 1e4))
 def test_probability_rises_with_weight_and_weight_with_votes(one: float, other: float) -> None:
     low, high = sorted((one, other))
