@@ -19,7 +19,8 @@
     │   ├── NotAcceptableError   no format the asker accepts can carry the answer
     │   └── PoolBusyError        all query workers are busy and the queue is full
     ├── OntologyError            an ontology that does not parse, or breaks its shapes
-    │   └── UnknownCategoryError a label no category carries; says which come close
+    │   ├── UnknownCategoryError a label no category carries; says which come close
+    │   └── ConceptNetError      ConceptNet, or a file of it, that cannot be read
     ├── RecordingError           a recording that cannot be read: poses, images, intrinsics
     ├── ModelError               a network that cannot be loaded, fetched or understood
     ├── LayoutError              places or transforms given by file that make no sense
@@ -116,6 +117,10 @@ class OntologyError(HereaboutsError):
 
 class UnknownCategoryError(OntologyError):
     """No category carries that label."""
+
+
+class ConceptNetError(OntologyError):
+    """ConceptNet, or a file of it, cannot be read: not reached, not its format, broken off."""
 
 
 class RecordingError(HereaboutsError):

@@ -17,22 +17,40 @@ from pyoxigraph import Literal, NamedNode, Quad
 
 from kg import vocabulary as v
 from kg.errors import OntologyError
+from kg.marks import as_imported
 
 #: The properties that relate classes.
 KINDS: Final = (v.LOCATED_AT, v.NEAR_BY)
 
 _Notes = list[tuple[str, object]]
+_Key = tuple[str, str, str]  # property, subject, target
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """What one source says of a relation: an owl:Axiom node of an importer, or all of people's."""
+
+    probability: float  # 0..1
+    sources: tuple[str | Literal, ...] = ()  # an IRI, or words as they stand in the ontology
+    weight: float | None = None  # the source's own measure of how well supported it is; >= 0
+    weight_against: float = 0.0  # the same, of what was said against it
+    stated: bool = True  # by a person (or an importer's, edited since), not as imported
 
 
 @dataclass(frozen=True, slots=True)
 class Relation:
-    """One edge of common sense: things of class `subject` are found at, or near, `target`."""
+    """One edge of common sense: things of class `subject` are found at, or near, `target`.
+
+    `probability` is what people state; where they state nothing, the highest imported one.
+    `sources` are those of the evidence that says so.
+    """
 
     kind: str  # IRI: here:locatedAt or here:nearBy
     subject: str  # IRI of a class
     target: str  # IRI of a class
     probability: float  # 0..1
-    sources: tuple[str | Literal, ...] = ()  # an IRI, or words as they stand in the ontology
+    sources: tuple[str | Literal, ...] = ()
+    evidence: tuple[Evidence, ...] = ()  # one or more; what people state first
 
     @property
     def iri(self) -> str:
@@ -45,16 +63,18 @@ def _name(iri: str) -> str:
 
 
 def relations(quads: Iterable[Quad]) -> tuple[Relation, ...]:
-    """The relations between classes, each with the probability and the sources annotated on it.
+    """The relations between classes, each with the evidence annotated on it.
 
-    A relation without a probability of its own takes that of its property
-    (``here:locatedAt here:probability 0.2e0``).
+    An owl:Axiom node that is as its importer left it (`kg.marks`) is evidence of its own; all
+    other nodes of a relation are what people state, together. A relation nobody annotated takes
+    the probability of its property (``here:locatedAt here:probability 0.2e0``).
 
     Raises:
-        OntologyError: a relation has no probability, two, or one that is not in 0..1.
+        OntologyError: what people state, or an import, has no probability, two, or one that is
+            not in 0..1; or a weight that is not a number of at least 0.
     """
-    stated: set[tuple[str, str, str]] = set()
-    notes: dict[object, list[tuple[str, object]]] = defaultdict(list)
+    stated: set[_Key] = set()
+    notes: dict[object, _Notes] = defaultdict(list)
     for q in quads:
         notes[q.subject].append((q.predicate.value, q.object))
         if (
@@ -65,35 +85,65 @@ def relations(quads: Iterable[Quad]) -> tuple[Relation, ...]:
             stated.add((q.predicate.value, q.subject.value, q.object.value))
     annotated = _annotations(notes)
     defaults = {kind: notes[NamedNode(kind)] for kind in KINDS}
-    return tuple(
-        Relation(
-            *key, _probability(key, annotated[key], defaults[key[0]]), _sources(annotated[key])
-        )
-        for key in sorted(stated)
-    )
+    return tuple(_relation(key, annotated[key], defaults[key[0]]) for key in sorted(stated))
 
 
-def _annotations(notes: Mapping[object, _Notes]) -> dict[tuple[str, str, str], _Notes]:
-    """What owl:Axiom nodes say of each (property, subject, target)."""
-    found: dict[tuple[str, str, str], _Notes] = defaultdict(list)
+def _annotations(notes: Mapping[object, _Notes]) -> dict[_Key, list[_Notes]]:
+    """What owl:Axiom nodes say of each (property, subject, target), node by node."""
+    found: dict[_Key, list[_Notes]] = defaultdict(list)
     parts = (v.OWL_ANNOTATED_PROPERTY, v.OWL_ANNOTATED_SOURCE, v.OWL_ANNOTATED_TARGET)
     for said in notes.values():
         by_predicate = dict(said)
         key = [by_predicate.get(part) for part in parts]
         if all(isinstance(term, NamedNode) for term in key):
             kind, subject, target = (term.value for term in key if isinstance(term, NamedNode))
-            found[kind, subject, target].extend(said)
+            found[kind, subject, target].append(said)
     return found
 
 
-def _probability(key: tuple[str, str, str], own: _Notes, default: _Notes) -> float:
-    stated = _stated_probabilities(own) or _stated_probabilities(default)
+def _relation(key: _Key, axioms: list[_Notes], default: _Notes) -> Relation:
+    imported = [notes for notes in axioms if as_imported(notes)]
+    by_people = [note for notes in axioms if not as_imported(notes) for note in notes]
+    evidence = [_evidence(key, notes, [], stated=False) for notes in imported]
+    evidence.sort(key=lambda e: (-e.probability, [str(source) for source in e.sources]))
+    if by_people or not imported:
+        evidence.insert(0, _evidence(key, by_people, default, stated=True))
+    probability = evidence[0].probability
+    says_so = [
+        e for e in evidence if (e.stated, e.probability) == (evidence[0].stated, probability)
+    ]
+    sources = sorted({source for e in says_so for source in e.sources}, key=str)
+    return Relation(*key, probability, tuple(sources), tuple(evidence))
+
+
+def _evidence(key: _Key, own: _Notes, default: _Notes, *, stated: bool) -> Evidence:
+    return Evidence(
+        _probability(key, own, default),
+        _sources(own),
+        max(_weights(key, own, v.WEIGHT), default=None),
+        max(_weights(key, own, v.WEIGHT_AGAINST), default=0.0),
+        stated,
+    )
+
+
+def _probability(key: _Key, own: _Notes, default: _Notes) -> float:
+    stated = _literals(own, v.PROBABILITY) or _literals(default, v.PROBABILITY)
     numbers = {_number(text) for text in stated}
     if len(numbers) == 1 and 0 <= (number := numbers.pop()) <= 1:
         return number
-    relation = " ".join(_short(iri) for iri in (key[1], key[0], key[2]))
     given = " and ".join(sorted(stated)) or "none"
-    raise OntologyError(f"{relation} needs one here:probability between 0 and 1, has {given}")
+    raise OntologyError(f"{_words(key)} needs one here:probability between 0 and 1, has {given}")
+
+
+def _weights(key: _Key, own: _Notes, predicate: str) -> list[float]:
+    weights = {text: _number(text) for text in _literals(own, predicate)}
+    for text, weight in weights.items():
+        if not (math.isfinite(weight) and weight >= 0):
+            raise OntologyError(
+                f"{_words(key)} needs a {_short(predicate)} that is a number of at least 0, "
+                f"has {text}"
+            )
+    return list(weights.values())
 
 
 def _number(text: str) -> float:
@@ -103,12 +153,16 @@ def _number(text: str) -> float:
         return math.nan
 
 
+def _words(key: _Key) -> str:
+    return " ".join(_short(iri) for iri in (key[1], key[0], key[2]))
+
+
 def _short(iri: str) -> str:
     return f"here:{iri.removeprefix(v.HERE)}" if iri.startswith(v.HERE) else f"<{iri}>"
 
 
-def _stated_probabilities(notes: _Notes) -> set[str]:
-    return {o.value for p, o in notes if p == v.PROBABILITY and isinstance(o, Literal)}
+def _literals(notes: _Notes, predicate: str) -> set[str]:
+    return {o.value for p, o in notes if p == predicate and isinstance(o, Literal)}
 
 
 def _sources(notes: _Notes) -> tuple[str | Literal, ...]:

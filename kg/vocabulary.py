@@ -36,6 +36,13 @@ LOCATED_AT: Final = HERE + "locatedAt"
 NEAR_BY: Final = HERE + "nearBy"
 PROBABILITY: Final = HERE + "probability"
 
+# what an importer says of a relation, and how a later edit by hand is told from it
+WEIGHT: Final = HERE + "weight"
+WEIGHT_AGAINST: Final = HERE + "weightAgainst"
+SURFACE_TEXT: Final = HERE + "surfaceText"
+IMPORT_MARK: Final = HERE + "importMark"
+IMPORTED_RELATIONS: Final = HERE + "importedRelations"
+
 # compiled view of the ontology (graph:commonsense), for queries
 IS_A: Final = HERE + "isA"  # reflexive, transitive closure of rdfs:subClassOf
 RELATION_SUBJECT: Final = HERE + "relationSubject"
@@ -119,6 +126,7 @@ GEO_WKT_LITERAL: Final = "http://www.opengis.net/ont/geosparql#wktLiteral"
 MATH_SQRT: Final = "http://www.w3.org/2005/xpath-functions/math#sqrt"
 XSD_DOUBLE: Final = XSD + "double"
 OWL_THING: Final = "http://www.w3.org/2002/07/owl#Thing"
+OWL_VERSION_INFO: Final = "http://www.w3.org/2002/07/owl#versionInfo"
 OWL_ONTOLOGY: Final = "http://www.w3.org/2002/07/owl#Ontology"
 OWL_IMPORTS: Final = "http://www.w3.org/2002/07/owl#imports"
 OWL_OBJECT_PROPERTY: Final = "http://www.w3.org/2002/07/owl#ObjectProperty"
@@ -152,6 +160,11 @@ PROV_ENDED_AT: Final = PROV + "endedAtTime"
 SOSA_MADE_BY_SENSOR: Final = "http://www.w3.org/ns/sosa/madeBySensor"
 SOSA_SENSOR: Final = "http://www.w3.org/ns/sosa/Sensor"
 DCT_LICENSE: Final = "http://purl.org/dc/terms/license"
+CONCEPTNET: Final = "https://conceptnet.io"  # + the URI of an assertion or a concept
+CONCEPTNET_ONTOLOGY: Final = "https://w3id.org/hereabouts/ontology/conceptnet"
+OBJECTS_ONTOLOGY: Final = "https://w3id.org/hereabouts/ontology/objects"
+PLACES_ONTOLOGY: Final = "https://w3id.org/hereabouts/ontology/places"
+LICENSES: Final = "https://creativecommons.org/licenses/"
 VOID_TRIPLES: Final = "http://rdfs.org/ns/void#triples"
 VOID_ENTITIES: Final = "http://rdfs.org/ns/void#entities"
 VOID_CLASS: Final = "http://rdfs.org/ns/void#class"
