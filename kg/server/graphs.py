@@ -18,6 +18,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from kg import vocabulary as v
+from kg.blank_nodes import anonymous_triple
 from kg.server import bodies
 from kg.server.media_types import GRAPH_FORMATS, prefixes_of
 from kg.server.problems import Problem
@@ -84,7 +85,7 @@ def _triples(serving: Serving, graph: NamedNode | None) -> _Triples:
             if quad.triple in seen:
                 continue
             seen.add(quad.triple)
-        yield quad.triple
+        yield anonymous_triple(quad.triple)
 
 
 def _quads(serving: Serving) -> _Quads:
