@@ -14,7 +14,7 @@ from collections.abc import Iterable, Iterator
 from graphlib import CycleError, TopologicalSorter
 from hashlib import blake2s
 
-from pyoxigraph import BlankNode, NamedNode, Quad, Triple
+from pyoxigraph import BlankNode, Literal, NamedNode, Quad, Store, Triple
 
 from kg import vocabulary as v
 from kg.engine import Object, Subject
@@ -24,12 +24,12 @@ _LETTER = "g"  # a node id of RDF/XML begins with a letter
 
 
 def named(quads: Iterable[Quad]) -> tuple[Quad, ...]:
-    """The quads with an IRI in place of each blank node; each quad once, in the order given.
+    """The quads with an IRI in place of each blank node; each quad once, as a store holds it.
 
     Nodes of which the same is said become one. Raises OntologyError for blank nodes that point at
     each other in a circle, which OWL 2 DL has not.
     """
-    quads = tuple(anonymous(quads))
+    quads = _as_stored(anonymous(quads))
     about: dict[BlankNode, list[Quad]] = defaultdict(list)
     pointing: dict[BlankNode, list[Quad]] = defaultdict(list)
     for quad in quads:
@@ -40,7 +40,7 @@ def named(quads: Iterable[Quad]) -> tuple[Quad, ...]:
     inner_first = _inner_first(about, pointing)
     content: dict[BlankNode, str] = {}
     for node in inner_first:
-        said = (f"{q.predicate} {content.get(q.object, q.object)}" for q in about[node])  # type: ignore[call-overload]
+        said = (f"{q.predicate} {_known(q.object, content)}" for q in about[node])
         content[node] = _digest(said)
     names: dict[object, NamedNode] = {}
     for node in reversed(inner_first):
@@ -79,6 +79,24 @@ def _without_name(term: Subject | Object) -> Subject | Object:
     if isinstance(term, NamedNode) and term.value.startswith(v.GENID):
         return BlankNode(_LETTER + term.value.removeprefix(v.GENID))
     return term
+
+
+def _as_stored(quads: Iterable[Quad]) -> tuple[Quad, ...]:
+    """The quads in their order, numbers written as the engine keeps them (0.2e0 as 0.2)."""
+    store = Store()
+    found: dict[Quad, None] = {}
+    for quad in quads:
+        if isinstance(quad.object, Literal) and quad.object.datatype.value.startswith(v.XSD):
+            store.add(quad)
+            found.update(dict.fromkeys(store))
+            store.clear()
+        else:
+            found[quad] = None
+    return tuple(found)
+
+
+def _known(term: Object, content: dict[BlankNode, str]) -> str:
+    return content[term] if isinstance(term, BlankNode) else str(term)
 
 
 def _inner_first(

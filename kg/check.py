@@ -45,10 +45,8 @@ def shapes_of(folder: Path) -> Path:
     return own if own.is_file() else ONTOLOGIES / SHAPES_FILE
 
 
-def check_quads(
-    quads: Iterable[Quad], shapes: Path = ONTOLOGIES / SHAPES_FILE
-) -> list[Finding]:
-    """What is wrong with an ontology, given as its quads with blank nodes; as `check_ontologies`."""
+def check_quads(quads: Iterable[Quad], shapes: Path = ONTOLOGIES / SHAPES_FILE) -> list[Finding]:
+    """As `check_ontologies`, of an ontology given as quads with blank nodes."""
     quads = tuple(quads)
     # nobody labels a restriction: only named classes are held to the shape of a term
     named = [q for q in quads if not (isinstance(q.subject, BlankNode) and _is_class(q))]
@@ -140,7 +138,7 @@ def _mixed_kinds(quads: Iterable[Quad]) -> list[Finding]:
 
 def _not_compiled(ontology: list[Quad], commonsense: list[Quad]) -> list[Finding]:
     stated = set(commonsense)
-    there = {q.subject for q in commonsense if q.subject.value.startswith(v.RELATION)}
+    there = {q.subject for q in commonsense if _text(q.subject).startswith(v.RELATION)}
     try:
         # a relation that somebody changed by SPARQL is there, though not as compiled
         missing = {

@@ -12,6 +12,8 @@ HERE: Final = "https://w3id.org/hereabouts#"
 GRAPH: Final = "https://w3id.org/hereabouts/graph/"
 CELL: Final = "https://w3id.org/hereabouts/cell/"
 RELATION: Final = "https://w3id.org/hereabouts/relation/"
+#: the ontology that declares what maps are written in
+CORE_ONTOLOGY: Final = "https://w3id.org/hereabouts/ontology/hereabouts"
 #: what stands for a blank node in a map (RDF 1.1 Concepts, section 3.5)
 GENID: Final = "https://w3id.org/.well-known/genid/hereabouts/"
 
