@@ -19,6 +19,7 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Quad, Store, Triple
 from kg import vocabulary as v
 from kg.engine import Object, Subject
 from kg.errors import OntologyError
+from kg.set_lists import with_sorted_sets
 
 _LETTER = "g"  # a node id of RDF/XML begins with a letter
 
@@ -29,7 +30,7 @@ def named(quads: Iterable[Quad]) -> tuple[Quad, ...]:
     Nodes of which the same is said become one. Raises OntologyError for blank nodes that point at
     each other in a circle, which OWL 2 DL has not.
     """
-    quads = _as_stored(anonymous(quads))
+    quads = with_sorted_sets(_as_stored(anonymous(quads)))
     about: dict[BlankNode, list[Quad]] = defaultdict(list)
     pointing: dict[BlankNode, list[Quad]] = defaultdict(list)
     for quad in quads:

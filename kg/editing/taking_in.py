@@ -122,7 +122,8 @@ def _declared(quads: Iterable[Quad]) -> set[str]:
 
 def _refuse_missing(old: Iterable[Quad], new: Iterable[Quad]) -> None:
     """Terms that this program itself speaks of must stay."""
-    ours = {value for value in vars(v).values() if isinstance(value, str)}
+    values = (value for value in vars(v).values() if isinstance(value, str))
+    ours = {value for value in values if value.startswith(v.HERE)}
     lost = sorted((_declared(old) - _declared(new)) & ours)
     if lost:
         raise OntologyError(
