@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
@@ -18,6 +18,7 @@ from kg.shapes import Finding
 
 _TOLD = 3  # findings named in one message
 _PARTS: Final = (v.OWL_ANNOTATED_SOURCE, v.OWL_ANNOTATED_PROPERTY, v.OWL_ANNOTATED_TARGET)
+_BEGINNINGS: Final = ("", "<owl:Class rdf:about=", "<rdf:Description rdf:about=")
 _TERM: Final = re.compile(r"here:[\w-]+")
 
 
@@ -41,10 +42,11 @@ def inspect(ontology: Ontology, *, reason: bool = False) -> list[Finding]:
 def refuse_malformed(ontology: Ontology, *, reason: bool = False) -> list[Finding]:
     """The warnings of `inspect`; raises OntologyError, with file and line, for the violations."""
     found = inspect(ontology, reason=reason)
-    wrong = [told(f, ontology.files) for f in found if f.severity == "violation"]
+    wrong = [f for f in found if f.severity == "violation"]
     if wrong:
+        first = "; ".join(told(f, ontology.files) for f in wrong[:_TOLD])
         more = f"; and {len(wrong) - _TOLD} more" if len(wrong) > _TOLD else ""
-        raise OntologyError(f"the ontology is refused: {'; '.join(wrong[:_TOLD])}{more}")
+        raise OntologyError(f"the ontology is refused: {first}{more}")
     return found
 
 
@@ -57,33 +59,36 @@ def told(finding: Finding, files: Iterable[Path]) -> str:
 
 
 def line_of(finding: Finding, files: Iterable[Path]) -> tuple[Path, int] | None:
-    """File and line, from 1, where a finding's term is described, or else first mentioned."""
-    focus = finding.focus.partition(" ")[0]
-    terms = [focus, *_TERM.findall(finding.message)]
-    if finding.value.startswith(v.HERE):
-        terms.insert(0, finding.value)
-    mentions: list[tuple[bool, int, Path, int]] = []
-    for rank, term in enumerate(dict.fromkeys(terms)):
-        for path in files:
-            for number, begins in _mentions(term, path):
-                mentions.append((not begins, rank, path, number))
-    if not mentions:
-        return None
-    _, _, path, number = min(mentions)
-    return path, number
+    """File and line, from 1, that a finding is about.
+
+    One that names its subject and most of its other terms; among equals one that begins with a
+    term, then the first.
+    """
+    text = " ".join((_short(finding.focus), finding.message, _short(finding.value)))
+    # of a whole relation the message speaks, and begins with what is related
+    subject = (_TERM.match(finding.message) or [finding.focus.partition(" ")[0]])[0]
+    terms = dict.fromkeys([subject, *_TERM.findall(text)])
+    patterns = [pattern for term in terms if (pattern := _pattern(term)) is not None]
+    best = (False, 0, False)
+    found = None
+    for path in files:
+        lines = path.read_text("utf-8", "replace").splitlines()
+        for number, line in enumerate(lines, start=1):
+            matches = [match for pattern in patterns if (match := pattern.search(line))]
+            begins = any(line[: match.start()].strip() in _BEGINNINGS for match in matches)
+            rank = any(match.re is patterns[0] for match in matches), len(matches), begins
+            if matches and rank > best:
+                best, found = rank, (path, number)
+    return found
 
 
-def _mentions(term: str, path: Path) -> Iterator[tuple[int, bool]]:
-    """Lines that mention a term, and whether it is what they begin with."""
+def _pattern(term: str) -> re.Pattern[str] | None:
+    """How a term may be written in Turtle, N-Triples or RDF/XML."""
     full = term.replace("here:", v.HERE, 1) if term.startswith("here:") else term
     local = re.escape(re.split("[#/]", full)[-1])
     if not local:
-        return
-    written = re.compile(rf"(<{re.escape(full)}>|[\w-]*:{local}\b|[\"'#;/]{local}[\"'])")
-    for number, line in enumerate(path.read_text("utf-8", "replace").splitlines(), start=1):
-        if match := written.search(line):
-            head = line[: match.start()].strip()
-            yield number, head in ("", "<owl:Class rdf:about=", "<rdf:Description rdf:about=")
+        return None
+    return re.compile(rf"<{re.escape(full)}>|[\w-]*:{local}\b|[\"'#;/]{local}[\"']")
 
 
 def _contradictions(quads: tuple[Quad, ...]) -> list[Finding]:
