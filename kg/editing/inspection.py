@@ -65,8 +65,9 @@ def line_of(finding: Finding, files: Iterable[Path]) -> tuple[Path, int] | None:
     term, then the first.
     """
     text = " ".join((_short(finding.focus), finding.message, _short(finding.value)))
-    # of a whole relation the message speaks, and begins with what is related
-    subject = (_TERM.match(finding.message) or [finding.focus.partition(" ")[0]])[0]
+    subject = _short(finding.focus).partition(" ")[0]
+    if subject == _short(v.PROBABILITY) and (related := _TERM.match(finding.message)):
+        subject = related[0]
     terms = dict.fromkeys([subject, *_TERM.findall(text)])
     patterns = [pattern for term in terms if (pattern := _pattern(term)) is not None]
     best = (False, 0, False)

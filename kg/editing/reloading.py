@@ -14,7 +14,7 @@ from kg import vocabulary as v
 from kg.editing.changes import Change, changes
 from kg.editing.imports import load_with_imports
 from kg.editing.inspection import refuse_malformed
-from kg.editing.sources import ontology_at
+from kg.editing.sources import ontology_of_map
 from kg.editing.taking_in import left_out
 from kg.endpoint import TOKEN_VARIABLE, is_url
 from kg.errors import OntologyError, RemoteError, UnreachableError
@@ -56,7 +56,7 @@ def reload(
     """
     ontology = load_with_imports(source)
     warnings = tuple(refuse_malformed(ontology, reason=reason))
-    present = ontology_at(address)
+    present = ontology_of_map(address)
     _refuse_partial(source, present, ontology, whole)
     if dry:
         return Reloaded(tuple(changes(present.quads, ontology.quads)), warnings=warnings)

@@ -16,6 +16,11 @@ def ontology_at(address: str) -> Ontology:
     Raises OntologyError, GraphError.
     """
     if is_url(address) or (Path(address) / "store" / "CURRENT").is_file():
-        with SemanticMap.open(address, read_only=True) as semantic_map:
-            return Ontology(semantic_map.ontology(), ())
+        return ontology_of_map(address)
     return load_with_imports(Path(address))
+
+
+def ontology_of_map(address: str) -> Ontology:
+    """The ontology of the map in a folder or on a server; raises GraphError."""
+    with SemanticMap.open(address, read_only=True) as semantic_map:
+        return Ontology(semantic_map.ontology(), ())
