@@ -69,16 +69,20 @@ def changes(old: Iterable[Quad], new: Iterable[Quad]) -> list[Change]:
 
 
 def _terms(before: Side, after: Side) -> Iterator[Change]:
-    for iri in sorted(after.terms.keys() - before.terms.keys()):
+    for iri in _files_last(after.terms.keys() - before.terms.keys(), after):
         name = after.name(iri)
         under = f" under {above}" if (above := after.above(iri)) else ""
         also = ", ".join(repr(name) for name in after.synonyms(iri))
         called = f", also called {also}" if also else ""
         words = f"{after.kind(iri)} {name!r} added{under}{called}"
         yield Change("+", "term", iri, words, after=name)
-    for iri in sorted(before.terms.keys() - after.terms.keys()):
+    for iri in _files_last(before.terms.keys() - after.terms.keys(), before):
         name = before.name(iri)
         yield Change("-", "term", iri, f"{before.kind(iri)} {name!r} removed", before=name)
+
+
+def _files_last(iris: Iterable[str], side: Side) -> list[str]:
+    return sorted(iris, key=lambda iri: (side.terms[iri] == "ontology", iri))
 
 
 def _relations(before: Side, after: Side) -> Iterator[Change]:
