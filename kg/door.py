@@ -27,7 +27,7 @@ from kg.store import MapStore
 
 #: Graphs that an update may write only where its caller allows it, and what else would do.
 PROTECTED: Final = {
-    "ontology": (v.ONTOLOGY_GRAPH, "edit the ontology files and load them"),
+    "ontology": (v.ONTOLOGY_GRAPH, "edit the ontology files and reload them (docs/protege.md)"),
     "commonsense": (v.COMMONSENSE_GRAPH, "it is compiled from the ontology: edit that"),
     "history": (v.HISTORY_GRAPH, "the past is not rewritten"),
     "assertions": (v.ASSERTIONS_GRAPH, "use assert and retract, which carry what was said over"),

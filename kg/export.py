@@ -17,6 +17,7 @@ from typing import Final
 from pyoxigraph import BlankNode, Literal, NamedNode, Quad, RdfFormat, Triple, serialize
 
 from kg import vocabulary as v
+from kg.blank_nodes import anonymous
 from kg.errors import GraphError, did_you_mean
 from kg.geometry import geometry_quads
 from kg.jsonld import to_jsonld
@@ -87,7 +88,7 @@ def export_quads(semantic_map: SemanticMap, *, ontology: bool = True) -> list[Qu
     things = semantic_map.objects(), semantic_map.places(), semantic_map.robot()
     quads += geometry_quads(semantic_map.base, *things)
     rank = {graph: number for number, graph in enumerate(graphs)}
-    return sorted(set(map(_with_exponent, quads)), key=lambda quad: _order(quad, rank))
+    return sorted(set(map(_with_exponent, anonymous(quads))), key=lambda quad: _order(quad, rank))
 
 
 def _text(quads: list[Quad], form: str, prefixes: _Prefixes) -> str:

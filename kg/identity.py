@@ -7,6 +7,7 @@ import uuid
 from pyoxigraph import Literal, NamedNode, Quad
 
 from kg import vocabulary as v
+from kg.blank_nodes import named
 from kg.errors import GraphError, MapNotFoundError
 from kg.ontology import compile_commonsense, load_ontologies
 from kg.store import MapStore
@@ -29,8 +30,8 @@ def first_quads(title: str, base: str | None) -> list[Quad]:
         (v.NEXT_OBJECT, Literal(1)),
     ]
     identity = [Quad(node, NamedNode(predicate), value, _DATASET) for predicate, value in facts]
-    ontology = load_ontologies()
-    return [*ontology.quads, *compile_commonsense(ontology.quads), *identity]
+    ontology = named(load_ontologies().quads)
+    return [*ontology, *compile_commonsense(ontology), *identity]
 
 
 def _base_node(base: str | None) -> NamedNode:

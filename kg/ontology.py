@@ -7,29 +7,23 @@ classes, probability and source (docs/ontology.md).
 
 from __future__ import annotations
 
-import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, TypeVar
 
-from pyoxigraph import BlankNode, Literal, NamedNode, Quad, RdfFormat, parse
+from pyoxigraph import BlankNode, Literal, NamedNode, Quad
 
 from kg import vocabulary as v
 from kg.errors import OntologyError
 from kg.relations import Relation, relations
 from kg.shipped import ONTOLOGIES
+from kg.syntaxes import ENDINGS, parse_file
 
 #: Shapes check the other files; they are no part of what the map knows.
 SHAPES_FILE: Final = "shapes.ttl"
 
-_FORMATS: Final = {
-    ".ttl": RdfFormat.TURTLE,
-    ".owl": RdfFormat.RDF_XML,
-    ".rdf": RdfFormat.RDF_XML,
-    ".nt": RdfFormat.N_TRIPLES,
-}
 _ONTOLOGY_GRAPH: Final = NamedNode(v.ONTOLOGY_GRAPH)
 _COMMONSENSE_GRAPH: Final = NamedNode(v.COMMONSENSE_GRAPH)
 _RELATION_CLASSES: Final = {
@@ -60,15 +54,26 @@ def load_ontologies(folder: Path = ONTOLOGIES, *, without: Path | None = None) -
     """
     if not folder.is_dir():
         raise OntologyError(f"no ontologies in {folder}: it is not a folder")
-    files = sorted(p for p in folder.iterdir() if p.suffix in _FORMATS and p.name != SHAPES_FILE)
+    files = ontology_files(folder)
     if without is not None:
         files = [path for path in files if path.resolve() != without.resolve()]
     if not files:
-        raise OntologyError(f"no ontologies in {folder}: expected files {', '.join(_FORMATS)}")
+        raise OntologyError(f"no ontologies in {folder}: expected files {', '.join(ENDINGS)}")
+    return read_files(files)
+
+
+def ontology_files(folder: Path) -> list[Path]:
+    """The files of a folder that hold ontologies, by name."""
+    return sorted(p for p in folder.iterdir() if p.suffix in ENDINGS and p.name != SHAPES_FILE)
+
+
+def read_files(files: Iterable[Path]) -> Ontology:
+    """Those files and no others as one ontology; raises as `load_ontologies`."""
+    files = tuple(files)
     quads: dict[Quad, None] = {}
     for number, path in enumerate(files):
         quads.update(dict.fromkeys(_read(path, prefix=f"o{number}n")))
-    return Ontology(tuple(quads), tuple(files))
+    return Ontology(tuple(quads), files)
 
 
 def _read(path: Path, *, prefix: str) -> Iterator[Quad]:
@@ -80,15 +85,8 @@ def _read(path: Path, *, prefix: str) -> Iterator[Quad]:
             return term
         return names.setdefault(term, BlankNode(f"{prefix}{len(names)}"))
 
-    try:
-        for q in parse(path=str(path), format=_FORMATS[path.suffix]):
-            yield Quad(stable(q.subject), q.predicate, stable(q.object), _ONTOLOGY_GRAPH)
-    except SyntaxError as error:
-        reason = re.sub(r"^Parser error[^:]*: ", "", error.msg or "it does not parse")
-        line = f", line {error.lineno}" if error.lineno else ""
-        raise OntologyError(f"{path}{line}: {reason}") from None
-    except OSError as error:
-        raise OntologyError(f"{path}: {error.strerror or error}") from None
+    for q in parse_file(path):
+        yield Quad(stable(q.subject), q.predicate, stable(q.object), _ONTOLOGY_GRAPH)
 
 
 def superclasses(quads: Iterable[Quad]) -> dict[str, tuple[str, ...]]:

@@ -11,14 +11,17 @@ from typing import Self
 
 import networkx as nx
 import rdflib
-from pyoxigraph import NamedNode
+from pyoxigraph import NamedNode, Quad
 
 from kg import vocabulary as v
+from kg.blank_nodes import anonymous
 from kg.categories import Catalogue
 from kg.commits import Cause, ChangeSet, Listener
 from kg.consequences import draw_consequences
 from kg.dataset_view import DatasetView
 from kg.door import Door
+from kg.editing.inspection import refuse_malformed
+from kg.editing.taking_in import Taken, take_in
 from kg.endpoint import is_url
 from kg.errors import (
     MapBusyError,
@@ -33,6 +36,7 @@ from kg.history.remembering import Remembering
 from kg.identity import first_quads, identity
 from kg.names import Names
 from kg.network import network
+from kg.ontology import Ontology
 from kg.outside import work_out
 from kg.questions import (
     Question,
@@ -282,6 +286,27 @@ class SemanticMap(Remembering):
             if allow and change is not None:
                 self._read_ontology_again()
             return change
+
+    def take_ontology(self, quads: Iterable[Quad], *, by: str | None = None) -> Taken:
+        """Make the quads this map's ontology, in one transaction, while it is in use.
+
+        What was written into graph:commonsense by other means stays. Raises OntologyError, with
+        nothing changed, where they are not well made or lack what the map speaks of; `kg.editing`
+        reads and checks files.
+        """
+        ontology = Ontology(tuple(anonymous(quads)), ())
+        refuse_malformed(ontology)
+        with self._guard:
+            taken = take_in(self._store, ontology.quads, by)
+            if taken.commit is not None:
+                self._read_ontology_again()
+            return taken
+
+    def ontology(self) -> tuple[Quad, ...]:
+        """The quads of this map's ontology, with blank nodes, sorted."""
+        graph = NamedNode(v.ONTOLOGY_GRAPH)
+        quads = self.engine.quads_for_pattern(None, None, None, graph)
+        return tuple(sorted(anonymous(quads), key=str))
 
     def assert_(self, iri: str, prop: str, value: object, *, by: str) -> ChangeSet | None:
         """Have something be as said, whatever perception believes, until it is retracted.

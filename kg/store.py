@@ -239,6 +239,20 @@ class MapStore:
             self._write(change)
             self._sequence = change.sequence
 
+    def restate(self, graph: NamedNode, quads: Iterable[Quad]) -> None:
+        """Say in a graph the same in other words, as quads without blank nodes; no transaction.
+
+        For maps that were made when their ontology still held blank nodes.
+        """
+        self.refuse_read_only()
+        with self._committing:
+            text = f"CLEAR GRAPH {graph};\nINSERT DATA {{\n{_graph_blocks(quads)}}}"
+            try:
+                self.engine.update(text)
+            except OSError as error:
+                reason = _reason(error)
+                raise GraphError(f"cannot write the map at {self.where}: {reason}") from error
+
     def _now(self) -> float:
         # whole milliseconds, as times are told: `--at` the time of a transaction includes it;
         # a clock set back must not put a transaction before the one it follows

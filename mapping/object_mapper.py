@@ -58,6 +58,7 @@ class ObjectMapper:
         self._objects = {record.iri: record for record in semantic_map.perceived_objects()}
         self._said: dict[str, Said] = {}
         self._hear(self._objects)
+        self._catalogue = semantic_map.catalogue
         self._iris: dict[str, str | None] = {}
         self._revision = -1
         self.unknown_labels: Counter[str] = Counter()
@@ -233,7 +234,10 @@ class ObjectMapper:
         return self._places.at(self._believed(record).p_map) if self._places else record.place
 
     def _category(self, label: str) -> str | None:
+        if self._catalogue is not self._map.catalogue:  # somebody changed the ontology
+            self._catalogue = self._map.catalogue
+            self._iris.clear()
         if label not in self._iris:
-            category = self._map.catalogue.get(label, kind="object")
+            category = self._catalogue.get(label, kind="object")
             self._iris[label] = category.iri if category else None
         return self._iris[label]

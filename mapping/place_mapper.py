@@ -29,6 +29,7 @@ class PlaceMapper:
     def __init__(
         self, semantic_map: SemanticMap, places: PlaceBook, settings: ReferenceSettings
     ) -> None:
+        self._map = semantic_map
         self._catalogue = semantic_map.catalogue
         self._places = places
         self._settings = settings
@@ -58,6 +59,8 @@ class PlaceMapper:
 
     def view(self, iri: str, frame: Frame, scene: SceneScores) -> PlaceRecord:
         """Update the belief of place `iri` with what `frame` shows; the new record."""
+        if self._catalogue is not self._map.catalogue:  # somebody changed the ontology
+            self._learn_categories()
         record = self._places[iri]
         scores = self._scores(scene)
         if scores is None:
@@ -108,6 +111,14 @@ class PlaceMapper:
             category = self._catalogue.get(label, kind="place")
             self._iris[label] = category.iri if category else None
         return self._iris[label]
+
+    def _learn_categories(self) -> None:
+        self._catalogue = self._map.catalogue
+        self._iris.clear()
+        self._categories = self._allowed()
+        for iri, belief in self._beliefs.items():
+            known = {c: p for c, p in belief.items() if self._catalogue.by_iri(c) is not None}
+            self._beliefs[iri] = known
 
     def _allowed(self) -> frozenset[str]:
         """Categories that a place may have, by IRI."""

@@ -2,13 +2,16 @@
 
 A graph is named by ``?graph=IRI`` or by its path, ``/graphs/map`` for graph:map. ``?default`` reads
 the union of all graphs, as a query without GRAPH does, and adds to graph:map, as an update does.
+What is PUT to graph:ontology is checked and compiled, and the map goes on with it.
 """
 
 from __future__ import annotations
 
+import asyncio
 import io
 from collections.abc import Generator, Iterable
 from contextlib import closing
+from dataclasses import asdict
 from functools import partial
 from typing import Final
 
@@ -18,11 +21,12 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from kg import vocabulary as v
+from kg.blank_nodes import anonymous_triple
 from kg.server import bodies
 from kg.server.conditions import state_of
 from kg.server.media_types import GRAPH_FORMATS, prefixes_of
 from kg.server.problems import Problem
-from kg.server.protocol import SEQUENCE, write
+from kg.server.protocol import SEQUENCE, write, written
 from kg.server.serving import Serving
 from kg.workers.formats import negotiate
 
@@ -30,6 +34,8 @@ _DUMPS: Final = {"trig": RdfFormat.TRIG, "nq": RdfFormat.N_QUADS}
 _MEDIA: Final = {form: media_type for media_type, form in GRAPH_FORMATS.items()}
 #: formats of a single graph
 _FORMATS: Final = {name: form for form, name in _MEDIA.items() if form not in _DUMPS.values()}
+
+_ONTOLOGY: Final = NamedNode(v.ONTOLOGY_GRAPH)
 
 _Quads = Generator[Quad, None, None]
 _Triples = Generator[Triple, None, None]
@@ -50,12 +56,28 @@ async def graph_store(serving: Serving, request: Request) -> Response:
             raise _unknown(target)
         return await write(serving, f"CLEAR SILENT GRAPH {target}", by)
     triples = await _body(serving, request, target)
+    if request.method == "PUT" and target == _ONTOLOGY:
+        return await _take_ontology(serving, triples, by)
     update = f"INSERT DATA {{ GRAPH {target} {{\n{_lines(triples)}}} }}"
     if request.method == "PUT":
         update = f"CLEAR SILENT GRAPH {target} ;\n{update}"
     answer = await write(serving, update, by)
     answer.status_code = 200 if existed else 201
     return answer
+
+
+async def _take_ontology(serving: Serving, triples: list[Triple], by: str) -> Response:
+    """Have the map take an ontology in; the answer tells the change in words too."""
+    quads = [Quad(t.subject, t.predicate, t.object, _ONTOLOGY) for t in triples]
+    taken = await asyncio.shield(
+        run_in_threadpool(partial(serving.semantic_map.take_ontology, quads, by=by))
+    )
+    return written(
+        serving,
+        taken.commit,
+        changes=[asdict(change) for change in taken.changes],
+        kept=list(taken.kept),
+    )
 
 
 async def dump(serving: Serving, request: Request) -> Response:
@@ -87,7 +109,7 @@ def _triples(serving: Serving, graph: NamedNode | None) -> _Triples:
             if quad.triple in seen:
                 continue
             seen.add(quad.triple)
-        yield quad.triple
+        yield anonymous_triple(quad.triple)
 
 
 def _quads(serving: Serving) -> _Quads:

@@ -12,6 +12,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
 
+from kg.commits import ChangeSet
 from kg.server import bodies
 from kg.server.bodies import Parameters
 from kg.server.description import service_description
@@ -113,12 +114,18 @@ async def write(serving: Serving, update: str, by: str) -> Response:
     change = await asyncio.shield(
         run_in_threadpool(partial(serving.semantic_map.update, update, by=by))
     )
+    return written(serving, change)
+
+
+def written(serving: Serving, change: ChangeSet | None, **more: object) -> Response:
+    """The answer to a request that wrote `change`: counts, its number, and what else there is."""
     sequence = change.sequence if change else serving.semantic_map.sequence
     serving.written = max(serving.written, sequence)
     done = {
         "sequence": sequence,
         "added": len(change.added) if change else 0,
         "removed": len(change.removed) if change else 0,
+        **more,
     }
     return Response(
         json.dumps(done) + "\n", media_type="application/json", headers={SEQUENCE: str(sequence)}

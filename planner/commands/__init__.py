@@ -35,6 +35,7 @@ COMMANDS = (
     "export",
     "import_maps",
     "check",
+    "ontology",
     "models",
     "bench",
 )

@@ -21,7 +21,7 @@ from planner.viewing.sensor import angle_between
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """Where the robot is: a floor cell, its heading [rad], and the position it stands at, if any."""
+    """Where the robot is: a floor cell, its heading [rad], and the position it stands at."""
 
     cell: int
     heading: float = 0.0

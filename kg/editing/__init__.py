@@ -1,0 +1,1 @@
+"""Ontologies that people edit: read with their imports, checked, told in words, taken in."""

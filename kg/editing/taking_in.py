@@ -1,0 +1,155 @@
+"""An ontology taken into a map that exists, perhaps one that runs: one transaction.
+
+graph:ontology becomes the new ontology. graph:commonsense loses what only the old one compiled to
+and gains what the new one does; what people or imports wrote there stays, and where they gave a
+relation another probability, theirs stands.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final
+
+from pyoxigraph import BlankNode, NamedNode, Quad
+
+from kg import vocabulary as v
+from kg.blank_nodes import named
+from kg.commits import Cause, ChangeSet
+from kg.editing.changes import Change, changes
+from kg.editing.imports import headers
+from kg.errors import OntologyError
+from kg.ontology import compile_commonsense
+from kg.store import MapStore
+
+LONGEST_NOTE: Final = 500  # characters of the change in words kept with its transaction
+
+_ONTOLOGY: Final = NamedNode(v.ONTOLOGY_GRAPH)
+_COMMONSENSE: Final = NamedNode(v.COMMONSENSE_GRAPH)
+_FACTS: Final = tuple(
+    NamedNode(graph) for graph in (v.MAP_GRAPH, v.ASSERTIONS_GRAPH, v.DATASET_GRAPH)
+)
+_TYPE: Final = NamedNode(v.RDF_TYPE)
+_TOLD = 5  # terms named in one message
+
+
+@dataclass(frozen=True, slots=True)
+class Taken:
+    """What taking an ontology in changed; `commit` is None where nothing did."""
+
+    changes: tuple[Change, ...]
+    kept: tuple[str, ...]  # IRIs of relations that stand as somebody wrote them into the map
+    commit: ChangeSet | None
+
+
+def take_in(store: MapStore, quads: Iterable[Quad], by: str | None) -> Taken:
+    """Make the quads, found well made before, the ontology of the map in `store`.
+
+    Raises OntologyError where the map uses terms that they do not declare; nothing is written then.
+    """
+    new = named(Quad(q.subject, q.predicate, q.object, _ONTOLOGY) for q in quads)
+    stored = tuple(store.engine.quads_for_pattern(None, None, None, _ONTOLOGY))
+    old = named(stored)
+    compiled = compile_commonsense(new)
+    present = set(store.engine.quads_for_pattern(None, None, None, _COMMONSENSE))
+    before = set(compile_commonsense(old))
+    _refuse_missing(old, new)
+    _refuse_lost(store, old, new, present - before)
+    delete, insert, kept = _recompiled(present, before, set(compiled))
+    told = tuple(changes(old, new))
+    if any(isinstance(q.subject, BlankNode) or isinstance(q.object, BlankNode) for q in stored):
+        store.restate(_ONTOLOGY, old)
+    note = "; ".join(change.words for change in told)[:LONGEST_NOTE]
+    removed, added = set(old) - set(new), set(new) - set(old)
+    commit = store.commit(
+        sorted([*removed, *delete], key=str),
+        sorted([*added, *insert], key=str),
+        Cause("ontology", by, note),
+    )
+    return Taken(told, kept, commit)
+
+
+def left_out(old: Iterable[Quad], new: Iterable[Quad]) -> tuple[str, ...]:
+    """Ontologies of `old` of which `new` has neither the header nor all their terms; IRIs."""
+    old, new = tuple(old), tuple(new)
+    missing = headers(old) - headers(new)
+    return tuple(sorted(missing)) if missing and _classes(old) - _classes(new) else ()
+
+
+def _recompiled(
+    present: set[Quad], before: set[Quad], after: set[Quad]
+) -> tuple[list[Quad], list[Quad], tuple[str, ...]]:
+    """What to delete and insert in graph:commonsense, and which relations stay as they are."""
+    there, was, will = (_by_relation(quads) for quads in (present, before, after))
+    delete = [q for q in before - after if not _is_relation(q)]
+    insert = [q for q in after if not _is_relation(q)]
+    kept = []
+    for iri in sorted(was.keys() | will.keys()):
+        stands = there.get(iri, set())
+        if not stands or stands in (was.get(iri), will.get(iri)):
+            delete += stands - will.get(iri, set())
+            insert += will.get(iri, set())
+        else:
+            kept.append(iri)
+    return delete, insert, tuple(kept)
+
+
+def _by_relation(quads: Iterable[Quad]) -> dict[str, set[Quad]]:
+    nodes: dict[str, set[Quad]] = defaultdict(set)
+    for quad in quads:
+        if _is_relation(quad):
+            nodes[getattr(quad.subject, "value", "")].add(quad)
+    return dict(nodes)
+
+
+def _is_relation(quad: Quad) -> bool:
+    return getattr(quad.subject, "value", "").startswith(v.RELATION)
+
+
+def _classes(quads: Iterable[Quad]) -> set[str]:
+    kind = NamedNode(v.OWL_CLASS)
+    return {
+        q.subject.value
+        for q in quads
+        if q.predicate == _TYPE and q.object == kind and isinstance(q.subject, NamedNode)
+    }
+
+
+def _declared(quads: Iterable[Quad]) -> set[str]:
+    return {getattr(q.subject, "value", "") for q in quads if q.predicate == _TYPE}
+
+
+def _refuse_missing(old: Iterable[Quad], new: Iterable[Quad]) -> None:
+    """Terms that this program itself speaks of must stay."""
+    values = (value for value in vars(v).values() if isinstance(value, str))
+    ours = {value for value in values if value.startswith(v.HERE)}
+    lost = sorted((_declared(old) - _declared(new)) & ours)
+    if lost:
+        raise OntologyError(
+            f"the ontology is refused: it lacks {_listed(lost)}, which maps are written in; "
+            f"have it import <{v.CORE_ONTOLOGY}>"
+        )
+
+
+def _refuse_lost(
+    store: MapStore, old: Iterable[Quad], new: Iterable[Quad], by_hand: set[Quad]
+) -> None:
+    """Categories that the map speaks of must stay."""
+    spoken = {q.object for q in by_hand if _is_relation(q)}
+    lost = []
+    for iri in sorted(_classes(old) - _classes(new)):
+        node = NamedNode(iri)
+        facts = (store.engine.quads_for_pattern(None, None, node, graph) for graph in _FACTS)
+        if node in spoken or any(next(iter(found), None) for found in facts):
+            lost.append(iri)
+    if lost:
+        raise OntologyError(
+            f"the ontology is refused: the map speaks of {_listed(lost)}, which it does not "
+            "declare; keep them, or take them out of the map first"
+        )
+
+
+def _listed(iris: list[str]) -> str:
+    more = f" and {len(iris) - _TOLD} more" if len(iris) > _TOLD else ""
+    return ", ".join(iri.replace(v.HERE, "here:") for iri in iris[:_TOLD]) + more
