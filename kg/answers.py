@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from pyoxigraph import (
-    BlankNode,
     Literal,
     NamedNode,
     QueryBoolean,
