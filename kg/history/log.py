@@ -273,7 +273,7 @@ class Log:
                     about = subject, graph
                     sides = touched.setdefault(node(graph, subject), Delta([], []))
                 sides[side].append(code(predicate, value))
-        rows = []
+        rows: list[int | bytes] = []
         for number, (removed, added) in touched.items():
             self._note_classes(number, added)
             rows += (number, change.sequence, encode_delta(removed, added))
