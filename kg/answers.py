@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from pyoxigraph import (
-    BlankNode,
     Literal,
     NamedNode,
     QueryBoolean,
@@ -23,6 +22,7 @@ from pyoxigraph import (
     QueryTriples,
     RdfFormat,
     Triple,
+    parse,
     serialize,
 )
 
@@ -30,22 +30,21 @@ from kg import vocabulary as v
 from kg.endpoint import Solutions, Triples
 from kg.engine import Engine
 from kg.errors import QueryError
+from kg.rows import Row, Value, rows_of, value_of
 from kg.sparql_text import has_word, refuse_reaching_out, refuse_update
 
+__all__ = [
+    "Row",
+    "Table",
+    "TripleTable",
+    "Value",
+    "evaluate",
+    "located",
+    "square_root",
+    "value_of",
+]
+
 SAID = 6  # alternatives named where a query does not parse
-
-Value = str | int | float | bool | datetime | None
-Row = tuple[Value, ...]
-
-_FLOATS = {v.XSD + name for name in ("double", "float", "decimal")}
-_INTEGERS = {
-    v.XSD + name
-    for name in (
-        *("integer", "int", "long", "short", "byte"),
-        *("nonNegativeInteger", "positiveInteger", "nonPositiveInteger", "negativeInteger"),
-        *("unsignedInt", "unsignedLong", "unsignedShort", "unsignedByte"),
-    )
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +52,7 @@ class Table:
     """Rows of plain values under named columns; IRIs are strings, unbound is None."""
 
     columns: tuple[str, ...]
-    rows: tuple[tuple[Value, ...], ...]
+    rows: tuple[Row, ...]
 
     def records(self) -> list[dict[str, Value]]:
         """One dict a row, keyed by column."""
@@ -131,11 +130,21 @@ def _answer(results: QuerySolutions | Solutions | QueryBoolean | QueryTriples | 
     if isinstance(results, QueryBoolean):
         return Table(("answer",), ((bool(results),),))
     if isinstance(results, QueryTriples | Triples):
-        triples = tuple(sorted(set(results), key=str))
+        triples = tuple(sorted(set(_triples(results)), key=str))
         rows = _rows((t.subject, t.predicate, t.object) for t in triples)
         return TripleTable(("subject", "predicate", "object"), rows, triples)
     columns = tuple(variable.value for variable in results.variables)
+    if isinstance(results, QuerySolutions):
+        return Table(columns, rows_of(results))
     return Table(columns, _rows(tuple(solution) for solution in results))
+
+
+def _triples(results: QueryTriples | Triples) -> Iterable[Triple]:
+    if isinstance(results, Triples):
+        return results
+    # as in `kg.rows`: evaluated whole, without the interpreter's lock
+    text = results.serialize(format=RdfFormat.N_TRIPLES) or b""
+    return (quad.triple for quad in parse(text, format=RdfFormat.N_TRIPLES))
 
 
 def square_root(term: object) -> Literal | None:
@@ -148,34 +157,6 @@ def square_root(term: object) -> Literal | None:
 
 def _rows(terms: Iterable[Iterable[object]]) -> tuple[tuple[Value, ...], ...]:
     return tuple(tuple(value_of(term) for term in row) for row in terms)
-
-
-def value_of(term: object) -> Value:
-    """A term as the plain value it stands for; its lexical form where Python has no such value."""
-    if term is None:
-        return None
-    if isinstance(term, NamedNode):
-        return term.value
-    if isinstance(term, BlankNode):
-        return f"_:{term.value}"
-    if not isinstance(term, Literal):
-        return str(term)
-    try:
-        return _literal_value(term.value, term.datatype.value)
-    except ValueError:
-        return term.value
-
-
-def _literal_value(text: str, datatype: str) -> Value:
-    if datatype in _FLOATS:
-        return float(text)
-    if datatype in _INTEGERS:
-        return int(text)
-    if datatype == v.XSD + "boolean":
-        return text in ("true", "1")
-    if datatype == v.XSD + "dateTime":
-        return datetime.fromisoformat(text)
-    return text
 
 
 def _plain(value: Value) -> str | int | float | bool | None:

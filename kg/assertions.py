@@ -43,6 +43,10 @@ class Assertions:
 
     base: str
 
+    def any(self, store: Engine) -> bool:
+        """Whether anything was said of anything."""
+        return next(store.quads_for_pattern(None, _OF, None, _ASSERTIONS), None) is not None
+
     def of(self, store: Engine, subject: str) -> dict[str, Assertion]:
         """What was said of a thing, by property."""
         nodes = store.quads_for_pattern(None, _OF, NamedNode(subject), _ASSERTIONS)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
+from functools import lru_cache
 from urllib.parse import quote, unquote
 
 import numpy as np
@@ -67,12 +68,12 @@ class Facts:
             raise InvalidFactError(f"{what}: first seen must not be after last seen")
         x, y, z = _position(record.p_map, what)
         facts: list[tuple[str, NamedNode | Literal]] = [
-            (v.RDF_TYPE, NamedNode(self._known(record.category, what))),
+            (v.RDF_TYPE, _known_iri(self._known(record.category, what))),
             (v.RDFS_LABEL, Literal(self.object_label(record))),
             (v.X, Literal(x)),
             (v.Y, Literal(y)),
             (v.Z, Literal(z)),
-            (v.IN_CELL, NamedNode(cell_of(x, y))),
+            (v.IN_CELL, _known_iri(cell_of(x, y))),
             (v.CONFIDENCE, _confidence(record.confidence, f"{what}: confidence")),
             (v.EXISTENCE, _number(record.existence, f"{what}: existence", least=0.0, most=1.0)),
             (v.OBSERVATION_COUNT, Literal(record.observations)),
@@ -98,8 +99,8 @@ class Facts:
         if record.views < 0:
             raise InvalidFactError(f"{what}: views must be 0 or more, got {record.views}")
         facts: list[tuple[str, NamedNode | Literal]] = [
-            (v.RDF_TYPE, NamedNode(v.PLACE)),
-            (v.RDF_TYPE, NamedNode(v.BOT_SPACE)),
+            (v.RDF_TYPE, _known_iri(v.PLACE)),
+            (v.RDF_TYPE, _known_iri(v.BOT_SPACE)),
             (v.RDFS_LABEL, Literal(record.label)),
             (v.X_MIN, _number(record.xmin, f"{what}: xmin")),
             (v.X_MAX, _number(record.xmax, f"{what}: xmax")),
@@ -124,7 +125,7 @@ class Facts:
             nodes += _quads(
                 node,
                 [
-                    (v.RDF_TYPE, NamedNode(v.PLACE_BELIEF)),
+                    (v.RDF_TYPE, _known_iri(v.PLACE_BELIEF)),
                     (v.OF_CATEGORY, NamedNode(category)),
                     (v.BELIEF, belief),
                 ],
@@ -137,7 +138,7 @@ class Facts:
         return _quads(
             self.base + "robot",
             [
-                (v.RDF_TYPE, NamedNode(v.ROBOT)),
+                (v.RDF_TYPE, _known_iri(v.ROBOT)),
                 (v.X, Literal(x)),
                 (v.Y, Literal(y)),
                 (v.Z, Literal(z)),
@@ -152,7 +153,7 @@ class Facts:
         if transform.shape != (4, 4) or not np.isfinite(transform).all():
             raise InvalidFactError(f"recording {record.name}: transform must be (4, 4) and finite")
         facts: list[tuple[str, NamedNode | Literal]] = [
-            (v.RDF_TYPE, NamedNode(v.RECORDING)),
+            (v.RDF_TYPE, _known_iri(v.RECORDING)),
             (v.RDFS_LABEL, Literal(record.name)),
             (v.FRAMES_APPLIED, Literal(record.frames_applied)),
             (v.LAST_FRAME, Literal(record.last_frame)),
@@ -250,11 +251,11 @@ class Facts:
         return _quads(
             iri,
             [
-                (v.RDF_TYPE, NamedNode(v.SOSA_OBSERVATION)),
+                (v.RDF_TYPE, _known_iri(v.SOSA_OBSERVATION)),
                 (v.SOSA_FEATURE, _iri(record.iri, what)),
                 (v.SOSA_RESULT_TIME, _time(evidence.stamp, f"{what}: stamp")),
                 (v.FRAME, Literal(evidence.frame)),
-                (v.FROM_RECORDING, NamedNode(self.recording_iri(evidence.recording))),
+                (v.FROM_RECORDING, _known_iri(self.recording_iri(evidence.recording))),
                 (v.BOX, Literal(" ".join(str(round(n)) for n in evidence.box))),
                 (v.SCORE, _number(evidence.score, f"{what}: score", least=0.0, most=1.0)),
                 (v.MODEL, Literal(evidence.model)),
@@ -327,7 +328,13 @@ def _quads(
     subject: str, facts: Iterable[tuple[str, NamedNode | Literal]], graph: NamedNode = _MAP
 ) -> list[Quad]:
     node = _iri(subject, "subject")
-    return [Quad(node, NamedNode(predicate), value, graph) for predicate, value in facts]
+    return [Quad(node, _known_iri(predicate), value, graph) for predicate, value in facts]
+
+
+@lru_cache(maxsize=4096)
+def _known_iri(iri: str) -> NamedNode:
+    """An IRI that recurs: of the vocabulary, a category, a cell, a place."""
+    return NamedNode(iri)
 
 
 def _iri(text: str, what: str) -> NamedNode:

@@ -20,6 +20,7 @@ import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 from pyoxigraph import Literal, NamedNode
@@ -246,12 +247,23 @@ def ready_questions() -> list[tuple[str, str, str]]:
 
 def find_question(name: str) -> Question:
     """The shipped question called `name`; raises UnknownQueryError that lists what there is."""
-    names = sorted(path.stem for path in QUERIES.glob("*.rq"))
+    names = _names(QUERIES)
     if name not in names:
         raise UnknownQueryError(
             f"no query {name!r}; there are: {', '.join(names)}{did_you_mean(name, names)}"
         )
-    return load_question(QUERIES / f"{name}.rq")
+    return _shipped(QUERIES / f"{name}.rq")
+
+
+@cache
+def _names(folder: Path) -> tuple[str, ...]:
+    return tuple(sorted(path.stem for path in folder.glob("*.rq")))
+
+
+@cache
+def _shipped(path: Path) -> Question:
+    # read once: they do not change while a program runs, and are asked many times a second
+    return load_question(path)
 
 
 def _type_of(value: object) -> str:

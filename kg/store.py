@@ -176,11 +176,17 @@ class MapStore:
         return self.engine
 
     def commit(
-        self, delete: Iterable[Quad], insert: Iterable[Quad], cause: Cause
+        self,
+        delete: Iterable[Quad],
+        insert: Iterable[Quad],
+        cause: Cause,
+        *,
+        exact_at: int | None = None,
     ) -> ChangeSet | None:
         """Delete and insert in one transaction: all of it or nothing, also when killed midway.
 
         Only what really changes is written, with the transaction's number; None where nothing does.
+        A caller that knows all to change as of the transaction `exact_at` saves the looking.
         Raises InvalidFactError for blank nodes.
         """
         self.refuse_read_only()
@@ -188,8 +194,10 @@ class MapStore:
         subjects = (q.subject for q in (sequence_quad(0), *insert, *delete))
         named = (subject for subject in subjects if isinstance(subject, NamedNode))
         with self._committing, reading_ahead(self.engine, named):
-            added = tuple(quad for quad in insert if quad not in self.engine)
-            removed = tuple(quad for quad in delete if quad not in insert and quad in self.engine)
+            added, removed = tuple(insert), tuple(delete)
+            if exact_at is None or exact_at != self.sequence:
+                added = tuple(quad for quad in insert if quad not in self.engine)
+                removed = tuple(q for q in delete if q not in insert and q in self.engine)
             if not added and not removed:
                 return None
             _refuse_blank_nodes((*added, *removed))

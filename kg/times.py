@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from datetime import UTC, datetime
+from functools import lru_cache
 
 from pyoxigraph import Literal, NamedNode
 
@@ -17,7 +18,12 @@ def date_time(stamp: float) -> Literal:
 
     Raises ValueError, OverflowError or OSError, as datetime does, outside of years 1 to 9999.
     """
-    moment = datetime.fromtimestamp(round(stamp), UTC)
+    return _at_second(round(stamp))
+
+
+@lru_cache(maxsize=1024)
+def _at_second(second: int) -> Literal:
+    moment = datetime.fromtimestamp(second, UTC)
     # strftime writes years before 1000 without their leading zeros
     return Literal(moment.strftime("%Y-%m-%dT%H:%M:%SZ").zfill(20), datatype=_DATE_TIME)
 

@@ -1,9 +1,10 @@
 """The one writer: what should be stored against what is, and the difference as one transaction.
 
-What is stored is read from the store each time (60 microseconds a subject), never remembered:
-people write to the same graph, and the writer must neither trust yesterday's copy nor lose what
-they added. Predicates the writer does not use, and labels people gave to objects, are left alone.
-Records are what perception believes: what was asserted is laid over them here.
+People write to the same graph, and the writer must neither trust yesterday's copy nor lose what
+they added: what is stored is read from the store, or from a copy that ends with the first
+transaction of anybody else (`kg.recent`). Predicates the writer does not use, and labels people
+gave to objects, are left alone. Records are what perception believes: what was asserted is laid
+over them here.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from kg.assertions import (
 from kg.commits import Cause, ChangeSet
 from kg.errors import InvalidFactError
 from kg.facts import Facts
+from kg.recent import RecentFacts
 from kg.records import MapUpdate, ObjectRecord, PlaceRecord
 from kg.remote import reading_ahead
 from kg.store import MapStore
@@ -46,6 +48,9 @@ _OWN = {
 }
 
 
+_Quads = dict[Quad, None]  # sets in the order of their making
+
+
 class Writer:
     """Applies updates to a store, and hands out object numbers that are never used twice."""
 
@@ -55,6 +60,9 @@ class Writer:
         self._assertions = Assertions(facts.base)
         self._prefix = facts.base + "object/"
         self._next = 1
+        self._recent = RecentFacts(store, self._owns)
+        self._seen: int | None = None
+        self._anything_said = True
 
     def new_object_iri(self) -> str:
         """The IRI of an object that is yet to be written."""
@@ -76,24 +84,30 @@ class Writer:
         self._store.refuse_read_only()
         _refuse_contradictions(update)
         with reading_ahead(self._store.engine, self._read_by(update)):
+            self._look()
             return self._change(update, cause)
 
+    def _look(self) -> None:
+        """Find out how the graph has changed since the last time."""
+        self._seen = self._recent.catch_up()
+        self._anything_said = self._assertions.any(self._store.engine)
+
     def _change(self, update: MapUpdate, cause: Cause) -> ChangeSet | None:
-        wanted: set[Quad] = set()
-        stored: set[Quad] = set()
+        wanted: _Quads = {}
+        stored: _Quads = {}
         for record in update.objects:
             self._object(record, wanted, stored)
         for place in update.places:
             self._place(place, wanted, stored)
         if update.robot is not None:
-            wanted.update(self._facts.of_robot(update.robot))
-            stored.update(self._owned(self._facts.base + "robot", _MAP))
+            _put(wanted, self._facts.of_robot(update.robot))
+            stored |= self._recent.of(NamedNode(self._facts.base + "robot"))
         if update.recording is not None:
-            wanted.update(self._facts.of_recording(update.recording))
+            _put(wanted, self._facts.of_recording(update.recording))
             iri = self._facts.recording_iri(update.recording.name)
-            stored.update(self._owned(iri, _DATASET))
+            _put(stored, self._owned(iri, _DATASET))
         for iri in update.removed:
-            stored.update(self._everything_of(iri))
+            _put(stored, self._everything_of(iri))
         self._count_up(update.objects, wanted, stored)
         return self._commit(wanted, stored, cause)
 
@@ -101,19 +115,27 @@ class Writer:
         self, record: ObjectRecord | PlaceRecord, said: Said, cause: Cause
     ) -> ChangeSet | None:
         """Make `said` all that is asserted of a thing of which perception believes `record`."""
-        wanted: set[Quad] = set()
-        stored: set[Quad] = set()
+        self._look()
+        wanted: _Quads = {}
+        stored: _Quads = {}
         if isinstance(record, ObjectRecord):
             self._object(record, wanted, stored, said)
         else:
             self._place(record, wanted, stored, said)
+        self._seen = None  # who says it may be known to the graph already
         return self._commit(wanted, stored, cause)
 
-    def _commit(self, wanted: set[Quad], stored: set[Quad], cause: Cause) -> ChangeSet | None:
-        deleted, inserted = stored - wanted, wanted - stored
+    def _commit(self, wanted: _Quads, stored: _Quads, cause: Cause) -> ChangeSet | None:
+        deleted = [quad for quad in stored if quad not in wanted]
+        inserted = [quad for quad in wanted if quad not in stored]
         if not deleted and not inserted:
             return None
-        return self._store.commit(sorted(deleted, key=str), sorted(inserted, key=str), cause)
+        # where somebody is asserted something, facts are wanted that may be stored already
+        exact = None if self._anything_said else self._seen
+        change = self._store.commit(deleted, inserted, cause, exact_at=exact)
+        if change is not None:
+            self._recent.note(change)
+        return change
 
     def _read_by(self, update: MapUpdate) -> Iterator[NamedNode]:
         objects = [*(record.iri for record in update.objects), *update.removed]
@@ -127,62 +149,66 @@ class Writer:
             yield NamedNode(self._facts.recording_iri(update.recording.name))
 
     def _object(
-        self, record: ObjectRecord, wanted: set[Quad], stored: set[Quad], said: Said | None = None
+        self, record: ObjectRecord, wanted: _Quads, stored: _Quads, said: Said | None = None
     ) -> None:
-        said_before = self._assertions.of(self._store.engine, record.iri)
+        said_before = self._said_of(record.iri)
         said = said_before if said is None else said
         believed = believed_object(record, said)
         facts = self._facts.of_object(believed)
-        before = set(self._owned(record.iri, _MAP))
+        node = NamedNode(record.iri)
+        before = self._recent.of(node)
         labels = {quad for quad in before if quad.predicate == _LABEL}
         if (label := _asserted_label(said, said_before)) is not None:
             facts = [q for q in facts if q.predicate != _LABEL]
-            facts.append(Quad(NamedNode(record.iri), _LABEL, Literal(label), _MAP))
+            facts.append(Quad(node, _LABEL, Literal(label), _MAP))
         elif (
             labels
             and "label" not in said_before
-            and Quad(NamedNode(record.iri), _TYPE, NamedNode(believed.category), _MAP) in before
+            and Quad(node, _TYPE, NamedNode(believed.category), _MAP) in before
         ):
             # the label was written when the object was new; what it says since is people's choice
-            before -= labels
+            before = {quad: None for quad in before if quad not in labels}
             facts = [q for q in facts if q.predicate != _LABEL]
-        wanted.update(facts)
+        _put(wanted, facts)
         stored |= before
-        stored.update(self._owned(self._facts.observation_iri(record.iri), _MAP))
+        stored |= self._recent.of(NamedNode(self._facts.observation_iri(record.iri)))
         if said or said_before:
-            stored.update(self._assertions.stored(self._store.engine, record.iri))
+            _put(stored, self._assertions.stored(self._store.engine, record.iri))
             for assertion in said.values():
                 about = about_object(assertion, record, time.time())
-                wanted.update(self._assertions.quads(about))
+                _put(wanted, self._assertions.quads(about))
 
     def _place(
-        self, record: PlaceRecord, wanted: set[Quad], stored: set[Quad], said: Said | None = None
+        self, record: PlaceRecord, wanted: _Quads, stored: _Quads, said: Said | None = None
     ) -> None:
-        said_before = self._assertions.of(self._store.engine, record.iri)
+        said_before = self._said_of(record.iri)
         said = said_before if said is None else said
-        wanted.update(self._facts.of_place(believed_place(record, said)))
-        for quad in self._owned(record.iri, _MAP):
-            stored.add(quad)
+        _put(wanted, self._facts.of_place(believed_place(record, said)))
+        for quad in self._recent.of(NamedNode(record.iri)):
+            stored[quad] = None
             if quad.predicate == _HAS_BELIEF and isinstance(quad.object, NamedNode):
-                stored.update(self._owned(quad.object.value, _MAP))
+                stored |= self._recent.of(quad.object)
         if "category" in said:  # also where no view has given the place a type
             kind = NamedNode(said["category"].value)
-            wanted.add(Quad(NamedNode(record.iri), _TYPE, kind, _MAP))
+            wanted[Quad(NamedNode(record.iri), _TYPE, kind, _MAP)] = None
         if said or said_before:
-            stored.update(self._assertions.stored(self._store.engine, record.iri))
+            _put(stored, self._assertions.stored(self._store.engine, record.iri))
             for assertion in said.values():
                 about = about_place(assertion, record, time.time())
-                wanted.update(self._assertions.quads(about))
+                _put(wanted, self._assertions.quads(about))
+
+    def _said_of(self, iri: str) -> Said:
+        return self._assertions.of(self._store.engine, iri) if self._anything_said else {}
 
     def _owned(self, iri: str, graph: NamedNode) -> Iterator[Quad]:
-        for quad in self._store.engine.quads_for_pattern(NamedNode(iri), None, None, graph):
-            if quad.predicate.value not in _OWN:
-                continue
-            if quad.predicate != _TYPE or self._own_type(getattr(quad.object, "value", "")):
-                yield quad
+        quads = self._store.engine.quads_for_pattern(NamedNode(iri), None, None, graph)
+        return filter(self._owns, quads)
 
-    def _own_type(self, iri: str) -> bool:
-        return iri in _STRUCTURAL or self._facts.catalogue.by_iri(iri) is not None
+    def _owns(self, quad: Quad) -> bool:
+        if quad.predicate != _TYPE:
+            return quad.predicate.value in _OWN
+        kind = getattr(quad.object, "value", "")
+        return kind in _STRUCTURAL or self._facts.catalogue.by_iri(kind) is not None
 
     def _everything_of(self, iri: str) -> Iterator[Quad]:
         engine = self._store.engine
@@ -196,17 +222,19 @@ class Writer:
         quads = self._store.engine.quads_for_pattern(base, _NEXT, None, _DATASET)
         return max((int(quad.object.value) for quad in quads), default=1)  # type: ignore[union-attr]
 
-    def _count_up(
-        self, objects: Iterable[ObjectRecord], wanted: set[Quad], stored: set[Quad]
-    ) -> None:
+    def _count_up(self, objects: Iterable[ObjectRecord], wanted: _Quads, stored: _Quads) -> None:
         numbers = (record.iri.removeprefix(self._prefix) for record in objects)
         used = max((int(n) for n in numbers if n.isascii() and n.isdigit()), default=0)
         before = self._stored_next()
         self._next = max(self._next, before, used + 1)
         if self._next != before:
             base = NamedNode(self._facts.base)
-            stored.add(Quad(base, _NEXT, Literal(before), _DATASET))
-            wanted.add(Quad(base, _NEXT, Literal(self._next), _DATASET))
+            stored[Quad(base, _NEXT, Literal(before), _DATASET)] = None
+            wanted[Quad(base, _NEXT, Literal(self._next), _DATASET)] = None
+
+
+def _put(quads: _Quads, more: Iterable[Quad]) -> None:
+    quads.update(dict.fromkeys(more))
 
 
 def _asserted_label(said: Said, said_before: Said) -> str | None:

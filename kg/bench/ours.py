@@ -13,6 +13,7 @@ import numpy as np
 from kg.bench.building import BASE, Building
 from kg.bench.timing import Timing, goes_on, measured, timing
 from kg.export import export_map
+from kg.pauses import settled
 from kg.questions import Question, shipped_questions
 from kg.semantic_map import SemanticMap
 
@@ -94,17 +95,18 @@ def live(
         threading.Thread(target=_read, args=(semantic_map, building, stop, reads)) for _ in (1, 2)
     ]
     updates = [building.frame(number) for number in range(int(seconds * rate))]
-    for reader in readers:
-        reader.start()
-    durations, late, due = [], 0, time.perf_counter()
-    for update in updates:
-        time.sleep(max(0.0, due - time.perf_counter()))
-        start = time.perf_counter()
-        semantic_map.apply(update)
-        done = time.perf_counter()
-        durations.append(1000 * (done - start))
-        due += 1 / rate
-        late += done > due
+    with settled():
+        for reader in readers:
+            reader.start()
+        durations, late, due = [], 0, time.perf_counter()
+        for update in updates:
+            time.sleep(max(0.0, due - time.perf_counter()))
+            start = time.perf_counter()
+            semantic_map.apply(update)
+            done = time.perf_counter()
+            durations.append(1000 * (done - start))
+            due += 1 / rate
+            late += done > due
     stop.set()
     for reader in readers:
         reader.join()

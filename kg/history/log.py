@@ -12,8 +12,7 @@ from __future__ import annotations
 
 import sqlite3
 import threading
-from collections import OrderedDict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +25,7 @@ from kg.commits import Cause, ChangeSet
 from kg.errors import GraphError, HistoryError
 from kg.history.coding import (
     Coded,
+    Delta,
     Term,
     decode_delta,
     decode_numbers,
@@ -33,12 +33,14 @@ from kg.history.coding import (
     encode_numbers,
 )
 from kg.history.file import SCHEMA, connect, is_empty
+from kg.history.folding import changes_since_state, facts_at, present_facts
 from kg.history.terms import Terms
 
 KEYFRAME: Final = 16  # changes of one subject between two of its full states
 BACKGROUND: Final = (NamedNode(v.ONTOLOGY_GRAPH), NamedNode(v.COMMONSENSE_GRAPH))
 _FORMAT = 1
-_LIVE = 16_384  # subjects whose present state is held in memory
+_COUNTED = 50_000  # subjects whose changes since their last full state are held in memory
+_ROWS = 300  # a statement; SQLite takes 999 values at least
 _TYPE = NamedNode(v.RDF_TYPE)
 
 
@@ -49,12 +51,6 @@ class Commit:
     sequence: int
     time: float  # [s] since 1970-01-01 UTC
     cause: Cause
-
-
-@dataclass(slots=True)
-class _Live:
-    facts: set[Coded]
-    since: int  # changes since its last full state
 
 
 class Log:
@@ -68,7 +64,7 @@ class Log:
         self.file = file
         self.db = connection
         self.terms = Terms(connection, base)
-        self._live: OrderedDict[int, _Live] = OrderedDict()
+        self._since: dict[int, int] = {}  # changes of a node since its last full state
         self._causes: dict[tuple[str, str | None, str], int] = {}
         self.floor = self.last = 0
         self.floor_time = self.last_time = 0.0
@@ -183,7 +179,8 @@ class Log:
 
     def facts(self, node: int, sequence: int) -> set[Coded]:
         """All that was said of a node right after the transaction `sequence`."""
-        return self._fold(node, sequence).facts
+        with self.lock:
+            return facts_at(self.db, node, sequence)
 
     def nodes(self) -> list[int]:
         """Every subject of every graph there ever was."""
@@ -244,7 +241,7 @@ class Log:
     def forget(self) -> None:
         """Drop what is held in memory of the file."""
         self.terms.forget()
-        self._live.clear()
+        self._since.clear()
         self._causes.clear()
 
     def refresh(self) -> None:
@@ -267,60 +264,51 @@ class Log:
         self.db.execute("INSERT OR REPLACE INTO state VALUES (?, ?, ?)", row)
 
     def _append(self, change: ChangeSet) -> None:
-        touched: dict[int, tuple[list[Coded], list[Coded]]] = {}
+        touched: dict[int, Delta] = {}
         node, code = self.terms.node, self.terms.code
         for side, quads in enumerate((change.removed, change.added)):
             about = None
             for subject, predicate, value, graph in quads:
                 if about != (subject, graph):
                     about = subject, graph
-                    sides = touched.setdefault(node(graph, subject), ([], []))
+                    sides = touched.setdefault(node(graph, subject), Delta([], []))
                 sides[side].append(code(predicate, value))
-        rows = []
+        rows: list[int | bytes] = []
         for number, (removed, added) in touched.items():
-            live = self._present(number)
-            live.facts.difference_update(removed)
-            live.facts.update(added)
-            live.since += 1
             self._note_classes(number, added)
-            rows.append((number, change.sequence, encode_delta(removed, added)))
-            if live.since >= KEYFRAME:
-                self.put_state(number, change.sequence, live.facts)
-                live.since = 0
-        self.db.executemany("INSERT INTO change VALUES (?, ?, ?)", rows)
+            rows += (number, change.sequence, encode_delta(removed, added))
+        self._put_states(self._due(touched), touched, change.sequence)
+        self._insert_changes(rows)
         stem, note = _split(change.cause)
         row = change.sequence, change.time, self._cause(change.cause, stem), note
         numbers = encode_numbers(touched)
         self.db.execute("INSERT INTO commits VALUES (?, ?, ?, ?, ?)", (*row, numbers))
 
-    def _present(self, node: int) -> _Live:
-        live = self._live.get(node)
-        if live is None:
-            live = self._live[node] = self._fold(node, self.last)
-            if len(self._live) > _LIVE:
-                self._live.popitem(last=False)
-        else:
-            self._live.move_to_end(node)
-        return live
+    def _insert_changes(self, values: list[int | bytes]) -> None:
+        # many rows a statement: between two statements another thread may take the lock
+        for start in range(0, len(values), 3 * _ROWS):
+            some = values[start : start + 3 * _ROWS]
+            places = ", ".join(["(?, ?, ?)"] * (len(some) // 3))
+            self.db.execute(f"INSERT INTO change VALUES {places}", some)
 
-    def _fold(self, node: int, sequence: int) -> _Live:
-        latest = (
-            "SELECT sequence, data FROM state WHERE node = ? AND sequence <= ? "
-            "ORDER BY sequence DESC LIMIT 1"
-        )
-        between = (
-            "SELECT data FROM change WHERE node = ? AND sequence > ? AND sequence <= ? "
-            "ORDER BY sequence"
-        )
-        with self.lock:
-            start, data = self.db.execute(latest, (node, sequence)).fetchone() or (-1, b"")
-            rows = self.db.execute(between, (node, start, sequence)).fetchall()
-        facts = set(decode_delta(data).added)
-        for (row,) in rows:
-            delta = decode_delta(row)
-            facts.difference_update(delta.removed)
-            facts.update(delta.added)
-        return _Live(facts, len(rows))
+    def _due(self, nodes: Iterable[int]) -> list[int]:
+        """Count one more change of each node; those of which a full state is due."""
+        unknown = [node for node in nodes if node not in self._since]
+        if len(self._since) + len(unknown) > _COUNTED:
+            self._since = {node: self._since[node] for node in nodes if node in self._since}
+        self._since.update(changes_since_state(self.db, unknown))
+        due = []
+        for node in nodes:
+            self._since[node] += 1
+            if self._since[node] >= KEYFRAME:
+                self._since[node] = 0
+                due.append(node)
+        return due
+
+    def _put_states(self, nodes: list[int], deltas: Mapping[int, Delta], sequence: int) -> None:
+        for node, facts in present_facts(self.db, nodes).items():
+            removed, added = deltas[node]
+            self.put_state(node, sequence, facts.difference(removed).union(added))
 
     def _note_classes(self, node: int, facts: Iterable[Coded]) -> None:
         kind = self.terms.number(_TYPE)

@@ -36,7 +36,10 @@ class Remembering:
 
     @property
     def engine(self) -> Engine:
-        """The live store, here or on a server, for the other modules of this room."""
+        """The live store, here or on a server, for the other modules of this room to read.
+
+        What is written to it directly, no history holds and no writer hears of.
+        """
         return self._store.engine
 
     @property

@@ -47,6 +47,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 def run(arguments: argparse.Namespace) -> int:
     """Map the recording, and say what was found."""
+    from kg.pauses import settled
     from kg.semantic_map import SemanticMap
 
     inputs = open_inputs(arguments)
@@ -56,9 +57,10 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.into, title=title, base=arguments.base, power_safe=arguments.power_safe
     ) as semantic_map:
         _refuse_other_base(semantic_map, arguments)
-        report = map_with_progress(
-            inputs, semantic_map, on_picture=on_picture, again=arguments.again
-        )
+        with settled():
+            report = map_with_progress(
+                inputs, semantic_map, on_picture=on_picture, again=arguments.again
+            )
         _print_outcome(semantic_map, report, arguments)
     return 0
 

@@ -105,6 +105,7 @@ def _serve_fleet(arguments: argparse.Namespace) -> int:
 
 
 def _serve_map(arguments: argparse.Namespace) -> int:
+    from kg.pauses import settled
     from kg.semantic_map import SemanticMap
     from kg.server import MapServer
 
@@ -119,7 +120,7 @@ def _serve_map(arguments: argparse.Namespace) -> int:
         if inputs
         else SemanticMap.open(path, read_only=not settings.tokens)
     )
-    with opened as semantic_map, _Mapper(semantic_map, inputs) as mapper:
+    with opened as semantic_map, settled(), _Mapper(semantic_map, inputs) as mapper:
         server = MapServer(semantic_map, settings, status=mapper.status)
         access = "reading and writing" if settings.tokens else "reading only"
         note(f"{semantic_map.title} at {server.url} ({access}); Ctrl+C ends")

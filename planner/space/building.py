@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -24,7 +25,7 @@ def free_space(
 
     Without `doors` every two rooms that touch along at least the width of a door have one in the
     middle of their common wall. Rooms that nothing leads to are joined to what is nearest. Storeys
-    lie side by side in the grid and are joined by passages only; `place_of` is undone by `shifts`.
+    lie side by side in the grid and are joined by passages only (`shifts` says how far apart).
 
     Raises LayoutError where there is no floor.
     """
@@ -46,7 +47,7 @@ def shifts(rooms: Sequence[Room]) -> NDArray[np.float64]:
     """(n,) [m] how far each room is moved along x, so that storeys do not lie on each other."""
     storey, heights = 0, sorted({room.height for room in rooms})
     number = {heights[0]: 0} if heights else {}
-    for low, high in zip(heights, heights[1:], strict=False):
+    for low, high in pairwise(heights):
         storey += high - low > STOREY
         number[high] = storey
     width = max((r.xmax for r in rooms), default=0.0) - min((r.xmin for r in rooms), default=0.0)

@@ -183,4 +183,4 @@ def picture(looks: Looks, cell: int, heading: float) -> NDArray[np.float32]:
     row = np.zeros((1, len(looks.cells)), np.float32)
     kind = [(heading, looks.sensor.field_of_view)]
     _fill(row, looks.space, looks.sensor, looks.cells, cell, kind)
-    return row[0]
+    return np.array(row[0])

@@ -63,10 +63,10 @@ class Memory:
     def chance(self, look: int) -> NDArray[np.float32]:
         """(c,) chance of `look` to detect what all looks before it have missed."""
         seen = self._seen.get(int(self._looks.stand[look]))
-        chance = self._looks.chance[look]
-        if seen is None:
-            return chance
-        return np.where(seen, chance * np.float32(1 - self._looks.sensor.rho), chance)
+        chance = np.array(self._looks.chance[look])
+        if seen is not None:
+            chance[seen] *= np.float32(1 - self._looks.sensor.rho)
+        return chance
 
     def gains(self, weight: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) probability that each look finds it, for what is left of the belief."""
@@ -189,7 +189,8 @@ class Tourist:
     def _construct(
         self, at: Standing, belief: CellBelief, enough: float, most: int, budget: float
     ) -> list[int]:
-        left, seconds, order = belief.weight.copy(), 0.0, []
+        left, seconds = belief.weight.copy(), 0.0
+        order: list[int] = []
         memory, seeable = Memory(self.looks), float(belief.weight[self.seeable].sum())
         while len(order) < most and float(left[self.seeable].sum()) > (1 - enough) * seeable:
             look = self.best(at, left, memory)

@@ -10,7 +10,7 @@ import pytest
 from kg.errors import GraphError, InvalidFactError
 from kg.records import Evidence, MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
 from kg.semantic_map import SemanticMap
-from kg.vocabulary import NEXT_OBJECT, PREFIXES, SEQUENCE
+from kg.vocabulary import NEXT_OBJECT, SEQUENCE
 
 COUNTERS = {NEXT_OBJECT, SEQUENCE}
 SEEN = Evidence("frame-1", "lab", 10.0, (1, 2, 3, 4), 0.8, "detector")
@@ -89,11 +89,10 @@ def test_a_belief_that_fades_leaves_no_node_behind(chart: SemanticMap) -> None:
 def test_what_people_added_survives_and_what_they_changed_is_seen(chart: SemanticMap) -> None:
     chair = thing(chart)
     chart.apply(MapUpdate(objects=(chair,)))
-    chart.engine.update(
+    chart.update(
         "DELETE { GRAPH graph:map { ?o here:x ?x ; rdfs:label ?l } } "
         "INSERT { GRAPH graph:map { ?o here:x 7e0 ; rdfs:label 'throne' ; rdfs:comment 'old' } } "
-        "WHERE { GRAPH graph:map { ?o here:x ?x ; rdfs:label ?l } }",
-        prefixes=PREFIXES,
+        "WHERE { GRAPH graph:map { ?o here:x ?x ; rdfs:label ?l } }"
     )
     assert chart.objects()[0].p_map[0] == 7.0
     chart.apply(MapUpdate(objects=(replace(chair, observations=2),)))
