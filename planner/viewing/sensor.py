@@ -55,7 +55,8 @@ class Motion:
         """[s] to see `extent` [rad] in one sweep: a picture, and the turn beyond the first view."""
         turned = np.maximum(np.asarray(extent, np.float64) - field_of_view, 0.0)
         whole = np.asarray(extent) >= 2 * np.pi - 1e-9
-        return self.picture + np.where(whole, 2 * np.pi, turned) / self.turn_rate
+        seconds = self.picture + np.where(whole, 2 * np.pi, turned) / self.turn_rate
+        return np.asarray(seconds, np.float64)
 
 
 def angle_between(a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
