@@ -55,10 +55,10 @@ class Motion:
         """[s] to see `extent` [rad] in one sweep: a picture, and the turn beyond the first view."""
         turned = np.maximum(np.asarray(extent, np.float64) - field_of_view, 0.0)
         whole = np.asarray(extent) >= 2 * np.pi - 1e-9
-        seconds = self.picture + np.where(whole, 2 * np.pi, turned) / self.turn_rate
-        return np.asarray(seconds, np.float64)
+        return self.picture + np.where(whole, 2 * np.pi, turned) / self.turn_rate
 
 
 def angle_between(a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
     """[rad] the smaller angle between headings, 0..pi."""
-    return np.abs((np.asarray(a) - np.asarray(b) + np.pi) % (2 * np.pi) - np.pi)
+    apart: NDArray[np.float64] = np.asarray(a, np.float64) - np.asarray(b, np.float64)
+    return np.abs((apart + np.pi) % (2 * np.pi) - np.pi)
