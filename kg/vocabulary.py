@@ -12,6 +12,8 @@ HERE: Final = "https://w3id.org/hereabouts#"
 GRAPH: Final = "https://w3id.org/hereabouts/graph/"
 CELL: Final = "https://w3id.org/hereabouts/cell/"
 RELATION: Final = "https://w3id.org/hereabouts/relation/"
+ROOM_TYPE: Final = "https://w3id.org/hereabouts/room/"  # kinds of rooms that statistics bring
+STATISTICS: Final = "https://w3id.org/hereabouts/statistics/"
 
 # named graphs
 ONTOLOGY_GRAPH: Final = GRAPH + "ontology"
@@ -48,6 +50,13 @@ IS_A: Final = HERE + "isA"  # reflexive, transitive closure of rdfs:subClassOf
 RELATION_SUBJECT: Final = HERE + "relationSubject"
 RELATION_TARGET: Final = HERE + "relationTarget"
 RELATION_PROBABILITY: Final = HERE + "relationProbability"
+
+# statistics of real rooms (graph:ontology)
+ROOM_STATISTICS: Final = HERE + "RoomStatistics"
+STATISTICS_OBJECT: Final = HERE + "statisticsObject"
+STATISTICS_PLACE: Final = HERE + "statisticsPlace"
+ROOM_COUNT: Final = HERE + "roomCount"
+ROOMS_WITH_OBJECT: Final = HERE + "roomsWithObject"
 
 # individuals: where
 X: Final = HERE + "x"
@@ -128,6 +137,7 @@ XSD_DOUBLE: Final = XSD + "double"
 OWL_THING: Final = "http://www.w3.org/2002/07/owl#Thing"
 OWL_AXIOM: Final = "http://www.w3.org/2002/07/owl#Axiom"
 OWL_ONTOLOGY: Final = "http://www.w3.org/2002/07/owl#Ontology"
+OWL_VERSION_INFO: Final = "http://www.w3.org/2002/07/owl#versionInfo"
 OWL_IMPORTS: Final = "http://www.w3.org/2002/07/owl#imports"
 OWL_OBJECT_PROPERTY: Final = "http://www.w3.org/2002/07/owl#ObjectProperty"
 OWL_DATATYPE_PROPERTY: Final = "http://www.w3.org/2002/07/owl#DatatypeProperty"
