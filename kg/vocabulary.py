@@ -14,6 +14,7 @@ CELL: Final = "https://w3id.org/hereabouts/cell/"
 RELATION: Final = "https://w3id.org/hereabouts/relation/"
 ROOM_TYPE: Final = "https://w3id.org/hereabouts/room/"  # kinds of rooms that statistics bring
 STATISTICS: Final = "https://w3id.org/hereabouts/statistics/"
+ROOMS_ONTOLOGY: Final = "https://w3id.org/hereabouts/ontology/rooms/"  # + the source
 
 # named graphs
 ONTOLOGY_GRAPH: Final = GRAPH + "ontology"

@@ -15,6 +15,14 @@ from kg.placement.rooms import RoomType, room_types
 from kg.placement.statistics import RoomStatistics
 
 COLUMNS: Final = ("room", "n_rooms", "object", "rooms_with_object")
+#: tables that ship, by name: file, what was counted, licence
+SHIPPED: Final = {
+    "s3dis": (
+        Path(__file__).with_name("tables") / "s3dis.csv",
+        "S3DIS",
+        "https://www.apache.org/licenses/LICENSE-2.0",
+    )
+}
 _MOST: Final = 10**12
 
 

@@ -102,3 +102,12 @@ def _statistics(node: object, said: dict[str, str]) -> RoomStatistics:
             f"has {one.rooms} and {one.rooms_with}"
         )
     return one
+
+
+def is_iri(text: str) -> bool:
+    """Whether a text can stand as an absolute IRI."""
+    try:
+        NamedNode(text)
+    except ValueError:
+        return False
+    return ":" in text

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Final
+from urllib.parse import quote
 
 from pyoxigraph import Literal, NamedNode, Quad, RdfFormat, serialize
 
@@ -19,6 +20,10 @@ from kg.semantic_map import SemanticMap
 
 _ONTOLOGY: Final = NamedNode(v.ONTOLOGY_GRAPH)
 _COMMONSENSE: Final = NamedNode(v.COMMONSENSE_GRAPH)
+#: the ontologies whose categories the statistics are about
+_IMPORTS: Final = tuple(
+    v.ROOMS_ONTOLOGY.replace("rooms/", name) for name in ("objects", "places")
+)
 
 
 def room_type_quads(types: Iterable[RoomType]) -> Iterator[Quad]:
@@ -39,25 +44,29 @@ def table_quads(table: RoomTable) -> tuple[Quad, ...]:
     return (*room_type_quads(table.new_types), *statistics_quads(table.statistics))
 
 
-def write_rooms(table: RoomTable, path: Path, title: str) -> None:
+def write_rooms(table: RoomTable, path: Path) -> None:
     """A Turtle file for a folder of ontologies; the same table gives the same bytes.
 
     Raises GraphError where it cannot be written.
     """
-    name = NamedNode(f"{v.STATISTICS}{path.stem}") if path.stem.isascii() else NamedNode(v.STATISTICS)
+    source = table.statistics[0].source
+    name = NamedNode(v.ROOMS_ONTOLOGY + quote(source, safe=""))
     header = [
-        Quad(name, NamedNode(p), o, _ONTOLOGY)
-        for p, o in (
+        Quad(name, NamedNode(predicate), value, _ONTOLOGY)
+        for predicate, value in (
             (v.RDF_TYPE, NamedNode(v.OWL_ONTOLOGY)),
-            (v.RDFS_LABEL, Literal(f"room statistics: {title}")),
+            *((v.OWL_IMPORTS, NamedNode(iri)) for iri in _IMPORTS),
+            (v.RDFS_LABEL, Literal(f"room statistics: {source}")),
             (v.RDFS_COMMENT, Literal("How many real rooms of a kind hold an object of a kind.")),
             (v.OWL_VERSION_INFO, Literal("1")),
             (v.DCT_LICENSE, _license(table)),
         )
     ]
     triples = [quad.triple for quad in (*header, *table_quads(table))]
-    text = serialize(triples, format=RdfFormat.TURTLE, prefixes=_PREFIXES)
-    write_atomically(path, text.decode())
+    lines = serialize(triples, format=RdfFormat.TURTLE, prefixes=_PREFIXES).decode().splitlines()
+    # the serialiser declares prefixes in an order of its own, another one each time
+    lines.sort(key=lambda line: line if line.startswith("@prefix") else "@prefiy")
+    write_atomically(path, "\n".join(lines) + "\n")
 
 
 _PREFIXES: Final = {name: v.PREFIXES[name] for name in ("here", "owl", "rdfs", "dct", "xsd")}

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import json
 from collections import Counter, defaultdict
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -13,7 +12,6 @@ from typing import Any, Final
 from kg.categories import Catalogue
 from kg.errors import InvalidFactError
 from kg.placement.rooms import room_types
-from kg.placement.statistics import RoomStatistics
 
 #: S3DIS' names of rooms and objects where they differ from ours
 _S3DIS_ROOMS: Final = {"office": "office (building)", "pantry": "kitchenette"}
@@ -94,23 +92,3 @@ def _room(name: str, held: Counter[str], catalogue: Catalogue) -> Room:
     places = tuple(kind.iri for kind in room_types(name, catalogue))
     found = (catalogue.get(label, "object") for label, number in held.items() if number > 0)
     return Room(name, places, frozenset(category.iri for category in found if category))
-
-
-def count_rooms(
-    buildings: Iterable[Building], source: str, license: str = ""
-) -> tuple[RoomStatistics, ...]:
-    """The statistics of rooms that are of one kind, a row for each kind and each object found."""
-    rooms: Counter[str] = Counter()
-    held: Counter[tuple[str, str]] = Counter()
-    everything: set[str] = set()
-    for building in buildings:
-        for room in building.rooms:
-            everything |= room.objects
-            if len(room.places) == 1:
-                rooms[room.places[0]] += 1
-                held.update((room.places[0], thing) for thing in room.objects)
-    return tuple(
-        RoomStatistics(source, place, thing, rooms[place], held[place, thing], license)
-        for place in sorted(rooms)
-        for thing in sorted(everything)
-    )
