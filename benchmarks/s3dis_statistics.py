@@ -1,6 +1,6 @@
 """Write the room statistics that ship: counts of S3DIS (Apache-2.0), 156 rooms of offices.
 
-    python benchmarks/s3dis_statistics.py ../shared/data/s3dis/rooms_objects.csv kg/placement/tables/s3dis.csv
+    python benchmarks/s3dis_statistics.py rooms_objects.csv kg/placement/tables/s3dis.csv
 
 Chairs, sofas (couches) and tables, the only objects of S3DIS that a detector of COCO's categories
 knows; rooms under the names that ``kg/placement/rooms.csv`` has. Deterministic.

@@ -58,8 +58,9 @@ def read_rooms(path: Path, catalogue: Catalogue, source: str, license: str = "")
     held: dict[tuple[str, str], int] = {}
     for line, row in _rows(path):
         if rooms.setdefault(row.room, row.rooms) != row.rooms:
-            raise _wrong(path, line, f"{row.room!r} has {row.rooms} rooms here, "
-                         f"{rooms[row.room]} before")
+            raise _wrong(
+                path, line, f"{row.room!r} has {row.rooms} rooms here, {rooms[row.room]} before"
+            )
         if (row.room, row.object) in held:
             raise _wrong(path, line, f"{row.object!r} in {row.room!r} stands twice")
         held[row.room, row.object] = row.rooms_with
@@ -134,8 +135,12 @@ def _row(path: Path, line: int, row: dict[str, str | None]) -> _Row:
             raise _wrong(path, line, f"{name} is empty")
     rooms, rooms_with = (_count(path, line, COLUMNS[i], texts[i]) for i in (1, 3))
     if rooms < 1 or rooms_with > rooms:
-        raise _wrong(path, line, f"{rooms_with} of {rooms} rooms hold {texts[2]!r}: rooms_with_object "
-                     "must be at most n_rooms, and that at least 1")
+        raise _wrong(
+            path,
+            line,
+            f"{rooms_with} of {rooms} rooms hold {texts[2]!r}: rooms_with_object "
+            "must be at most n_rooms, and that at least 1",
+        )
     return _Row(texts[0], rooms, texts[2], rooms_with)
 
 
@@ -147,5 +152,3 @@ def _count(path: Path, line: int, column: str, text: str) -> int:
 
 def _wrong(path: Path, line: int, what: str) -> InvalidFactError:
     return InvalidFactError(f"{path}, line {line}: {what}")
-
-

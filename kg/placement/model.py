@@ -2,10 +2,10 @@
 
     x_e = logit(stated) - logit(silent), 0 without an edge     x_c = ln(1 + ConceptNet weight)
     x_u = logit(rate in similar places) - logit(rare)          x_k = lift among kindred objects
-    m0 = sigmoid(base + edge x_e + conceptnet x_c + usual x_u + kin x_k)
+    m0 = sigmoid(base + max(edge x_e, conceptnet x_c) + usual x_u + kin x_k)
     m1 = (kappa m0 + rooms with) / (kappa + rooms)             statistics of other buildings
     s  = 1 / (1 / tau + 1 / (kappa + rooms))                   what m1 is worth, in rooms of this one
-    alpha = s m1 + seen with + stated p,  beta = s (1 - m1) + seen without + stated (1 - p)
+    alpha = s m1 + seen with + 8 stated,  beta = s (1 - m1) + seen without + 8 (1 - stated)
 
 Sources: logistic regression for m0; Beta-binomial shrinkage (Gelman et al., Bayesian Data Analysis,
 chapter 5) for the rest. docs/placement.md explains each term.
@@ -67,8 +67,7 @@ def believe(evidence: Evidence, parameters: Parameters) -> Belief:
     p = parameters
     m0 = sigmoid(
         p.base
-        + p.edge * listed_log_odds(evidence.listed)
-        + p.conceptnet * np.log1p(evidence.weight)
+        + said_log_odds(evidence, p)
         + p.usual * usual_log_odds(evidence, p.kappa)
         + p.kin * kin_log_odds(evidence, p.kappa)
     )
@@ -84,12 +83,19 @@ def believe(evidence: Evidence, parameters: Parameters) -> Belief:
     )
 
 
-def listed_log_odds(listed: Matrix) -> Matrix:
-    """x_e: by how much an edge raises the log-odds over no edge; 0 without one.
+def said_log_odds(evidence: Evidence, parameters: Parameters) -> Matrix:
+    """What an ontology and ConceptNet say, the stronger of both.
 
-    An edge stated to be below the rate of pairs without one speaks against.
+    The larger, not the sum: lists like the thesis' are made from ConceptNet, and what both say
+    should count once.
     """
-    return np.where(listed > 0, logit(listed) - logit(SILENT), 0.0)
+    listed = parameters.edge * listed_log_odds(evidence.listed)
+    return np.maximum(listed, parameters.conceptnet * np.log1p(evidence.weight))
+
+
+def listed_log_odds(listed: Matrix) -> Matrix:
+    """x_e: by how much an edge raises the log-odds over no edge; 0 without one."""
+    return np.maximum(logit(np.maximum(listed, SILENT)) - logit(SILENT), 0.0)
 
 
 def usual_log_odds(evidence: Evidence, kappa: float) -> Matrix:

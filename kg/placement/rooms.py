@@ -91,6 +91,10 @@ def similar_places(
     of = [{g for up in above.get(iri, (iri,)) for g in groups.get(up, ())} for iri in iris]
     # a place and what is below it are alike even where no group names them
     ups = [set(above.get(iri, (iri,))) - {v.PLACE, v.BOT_SPACE} for iri in iris]
-    alike = [[bool(a & b or c & d) for b, d in zip(of, ups, strict=True)]
-             for a, c in zip(of, ups, strict=True)]
-    return np.asarray(alike, dtype=np.float64).reshape(len(iris), len(iris)) * (1 - np.eye(len(iris)))
+    alike = [
+        [bool(a & b or c & d) for b, d in zip(of, ups, strict=True)]
+        for a, c in zip(of, ups, strict=True)
+    ]
+    return np.asarray(alike, dtype=np.float64).reshape(len(iris), len(iris)) * (
+        1 - np.eye(len(iris))
+    )

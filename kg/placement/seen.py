@@ -72,5 +72,3 @@ def seen_rooms(
     share = np.array([seen_share(room.views) for room in rooms])
     mask = [float(sought is None or iri in sought) for iri in objects]
     return SeenRooms(kind, 1 - absent, share.reshape(-1, 1) * np.array(mask))
-
-

@@ -1,16 +1,15 @@
 """p(object in place), with its uncertainty and its reasons: the front door of the placement model.
 
-    table = placement_table(semantic_map)
-    table.probability(banana, kitchen)       # IRIs; 0.31
-    table.placement(banana, kitchen).reasons # who says so, and how much that counts
-    table.place_posterior({oven: 1, sink: 1})
+table = placement_table(semantic_map)
+table.probability(banana, kitchen)       # IRIs; 0.31
+table.placement(banana, kitchen).reasons # who says so, and how much that counts
+table.place_posterior({oven: 1, sink: 1})
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-
 
 import numpy as np
 from pyoxigraph import NamedNode, Quad
@@ -85,9 +84,7 @@ def placement_table(
     return PlacementTable(known, semantic_map.catalogue, rooms, parameters)
 
 
-def table_of(
-    quads: Iterable[Quad], *, parameters: Parameters = FITTED
-) -> PlacementTable:
+def table_of(quads: Iterable[Quad], *, parameters: Parameters = FITTED) -> PlacementTable:
     """The table of an ontology's quads alone, before any map."""
     quads = tuple(quads)
     catalogue = Catalogue.from_quads(quads)
@@ -130,7 +127,7 @@ class PlacementTable:
         return float(1 - np.prod(1 - self._mean[rows, column]))
 
     def placement(self, object_iri: str, place_iri: str) -> Placement:
-        """The same with its uncertainty and its reasons; of a supercategory, its likeliest members'."""
+        """The same with its uncertainty and reasons; of a supercategory, its likeliest member's."""
         rows, column = self._rows(object_iri), self._column(place_iri)
         p = self.probability(object_iri, place_iri)
         total = min(self._total(row, column) for row in rows)
@@ -145,9 +142,7 @@ class PlacementTable:
         rooms of this map that hold the second count on top.
         """
         rows, others = self._rows(object_iri), self._rows(other_iri)
-        return float(
-            np.mean([1 - np.prod([1 - self._near(a, b) for a in rows]) for b in others])
-        )
+        return float(np.mean([1 - np.prod([1 - self._near(a, b) for a in rows]) for b in others]))
 
     def place_posterior(
         self,
@@ -182,13 +177,14 @@ class PlacementTable:
     def _prior(self, prior: Mapping[str, float] | None) -> dict[str, float]:
         if prior is None:
             e = self._evidence
-            known = (e.listed + e.weight + e.rooms + e.statements + e.seen_with).any(0)
+            known = np.any(e.listed + e.weight + e.rooms + e.statements + e.seen_with > 0, axis=0)
             chosen = {iri: 1.0 for iri in self.places if known[self._known.places[iri]]}
             return chosen or dict.fromkeys(self.places, 1.0)
         chosen = {iri: p for iri, p in prior.items() if iri in self._known.places and p > 0}
         if not chosen:
             raise UnknownCategoryError(
-                f"no place category of the prior is known and believed: {', '.join(prior) or 'none'}"
+                "no place category of the prior is known and believed: "
+                f"{', '.join(prior) or 'none'}"
             )
         return chosen
 
@@ -209,7 +205,8 @@ class PlacementTable:
 
     def _near(self, row: int, other: int) -> float:
         e, k = self._evidence, self._parameters.kappa
-        told = (e.listed + e.weight + e.rooms + e.statements + e.seen_with)[[row, other]].any(0)
+        every = e.listed + e.weight + e.rooms + e.statements + e.seen_with
+        told = np.any(every[[row, other]] > 0, axis=0)
         where = self._mean[other] * (told if told.any() else 1.0)
         together = float(where @ self._mean[row] / where.sum())
         with_it, without = self._rooms.near(row, other)
@@ -230,8 +227,8 @@ class PlacementTable:
 
     def _reasons(self, row: int, column: int) -> Iterator[Reason]:
         e, k, total = self._evidence, self._parameters.kappa, self._total(row, column)
-        rooms, strength = e.rooms[row, column], float(self._belief.strength[row, column])
-        yield from self._prior_reasons(row, column, strength * k / (k + rooms) / total)
+        rooms, strength = float(e.rooms[row, column]), float(self._belief.strength[row, column])
+        yield from self._prior_reasons(row, column, strength * float(k / (k + rooms)) / total)
         if rooms:
             text = f"{e.rooms_with[row, column]:g} of {rooms:g} rooms"
             source = "; ".join(self._known.sources)
@@ -250,22 +247,19 @@ class PlacementTable:
         p, e = self._parameters, self._evidence
         said = self._said(row, column)
         parts = [("model", "how rare objects are at large", p.base)]
-        for kind, coefficient, moved in (
-            ("listed", p.edge, listed_log_odds(e.listed)),
-            ("weight", p.conceptnet, np.log1p(e.weight)),
-        ):
-            told = [s for s in said if s[1].startswith(kind)]
-            parts += [(s, t, coefficient * moved[row, column] / len(told)) for s, t in told]
+        by_list = p.edge * listed_log_odds(e.listed)[row, column]
+        by_weight = p.conceptnet * np.log1p(e.weight)[row, column]
+        kind, moved = ("listed", by_list) if by_list >= by_weight else ("weight", by_weight)
+        told = [s for s in said if s[1].startswith(kind)]
+        parts += [(source, text, float(moved) / len(told)) for source, text in told]
         usual, kin = usual_log_odds(e, p.kappa), kin_log_odds(e, p.kappa)
         counts = "; ".join(self._known.sources)
-        parts.append((counts, "similar and other places", p.usual * usual[row, column]))
-        parts.append((counts, "kindred objects", p.kin * kin[row, column]))
+        parts.append((counts, "similar and other places", float(p.usual * usual[row, column])))
+        parts.append((counts, "kindred objects", float(p.kin * kin[row, column])))
         whole = sum(abs(moved) for *_, moved in parts) or 1.0
         for source, text, moved in parts:
             if moved:
-                yield Reason(source, text, share * abs(float(moved)) / whole)
+                yield Reason(source, text, share * abs(moved) / whole)
 
     def _said(self, row: int, column: int) -> list[tuple[str, str]]:
         return [(s.source, s.text) for s in self._known.said.get((row, column), ())]
-
-

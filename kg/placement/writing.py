@@ -21,15 +21,13 @@ from kg.semantic_map import SemanticMap
 _ONTOLOGY: Final = NamedNode(v.ONTOLOGY_GRAPH)
 _COMMONSENSE: Final = NamedNode(v.COMMONSENSE_GRAPH)
 #: the ontologies whose categories the statistics are about
-_IMPORTS: Final = tuple(
-    v.ROOMS_ONTOLOGY.replace("rooms/", name) for name in ("objects", "places")
-)
+_IMPORTS: Final = tuple(v.ROOMS_ONTOLOGY.replace("rooms/", name) for name in ("objects", "places"))
 
 
 def room_type_quads(types: Iterable[RoomType]) -> Iterator[Quad]:
     """The quads of graph:ontology that declare new place categories."""
     for kind in sorted(types, key=lambda kind: kind.iri):
-        said = {
+        said: dict[str, NamedNode | Literal] = {
             v.RDF_TYPE: NamedNode(v.OWL_CLASS),
             v.RDFS_SUB_CLASS_OF: NamedNode(kind.below or v.PLACE),
             v.RDFS_LABEL: Literal(kind.label),
@@ -51,19 +49,18 @@ def write_rooms(table: RoomTable, path: Path) -> None:
     """
     source = table.statistics[0].source
     name = NamedNode(v.ROOMS_ONTOLOGY + quote(source, safe=""))
-    header = [
-        Quad(name, NamedNode(predicate), value, _ONTOLOGY)
-        for predicate, value in (
-            (v.RDF_TYPE, NamedNode(v.OWL_ONTOLOGY)),
-            *((v.OWL_IMPORTS, NamedNode(iri)) for iri in _IMPORTS),
-            (v.RDFS_LABEL, Literal(f"room statistics: {source}")),
-            (v.RDFS_COMMENT, Literal("How many real rooms of a kind hold an object of a kind.")),
-            (v.OWL_VERSION_INFO, Literal("1")),
-            (v.DCT_LICENSE, _license(table)),
-        )
+    said: list[tuple[str, NamedNode | Literal]] = [
+        (v.RDF_TYPE, NamedNode(v.OWL_ONTOLOGY)),
+        *((v.OWL_IMPORTS, NamedNode(iri)) for iri in _IMPORTS),
+        (v.RDFS_LABEL, Literal(f"room statistics: {source}")),
+        (v.RDFS_COMMENT, Literal("How many real rooms of a kind hold an object of a kind.")),
+        (v.OWL_VERSION_INFO, Literal("1")),
+        (v.DCT_LICENSE, _license(table)),
     ]
+    header = [Quad(name, NamedNode(predicate), value, _ONTOLOGY) for predicate, value in said]
     triples = [quad.triple for quad in (*header, *table_quads(table))]
-    lines = serialize(triples, format=RdfFormat.TURTLE, prefixes=_PREFIXES).decode().splitlines()
+    text = serialize(triples, format=RdfFormat.TURTLE, prefixes=_PREFIXES) or b""
+    lines = text.decode().split("\n")[:-1]
     # the serialiser declares prefixes in an order of its own, another one each time
     lines.sort(key=lambda line: line if line.startswith("@prefix") else "@prefiy")
     write_atomically(path, "\n".join(lines) + "\n")

@@ -12,7 +12,9 @@ from planner.commands.console import note, print_table
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Declare the command and what can be imported."""
     parser = subparsers.add_parser(
-        "import", help="bring facts from elsewhere into a map: saved maps, statistics of rooms", description=__doc__
+        "import",
+        help="bring facts from elsewhere into a map: saved maps, statistics of rooms",
+        description=__doc__,
     )
     kinds = parser.add_subparsers(dest="kind", metavar="WHAT", required=True)
     maps = kinds.add_parser(

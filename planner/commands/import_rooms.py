@@ -14,8 +14,8 @@ def add(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     rooms = kinds.add_parser(
         "rooms",
         help="how many real rooms of a kind hold an object of a kind (CSV)",
-        description="Read a table with the columns room, n_rooms, object, rooms_with_object; what a "
-        "map or an ontology folder then knows of it speaks in every probability.",
+        description="Read a table with the columns room, n_rooms, object, rooms_with_object; its "
+        "counts then speak in every probability of the map, or of maps made with the file.",
         epilog="example: hereabouts import rooms room_counts.csv --into homes.ttl",
     )
     rooms.add_argument("table", metavar="CSV", help="the table; s3dis: the shipped one, of offices")

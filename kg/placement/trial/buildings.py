@@ -1,4 +1,4 @@
-"""Rooms of real buildings with what they hold, as the data sets of real homes and offices have them."""
+"""Rooms of real buildings with what they hold, as data sets of homes and offices have them."""
 
 from __future__ import annotations
 
@@ -64,7 +64,9 @@ def load_s3dis(path: Path, catalogue: Catalogue) -> tuple[Building, ...]:
 
     Raises InvalidFactError where the file is not of this form.
     """
-    areas: dict[str, dict[tuple[str, str], Counter[str]]] = defaultdict(lambda: defaultdict(Counter))
+    areas: dict[str, dict[tuple[str, str], Counter[str]]] = defaultdict(
+        lambda: defaultdict(Counter)
+    )
     try:
         with path.open(newline="", encoding="utf-8") as file:
             for row in csv.DictReader(file):

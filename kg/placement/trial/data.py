@@ -34,7 +34,7 @@ class Sources:
     statistics: Path  # CSV of rooms
     s3dis: Path | None = None  # CSV of rooms of office buildings
     conceptnet: Path | None = None  # JSON {object: {place: score}}
-    counted: bool = True  # whether the statistics count the homes themselves
+    counted: bool | None = None  # whether the statistics count the homes too; None: if they can
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +47,7 @@ class TrialData:
     places: Mapping[str, int]  # IRI -> column
     sample: Sample
     sought: NDArray[np.bool_]  # (b, n) the objects each building was searched for
+    counted: bool  # whether the homes' own counts were taken out of the statistics
 
 
 def load(sources: Sources) -> TrialData:
@@ -118,7 +119,7 @@ def _assemble(
     buildings: tuple[Building, ...],
     homes: int,
     statistics: tuple[Matrix, Matrix],
-    counted: bool,
+    counted: bool | None,
 ) -> TrialData:
     own = [_own(building, known) for building in buildings]
     rows = np.flatnonzero(statistics[0].any(1))
@@ -131,6 +132,9 @@ def _assemble(
         sought[homes:] = np.any([held.any(1) for _, held in own[homes:]], axis=0)[rows]
     held = np.array([held[cut] for _, held in own]) * sought[:, :, None]
     rooms = np.array([rooms[columns] for rooms, _ in own])[:, None, :] * sought[:, :, None]
+    if counted is None:
+        pairs = zip(statistics, (rooms, held), strict=True)
+        counted = all(bool(np.all(its[:homes].sum(0) <= matrix[cut])) for matrix, its in pairs)
     elsewhere = [
         _elsewhere(matrix[cut], its, homes, counted)
         for matrix, its in zip(statistics, (rooms, held), strict=True)
@@ -142,6 +146,7 @@ def _assemble(
         {iri: n for n, iri in enumerate(_pick(known.places, columns))},
         Sample(_cut(known.evidence, rows, columns, *elsewhere), rooms, held),
         sought,
+        counted,
     )
 
 
@@ -168,7 +173,7 @@ def _elsewhere(statistics: Matrix, own: Matrix, homes: int, counted: bool) -> Ma
     total[homes:] -= own[homes:]
     if counted:
         total[:homes] -= own[:homes]
-    return np.maximum(total, 0.0)
+    return np.asarray(np.maximum(total, 0.0))
 
 
 def _cut(

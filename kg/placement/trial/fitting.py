@@ -1,9 +1,9 @@
 """Fit the model's parameters: the likelihood of what real buildings hold, at its maximum.
 
-Every building is one draw: of N rooms of a kind, K hold the object, Beta-binomial with the alpha and
-beta the model gives from all other buildings. Each pair counts in three ways, so that the numbers
+Every building is one draw: of N rooms of a kind, K hold the object, Beta-binomial with the alpha
+and beta the model gives from all other buildings. Each pair counts in four ways, so that the numbers
 serve where there is less to go by: with all statistics, without those of the very pair (a rare
-category), and without any statistics (ontology and ConceptNet alone).
+category), without any statistics (ontology and ConceptNet), and with the ontology alone.
 """
 
 from __future__ import annotations
@@ -53,15 +53,17 @@ def fit(sample: Sample, start: Parameters = _START, steps: int = 900) -> Paramet
 
 
 def log_likelihood(sample: Sample, parameters: Parameters) -> float:
-    """ln p(the buildings) in the three ways, less a weak pull of the numbers towards the start."""
+    """ln p(the buildings) in the four ways, less a weak pull of the numbers towards the start."""
     evidence = sample.evidence
     nothing = np.zeros_like(evidence.rooms[:1])
     bare = replace(evidence, rooms=nothing, rooms_with=nothing)
-    full, alone = believe(evidence, parameters), believe(bare, parameters)
+    full, bare_belief = believe(evidence, parameters), believe(bare, parameters)
+    alone = believe(replace(bare, weight=np.zeros_like(bare.weight)), parameters)
     strength = 1 / (1 / parameters.tau + 1 / parameters.kappa)
     total = (
         _beta_binomial(sample, full.alpha, full.beta)
         + _beta_binomial(sample, strength * full.prior, strength * (1 - full.prior))
+        + _beta_binomial(sample, bare_belief.alpha, bare_belief.beta)
         + _beta_binomial(sample, alone.alpha, alone.beta)
     )
     return total - 0.05 * float(np.sum((_numbers(parameters) - _numbers(_START)) ** 2))

@@ -26,9 +26,7 @@ def one_building(sample: Sample, building: int) -> Evidence:
     return replace(sample.evidence, rooms=rooms[building], rooms_with=held[building])
 
 
-def probabilities(
-    method: str, train: Sample, evidence: Evidence, parameters: Parameters
-) -> Matrix:
+def probabilities(method: str, train: Sample, evidence: Evidence, parameters: Parameters) -> Matrix:
     """(n, m) probabilities by one of `METHODS`; whatever a method learns, it learns from `train`.
 
     thesis edges: one probability for every edge, one for every other pair. conceptnet: a logistic

@@ -49,7 +49,7 @@ def rooms_visited(p: Vector, held: Vector) -> float:
         tied = np.round(p, 12) == value
         hits = float(held[tied].sum())
         if hits:
-            return before + (tied.sum() + 1) / (hits + 1)
+            return before + (float(tied.sum()) + 1) / (hits + 1)
         before += int(tied.sum())
     raise ValueError("no room holds it")
 

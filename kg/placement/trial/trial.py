@@ -35,7 +35,7 @@ Score = dict[str, float | tuple[float, float]]
 class Row:
     """One method on one set of buildings."""
 
-    buildings: str  # "homes" or "S3DIS"
+    buildings: str  # "homes", "S3DIS" or "all"
     method: str
     scores: dict[str, float]
     intervals: dict[str, tuple[float, float]]  # 95 %, over buildings
@@ -66,27 +66,31 @@ def _plain(value: object) -> object:
 def run(
     data: TrialData,
     *,
+    parameters: Parameters | None = None,
     bootstrap: int = 1000,
     seed: int = 0,
     tick: Callable[[], None] = lambda: None,
 ) -> Result:
-    """Cross-validate, building by building; deterministic for a seed. `tick` is called for each."""
-    overall = fit(data.sample)
+    """Cross-validate, building by building; deterministic for a seed.
+
+    The model is fitted to the other buildings each time, unless `parameters` are given. `bootstrap`
+    is how often buildings are resampled; `tick` is called after each building.
+    """
+    overall = parameters or fit(data.sample)
     found: dict[str, list[Outcome]] = {}
     right: list[tuple[float, float, float]] = []
     for building in range(len(data.buildings)):
         train = data.sample.without(building)
-        parameters = fit(train, overall, _STEPS)
-        for name, told in _judge(data, building, parameters, seed).items():
+        numbers = parameters or fit(train, overall, _STEPS)
+        for name, told in _judge(data, building, numbers, seed).items():
             found.setdefault(name, []).append(told)
         if building < data.homes:
-            right.extend(_places(data, building, parameters))
+            right.extend(_places(data, building, numbers))
         tick()
-    sets = [("homes", range(data.homes)), ("S3DIS", range(data.homes, len(data.buildings)))]
     rows, gains = [], []
-    for label, numbers in sets:
-        if len(numbers):
-            chosen = {name: [told[n] for n in numbers] for name, told in found.items()}
+    for label, which in _sets(data):
+        if len(which):
+            chosen = {name: [told[n] for n in which] for name, told in found.items()}
             rows += [_row(label, name, told, bootstrap) for name, told in chosen.items()]
             gains += _gains(label, chosen, bootstrap)
     hits = np.array(right).reshape(-1, 3)
@@ -105,9 +109,13 @@ def run(
     )
 
 
-def _judge(
-    data: TrialData, building: int, parameters: Parameters, seed: int
-) -> dict[str, Outcome]:
+def _sets(data: TrialData) -> list[tuple[str, range]]:
+    count = len(data.buildings)
+    sets = [("homes", range(data.homes)), ("S3DIS", range(data.homes, count))]
+    return [*sets, ("all", range(count))] if count > data.homes else sets[:1]
+
+
+def _judge(data: TrialData, building: int, parameters: Parameters, seed: int) -> dict[str, Outcome]:
     train, evidence = data.sample.without(building), one_building(data.sample, building)
     found = {
         method: outcome(data, building, probabilities(method, train, evidence, parameters))
@@ -148,9 +156,7 @@ def _row(label: str, method: str, told: Sequence[Outcome], bootstrap: int) -> Ro
     return Row(label, method, scores, intervals)
 
 
-def _resampled(
-    measure: Measure, told: Sequence[Outcome]
-) -> Callable[[NDArray[np.int64]], float]:
+def _resampled(measure: Measure, told: Sequence[Outcome]) -> Callable[[NDArray[np.int64]], float]:
     return lambda chosen: measure([told[n] for n in chosen])
 
 
@@ -165,7 +171,10 @@ def _gains(label: str, told: dict[str, list[Outcome]], bootstrap: int) -> list[R
     for one, other in pairs:
         scores, intervals = {}, {}
         for name, measure in MEASURES.items():
-            def less(chosen: Any, measure: Measure = measure, a: str = one, b: str = other) -> float:
+
+            def less(
+                chosen: Any, measure: Measure = measure, a: str = one, b: str = other
+            ) -> float:
                 return measure([told[a][n] for n in chosen]) - measure([told[b][n] for n in chosen])
 
             scores[name] = less(range(len(told[one])))
