@@ -4,7 +4,7 @@
     x_u = logit(rate in similar places) - logit(rare)          x_k = lift among kindred objects
     m0 = sigmoid(base + max(edge x_e, conceptnet x_c) + usual x_u + kin x_k)
     m1 = (kappa m0 + rooms with) / (kappa + rooms)             statistics of other buildings
-    s  = 1 / (1 / tau + 1 / (kappa + rooms))                   what m1 is worth, in rooms of this one
+    s  = 1 / (1 / tau + 1 / (kappa + rooms))             what m1 is worth, in rooms of this building
     alpha = s m1 + seen with + 8 stated,  beta = s (1 - m1) + seen without + 8 (1 - stated)
 
 Sources: logistic regression for m0; Beta-binomial shrinkage (Gelman et al., Bayesian Data Analysis,

@@ -1,7 +1,7 @@
 """Fit the model's parameters: the likelihood of what real buildings hold, at its maximum.
 
 Every building is one draw: of N rooms of a kind, K hold the object, Beta-binomial with the alpha
-and beta the model gives from all other buildings. Each pair counts in four ways, so that the numbers
+and beta the model gives from all other buildings. Each pair counts in four ways, so that numbers
 serve where there is less to go by: with all statistics, without those of the very pair (a rare
 category), without any statistics (ontology and ConceptNet), and with the ontology alone.
 """
