@@ -47,8 +47,10 @@ class Ontology:
     files: tuple[Path, ...]
 
 
-def load_ontologies(folder: Path = ONTOLOGIES) -> Ontology:
+def load_ontologies(folder: Path = ONTOLOGIES, *, without: Path | None = None) -> Ontology:
     """Read every ontology in `folder`: .ttl, .owl and .rdf (RDF/XML), .nt; not ``shapes.ttl``.
+
+    `without` leaves one file out, wherever it lies.
 
     ``owl:imports`` is not followed: what lies in the folder is the ontology. The same files give
     the same quads, in the same order and with the same blank nodes.
@@ -59,6 +61,8 @@ def load_ontologies(folder: Path = ONTOLOGIES) -> Ontology:
     if not folder.is_dir():
         raise OntologyError(f"no ontologies in {folder}: it is not a folder")
     files = sorted(p for p in folder.iterdir() if p.suffix in _FORMATS and p.name != SHAPES_FILE)
+    if without is not None:
+        files = [path for path in files if path.resolve() != without.resolve()]
     if not files:
         raise OntologyError(f"no ontologies in {folder}: expected files {', '.join(_FORMATS)}")
     quads: dict[Quad, None] = {}

@@ -109,7 +109,9 @@ def _relation(key: _Key, axioms: list[_Notes], default: _Notes) -> Relation:
     if by_people or not imported:
         evidence.insert(0, _evidence(key, by_people, default, stated=True))
     probability = evidence[0].probability
-    says_so = [e for e in evidence if (e.stated, e.probability) == (evidence[0].stated, probability)]
+    says_so = [
+        e for e in evidence if (e.stated, e.probability) == (evidence[0].stated, probability)
+    ]
     sources = sorted({source for e in says_so for source in e.sources}, key=str)
     return Relation(*key, probability, tuple(sources), tuple(evidence))
 

@@ -1,10 +1,10 @@
-"""`hereabouts import`: facts from elsewhere into a map."""
+"""`hereabouts import`: facts from elsewhere into a map, common sense into an ontology."""
 
 from __future__ import annotations
 
 import argparse
 
-from planner.commands import import_rooms
+from planner.commands import import_conceptnet, import_rooms
 from planner.commands.arguments import MAP_HELP, title_for
 from planner.commands.console import note, print_table
 
@@ -13,7 +13,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     """Declare the command and what can be imported."""
     parser = subparsers.add_parser(
         "import",
-        help="bring facts from elsewhere into a map: saved maps, statistics of rooms",
+        help="bring saved maps, common sense or statistics of rooms in from elsewhere",
         description=__doc__,
     )
     kinds = parser.add_subparsers(dest="kind", metavar="WHAT", required=True)
@@ -28,6 +28,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     maps.add_argument("--places", metavar="FILE", help="saved places, JSON")
     maps.add_argument("--into", required=True, metavar="MAP", help=MAP_HELP)
     maps.set_defaults(run=run, usage_error=maps.error)
+    import_conceptnet.add(kinds)
     import_rooms.add(kinds)
 
 

@@ -1,0 +1,115 @@
+"""Assertions of ConceptNet 5: in a line of its TSV, and as an edge of its web API."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from typing import TYPE_CHECKING, Final
+
+from kg.conceptnet.assertion import (
+    Assertion,
+    Node,
+    Unreadable,
+    assertion_iri,
+    clean,
+    license_iri,
+    parse_node,
+    parse_relation,
+)
+from kg.conceptnet.strength import votes_of
+
+if TYPE_CHECKING:
+    from kg.conceptnet.dump import Wanted
+
+_COLUMNS: Final = 5
+_HEAVIEST: Final = 1e6  # a weight above is no weight
+_BRACKETS: Final = re.compile(r"\[\[|\]\]")
+
+
+def looks_like(line: bytes) -> bool:
+    """Whether a line has the form of an assertion of ConceptNet 5."""
+    return line.startswith(b"/a/") and line.count(b"\t") == _COLUMNS - 1
+
+
+def parse(line: bytes, language: str, wanted: Wanted) -> Assertion | None:
+    """The assertion of a line, or None where it is not wanted.
+
+    Raises:
+        Unreadable: the line is none; says why in a few words.
+    """
+    columns = line.split(b"\t")
+    if len(columns) != _COLUMNS:
+        raise Unreadable("wrong number of columns")
+    relation = parse_relation(columns[1].decode())
+    home = b"/c/" + language.encode() + b"/"
+    if relation is None or not (columns[2].startswith(home) and columns[3].startswith(home)):
+        return None
+    return _assertion(
+        relation, columns[2].decode(), columns[3].decode(), columns[4], language, wanted
+    )
+
+
+def parse_edge(edge: object, language: str, wanted: Wanted) -> Assertion | None:
+    """The assertion of an edge as the web API gives it, or None where it is not wanted.
+
+    Raises:
+        Unreadable: it is no edge.
+    """
+    try:
+        uris = [edge[part]["@id"] for part in ("rel", "start", "end")]  # type: ignore[index]
+    except (TypeError, KeyError):
+        raise Unreadable("no edge") from None
+    if not all(isinstance(uri, str) for uri in uris):
+        raise Unreadable("no edge")
+    relation = parse_relation(uris[0])
+    if relation is None:
+        return None
+    return _assertion(relation, uris[1], uris[2], edge, language, wanted)
+
+
+def _assertion(
+    relation: tuple[str, bool], start: str, end: str, data: object, language: str, wanted: Wanted
+) -> Assertion | None:
+    (start_language, start_node), (end_language, end_node) = _node(start), _node(end)
+    if start_language != language or end_language != language:
+        return None
+    name, negated = relation
+    if not wanted(name, start_node.term, end_node.term):
+        return None
+    if isinstance(data, bytes):
+        data = json.loads(data, parse_constant=_refuse)
+    if not isinstance(data, dict):
+        raise Unreadable("no data in it")
+    surface = data.get("surfaceText")
+    spoken = surface if isinstance(surface, str) else f"{start_node.term} {name} {end_node.term}"
+    return Assertion(
+        name,
+        start_node,
+        end_node,
+        votes_of(_weight(data.get("weight"))),
+        negated,
+        assertion_iri(f"Not{name}" if negated else name, start, end),
+        license_iri(str(data.get("license", ""))),
+        clean(_BRACKETS.sub("", spoken)),
+        adds=False,
+    )
+
+
+def _node(uri: str) -> tuple[str, Node]:
+    node = parse_node(uri)
+    if node is None:
+        raise Unreadable("no concept's URI")
+    return node
+
+
+def _weight(value: object) -> float:
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        weight = float(value) if abs(value) <= _HEAVIEST else math.nan
+        if weight > 0:
+            return weight
+    raise Unreadable("weight is no number above 0")
+
+
+def _refuse(constant: str) -> float:
+    raise Unreadable("weight is no number above 0")
