@@ -24,6 +24,8 @@ SHIPPED: Final = {
     )
 }
 _MOST: Final = 10**12
+#: rows a table may have: there are hundreds of kinds of room and of object, not more
+MOST_ROWS: Final = 200_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +59,10 @@ def read_rooms(path: Path, catalogue: Catalogue, source: str, license: str = "")
     rooms: dict[str, int] = {}
     held: dict[tuple[str, str], int] = {}
     for line, row in _rows(path):
+        if len(held) >= MOST_ROWS:
+            raise _wrong(
+                path, line, f"more than {MOST_ROWS:,} rows; one a kind of room and of object"
+            )
         if rooms.setdefault(row.room, row.rooms) != row.rooms:
             raise _wrong(
                 path, line, f"{row.room!r} has {row.rooms} rooms here, {rooms[row.room]} before"

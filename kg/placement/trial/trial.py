@@ -21,7 +21,7 @@ from kg.placement.trial.methods import (
     probabilities,
     with_seen,
 )
-from kg.placement.trial.scores import MEASURES, Measure, Outcome, interval
+from kg.placement.trial.scores import MEASURES, Outcome, interval, resampled
 
 #: numbers of rooms seen before the rest of the building is judged
 SEEN: Final = (1, 2, 4, 8)
@@ -91,8 +91,9 @@ def run(
     for label, which in _sets(data):
         if len(which):
             chosen = {name: [told[n] for n in which] for name, told in found.items()}
-            rows += [_row(label, name, told, bootstrap) for name, told in chosen.items()]
-            gains += _gains(label, chosen, bootstrap)
+            draws = np.random.default_rng(seed).integers(0, len(which), (bootstrap, len(which)))
+            rows += [_row(label, name, told, draws) for name, told in chosen.items()]
+            gains += _gains(label, chosen, draws)
     hits = np.array(right).reshape(-1, 3)
     return Result(
         tuple(rows),
@@ -146,21 +147,13 @@ def _together(outcomes: Sequence[Outcome]) -> Outcome:
     )
 
 
-def _row(label: str, method: str, told: Sequence[Outcome], bootstrap: int) -> Row:
+def _row(label: str, method: str, told: Sequence[Outcome], draws: NDArray[np.int64]) -> Row:
     scores = {name: measure(told) for name, measure in MEASURES.items()}
-    intervals = {
-        name: interval(_resampled(measure, told), len(told), bootstrap)
-        for name, measure in MEASURES.items()
-        if bootstrap
-    }
-    return Row(label, method, scores, intervals)
+    spread = resampled(told, draws) if len(draws) else {}
+    return Row(label, method, scores, {name: interval(x) for name, x in spread.items()})
 
 
-def _resampled(measure: Measure, told: Sequence[Outcome]) -> Callable[[NDArray[np.int64]], float]:
-    return lambda chosen: measure([told[n] for n in chosen])
-
-
-def _gains(label: str, told: dict[str, list[Outcome]], bootstrap: int) -> list[Row]:
+def _gains(label: str, told: dict[str, list[Outcome]], draws: NDArray[np.int64]) -> list[Row]:
     """The blend less each other method; and after less before, on the same rooms."""
     pairs = [("blend", other) for other in METHODS if other != "blend"]
     pairs += [
@@ -169,17 +162,11 @@ def _gains(label: str, told: dict[str, list[Outcome]], bootstrap: int) -> list[R
     ]
     rows = []
     for one, other in pairs:
-        scores, intervals = {}, {}
-        for name, measure in MEASURES.items():
-
-            def less(
-                chosen: Any, measure: Measure = measure, a: str = one, b: str = other
-            ) -> float:
-                return measure([told[a][n] for n in chosen]) - measure([told[b][n] for n in chosen])
-
-            scores[name] = less(range(len(told[one])))
-            if bootstrap:
-                intervals[name] = interval(less, len(told[one]), bootstrap)
+        scores = {name: m(told[one]) - m(told[other]) for name, m in MEASURES.items()}
+        intervals = {}
+        if len(draws):
+            first, second = resampled(told[one], draws), resampled(told[other], draws)
+            intervals = {name: interval(first[name] - second[name]) for name in first}
         rows.append(Row(label, f"{one} less {other}", scores, intervals))
     return rows
 
