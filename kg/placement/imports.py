@@ -60,9 +60,7 @@ def read_rooms(path: Path, catalogue: Catalogue, source: str, license: str = "")
     held: dict[tuple[str, str], int] = {}
     for line, row in _rows(path):
         if len(held) >= MOST_ROWS:
-            raise _wrong(
-                path, line, f"more than {MOST_ROWS:,} rows; one a kind of room and of object"
-            )
+            raise _wrong(path, line, f"more than {MOST_ROWS:,} rows: kinds of room times of object")
         if rooms.setdefault(row.room, row.rooms) != row.rooms:
             raise _wrong(
                 path, line, f"{row.room!r} has {row.rooms} rooms here, {rooms[row.room]} before"

@@ -93,7 +93,7 @@ MEASURES: dict[str, Measure] = {
 
 
 def resampled(outcomes: Sequence[Outcome], draws: NDArray[np.int64]) -> dict[str, Vector]:
-    """Every measure for every resampling; `draws` (d, b) has indices of `outcomes`, repeated or not.
+    """Every measure for every resampling; `draws` (d, b) has indices of `outcomes`, repeated.
 
     Works on sums a building, so a draw costs next to nothing. The bins of equal mass stay those of
     all buildings together.

@@ -1,4 +1,4 @@
-"""The placement model: probabilities, monotone in the evidence, calibrated on worlds it describes."""
+"""The placement model: monotone in the evidence, calibrated on worlds that are as it says."""
 
 from __future__ import annotations
 
