@@ -125,9 +125,9 @@ def resampled(outcomes: Sequence[Outcome], draws: NDArray[np.int64]) -> dict[str
 
 def _gaps(outcome: Outcome, edges: Vector) -> Vector:
     """(bins,) sum of held - p in each bin."""
-    return np.bincount(
-        np.digitize(outcome.p, edges), weights=outcome.held - outcome.p, minlength=BINS
-    )
+    number = np.digitize(outcome.p, edges)
+    sums = np.bincount(number, weights=outcome.held - outcome.p, minlength=BINS)
+    return np.asarray(sums, dtype=np.float64)
 
 
 def interval(values: Vector) -> tuple[float, float]:

@@ -26,7 +26,6 @@ from kg.placement.trial.scores import MEASURES, Outcome, interval, resampled
 #: numbers of rooms seen before the rest of the building is judged
 SEEN: Final = (1, 2, 4, 8)
 _DRAWS: Final = 20  # choices of which rooms were seen
-_STEPS: Final = 350  # of the fit in each fold, which starts from the fit to all
 
 Score = dict[str, float | tuple[float, float]]
 
@@ -81,7 +80,7 @@ def run(
     right: list[tuple[float, float, float]] = []
     for building in range(len(data.buildings)):
         train = data.sample.without(building)
-        numbers = parameters or fit(train, overall, _STEPS)
+        numbers = parameters or fit(train)
         for name, told in _judge(data, building, numbers, seed).items():
             found.setdefault(name, []).append(told)
         if building < data.homes:
