@@ -11,7 +11,12 @@ from kg import vocabulary as v
 from kg.conceptnet.collecting import Collection, Fact, Key
 from kg.conceptnet.names import reduced
 from kg.conceptnet.senses import PLAIN, Senses
-from kg.conceptnet.strength import probability_of, weight_of
+from kg.conceptnet.strength import (
+    NEAR_HALF,
+    NEAR_STEEPNESS,
+    probability_of,
+    weight_of,
+)
 
 #: A name that may as well mean something else (a synonym, "notebook"), beside one that is ours.
 DOUBTFUL_SHARE: Final = 0.5
@@ -190,13 +195,20 @@ def _found(kind: str, subject: str, target: str, tally: _Tally) -> Found:
         kind,
         subject,
         target,
-        None if kind == v.RDFS_SUB_CLASS_OF else round(probability_of(weight - against), 3),
+        _probability(kind, weight - against),
         weight,
         against,
         tuple(source for source, _ in ranked),
         tuple(sorted({voice[2] for _, voice in ranked})),
         tuple(dict.fromkeys(voice[1] for _, voice in ranked)),
     )
+
+
+def _probability(kind: str, net: float) -> float | None:
+    if kind == v.RDFS_SUB_CLASS_OF:
+        return None
+    near = {"half": NEAR_HALF, "steepness": NEAR_STEEPNESS} if kind == v.NEAR_BY else {}
+    return round(probability_of(net, **near), 3)
 
 
 def _weight(votes: float) -> float:

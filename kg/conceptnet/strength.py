@@ -9,6 +9,9 @@ from typing import Final
 #: steeply probability rises with weight there. docs/conceptnet.md says what they were fitted on.
 HALF: Final = 5.5
 STEEPNESS: Final = 2.3
+#: The same for things near others. Nearly flat, about 0.16: in homes it hardly rises with weight.
+NEAR_HALF: Final = 3e7
+NEAR_STEEPNESS: Final = 0.1
 
 
 def weight_of(votes: float) -> float:

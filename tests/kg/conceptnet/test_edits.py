@@ -33,7 +33,8 @@ DATA = [
 def data(path: Path, rows: list[tuple[str, str, str, int]]) -> Path:
     path.write_text(
         "".join(
-            f"{start}\t{end}\t{{'freq': {5 if n > 0 else -5}, 'score': {abs(n)}, 'rel': u'{rel}'}}\n"
+            f"{start}\t{end}\t"
+            f"{{'freq': {5 if n > 0 else -5}, 'score': {abs(n)}, 'rel': u'{rel}'}}\n"
             for start, rel, end, n in rows
         )
     )
