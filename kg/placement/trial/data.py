@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from kg import vocabulary as v
 from kg.categories import Catalogue
+from kg.conceptnet.strength import weight_of
 from kg.errors import InvalidFactError
 from kg.ontology import load_ontologies
 from kg.placement.evidence import Knowledge, knowledge, room_counts
@@ -105,13 +106,8 @@ def _with_weights(
             row = known.objects[thing.iri]
             for iri, column in known.places.items():
                 if place.iri in known.above.get(iri, ()):
-                    weight[row, column] = max(weight[row, column], weight_of_score(score))
+                    weight[row, column] = max(weight[row, column], weight_of(score))
     return replace(known.evidence, weight=weight)
-
-
-def weight_of_score(score: float) -> float:
-    """ConceptNet 5's weight of so many votes: 2 sqrt(max(n - 1, 1)) + min(n, 2) - 2."""
-    return max(2 * float(np.sqrt(max(score - 1, 1))) + min(score, 2) - 2, 0.0)
 
 
 def _assemble(
