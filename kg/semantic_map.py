@@ -435,6 +435,7 @@ class SemanticMap(Remembering):
         self.update(sparql, by="rdflib", allow=("commonsense",))
 
     def reread_ontology(self) -> None:
+        """Know the categories of the ontology as it stands in the store by now."""
         self.catalogue = Catalogue.from_store(self.engine)
         self._facts.catalogue = self.catalogue
         self._door = Door(self._store)
