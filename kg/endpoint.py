@@ -27,6 +27,7 @@ from pyoxigraph import (
 )
 
 from kg.errors import RemoteError, UnreachableError
+from kg.virtuoso import gives_triples, is_virtuoso, plain, readable
 
 TOKEN_VARIABLE: Final = "HEREABOUTS_TOKEN"
 UPDATE_VARIABLE: Final = "HEREABOUTS_UPDATE_URL"
@@ -80,6 +81,7 @@ class Endpoint:
         self.where = _without_secrets(address)
         self.query_url = query_url
         self.update_url = update_url
+        self.virtuoso = False  # until it has answered
         self._local = threading.local()
         self._sessions: list[requests.Session] = []
 
@@ -117,16 +119,13 @@ class Endpoint:
         Raises SyntaxError with the server's words where it does not parse there, RemoteError for
         everything else that is not an answer, an answer cut short included.
         """
-        reply = self._post(self.query_url, [("query", query), *parameters])
+        triples = self.virtuoso and gives_triples(query)
+        accept = _TRIPLES if triples else _RESULTS if self.virtuoso else f"{_RESULTS}, {_TRIPLES}"
+        reply = self._post(self.query_url, [("query", query), *parameters], accept)
+        self.virtuoso = is_virtuoso(reply.headers.get("server"))
         kind = reply.headers.get("content-type", "").split(";")[0].strip()
         try:
-            if kind == _TRIPLES:
-                statements = parse(reply.content, format=RdfFormat.N_TRIPLES)
-                return Triples(tuple(quad.triple for quad in statements))
-            answer = parse_query_results(reply.content, format=QueryResultsFormat.JSON)
-            if isinstance(answer, QueryBoolean):
-                return answer
-            return Solutions(tuple(answer.variables), tuple(answer))
+            return self._read(reply.content, kind)
         except (SyntaxError, ValueError) as error:
             if kind not in (_RESULTS, _TRIPLES):
                 raise RemoteError(
@@ -137,7 +136,7 @@ class Endpoint:
     def update(self, update: str) -> None:
         """Run an update; raises RemoteError where the server did not do it."""
         try:
-            self._post(self.update_url, [("update", update)])
+            self._post(self.update_url, [("update", update)], _RESULTS)
         except SyntaxError as error:
             raise RemoteError(f"{self.where} refused an update: {error}") from error
 
@@ -146,10 +145,20 @@ class Endpoint:
         while self._sessions:
             self._sessions.pop().close()
 
-    def _post(self, url: str, form: Sequence[tuple[str, str]]) -> requests.Response:
+    def _read(self, body: bytes, kind: str) -> Answer:
+        if kind == _TRIPLES:
+            found = (quad.triple for quad in parse(body, format=RdfFormat.N_TRIPLES))
+            return Triples(tuple(map(plain, found) if self.virtuoso else found))
+        body = readable(body) if self.virtuoso else body
+        answer = parse_query_results(body, format=QueryResultsFormat.JSON)
+        if isinstance(answer, QueryBoolean):
+            return answer
+        return Solutions(tuple(answer.variables), tuple(answer))
+
+    def _post(self, url: str, form: Sequence[tuple[str, str]], accept: str) -> requests.Response:
         # as a form, of the protocol's three ways the one that every server takes: Virtuoso 7.2
         # never answers to a query that is itself the body
-        headers = {"Accept": f"{_RESULTS}, {_TRIPLES}"}
+        headers = {"Accept": accept}
         try:
             reply = self._session().post(
                 url,

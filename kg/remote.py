@@ -21,17 +21,19 @@ from kg.endpoint import Answer, Endpoint, Solutions
 from kg.engine import Engine, Functions, Object, Subject
 from kg.errors import RemoteError
 from kg.sparql_text import has_word
+from kg.virtuoso import loads
 
 ROOT_STEPS = 24  # of Newton's method: exact to a double above 1e-6, within 1e-7 below
 
 _HAS_BELIEF = NamedNode(v.HAS_BELIEF)
 _UNION = ("union-default-graph", "true")
-_GRAPHS = (
+#: The named graphs of a map.
+GRAPHS = (
     *(v.ONTOLOGY_GRAPH, v.COMMONSENSE_GRAPH, v.MAP_GRAPH),
     *(v.HISTORY_GRAPH, v.ASSERTIONS_GRAPH, v.DATASET_GRAPH),
 )
 _SPELT_OUT = tuple(
-    (name, graph) for graph in _GRAPHS for name in ("default-graph-uri", "named-graph-uri")
+    (name, graph) for graph in GRAPHS for name in ("default-graph-uri", "named-graph-uri")
 )
 _ROOT = re.compile(r"BIND\s*\(\s*math:sqrt\((\?\w+)\)\s+AS\s+(\?\w+)\s*\)", re.IGNORECASE)
 
@@ -88,6 +90,14 @@ class RemoteEngine:
     def update(self, update: str, /) -> None:
         """Run an update in one request; raises RemoteError where the server did not do it."""
         self._endpoint.update(update)
+
+    def load(self, quads: Iterable[Quad]) -> None:
+        """Add quads, blank nodes among them, in one request; on Virtuoso in several, in order."""
+        if not self._endpoint.virtuoso:
+            self.update(f"INSERT DATA {{\n{graph_blocks(quads)}}}")
+            return
+        for part in loads(quads):
+            self.update(f"INSERT {{\n{graph_blocks(part)}}} WHERE {{}}")
 
     def __contains__(self, quad: Any, /) -> bool:
         if isinstance(quad.subject, BlankNode) or isinstance(quad.object, BlankNode):
@@ -162,6 +172,14 @@ def reading_ahead(engine: Engine, subjects: Iterable[NamedNode]) -> Iterator[Non
             yield
     else:
         yield
+
+
+def graph_blocks(quads: Iterable[Quad]) -> str:
+    """The quads as SPARQL writes them between braces: a block for each graph."""
+    triples: dict[str, list[str]] = {}
+    for quad in quads:
+        triples.setdefault(str(quad.graph_name), []).append(f"{quad.triple} .\n")
+    return "".join(f"GRAPH {graph} {{\n{''.join(rows)}}}\n" for graph, rows in triples.items())
 
 
 def _quads(answer: Answer, where: str) -> list[Quad]:
