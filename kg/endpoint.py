@@ -27,7 +27,7 @@ from pyoxigraph import (
 )
 
 from kg.errors import RemoteError, UnreachableError
-from kg.virtuoso import gives_triples, is_virtuoso, plain, readable
+from kg.virtuoso import complaint, gives_triples, is_virtuoso, plain, readable
 
 TOKEN_VARIABLE: Final = "HEREABOUTS_TOKEN"
 UPDATE_VARIABLE: Final = "HEREABOUTS_UPDATE_URL"
@@ -192,7 +192,8 @@ class Endpoint:
         return session
 
     def _refuse(self, reply: requests.Response) -> None:
-        said = " ".join(reply.text.split())[:300]
+        text = complaint(reply.text) if self.virtuoso else " ".join(reply.text.split())
+        said = text[:300]
         if reply.status_code == 400:
             raise SyntaxError(said)
         if reply.status_code in (401, 403):

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Iterable, Iterator
 from itertools import islice
 from typing import Final
@@ -20,6 +21,7 @@ from kg.sparql_text import tokens
 
 AT_ONCE: Final = 400  # quads of one request
 _FORMS: Final = ("select", "ask", "construct", "describe")
+_LINE: Final = re.compile(r"SPARQL compiler, line (\d+): (.*)")
 _BOOLEAN: Final = v.XSD + "boolean"
 
 
@@ -54,6 +56,13 @@ def plain(triple: Triple) -> Triple:
     kind = value.datatype
     plain = Literal(_plain(value.value, kind.value), datatype=kind)
     return Triple(triple.subject, triple.predicate, plain)
+
+
+def complaint(body: str) -> str:
+    """What an error says, without the query it repeats, and its line where it names one."""
+    said = " ".join(body.split("SPARQL query:")[0].split())
+    found = _LINE.search(said)
+    return f"error at {found[1]}:1: {found[2]}" if found else said
 
 
 def _plain(text: str, datatype: str) -> str:

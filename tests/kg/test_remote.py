@@ -215,7 +215,7 @@ def chatty() -> Iterator[str]:
                 return
             with connection:
                 head = b""
-                while b"ASK {}" not in head:
+                while b"ASK" not in head:
                     head += connection.recv(4096)
                 connection.sendall(reply.replace(b"\r\n\r\n", b"\r\nConnection: close\r\n\r\n"))
 
