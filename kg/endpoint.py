@@ -28,6 +28,7 @@ from pyoxigraph import (
 )
 
 from kg.errors import QueryTimeoutError, QueryTooLargeError, RemoteError, UnreachableError
+from kg.virtuoso import complaint, gives_triples, is_virtuoso, plain, readable
 
 TOKEN_VARIABLE: Final = "HEREABOUTS_TOKEN"
 UPDATE_VARIABLE: Final = "HEREABOUTS_UPDATE_URL"
@@ -82,6 +83,7 @@ class Endpoint:
         self.where = without_secrets(address)
         self.query_url = query_url
         self.update_url = update_url
+        self.virtuoso = False  # until it has answered
         self._local = threading.local()
         self._sessions: list[requests.Session] = []
 
@@ -119,16 +121,12 @@ class Endpoint:
         Raises SyntaxError with the server's words where it does not parse there, RemoteError for
         everything else that is not an answer, an answer cut short included.
         """
-        reply = self._post(self.query_url, "application/sparql-query", query, parameters)
+        form = [("query", query), *parameters]
+        reply = self._post(self.query_url, form, self._accept(query))
+        self.virtuoso = is_virtuoso(reply.headers.get("server"))
         kind = reply.headers.get("content-type", "").split(";")[0].strip()
         try:
-            if kind == _TRIPLES:
-                statements = parse(reply.content, format=RdfFormat.N_TRIPLES)
-                return Triples(tuple(quad.triple for quad in statements))
-            answer = parse_query_results(reply.content, format=QueryResultsFormat.JSON)
-            if isinstance(answer, QueryBoolean):
-                return answer
-            return Solutions(tuple(answer.variables), tuple(answer))
+            return self._read(reply.content, kind)
         except (SyntaxError, ValueError) as error:
             if kind not in (_RESULTS, _TRIPLES):
                 raise RemoteError(
@@ -145,8 +143,9 @@ class Endpoint:
         `most` bytes, and as `ask`. Whether it is whole shows when it is parsed.
         """
         deadline, body = time.monotonic() + seconds, bytearray()
-        kind = "application/sparql-query"
-        with self._post(self.query_url, kind, query, parameters, seconds, stream=True) as reply:
+        form = [("query", query), *parameters]
+        accept = self._accept(query)
+        with self._post(self.query_url, form, accept, seconds, stream=True) as reply:
             try:
                 for chunk in reply.iter_content(_CHUNK):
                     body += chunk
@@ -159,12 +158,17 @@ class Endpoint:
             except requests.RequestException as error:
                 raise QueryTimeoutError(self._too_late(seconds)) from error
             media_type = reply.headers.get("content-type", "").split(";")[0].strip()
+        if self.virtuoso and media_type == _RESULTS:
+            try:
+                return media_type, readable(bytes(body))
+            except ValueError as error:
+                raise RemoteError(self._cut_short()) from error
         return media_type, bytes(body)
 
     def update(self, update: str) -> None:
         """Run an update; raises RemoteError where the server did not do it."""
         try:
-            self._post(self.update_url, "application/sparql-update", update, ())
+            self._post(self.update_url, [("update", update)], _RESULTS)
         except SyntaxError as error:
             raise RemoteError(f"{self.where} refused an update: {error}") from error
 
@@ -173,22 +177,37 @@ class Endpoint:
         while self._sessions:
             self._sessions.pop().close()
 
+    def _read(self, body: bytes, kind: str) -> Answer:
+        if kind == _TRIPLES:
+            found = (quad.triple for quad in parse(body, format=RdfFormat.N_TRIPLES))
+            return Triples(tuple(map(plain, found) if self.virtuoso else found))
+        body = readable(body) if self.virtuoso else body
+        answer = parse_query_results(body, format=QueryResultsFormat.JSON)
+        if isinstance(answer, QueryBoolean):
+            return answer
+        return Solutions(tuple(answer.variables), tuple(answer))
+
+    def _accept(self, query: str) -> str:
+        if not self.virtuoso:
+            return f"{_RESULTS}, {_TRIPLES}"
+        return _TRIPLES if gives_triples(query) else _RESULTS
+
     def _post(
         self,
         url: str,
-        kind: str,
-        text: str,
-        parameters: Sequence[tuple[str, str]],
+        form: Sequence[tuple[str, str]],
+        accept: str,
         seconds: float = ANSWER_WITHIN,
         *,
         stream: bool = False,
     ) -> requests.Response:
-        headers = {"Content-Type": f"{kind}; charset=utf-8", "Accept": f"{_RESULTS}, {_TRIPLES}"}
+        # as a form, of the protocol's three ways the one that every server takes: Virtuoso 7.2
+        # never answers to a query that is itself the body
+        headers = {"Accept": accept}
         try:
             reply = self._session().post(
                 url,
-                data=text.encode(),
-                params=list(parameters),
+                data=list(form),
                 headers=headers,
                 timeout=(min(CONNECT_WITHIN, seconds), seconds),
                 stream=stream,
@@ -219,7 +238,8 @@ class Endpoint:
         return session
 
     def _refuse(self, reply: requests.Response) -> None:
-        said = " ".join(reply.text.split())[:300]
+        text = complaint(reply.text) if self.virtuoso else " ".join(reply.text.split())
+        said = text[:300]
         if reply.status_code == 400:
             raise SyntaxError(said)
         if reply.status_code in (401, 403):

@@ -13,35 +13,77 @@ from kg.assertions import Assertions
 from kg.commits import ChangeSet
 from kg.semantic_map import SemanticMap
 
+_MAP: Final = NamedNode(v.MAP_GRAPH)
+_TYPE: Final = NamedNode(v.RDF_TYPE)
 _WATCHED: Final = {v.MAP_GRAPH, v.ASSERTIONS_GRAPH}
 
 
 class OthersWrites:
     """Collects the things of graph:map that anybody but the mapper changed.
 
-    Cheap where nothing changed; stops listening when nobody holds it any more.
+    Cheap where nothing changed; stops listening when nobody holds it any more. On a server, where
+    other programs write unheard, it asks at each look how far the map is: after a transaction of
+    theirs every thing counts as changed. Who writes there without a transaction's number (a bare
+    SPARQL update) is not noticed.
     """
 
     def __init__(self, semantic_map: SemanticMap) -> None:
+        self._map = semantic_map
         self._assertions = Assertions(semantic_map.base)
         self._lock = threading.Lock()
         self._touched: set[str] = set()
+        self._shared = semantic_map.store.shared
+        self._heard = semantic_map.sequence if self._shared else 0
+        self._things = self._all_things() if self._shared else set()
+        self._missed = False
         reference = weakref.ref(self)
 
         def hear(change: ChangeSet) -> None:
             watch = reference()
-            if watch is not None and change.cause.kind != "frame":
-                watch._note(change)
+            if watch is not None:
+                watch._hear(change)
 
         weakref.finalize(self, semantic_map.listen(hear))
 
     def take(self) -> frozenset[str]:
         """IRIs of what was changed, or pointed at by what was, since the last call."""
+        if self._shared:
+            self._ask()
         if not self._touched:
             return frozenset()
         with self._lock:
             touched, self._touched = frozenset(self._touched), set()
         return touched
+
+    def _ask(self) -> None:
+        """Find out whether others wrote to the server, and what there is now."""
+        number = self._map.sequence
+        with self._lock:
+            missed = self._missed or number != self._heard
+            self._missed, self._heard = False, number
+        if missed:
+            there = self._all_things()
+            with self._lock:
+                self._touched |= self._things | there
+                self._things = there
+
+    def _all_things(self) -> set[str]:
+        quads = self._map.engine.quads_for_pattern(None, _TYPE, None, _MAP)
+        return {quad.subject.value for quad in quads if isinstance(quad.subject, NamedNode)}
+
+    def _hear(self, change: ChangeSet) -> None:
+        if self._shared:
+            self._number(change)
+        if change.cause.kind != "frame":
+            self._note(change)
+
+    def _number(self, change: ChangeSet) -> None:
+        typed = (q for q in change.added if q.predicate == _TYPE and q.graph_name == _MAP)
+        with self._lock:
+            # a gap: somebody was faster between our look and our commit
+            self._missed |= change.sequence != self._heard + 1
+            self._heard = change.sequence
+            self._things |= {q.subject.value for q in typed if isinstance(q.subject, NamedNode)}
 
     def _note(self, change: ChangeSet) -> None:
         names = {

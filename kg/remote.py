@@ -21,17 +21,19 @@ from kg.endpoint import Answer, Endpoint, Solutions
 from kg.engine import Engine, Functions, Object, Subject
 from kg.errors import QueryError, RemoteError
 from kg.sparql_text import has_word
+from kg.virtuoso import loads
 
 ROOT_STEPS = 24  # of Newton's method: exact to a double above 1e-6, within 1e-7 below
 
 _HAS_BELIEF = NamedNode(v.HAS_BELIEF)
 _UNION = ("union-default-graph", "true")
-_GRAPHS = (
+#: The named graphs of a map.
+GRAPHS = (
     *(v.ONTOLOGY_GRAPH, v.COMMONSENSE_GRAPH, v.MAP_GRAPH),
     *(v.HISTORY_GRAPH, v.ASSERTIONS_GRAPH, v.DATASET_GRAPH),
 )
 _SPELT_OUT = tuple(
-    (name, graph) for graph in _GRAPHS for name in ("default-graph-uri", "named-graph-uri")
+    (name, graph) for graph in GRAPHS for name in ("default-graph-uri", "named-graph-uri")
 )
 _ROOT = re.compile(r"BIND\s*\(\s*math:sqrt\((\?\w+)\)\s+AS\s+(\?\w+)\s*\)", re.IGNORECASE)
 
@@ -79,7 +81,7 @@ class RemoteEngine:
         """
         declared = " ".join(f"PREFIX {name}: <{iri}>" for name, iri in (prefixes or {}).items())
         united = use_default_graph_as_union and not has_word(query, "from")
-        text = f"{declared} {_ROOT.sub(_newton, query)}"
+        text = f"{declared} {_ROOT.sub(self._root, query)}"
         try:
             return self._endpoint.ask(text, self._union if united else ())
         except SyntaxError as error:
@@ -113,6 +115,14 @@ class RemoteEngine:
         """Run an update in one request; raises RemoteError where the server did not do it."""
         self._endpoint.update(update)
 
+    def load(self, quads: Iterable[Quad]) -> None:
+        """Add quads, blank nodes among them, in one request; on Virtuoso in several, in order."""
+        if not self._endpoint.virtuoso:
+            self.update(f"INSERT DATA {{\n{graph_blocks(quads)}}}")
+            return
+        for part in loads(quads):
+            self.update(f"INSERT {{\n{graph_blocks(part)}}} WHERE {{}}")
+
     def __contains__(self, quad: Any, /) -> bool:
         if isinstance(quad.subject, BlankNode) or isinstance(quad.object, BlankNode):
             return False  # a name of ours says nothing of a node there
@@ -141,6 +151,11 @@ class RemoteEngine:
             yield
         finally:
             self._ahead.known = before
+
+    def _root(self, match: re.Match[str]) -> str:
+        # Virtuoso puts each step of Newton's method into the next, 2 to the power of them in all
+        own = r"BIND(bif:sqrt(\1) AS \2)"
+        return match.expand(own) if self._endpoint.virtuoso else _newton(match)
 
     def _known(self) -> dict[Any, frozenset[Quad]]:
         return getattr(self._ahead, "known", {})
@@ -186,6 +201,14 @@ def reading_ahead(engine: Engine, subjects: Iterable[NamedNode]) -> Iterator[Non
             yield
     else:
         yield
+
+
+def graph_blocks(quads: Iterable[Quad]) -> str:
+    """The quads as SPARQL writes them between braces: a block for each graph."""
+    triples: dict[str, list[str]] = {}
+    for quad in quads:
+        triples.setdefault(str(quad.graph_name), []).append(f"{quad.triple} .\n")
+    return "".join(f"GRAPH {graph} {{\n{''.join(rows)}}}\n" for graph, rows in triples.items())
 
 
 def _quads(answer: Answer, where: str) -> list[Quad]:

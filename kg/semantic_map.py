@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import threading
 from collections.abc import Callable, Collection, Iterable, Iterator
-from contextlib import suppress
 from pathlib import Path
 from typing import Self
 
@@ -24,14 +23,13 @@ from kg.editing.inspection import refuse_malformed
 from kg.editing.taking_in import Taken, take_in
 from kg.endpoint import is_url
 from kg.errors import (
-    MapBusyError,
     MapNotFoundError,
     QueryParameterError,
 )
 from kg.facts import Facts
 from kg.history.instants import Instant
 from kg.history.log import Log
-from kg.history.recovery import attach, look_into
+from kg.history.recovery import attach, look_into, one_reader_at_a_time
 from kg.history.remembering import Remembering
 from kg.identity import first_quads, identity
 from kg.names import Names
@@ -118,15 +116,15 @@ class SemanticMap(Remembering):
         if is_url(path):
             return cls._without_history(MapStore.connect(str(path), read_only=read_only))
         path = Path(path)
-        store = MapStore.open(path, read_only=read_only)
-        found = cls._with_history(store, path, power_safe)
-        history = found._history
-        if not read_only or history is None or history.last <= found.sequence:
-            return found
-        found.close()
-        with suppress(MapBusyError), cls.open(path):
-            pass  # opened for writing, it catches up
-        return cls._with_history(MapStore.open(path, read_only=True), path, False)
+        if not read_only:
+            return cls._with_history(MapStore.open(path), path, power_safe)
+        with one_reader_at_a_time(path):
+            found = cls._with_history(MapStore.open(path, read_only=True), path, False)
+            if found._history is None or found._history.last <= found.sequence:
+                return found
+            found.close()
+            cls.open(path).close()  # opened for writing, it catches up
+            return cls._with_history(MapStore.open(path, read_only=True), path, False)
 
     @classmethod
     def open_or_create(

@@ -27,7 +27,7 @@ from kg import vocabulary as v
 from kg.commits import Cause, ChangeSet, Listener
 from kg.engine import Engine
 from kg.errors import GraphError, InvalidFactError, MapBusyError, MapNotFoundError
-from kg.remote import RemoteEngine, reading_ahead
+from kg.remote import RemoteEngine, graph_blocks, reading_ahead
 
 FLUSH_EVERY = 3.0  # [s]
 
@@ -129,16 +129,13 @@ class MapStore:
 
         Raises GraphError where there is a map already, RemoteError where no server answers.
         """
-        store = cls.connect(url)
-        try:
+        with contextlib.closing(RemoteEngine(url)) as engine:
             kind = NamedNode(v.SEMANTIC_MAP)
-            if any(store.engine.quads_for_pattern(None, NamedNode(v.RDF_TYPE), kind, None)):
-                raise GraphError(f"there is a map at {store.where} already; open it")
-            store.engine.update(f"INSERT DATA {{\n{_graph_blocks(quads)}}}")
-            # asked anew: how a server unites its graphs shows only once it holds a map
-            return cls.connect(url)
-        finally:
-            store.close()
+            if any(engine.quads_for_pattern(None, NamedNode(v.RDF_TYPE), kind, None)):
+                raise GraphError(f"there is a map at {engine.where} already; open it")
+            engine.load(quads)
+        # asked anew: how a server unites its graphs shows only once it holds a map
+        return cls.connect(url)
 
     @classmethod
     def connect(cls, url: str, *, read_only: bool = False) -> Self:
@@ -254,7 +251,7 @@ class MapStore:
         """
         self.refuse_read_only()
         with self._committing:
-            text = f"CLEAR GRAPH {graph};\nINSERT DATA {{\n{_graph_blocks(quads)}}}"
+            text = f"CLEAR GRAPH {graph};\nINSERT DATA {{\n{graph_blocks(quads)}}}"
             try:
                 self.engine.update(text)
             except OSError as error:
@@ -283,7 +280,7 @@ class MapStore:
         if self.sequence:
             removed.append(sequence_quad(self.sequence))
         text = ";\n".join(
-            f"{verb} DATA {{\n{_graph_blocks(quads)}}}"
+            f"{verb} DATA {{\n{graph_blocks(quads)}}}"
             for verb, quads in (("DELETE", removed), ("INSERT", added))
             if quads
         )
@@ -355,13 +352,6 @@ def _stored_sequence(engine: Engine) -> int:
     graph = NamedNode(v.DATASET_GRAPH)
     quads = engine.quads_for_pattern(graph, NamedNode(v.SEQUENCE), None, graph)
     return max((int(q.object.value) for q in quads if isinstance(q.object, Literal)), default=0)
-
-
-def _graph_blocks(quads: Iterable[Quad]) -> str:
-    triples: dict[str, list[str]] = {}
-    for quad in quads:
-        triples.setdefault(str(quad.graph_name), []).append(f"{quad.triple} .\n")
-    return "".join(f"GRAPH {graph} {{\n{''.join(rows)}}}\n" for graph, rows in triples.items())
 
 
 def _fill(folder: Path, quads: Iterable[Quad]) -> None:

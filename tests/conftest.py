@@ -60,9 +60,27 @@ def _wait_for(port: int, server: subprocess.Popen[bytes]) -> None:
 
 @pytest.fixture
 def sparql_server(tmp_path: Path) -> Iterator[str]:
-    """Address of a fresh SPARQL server of another vendor's making, empty."""
+    """Address of a fresh SPARQL server of another vendor's making, empty.
+
+    `HEREABOUTS_TEST_SERVER` names another one to take, which runs already and may be written; the
+    graphs of a map that it holds are dropped.
+    """
+    if address := os.environ.get("HEREABOUTS_TEST_SERVER"):
+        _empty(address)
+        yield address
+        return
     with running_server(tmp_path / "served") as address:
         yield address
+
+
+def _empty(address: str) -> None:
+    from kg.endpoint import Endpoint
+    from kg.remote import GRAPHS
+
+    endpoint = Endpoint.at(address)
+    for graph in GRAPHS:
+        endpoint.update(f"DROP SILENT GRAPH <{graph}>")
+    endpoint.close()
 
 
 @pytest.fixture

@@ -8,7 +8,11 @@ old copy put back) is brought to where the log ends.
 
 from __future__ import annotations
 
+import fcntl
+import os
 import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from pyoxigraph import NamedNode, Quad
@@ -39,6 +43,21 @@ def attach(store: MapStore, folder: Path | None, base: str, *, power_safe: bool 
         log.append(_difference(store, log, store.sequence, _CAUGHT_UP))
     store.journal = log
     return log
+
+
+@contextmanager
+def one_reader_at_a_time(folder: Path) -> Iterator[None]:
+    """Within, no other reader is between looking at the log and catching up.
+
+    Two that came at once after a crash would keep each other from the lock it takes, and both stay
+    behind. The lock is on the folder itself, so that it needs no file and no right to write.
+    """
+    with ExitStack() as held:
+        with suppress(OSError):  # what is wrong with the folder, opening it will say
+            descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+            held.callback(os.close, descriptor)
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
 
 
 def look_into(store: MapStore, folder: Path, base: str) -> Log | None:

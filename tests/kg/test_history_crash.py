@@ -8,8 +8,10 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -86,6 +88,23 @@ def test_a_reader_sees_what_the_crash_kept_from_the_store(written: Written, tmp_
         assert semantic_map.read_only
         assert semantic_map.sequence == 4
         _agrees(semantic_map)
+
+
+def test_readers_that_come_at_once_all_see_what_the_crash_kept_from_the_store(
+    written: Written, tmp_path: Path
+) -> None:
+    path = tmp_path / "flat.map"
+    written(3).close()
+    _writer(path, "between").communicate(timeout=60)
+    together = threading.Barrier(6)
+
+    def read(_: int) -> int:
+        together.wait(timeout=60)
+        with SemanticMap.open(path, read_only=True) as semantic_map:
+            return semantic_map.sequence
+
+    with ThreadPoolExecutor(6) as readers:
+        assert list(readers.map(read, range(6))) == [4] * 6
 
 
 @pytest.mark.parametrize("mode", ["fast", "safe"])

@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
-import requests
 
 from kg.commits import Cause
+from kg.endpoint import Endpoint
 from kg.errors import GraphError, MapNotFoundError, QueryError, RemoteError, UnreachableError
 from kg.export import export_text
 from kg.records import Evidence, MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
@@ -129,8 +129,9 @@ def test_people_may_write_beside_the_writer(remote: SemanticMap, sparql_server: 
         f"INSERT DATA {{ GRAPH <https://w3id.org/hereabouts/graph/map> {{ <{BASE}object/2> "
         '<http://www.w3.org/2000/01/rdf-schema#comment> "wobbly" } }'
     )
-    headers = {"Content-Type": "application/sparql-update"}
-    requests.post(f"{sparql_server}/update", data=update, headers=headers, timeout=10)
+    endpoint = Endpoint.at(sparql_server)
+    endpoint.update(update)
+    endpoint.close()
     remote.apply(MapUpdate(objects=chairs(remote, shift=1.0)[1:]))
     said = remote.ask_text(
         "SELECT ?said { ?chair rdfs:comment ?said ; here:x ?x . ?chair a here:Chair }"
@@ -214,7 +215,7 @@ def chatty() -> Iterator[str]:
                 return
             with connection:
                 head = b""
-                while b"ASK {}" not in head:
+                while b"ASK" not in head:
                     head += connection.recv(4096)
                 connection.sendall(reply.replace(b"\r\n\r\n", b"\r\nConnection: close\r\n\r\n"))
 

@@ -1,0 +1,1 @@
+"""Processes killed at random moments, and what the map must then still say."""

@@ -1,0 +1,143 @@
+"""A map after a kill: is all there that was acknowledged, whole, numbered, and told alike?"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from pyoxigraph import CanonicalizationAlgorithm, Dataset, Literal, Quad
+
+from benchmarks.kills.frames import NOTES, expected, facts
+from kg import vocabulary as v
+from kg.history.log import BACKGROUND
+from kg.semantic_map import SemanticMap
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """How far a map is known to have come."""
+
+    frames: int = 0
+    notes: int = 0
+    sequence: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """What an examination found; `wrong` says what is violated, a line each."""
+
+    known: Known
+    digest: str
+    wrong: tuple[str, ...]
+
+
+def examine(path: Path, before: Known, acknowledged: Known, *, read_only: bool) -> Finding:
+    """Open the map as its users would and look at everything.
+
+    `before` is what an earlier examination found, `acknowledged` what the killed process said it
+    had done since.
+    """
+    with SemanticMap.open(path, read_only=read_only) as semantic_map:
+        known = _known(semantic_map)
+        wrong = [
+            *_lost(known, acknowledged),
+            *_torn(semantic_map, known),
+            *_misnumbered(semantic_map, known, before),
+            *_retold(semantic_map, known, before),
+        ]
+        return Finding(known, digest(semantic_map.engine), tuple(wrong))
+
+
+def replay(path: Path) -> tuple[str, tuple[str, ...]]:
+    """The whole history of a map from its beginning, against the map; and the map's digest."""
+    with SemanticMap.open(path, read_only=True) as semantic_map:
+        with semantic_map.at(0) as beginning:
+            graph = set(beginning.engine)
+        for change in semantic_map.changes(0):
+            graph -= set(change.removed)
+            graph |= set(change.added)
+        wrong = _differs("the history from 0 on", graph, set(semantic_map.engine))
+        return isomorphic_digest(semantic_map.engine), tuple(wrong)
+
+
+def digest(quads: Iterable[Quad]) -> str:
+    """A fingerprint of what changes: all but ontology, common sense and the counter."""
+    lines = sorted(
+        str(q) for q in quads if q.graph_name not in BACKGROUND and q.predicate.value != v.SEQUENCE
+    )
+    return hashlib.sha256("\n".join(lines).encode()).hexdigest()
+
+
+def isomorphic_digest(quads: Iterable[Quad]) -> str:
+    """A fingerprint of everything but the counter, whatever its blank nodes are called."""
+    dataset = Dataset(q for q in quads if q.predicate.value != v.SEQUENCE)
+    dataset.canonicalize(CanonicalizationAlgorithm.RDFC_1_0)
+    lines = sorted(str(quad) for quad in dataset)
+    return hashlib.sha256("\n".join(lines).encode()).hexdigest()
+
+
+def _known(semantic_map: SemanticMap) -> Known:
+    recordings = semantic_map.recordings()
+    notes = {
+        int(quad.object.value)
+        for quad in semantic_map.engine
+        if quad.predicate.value == v.RDFS_COMMENT
+        and "/note/" in str(quad.subject)
+        and isinstance(quad.object, Literal)
+    }
+    frames = recordings[0].frames_applied if recordings else 0
+    return Known(frames, max(notes, default=0), semantic_map.sequence)
+
+
+def _lost(known: Known, acknowledged: Known) -> list[str]:
+    wrong = []
+    for what in ("frames", "notes"):
+        there, told = getattr(known, what), getattr(acknowledged, what)
+        # one more may have been written than was acknowledged, never one less
+        if not told <= there <= told + 1:
+            wrong.append(f"{told} {what} were acknowledged, {there} are there")
+    return wrong
+
+
+def _torn(semantic_map: SemanticMap, known: Known) -> list[str]:
+    wanted = expected(known.frames, known.notes)
+    name = f"the graph after {known.frames} frames and {known.notes} notes of {NOTES} facts"
+    return _differs(name, facts(semantic_map), wanted)
+
+
+def _misnumbered(semantic_map: SemanticMap, known: Known, before: Known) -> list[str]:
+    wrong = []
+    if known.sequence != known.frames + known.notes:
+        wrong.append(f"#{known.sequence} after {known.frames} frames and {known.notes} notes")
+    if semantic_map.history.last != known.sequence:
+        wrong.append(f"the log ends at #{semantic_map.history.last}, the map at #{known.sequence}")
+    numbers = [change.sequence for change in semantic_map.changes(before.sequence)]
+    if numbers != list(range(before.sequence + 1, known.sequence + 1)):
+        wrong.append(f"the log has {numbers} between #{before.sequence} and #{known.sequence}")
+    return wrong
+
+
+def _retold(semantic_map: SemanticMap, known: Known, before: Known) -> list[str]:
+    now = set(semantic_map.engine)
+    with semantic_map.at(known.sequence) as told:
+        wrong = _differs(f"the history at #{known.sequence}", set(told.engine), now)
+    with semantic_map.at(before.sequence) as then:
+        graph = set(then.engine)
+    for change in semantic_map.changes(before.sequence):
+        graph -= set(change.removed)
+        graph |= set(change.added)
+    return wrong + _differs(f"the changes since #{before.sequence}", graph, now)
+
+
+def _differs(name: str, graph: set[Quad], wanted: set[Quad]) -> list[str]:
+    graph, wanted = _uncounted(graph), _uncounted(wanted)
+    if graph == wanted:
+        return []
+    example = min(map(str, graph ^ wanted))
+    return [f"{name}: {len(wanted - graph)} facts lack, {len(graph - wanted)} too many: {example}"]
+
+
+def _uncounted(quads: set[Quad]) -> set[Quad]:
+    return {quad for quad in quads if quad.predicate.value != v.SEQUENCE}

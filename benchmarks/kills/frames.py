@@ -1,0 +1,93 @@
+"""Frames and notes whose numbers alone say what the map must hold after them.
+
+Frame k rewrites every object, leaves one out and brings another back; note k rewrites what people
+said of five things. So the graph after frame k and note j is known without having followed them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from pyoxigraph import Quad
+
+from kg import vocabulary as v
+from kg.history.log import BACKGROUND
+from kg.records import (
+    Evidence,
+    MapUpdate,
+    ObjectRecord,
+    PlaceRecord,
+    RecordingRecord,
+    RobotRecord,
+)
+from kg.semantic_map import SemanticMap
+
+BASE = "https://example.org/killed/"
+OBJECTS = 12
+NOTES = 5
+_KINDS = tuple(v.HERE + name for name in ("Chair", "Cup", "Book"))
+_VOLATILE = (v.SEQUENCE, v.DCT_CREATED, v.DCT_TITLE)
+
+
+def frame_update(number: int) -> MapUpdate:
+    """Frame `number`, counted from 0."""
+    absent = number % OBJECTS
+    objects = tuple(_object(k, number) for k in range(OBJECTS) if k != absent)
+    beliefs = {v.HERE + "Kitchen": 0.75, v.HERE + "Office": 0.25}
+    place = PlaceRecord(f"{BASE}place/1", "place 1", 0.0, 20.0, 0.0, 9.0, number + 1, beliefs)
+    return MapUpdate(
+        objects=objects,
+        removed=(_iri(absent),),
+        places=(place,),
+        robot=RobotRecord(np.array([number % 97, 0.0, 1.2]), 0.5, 1e9 + number),
+        recording=RecordingRecord("run", number + 1, f"frame-{number:06d}", np.eye(4), "rooms6"),
+    )
+
+
+def note_update(number: int) -> str:
+    """Note `number`, counted from 1, as a SPARQL update."""
+    things = " ".join(f"<{BASE}note/{k}>" for k in range(1, NOTES + 1))
+    comment = f"<{v.RDFS_COMMENT}>"
+    return (
+        f"DELETE {{ ?thing {comment} ?old }} INSERT {{ ?thing {comment} {number} }} "
+        f"WHERE {{ VALUES ?thing {{ {things} }} OPTIONAL {{ ?thing {comment} ?old }} }}"
+    )
+
+
+def expected(frames: int, notes: int) -> set[Quad]:
+    """What graph:map and graph:dataset hold after so many of each."""
+    with SemanticMap.in_memory(base=BASE) as twin:
+        for number in range(max(0, frames - 2), frames):  # the one before holds what is removed
+            twin.apply(frame_update(number))
+        if notes:
+            twin.update(note_update(notes))
+        return facts(twin)
+
+
+def facts(semantic_map: SemanticMap) -> set[Quad]:
+    """What the map says, but for its ontology, its counter, and when it was made."""
+    return {
+        quad
+        for quad in semantic_map.engine
+        if quad.graph_name not in BACKGROUND and quad.predicate.value not in _VOLATILE
+    }
+
+
+def _iri(number: int) -> str:
+    return f"{BASE}object/{number + 1}"
+
+
+def _object(number: int, frame: int) -> ObjectRecord:
+    return ObjectRecord(
+        iri=_iri(number),
+        category=_KINDS[number % len(_KINDS)],
+        p_map=np.array([number + frame % 89 / 100, frame % 7, 0.5]),
+        confidence=1.0 + frame % 150 / 100,
+        existence=0.5,
+        observations=frame + 1,
+        first_seen=1e9,
+        last_seen=1e9 + frame,
+        place=f"{BASE}place/1",
+        evidence=Evidence(
+            f"frame-{frame:06d}", "run", 1e9 + frame, (1.0, 2.0, 3.0 + frame % 50, 4.0), 0.5, "net"
+        ),
+    )
