@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from planner.commands import bench_plan
+from planner.commands import bench_placement, bench_plan
 from planner.commands.arguments import add_json
 from planner.commands.console import note, print_table, write, write_json
 from planner.commands.map_recording import map_with_progress
@@ -72,6 +72,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     )
     add_json(thesis)
     thesis.set_defaults(run=run_thesis)
+    bench_placement.add(benches)
     bench_plan.add(benches)
 
 
