@@ -45,9 +45,7 @@ class Catalogue:
         real = [c for c in self.categories if not c.provisional]
         for category in real:  # a label beats another category's synonym
             by_key[name_key(category.label)].append(category)
-        named = [
-            (name, c) for c in real for name in (*c.synonyms, *c.hidden, _local_name(c.iri))
-        ]
+        named = [(name, c) for c in real for name in (*c.synonyms, *c.hidden, _local_name(c.iri))]
         provisional = (c for c in self.categories if c.provisional)
         named += [(name, c) for c in provisional for name in (c.label, *c.synonyms, *c.hidden)]
         for name, category in named:
@@ -118,7 +116,7 @@ class Catalogue:
         return None
 
     def for_label(self, label: str, kind: str) -> Category | None:
-        """The category that a network's `label` means: as `get`, but no plural of a provisional one.
+        """The category that a network's `label` means: as `get`, without plurals of provisional ones.
 
         So what a label means does not depend on which label of the network was met first.
         """

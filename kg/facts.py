@@ -8,7 +8,7 @@ object by SPARQL with a class and a position alone; what is missing takes the pl
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from functools import lru_cache
 from urllib.parse import quote, unquote
 

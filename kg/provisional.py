@@ -1,8 +1,8 @@
 """Categories made for labels of networks that nothing in the ontology is called.
 
-A provisional category is a class like any other, marked ``here:provisional true``, below here:Object
-or here:Place (and below the supercategory of that very name, where there is one). People make it
-a proper one, or map its label elsewhere, when they get to it (docs/ontology.md).
+A provisional category is a class like any other, marked ``here:provisional true``, below
+here:Object or here:Place (and below the supercategory of that very name, where there is one).
+People make it a proper one, or map its label elsewhere, when they get to it (docs/ontology.md).
 """
 
 from __future__ import annotations
@@ -101,9 +101,7 @@ def provisional_to_keep(
     return [q for q in old if q.subject in kept]
 
 
-def _category(
-    iri: str, label: str, kind: str, model: str, supers: Iterable[str]
-) -> Iterator[Quad]:
+def _category(iri: str, label: str, kind: str, model: str, supers: Iterable[str]) -> Iterator[Quad]:
     said: list[tuple[str, NamedNode | Literal]] = [
         (v.RDF_TYPE, NamedNode(v.OWL_CLASS)),
         (v.RDFS_LABEL, Literal(label)),

@@ -315,9 +315,7 @@ class SemanticMap(Remembering):
             unknown = [n for n in names.values() if n and not self.catalogue.for_label(n, kind)]
             if learn(self._store, self.catalogue, unknown, kind, model) is not None:
                 self._read_ontology_again()
-            found = {
-                label: self.catalogue.for_label(n, kind) for label, n in names.items() if n
-            }
+            found = {label: self.catalogue.for_label(n, kind) for label, n in names.items() if n}
         return {label: category.iri for label, category in found.items() if category is not None}
 
     def ontology(self) -> tuple[Quad, ...]:

@@ -1,4 +1,4 @@
-"""What the labels of a network mean in a map: its categories, a person's table, or a new category."""
+"""What a network's labels mean in a map: by a person's table, by the ontology, or a new category."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ class LabelBook:
     """Labels of one network, looked up in a map's ontology whenever it has changed.
 
     `kind` is "object" or "place". First counts what `table` says, then what the ontology calls so;
-    any other label becomes a provisional category, or is ignored, as `unknown` says. `unknown_labels`
-    counts labels that mean nothing here; `provisional` has the labels of provisional categories.
+    any other label becomes a provisional category, or is ignored, as `unknown` says.
+    `unknown_labels` counts labels that mean nothing; `provisional` has those of provisional ones.
     """
 
     def __init__(

@@ -46,9 +46,7 @@ class PlaceMapper:
         self._history: dict[str, deque[NDArray[np.float64]]] = {}
         # prior knowledge of which categories there are leaves no room for new ones
         unknown = "ignore" if settings.indoor_prior else settings.unknown_labels
-        self.labels = LabelBook(
-            semantic_map, "place", table=labels, unknown=unknown, model=model
-        )
+        self.labels = LabelBook(semantic_map, "place", table=labels, unknown=unknown, model=model)
         self._categories = self._allowed()
 
     def viewed_place(self, frame: Frame) -> str | None:

@@ -69,7 +69,9 @@ class PlacesFromObjects:
         if total > 0:  # a network knows few kinds of places, and objects may tell another
             share = (1 - trust) / len(self._table.places)
             prior = {c: trust * seen.get(c, 0.0) / total + share for c in self._table.places}
-        told = self._table.place_posterior(found, prior=prior)
+        weight = self._settings.objects_weight
+        weighed = {category: weight * chance for category, chance in found.items()}
+        told = self._table.place_posterior(weighed, prior=prior)
         return {c: p for c, p in told.items() if p >= self._settings.least_belief}
 
     def _read_ontology_again(self) -> None:

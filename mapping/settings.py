@@ -45,7 +45,7 @@ _CHOICES: Final = {
 }
 _SHARES: Final = (
     *("purity", "max_unknown_view", "max_unknown_box", "min_score"),
-    *("least_scene", "scene_trust"),
+    *("least_scene", "scene_trust", "objects_weight"),
 )
 
 
@@ -93,6 +93,7 @@ class ReferenceSettings:
 
     # kinds of places told by the objects in them (ours)
     places_from_objects: bool = False
+    objects_weight: float = 0.5  # share of its log-likelihood that an object counts for
     scene_trust: float = 0.9  # share of the prior that is the views'; the rest is uniform
 
     # scoring against hand-made truth (ours)

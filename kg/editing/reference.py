@@ -89,7 +89,15 @@ def _supercategories(catalogue: Catalogue, said: _Said) -> Iterator[tuple[str, .
 def _objects(
     catalogue: Catalogue, said: _Said, found: tuple[Relation, ...]
 ) -> Iterator[tuple[str, ...]]:
-    yield "label", "term", "also called", "a kind of", "located at (p)", "near (p)", "networks' names"
+    yield (
+        "label",
+        "term",
+        "also called",
+        "a kind of",
+        "located at (p)",
+        "near (p)",
+        "networks' names",
+    )
     for category in _of(catalogue, "object"):
         above = [catalogue.by_iri(term.value) for term in _above(category, said)]
         kinds = sorted(c.label for c in above if c is not None)
