@@ -116,7 +116,7 @@ class Catalogue:
         return None
 
     def for_label(self, label: str, kind: str) -> Category | None:
-        """The category that a network's `label` means: as `get`, without plurals of provisional ones.
+        """The category that a network's `label` means: `get` without plurals of provisional ones.
 
         So what a label means does not depend on which label of the network was met first.
         """

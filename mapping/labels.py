@@ -1,4 +1,4 @@
-"""What a network's labels mean in a map: by a person's table, by the ontology, or a new category."""
+"""What a network's labels mean in a map: by a table, by the ontology, or a new category."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ class PlacesFromObjects:
     ) -> None:
         self._map, self._places, self._settings = semantic_map, places, settings
         self._catalogue = semantic_map.catalogue
-        self._table = table_of(semantic_map.ontology())
+        self._table: PlacementTable = table_of(semantic_map.ontology())
         self._done: dict[str, tuple[_Found, _Found, tuple[str, ...]]] = {}
 
     def step(self, objects: Iterable[ObjectRecord]) -> None:
@@ -77,7 +77,7 @@ class PlacesFromObjects:
     def _read_ontology_again(self) -> None:
         if self._catalogue is not self._map.catalogue:
             self._catalogue = self._map.catalogue
-            self._table: PlacementTable = table_of(self._map.ontology())
+            self._table = table_of(self._map.ontology())
             self._done.clear()
 
 

@@ -16,6 +16,7 @@ _POSITION: Final = (
 )
 _RECTANGLE: Final = "the extent given by the layout, or of all points seen in the recording"
 
+_BELIEF: Final = "mean over all views of the scene model's probability of the category (eq. 3.5)"
 _CAMERA: Final = "the camera's pose in the latest frame"
 
 RULES: Final[dict[str, str]] = {
@@ -39,8 +40,8 @@ RULES: Final[dict[str, str]] = {
     v.BOX: "the box of the sighting with the highest score",
     v.FRAME: "the frame of the sighting with the highest score",
     v.HAS_BELIEF: "one for each category of place that the views leave any belief in",
-    v.BELIEF: "mean over all views of the scene model's probability of the category (eq. 3.5)",
-    v.SCENE_BELIEF: "mean over all views of the scene model's probability of the category (eq. 3.5)",
+    v.BELIEF: _BELIEF,
+    v.SCENE_BELIEF: _BELIEF,
     v.TOLD_BY: "objects of known kinds that lie in the place's rectangle",
     v.VIEW_COUNT: "views that showed enough of the place to speak for it (section 3.3.2)",
     v.X_MIN: _RECTANGLE,

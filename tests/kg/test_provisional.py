@@ -121,7 +121,7 @@ def test_a_person_puts_one_below_a_real_category(home: SemanticMap) -> None:
     vase = home.catalogue.find("vase").iri
     graph = NamedNode(v.ONTOLOGY_GRAPH)
     below = Quad(NamedNode(made), NamedNode(v.RDFS_SUB_CLASS_OF), NamedNode(vase), graph)
-    home.take_ontology([*load_ontologies().quads, below])
+    home.take_ontology([*home.ontology(), below])
     assert [record.iri for record in home.objects("vase")] == [thing]
     assert home.catalogue.get("teapot") is not None
 

@@ -32,7 +32,7 @@ def drive(make_frame, list_recording):
             T = frame.T_map_cam.copy()
             T[2, 3] += 0.2 * n
             frames.append(make_frame(2.0, T=T, id=frame.id, stamp=frame.stamp))
-        return list_recording(frames[:1] + frames[1:], name=name)
+        return list_recording(frames, name=name)
 
     return make
 
