@@ -72,8 +72,8 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     )
     add_json(thesis)
     thesis.set_defaults(run=run_thesis)
-    bench_placement.add(benches)
     bench_plan.add(benches)
+    bench_placement.add(benches)
 
 
 def run_map(arguments: argparse.Namespace) -> int:
