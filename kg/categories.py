@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
@@ -27,6 +28,8 @@ class Category:
     label: str
     kind: str
     synonyms: tuple[str, ...] = ()
+    hidden: tuple[str, ...] = ()  # what vocabularies of networks call it; people would not
+    provisional: bool = False  # made for a network's label that nothing else was called
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,12 +42,15 @@ class Catalogue:
 
     def __post_init__(self) -> None:
         by_key: dict[str, list[Category]] = defaultdict(list)
-        for category in self.categories:  # a label beats another category's synonym
-            by_key[_key(category.label)].append(category)
-        for category in self.categories:
-            for name in (*category.synonyms, _local_name(category.iri)):
-                if category not in by_key[_key(name)]:
-                    by_key[_key(name)].append(category)
+        real = [c for c in self.categories if not c.provisional]
+        for category in real:  # a label beats another category's synonym
+            by_key[name_key(category.label)].append(category)
+        named = [(name, c) for c in real for name in (*c.synonyms, *c.hidden, _local_name(c.iri))]
+        provisional = (c for c in self.categories if c.provisional)
+        named += [(name, c) for c in provisional for name in (c.label, *c.synonyms, *c.hidden)]
+        for name, category in named:
+            if category not in by_key[name_key(name)]:
+                by_key[name_key(name)].append(category)
         object.__setattr__(self, "_by_iri", {c.iri: c for c in self.categories})
         object.__setattr__(self, "_by_key", dict(by_key))
 
@@ -56,9 +62,17 @@ class Catalogue:
         other named superclasses of objects. A class without a label is called by its name.
         """
         quads = tuple(quads)
-        labels, synonyms = _names(quads)
+        labels, synonyms, hidden = _names(quads)
+        provisional = _provisional(quads)
         found = [
-            Category(iri, labels.get(iri, _local_name(iri)), kind, tuple(synonyms[iri]))
+            Category(
+                iri,
+                labels.get(iri, _local_name(iri)),
+                kind,
+                tuple(synonyms[iri]),
+                tuple(hidden[iri]),
+                iri in provisional,
+            )
             for iri, kind in _kinds(superclasses(quads)).items()
         ]
         return cls(tuple(sorted(found, key=lambda c: (KINDS.index(c.kind), c.label, c.iri))))
@@ -73,6 +87,7 @@ class Catalogue:
         """The category called `label`: by label, synonym, simple plural, class name or IRI.
 
         Case, spaces, underscores, hyphens and other marks do not matter. `kind` narrows the search.
+        A provisional category is meant only where no other is called that.
 
         Raises:
             UnknownCategoryError: none is called that; says which come close.
@@ -94,11 +109,22 @@ class Catalogue:
         """As `find`, but None where nothing is called `label`."""
         if (exact := self._by_iri.get(label)) is not None:
             return exact if kind in (None, exact.kind) else None
-        for key in _readings(_key(label)):
+        for key in _readings(name_key(label)):
             for category in self._by_key.get(key, ()):
                 if kind in (None, category.kind):
                     return category
         return None
+
+    def for_label(self, label: str, kind: str) -> Category | None:
+        """The category that a network's `label` means: `get` without plurals of provisional ones.
+
+        So what a label means does not depend on which label of the network was met first.
+        """
+        category = self.get(label, kind)
+        if category is not None and category.provisional:
+            exact = self._by_key.get(name_key(label), ())
+            return next((c for c in exact if c.kind == kind), None)
+        return category
 
     def by_iri(self, iri: str) -> Category | None:
         """The category with that IRI, or None."""
@@ -118,8 +144,17 @@ class Catalogue:
         return [c for c in self.categories if kind in (None, c.kind)]
 
 
-def _key(name: str) -> str:
-    return "".join(c for c in name.removeprefix("here:").casefold() if c.isalnum())
+def name_key(name: str) -> str:
+    """What is left of a name where case, spaces, hyphens and other marks do not matter.
+
+    Of a name that is nothing but marks, all but the spaces.
+    """
+    folded = unicodedata.normalize("NFKC", name.removeprefix("here:")).casefold()
+    folded = unicodedata.normalize("NFKC", folded)
+    if not any(c.isalnum() for c in folded):
+        return "".join(folded.split())
+    # vowel signs of some scripts are combining marks (M*): they make another word
+    return "".join(c for c in folded if c.isalnum() or unicodedata.category(c)[0] == "M")
 
 
 def _readings(key: str) -> Iterator[str]:
@@ -153,10 +188,18 @@ def _kinds(above: dict[str, tuple[str, ...]]) -> dict[str, str]:
     return kinds
 
 
-def _names(quads: tuple[Quad, ...]) -> tuple[dict[str, str], dict[str, list[str]]]:
-    """Labels and synonyms by IRI; a label without language beats English, that any other."""
+def _names(
+    quads: tuple[Quad, ...],
+) -> tuple[dict[str, str], dict[str, list[str]], dict[str, list[str]]]:
+    """Labels, synonyms and hidden labels by IRI.
+
+    A label without language beats English, that any other.
+    """
     labels: dict[str, list[tuple[int, str]]] = defaultdict(list)
-    synonyms: dict[str, list[str]] = defaultdict(list)
+    others: dict[str, dict[str, set[str]]] = {
+        v.SKOS_ALT_LABEL: defaultdict(set),
+        v.SKOS_HIDDEN_LABEL: defaultdict(set),
+    }
     for q in quads:
         if not isinstance(q.subject, NamedNode) or not isinstance(q.object, Literal):
             continue
@@ -164,12 +207,27 @@ def _names(quads: tuple[Quad, ...]) -> tuple[dict[str, str], dict[str, list[str]
         if q.predicate.value == v.RDFS_LABEL:
             rank = 0 if not language else 1 if language.startswith("en") else 2
             labels[q.subject.value].append((rank, q.object.value))
-        elif q.predicate.value == v.SKOS_ALT_LABEL:
-            synonyms[q.subject.value].append(q.object.value)
+        elif q.predicate.value in others:
+            others[q.predicate.value][q.subject.value].add(q.object.value)
     best = {iri: min(given)[1] for iri, given in labels.items()}
     for iri, given in labels.items():
-        synonyms[iri].extend(name for _, name in given if name != best[iri])
-    return best, defaultdict(list, {iri: sorted(set(names)) for iri, names in synonyms.items()})
+        more = {name for _, name in given if name != best[iri]}
+        others[v.SKOS_ALT_LABEL][iri] |= more
+    synonyms, hidden = (
+        defaultdict(list, {iri: sorted(names) for iri, names in found.items()})
+        for found in others.values()
+    )
+    return best, synonyms, hidden
+
+
+def _provisional(quads: tuple[Quad, ...]) -> set[str]:
+    return {
+        q.subject.value
+        for q in quads
+        if q.predicate.value == v.PROVISIONAL_MARK
+        and isinstance(q.subject, NamedNode)
+        and getattr(q.object, "value", "") in ("true", "1")
+    }
 
 
 def _local_name(iri: str) -> str:

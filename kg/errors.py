@@ -24,6 +24,7 @@
     ├── RecordingError           a recording that cannot be read: poses, images, intrinsics
     ├── ModelError               a network that cannot be loaded, fetched or understood
     ├── LayoutError              places or transforms given by file that make no sense
+    ├── LabelsError              a table of what a network's labels mean that makes no sense
     ├── OrderingError            a search problem that makes no sense: sizes, signs, no probability
     ├── ServerError              a server that cannot start as asked, or a request it refuses
     └── PictureError             a picture that cannot be drawn or written
@@ -133,6 +134,10 @@ class ModelError(HereaboutsError):
 
 class LayoutError(HereaboutsError):
     """Places or transforms given by file make no sense."""
+
+
+class LabelsError(HereaboutsError):
+    """A table of what a network's labels mean cannot be read, or names no category."""
 
 
 class OrderingError(HereaboutsError):

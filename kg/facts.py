@@ -8,7 +8,7 @@ object by SPARQL with a class and a position alone; what is missing takes the pl
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from functools import lru_cache
 from urllib.parse import quote, unquote
 
@@ -111,7 +111,8 @@ class Facts:
             (v.VIEW_COUNT, Literal(record.views)),
         ]
         held = self.of_beliefs(record)
-        if record.views and held:
+        facts += [(v.TOLD_BY, _iri(iri, f"{what}: told by")) for iri in record.told_by]
+        if (record.views or record.told_by) and held:
             top = max(record.beliefs, key=lambda category: (record.beliefs[category], category))
             facts.append((v.RDF_TYPE, NamedNode(top)))
         return _quads(record.iri, facts) + held
@@ -119,17 +120,14 @@ class Facts:
     def of_beliefs(self, record: PlaceRecord) -> list[Quad]:
         """Facts of what a place is believed to be, links included."""
         nodes: list[Quad] = []
-        for category, belief in self._held(record):
+        for category, said in self._held(record).items():
             node = f"{record.iri}/belief/{quote(category.removeprefix(v.HERE), safe='')}"
             nodes += _quads(record.iri, [(v.HAS_BELIEF, NamedNode(node))])
-            nodes += _quads(
-                node,
-                [
-                    (v.RDF_TYPE, _known_iri(v.PLACE_BELIEF)),
-                    (v.OF_CATEGORY, NamedNode(category)),
-                    (v.BELIEF, belief),
-                ],
-            )
+            facts = [
+                (v.RDF_TYPE, _known_iri(v.PLACE_BELIEF)),
+                (v.OF_CATEGORY, NamedNode(category)),
+            ]
+            nodes += _quads(node, [*facts, *said])
         return nodes
 
     def of_robot(self, record: RobotRecord) -> list[Quad]:
@@ -262,13 +260,21 @@ class Facts:
             ],
         )
 
-    def _held(self, record: PlaceRecord) -> Iterator[tuple[str, Literal]]:
-        for category, belief in sorted(record.beliefs.items()):
+    def _held(self, record: PlaceRecord) -> dict[str, list[tuple[str, Literal]]]:
+        """By category what is to be said of a place's belief in it."""
+        scene = record.scene_beliefs if record.told_by else {}
+        held: dict[str, list[tuple[str, Literal]]] = {}
+        for category in sorted(record.beliefs.keys() | scene.keys()):
             what = f"place {record.iri}: belief"
             self._known(category, what)
-            literal = _number(belief, what, least=0.0, most=1.0)
-            if belief >= LEAST_BELIEF:
-                yield category, literal
+            belief, views = record.beliefs.get(category, 0.0), scene.get(category, 0.0)
+            stated = [(v.BELIEF, _number(belief, what, least=0.0, most=1.0))]
+            views_say = _number(views, what, least=0.0, most=1.0)
+            if views >= LEAST_BELIEF:
+                stated.append((v.SCENE_BELIEF, views_say))
+            if max(belief, views) >= LEAST_BELIEF:
+                held[category] = stated
+        return held
 
     def _category(self, properties: Properties) -> str | None:
         for iri in sorted(properties.get(v.RDF_TYPE, ())):
@@ -311,17 +317,26 @@ class Facts:
     def _place(
         self, iri: str, properties: Properties, subjects: dict[str, Properties]
     ) -> PlaceRecord:
-        beliefs = {
-            _first(node, v.OF_CATEGORY, ""): float(_first(node, v.BELIEF, "0"))
-            for held in sorted(properties.get(v.HAS_BELIEF, ()))
-            if v.OF_CATEGORY in (node := subjects.get(held, {}))
-        }
+        nodes = [subjects.get(held, {}) for held in sorted(properties.get(v.HAS_BELIEF, ()))]
+        told_by = tuple(sorted(properties.get(v.TOLD_BY, ()), key=_order))
+        beliefs, scene = (
+            {
+                _first(node, v.OF_CATEGORY, ""): float(_first(node, predicate, "0"))
+                for node in nodes
+                if v.OF_CATEGORY in node and (predicate in node or predicate == least)
+            }
+            for predicate, least in ((v.BELIEF, v.BELIEF), (v.SCENE_BELIEF, ""))
+        )
+        if told_by:
+            beliefs = {category: belief for category, belief in beliefs.items() if belief > 0}
         xmin, xmax, ymin, ymax = (
             float(_first(properties, edge, "nan")) for edge in (v.X_MIN, v.X_MAX, v.Y_MIN, v.Y_MAX)
         )
         label = _first(properties, v.RDFS_LABEL, iri)
         views = int(_first(properties, v.VIEW_COUNT, "0"))
-        return PlaceRecord(iri, label, xmin, xmax, ymin, ymax, views, beliefs)
+        return PlaceRecord(
+            iri, label, xmin, xmax, ymin, ymax, views, beliefs, scene if told_by else {}, told_by
+        )
 
 
 def _quads(

@@ -52,6 +52,13 @@ class PlaceRecord:
     ymax: float
     views: int = 0  # k of eq. 3.5: scene categorisations that went into the belief
     beliefs: Mapping[str, float] = field(default_factory=dict)  # category IRI -> belief
+    scene_beliefs: Mapping[str, float] = field(default_factory=dict)  # the views', if told_by
+    told_by: tuple[str, ...] = ()  # IRIs of objects that count in beliefs beside the views
+
+    @property
+    def from_views(self) -> Mapping[str, float]:
+        """What the views alone make it believed to be."""
+        return self.scene_beliefs if self.told_by else self.beliefs
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,6 +36,7 @@ from kg.names import Names
 from kg.network import network
 from kg.ontology import Ontology
 from kg.outside import work_out
+from kg.provisional import clean, learn
 from kg.questions import (
     Question,
     Table,
@@ -299,6 +300,21 @@ class SemanticMap(Remembering):
             if taken.commit is not None:
                 self.reread_ontology()
             return taken
+
+    def learn(self, labels: Iterable[str], kind: str, *, model: str) -> dict[str, str]:
+        """A category for each label of a network: its IRI; None-like labels are left out.
+
+        Labels that no category of that `kind` ("object" or "place") is called get a provisional
+        one, in one transaction of `model`. Labels without a printable character mean nothing.
+        """
+        names = {label: clean(label) for label in labels}
+        with self._guard:
+            self._store.refuse_read_only()
+            unknown = [n for n in names.values() if n and not self.catalogue.for_label(n, kind)]
+            if learn(self._store, self.catalogue, unknown, kind, model) is not None:
+                self.reread_ontology()
+            found = {label: self.catalogue.for_label(n, kind) for label, n in names.items() if n}
+        return {label: category.iri for label, category in found.items() if category is not None}
 
     def ontology(self) -> tuple[Quad, ...]:
         """The quads of this map's ontology, with blank nodes, sorted."""

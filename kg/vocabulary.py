@@ -20,6 +20,9 @@ ROOM_TYPE: Final = "https://w3id.org/hereabouts/room/"  # kinds of rooms that st
 STATISTICS: Final = "https://w3id.org/hereabouts/statistics/"
 ROOMS_ONTOLOGY: Final = "https://w3id.org/hereabouts/ontology/rooms/"  # + the source
 
+#: + kind#name of a category made for a network's label that nothing else was called
+PROVISIONAL: Final = "https://w3id.org/hereabouts/provisional/"
+
 # named graphs
 ONTOLOGY_GRAPH: Final = GRAPH + "ontology"
 COMMONSENSE_GRAPH: Final = GRAPH + "commonsense"
@@ -42,6 +45,8 @@ NEAR_BY_RELATION: Final = HERE + "NearByRelation"
 LOCATED_AT: Final = HERE + "locatedAt"
 NEAR_BY: Final = HERE + "nearBy"
 PROBABILITY: Final = HERE + "probability"
+
+PROVISIONAL_MARK: Final = HERE + "provisional"
 
 # what an importer says of a relation, and how a later edit by hand is told from it
 WEIGHT: Final = HERE + "weight"
@@ -86,6 +91,8 @@ LAST_SEEN: Final = HERE + "lastSeen"
 HAS_BELIEF: Final = HERE + "hasBelief"
 OF_CATEGORY: Final = HERE + "ofCategory"
 BELIEF: Final = HERE + "belief"
+SCENE_BELIEF: Final = HERE + "sceneBelief"  # of the views alone, where objects count too
+TOLD_BY: Final = HERE + "toldBy"
 VIEW_COUNT: Final = HERE + "viewCount"
 
 # why
@@ -121,6 +128,7 @@ RDFS_COMMENT: Final = "http://www.w3.org/2000/01/rdf-schema#comment"
 RDFS_SUB_CLASS_OF: Final = "http://www.w3.org/2000/01/rdf-schema#subClassOf"
 OWL_CLASS: Final = "http://www.w3.org/2002/07/owl#Class"
 SKOS_ALT_LABEL: Final = "http://www.w3.org/2004/02/skos/core#altLabel"
+SKOS_HIDDEN_LABEL: Final = "http://www.w3.org/2004/02/skos/core#hiddenLabel"
 DCT_SOURCE: Final = "http://purl.org/dc/terms/source"
 DCT_TITLE: Final = "http://purl.org/dc/terms/title"
 DCT_CREATED: Final = "http://purl.org/dc/terms/created"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
@@ -14,6 +13,8 @@ from kg.records import Evidence, ObjectRecord
 from kg.semantic_map import SemanticMap
 from mapping.association import Sighting, associate, most_confident
 from mapping.confidence import existence, lowered, mean_position, raised
+from mapping.labels import LabelBook
+from mapping.labels_map import LabelsMap
 from mapping.localisation import localise, to_map
 from mapping.place_book import PlaceBook
 from mapping.settings import ReferenceSettings
@@ -37,8 +38,8 @@ class ObjectMapper:
 
     Its state is the map's: loaded from the graph when made, ahead of it by rounding only, and read
     again where others wrote since the last frame. It holds what perception believes; what people
-    asserted decides which detection is which object. `unknown_labels` counts detections whose label
-    no object category carries, `unplaced` those without usable depth.
+    asserted decides which detection is which object. `labels` knows what the detector's labels
+    mean; `unplaced` counts detections without usable depth.
     """
 
     def __init__(
@@ -49,6 +50,7 @@ class ObjectMapper:
         *,
         recording: str = "",
         model: str = "",
+        labels: LabelsMap | None = None,
     ) -> None:
         self._map = semantic_map
         self._settings = settings
@@ -58,10 +60,10 @@ class ObjectMapper:
         self._objects = {record.iri: record for record in semantic_map.perceived_objects()}
         self._said: dict[str, Said] = {}
         self._hear(self._objects)
-        self._catalogue = semantic_map.catalogue
-        self._iris: dict[str, str | None] = {}
+        self.labels = LabelBook(
+            semantic_map, "object", table=labels, unknown=settings.unknown_labels, model=model
+        )
         self._revision = -1
-        self.unknown_labels: Counter[str] = Counter()
         self.unplaced = 0
 
     def objects(self) -> tuple[ObjectRecord, ...]:
@@ -137,14 +139,19 @@ class ObjectMapper:
     def _sightings(self, frame: Frame, detections: Detections) -> list[Sighting]:
         """Detections of known categories with a position in the map."""
         sightings = []
+        least = self._settings.min_score
+        self.labels.learn(
+            label
+            for label, score in zip(detections.label, detections.score, strict=True)
+            if score >= least
+        )
         for box, score, label in zip(
             detections.xyxy, detections.score, detections.label, strict=True
         ):
-            category = self._category(label)
+            category = self.labels.category(label)
             if category is None:
-                self.unknown_labels[label] += 1
                 continue
-            if score < self._settings.min_score:
+            if score < least:
                 continue
             p_cam = localise(frame, box, self._settings)
             if p_cam is None:
@@ -232,12 +239,3 @@ class ObjectMapper:
     def _place(self, record: ObjectRecord) -> str | None:
         """The place that holds the object where the map believes it is."""
         return self._places.at(self._believed(record).p_map) if self._places else record.place
-
-    def _category(self, label: str) -> str | None:
-        if self._catalogue is not self._map.catalogue:  # somebody changed the ontology
-            self._catalogue = self._map.catalogue
-            self._iris.clear()
-        if label not in self._iris:
-            category = self._catalogue.get(label, kind="object")
-            self._iris[label] = category.iri if category else None
-        return self._iris[label]

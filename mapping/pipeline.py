@@ -10,10 +10,12 @@ import numpy as np
 from kg.errors import LayoutError
 from kg.records import MapUpdate, RecordingRecord, RobotRecord
 from kg.semantic_map import SemanticMap
+from mapping.labels_map import LabelsMap
 from mapping.layout import Layout
 from mapping.object_mapper import ObjectChanges, ObjectMapper
 from mapping.place_book import PlaceBook
 from mapping.place_mapper import PlaceMapper
+from mapping.places_from_objects import PlacesFromObjects
 from mapping.report import FrameReport, MappingReport, StageClock
 from mapping.settings import ReferenceSettings
 from mapping.viewpoint import map_points
@@ -43,6 +45,7 @@ def map_recording(
     on_frame: OnFrame | None = None,
     on_picture: OnPicture | None = None,
     again: bool = False,
+    labels: LabelsMap | None = None,
 ) -> MappingReport:
     """Map the frames of `recording` that `semantic_map` does not hold yet; all of them if `again`.
 
@@ -50,12 +53,15 @@ def map_recording(
     whole frames, and the same call goes on behind them. `on_frame` hears of each frame once it is
     in the graph; `on_picture` gets each frame with its detections and, where the scene classifier
     was asked, its scores. Without a `layout` the recording gets one place that grows with what is
-    seen.
+    seen. `labels` is a person's table of what the networks' labels mean.
 
     Raises RecordingError at the first unreadable frame, LayoutError where the layout contradicts
-    the ontology or the recording already lies in the map by another transform.
+    the ontology or the recording already lies in the map by another transform, LabelsError where
+    `labels` names what is no category.
     """
-    run = _Run(recording, semantic_map, detector, scene, layout, settings or ReferenceSettings())
+    chosen, table = settings or ReferenceSettings(), labels or LabelsMap()
+    table.refuse_unknown(semantic_map.catalogue)
+    run = _Run(recording, semantic_map, detector, scene, layout, chosen, table)
     start = 0 if again else min(run.applied, len(recording))
     views = 0
     for index, frame in run.read(start):
@@ -79,6 +85,7 @@ class _Run:
         scene: SceneClassifier | None,
         layout: Layout | None,
         settings: ReferenceSettings,
+        labels: LabelsMap,
     ) -> None:
         self.clock = StageClock()
         self._done = 0
@@ -86,9 +93,25 @@ class _Run:
         self._detector, self._scene = detector, scene
         self._progress = _progress(recording, semantic_map)
         self._places = PlaceBook(semantic_map, layout, recording=recording.name)
-        self._place_mapper = PlaceMapper(semantic_map, self._places, settings)
+        self._place_mapper = PlaceMapper(
+            semantic_map,
+            self._places,
+            settings,
+            model=scene.name if scene else "",
+            labels=labels,
+        )
         self._object_mapper = ObjectMapper(
-            semantic_map, settings, self._places, recording=recording.name, model=detector.name
+            semantic_map,
+            settings,
+            self._places,
+            recording=recording.name,
+            model=detector.name,
+            labels=labels,
+        )
+        self._told = (
+            PlacesFromObjects(semantic_map, self._places, settings)
+            if settings.places_from_objects
+            else None
         )
 
     @property
@@ -118,6 +141,8 @@ class _Run:
             with self.clock.stage("map"):
                 self._places.refresh()
                 changes = self._object_mapper.step(frame, detections)
+                if self._told is not None:
+                    self._told.step(self._object_mapper.objects())
             with self.clock.stage("graph"):
                 changed = self._map.apply(self._update(index, frame, changes))
         self._done += 1
@@ -169,7 +194,8 @@ class _Run:
 
     def report(self, skipped: int, views: int) -> MappingReport:
         """The run so far."""
-        unknown = self._object_mapper.unknown_labels + self._place_mapper.unknown_labels
+        books = self._object_mapper.labels, self._place_mapper.labels
+        unknown = books[0].unknown_labels + books[1].unknown_labels
         return MappingReport(
             recording=self._recording.name,
             frames=self._done,
@@ -181,6 +207,7 @@ class _Run:
             views=views,
             unplaced=self._object_mapper.unplaced,
             unknown_labels=dict(unknown.most_common()),
+            provisional=tuple(label for book in books for label in book.provisional),
         )
 
 

@@ -86,7 +86,13 @@ class PlaceBook:
         xmin, xmax, ymin, ymax = bounds
         first = PlaceRecord(self._growing, self._recording, xmin, xmax, ymin, ymax)
         if old is not None:
-            first = replace(first, views=old.views, beliefs=old.beliefs)
+            first = replace(
+                first,
+                views=old.views,
+                beliefs=old.beliefs,
+                scene_beliefs=old.scene_beliefs,
+                told_by=old.told_by,
+            )
         self._places = {self._growing: first} | self._places | {self._growing: first}
         self._changed.add(self._growing)
         self.revision += 1
@@ -127,11 +133,11 @@ def _given(
     for rectangle in rectangles:
         iri = semantic_map.place_iri(rectangle.number)
         old = known.get(iri)
-        if old is not None and old.views > 0:
-            views, beliefs = old.views, old.beliefs
+        if old is not None and (old.views > 0 or old.told_by):
+            believed = old
         else:
             beliefs = _stated(rectangle, semantic_map.catalogue)
-            views = len(beliefs)
+            believed = PlaceRecord(iri, "", 0.0, 0.0, 0.0, 0.0, len(beliefs), beliefs)
         given[iri] = PlaceRecord(
             iri,
             rectangle.label,
@@ -139,8 +145,10 @@ def _given(
             rectangle.xmax,
             rectangle.ymin,
             rectangle.ymax,
-            views,
-            beliefs,
+            believed.views,
+            believed.beliefs,
+            believed.scene_beliefs,
+            believed.told_by,
         )
     return given
 

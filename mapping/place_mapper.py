@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from kg.records import PlaceRecord
 from kg.semantic_map import SemanticMap
 from mapping.beliefs import bayes_update, mean_update, with_prior
+from mapping.labels import LabelBook
+from mapping.labels_map import LabelsMap
 from mapping.place_book import PlaceBook
 from mapping.settings import INDOOR_CATEGORIES, ReferenceSettings
 from mapping.viewpoint import main_owner, map_points, unknown_share, used_up
@@ -22,12 +24,18 @@ class PlaceMapper:
     """Turns scene scores into beliefs over place categories.
 
     Views and beliefs come from the graph (through `places`) and go back into it; the poses used
-    lately are remembered for this run only. A network label that no category carries is counted in
-    `unknown_labels`; its probability is dropped, and the rest is not scaled up for it.
+    lately are remembered for this run only. `labels` knows what the network's labels mean; the
+    probability of one that means nothing is dropped, and the rest is not scaled up for it.
     """
 
     def __init__(
-        self, semantic_map: SemanticMap, places: PlaceBook, settings: ReferenceSettings
+        self,
+        semantic_map: SemanticMap,
+        places: PlaceBook,
+        settings: ReferenceSettings,
+        *,
+        model: str = "",
+        labels: LabelsMap | None = None,
     ) -> None:
         self._map = semantic_map
         self._catalogue = semantic_map.catalogue
@@ -36,8 +44,9 @@ class PlaceMapper:
         self._beliefs: dict[str, dict[str, float]] = {}  # unrounded, of this run's views
         self._kept: dict[str, Mapping[str, float]] = {}  # the same, as the book got them
         self._history: dict[str, deque[NDArray[np.float64]]] = {}
-        self._iris: dict[str, str | None] = {}
-        self.unknown_labels: Counter[str] = Counter()
+        # prior knowledge of which categories there are leaves no room for new ones
+        unknown = "ignore" if settings.indoor_prior else settings.unknown_labels
+        self.labels = LabelBook(semantic_map, "place", table=labels, unknown=unknown, model=model)
         self._categories = self._allowed()
 
     def viewed_place(self, frame: Frame) -> str | None:
@@ -59,7 +68,9 @@ class PlaceMapper:
 
     def view(self, iri: str, frame: Frame, scene: SceneScores) -> PlaceRecord:
         """Update the belief of place `iri` with what `frame` shows; the new record."""
-        if self._catalogue is not self._map.catalogue:  # somebody changed the ontology
+        least = self._settings.least_scene
+        self.labels.learn(label for label, p in scene.probability.items() if p >= least)
+        if self._catalogue is not self._map.catalogue:  # the ontology has changed
             self._learn_categories()
         record = self._places[iri]
         scores = self._scores(scene)
@@ -71,7 +82,9 @@ class PlaceMapper:
         history.append(frame.T_map_cam)
         kept = {c: p for c, p in belief.items() if p >= self._settings.least_belief}
         self._kept[iri] = kept
-        updated = replace(record, views=record.views + 1, beliefs=kept)
+        updated = replace(
+            record, views=record.views + 1, beliefs=kept, scene_beliefs={}, told_by=()
+        )
         self._places.put(updated)
         return updated
 
@@ -82,9 +95,9 @@ class PlaceMapper:
 
     def _belief(self, record: PlaceRecord) -> dict[str, float]:
         """The belief so far; the book's, where others changed it since the last view."""
-        if self._kept.get(record.iri) is record.beliefs:
+        if self._kept.get(record.iri) is record.from_views:
             return self._beliefs[record.iri]
-        return dict(record.beliefs)
+        return dict(record.from_views)
 
     def _updated(
         self, belief: dict[str, float], views: int, scores: dict[str, float]
@@ -97,24 +110,15 @@ class PlaceMapper:
         """Scores by category IRI; None where they say nothing."""
         scores: dict[str, float] = {}
         for label, probability in scene.probability.items():
-            iri = self._category(label)
-            if iri is None:
-                self.unknown_labels[label] += 1
-            else:
+            iri = self.labels.category(label)
+            if iri is not None:
                 scores[iri] = scores.get(iri, 0.0) + probability
         if self._settings.indoor_prior:
             return with_prior(scores, self._categories)
         return scores or None
 
-    def _category(self, label: str) -> str | None:
-        if label not in self._iris:
-            category = self._catalogue.get(label, kind="place")
-            self._iris[label] = category.iri if category else None
-        return self._iris[label]
-
     def _learn_categories(self) -> None:
         self._catalogue = self._map.catalogue
-        self._iris.clear()
         self._categories = self._allowed()
         for iri, belief in self._beliefs.items():
             known = {c: p for c, p in belief.items() if self._catalogue.by_iri(c) is not None}

@@ -40,6 +40,7 @@ class MappingReport:
     views: int  # frames that were used for a place
     unplaced: int  # detections without usable depth
     unknown_labels: Mapping[str, int]  # network labels without a category -> how often
+    provisional: tuple[str, ...] = ()  # labels of provisional categories that it met
 
     @property
     def frames_per_second(self) -> float:
@@ -65,6 +66,7 @@ class MappingReport:
             "views": self.views,
             "unplaced": self.unplaced,
             "unknown_labels": dict(self.unknown_labels),
+            "provisional": list(self.provisional),
         }
 
 

@@ -11,6 +11,7 @@ from typing import Final, Literal
 
 Estimator = Literal["fd", "scott", "doane"]
 BeliefFilter = Literal["mean", "bayes"]
+UnknownLabels = Literal["ignore", "provisional"]
 
 #: Section 4.3: the indoor categories that the system is expected to meet ("prior knowledge").
 INDOOR_CATEGORIES: Final = (
@@ -35,6 +36,16 @@ INDOOR_CATEGORIES: Final = (
     "staircase",
     "veranda",
     "waiting room",
+)
+
+_CHOICES: Final = {
+    "estimator": ("fd", "scott", "doane"),
+    "belief_filter": ("mean", "bayes"),
+    "unknown_labels": ("ignore", "provisional"),
+}
+_SHARES: Final = (
+    *("purity", "max_unknown_view", "max_unknown_box", "min_score"),
+    *("least_scene", "scene_trust", "objects_weight"),
 )
 
 
@@ -76,6 +87,15 @@ class ReferenceSettings:
     least_belief: float = 0.005  # ours: beliefs below stay out of the graph (it keeps 0.01 steps)
     stride: int = 4  # [px] points of a view that are looked at; the author's code has 3
 
+    # labels that no category is called (ours; the thesis' networks have none)
+    unknown_labels: UnknownLabels = "ignore"
+    least_scene: float = 0.1  # probability in a view from which such a label is a kind of place
+
+    # kinds of places told by the objects in them (ours)
+    places_from_objects: bool = False
+    objects_weight: float = 0.5  # share of its log-likelihood that an object counts for
+    scene_trust: float = 0.9  # share of the prior that is the views'; the rest is uniform
+
     # scoring against hand-made truth (ours)
     match_distance: float = 0.5  # [m]
     match_distance_large: float = 1.0  # [m]
@@ -88,12 +108,13 @@ class ReferenceSettings:
         for name in ("max_bins", "min_points", "occlusion_window", "history_length", "stride"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
-        for name in ("purity", "max_unknown_view", "max_unknown_box", "min_score"):
+        for name in _SHARES:
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(f"{name} must lie in 0..1, got {getattr(self, name)}")
         if not 0 < self.min_depth < self.max_depth:
             raise ValueError(f"depth range {self.min_depth}..{self.max_depth} m is empty")
-        if self.estimator not in ("fd", "scott", "doane"):
-            raise ValueError(f"estimator must be fd, scott or doane, got {self.estimator!r}")
-        if self.belief_filter not in ("mean", "bayes"):
-            raise ValueError(f"belief_filter must be mean or bayes, got {self.belief_filter!r}")
+        for name, choices in _CHOICES.items():
+            if getattr(self, name) not in choices:
+                given = getattr(self, name)
+                listed = " or ".join((", ".join(choices[:-1]), choices[-1]))
+                raise ValueError(f"{name} must be {listed}, got {given!r}")

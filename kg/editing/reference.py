@@ -89,7 +89,15 @@ def _supercategories(catalogue: Catalogue, said: _Said) -> Iterator[tuple[str, .
 def _objects(
     catalogue: Catalogue, said: _Said, found: tuple[Relation, ...]
 ) -> Iterator[tuple[str, ...]]:
-    yield "label", "term", "also called", "a kind of", "located at (p)", "near (p)"
+    yield (
+        "label",
+        "term",
+        "also called",
+        "a kind of",
+        "located at (p)",
+        "near (p)",
+        "networks' names",
+    )
     for category in _of(catalogue, "object"):
         above = [catalogue.by_iri(term.value) for term in _above(category, said)]
         kinds = sorted(c.label for c in above if c is not None)
@@ -99,6 +107,7 @@ def _objects(
             _synonyms(category),
             ", ".join(kinds),
             *(_targets(category, kind, found, catalogue) for kind in (v.LOCATED_AT, v.NEAR_BY)),
+            _hidden(category),
         )
 
 
@@ -111,9 +120,9 @@ def _targets(
 
 
 def _places(catalogue: Catalogue) -> Iterator[tuple[str, ...]]:
-    yield "label", "term", "also called"
+    yield "label", "term", "also called", "networks' names"
     for category in _of(catalogue, "place"):
-        yield category.label, _term(category), _synonyms(category)
+        yield category.label, _term(category), _synonyms(category), _hidden(category)
 
 
 def _of(catalogue: Catalogue, kind: str) -> list[Category]:
@@ -130,6 +139,10 @@ def _term(category: Category) -> str:
 
 def _synonyms(category: Category) -> str:
     return ", ".join(_escaped(name) for name in category.synonyms)
+
+
+def _hidden(category: Category) -> str:
+    return ", ".join(_escaped(name) for name in category.hidden)
 
 
 def _texts(terms: Iterable[NamedNode | Literal]) -> str:

@@ -21,6 +21,7 @@ from kg.editing.changes import Change, changes
 from kg.editing.imports import headers
 from kg.errors import OntologyError
 from kg.ontology import compile_commonsense
+from kg.provisional import provisional_to_keep
 from kg.store import MapStore
 
 LONGEST_NOTE: Final = 500  # characters of the change in words kept with its transaction
@@ -46,11 +47,14 @@ class Taken:
 def take_in(store: MapStore, quads: Iterable[Quad], by: str | None) -> Taken:
     """Make the quads, found well made before, the ontology of the map in `store`.
 
+    Provisional categories that the map speaks of stay, whether the quads have them or not.
+
     Raises OntologyError where the map uses terms that they do not declare; nothing is written then.
     """
     new = named(Quad(q.subject, q.predicate, q.object, _ONTOLOGY) for q in quads)
     stored = tuple(store.engine.quads_for_pattern(None, None, None, _ONTOLOGY))
     old = named(stored)
+    new += tuple(provisional_to_keep(old, new, lambda node: _spoken_of(store, node)))
     compiled = compile_commonsense(new)
     present = set(store.engine.quads_for_pattern(None, None, None, _COMMONSENSE))
     before = set(compile_commonsense(old))
@@ -140,14 +144,19 @@ def _refuse_lost(
     lost = []
     for iri in sorted(_classes(old) - _classes(new)):
         node = NamedNode(iri)
-        facts = (store.engine.quads_for_pattern(None, None, node, graph) for graph in _FACTS)
-        if node in spoken or any(next(iter(found), None) for found in facts):
+        if node in spoken or _spoken_of(store, node):
             lost.append(iri)
     if lost:
         raise OntologyError(
             f"the ontology is refused: the map speaks of {_listed(lost)}, which it does not "
             "declare; keep them, or take them out of the map first"
         )
+
+
+def _spoken_of(store: MapStore, node: NamedNode) -> bool:
+    """Whether any fact of the map points at a category."""
+    facts = (store.engine.quads_for_pattern(None, None, node, graph) for graph in _FACTS)
+    return any(next(iter(found), None) for found in facts)
 
 
 def _listed(iris: list[str]) -> str:

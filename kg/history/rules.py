@@ -16,6 +16,7 @@ _POSITION: Final = (
 )
 _RECTANGLE: Final = "the extent given by the layout, or of all points seen in the recording"
 
+_BELIEF: Final = "mean over all views of the scene model's probability of the category (eq. 3.5)"
 _CAMERA: Final = "the camera's pose in the latest frame"
 
 RULES: Final[dict[str, str]] = {
@@ -39,7 +40,9 @@ RULES: Final[dict[str, str]] = {
     v.BOX: "the box of the sighting with the highest score",
     v.FRAME: "the frame of the sighting with the highest score",
     v.HAS_BELIEF: "one for each category of place that the views leave any belief in",
-    v.BELIEF: "mean over all views of the scene model's probability of the category (eq. 3.5)",
+    v.BELIEF: _BELIEF,
+    v.SCENE_BELIEF: _BELIEF,
+    v.TOLD_BY: "objects of known kinds that lie in the place's rectangle",
     v.VIEW_COUNT: "views that showed enough of the place to speak for it (section 3.3.2)",
     v.X_MIN: _RECTANGLE,
     v.X_MAX: _RECTANGLE,
@@ -55,7 +58,13 @@ EVIDENT: Final = frozenset(
         *(v.CONFIDENCE, v.EXISTENCE, v.OBSERVATION_COUNT, v.LAST_SEEN),
     )
 )
-_PLACE_TYPE: Final = "the category with the highest belief, once the place has been viewed"
+_PLACE_TYPE: Final = (
+    "the category with the highest belief, once the place has been viewed or objects tell"
+)
+TOLD: Final = (
+    "what the views say, times how well each object in the place fits the category, as far as it "
+    "is believed to exist (docs/placement.md)"
+)
 REMOVAL: Final = (
     "an object leaves the map when its confidence is no longer positive: too many frames "
     "should have shown it and did not (eq. 3.4)"

@@ -19,7 +19,7 @@ from kg.history.coding import Term, decode_delta
 from kg.history.instants import iso
 from kg.history.log import BACKGROUND, Commit, Log
 from kg.history.naming import short
-from kg.history.rules import EVIDENT, REMOVAL, RULES, rule_of
+from kg.history.rules import EVIDENT, REMOVAL, RULES, TOLD, rule_of
 
 Kind = (
     Choice["thing", "fact", "was", "observation", "pose", "model", "rule"]
@@ -98,12 +98,12 @@ class Explainer:
         """The mapper's rule for a fact of its own, and what it applied the rule to."""
         kinds = {getattr(kind, "value", "") for kind in self._values(subject, v.RDF_TYPE)}
         rule = rule_of(predicate, kinds)
-        if rule:
+        if rule and not (v.PLACE_BELIEF in kinds and predicate == v.BELIEF):
             yield Reason("rule", rule)
         if v.PLACE in kinds and predicate == v.RDF_TYPE:
             yield from self._belief(subject, value)
         if v.PLACE_BELIEF in kinds and predicate == v.BELIEF:
-            yield from self._views(subject)
+            yield from self._grounds(subject)
         if v.SOSA_OBSERVATION in kinds:
             yield from self._sighting(subject)
         elif predicate in EVIDENT:
@@ -158,8 +158,22 @@ class Explainer:
         for node in self._values(place, v.HAS_BELIEF):
             if isinstance(node, NamedNode) and category in self._values(node, v.OF_CATEGORY):
                 text = f"belief {self._text(node, v.BELIEF)} in {short(category, self._base)}"
-                rule = Reason("rule", RULES[v.BELIEF])
-                yield Reason("belief", text, node.value, (rule, *self._views(node)))
+                yield Reason("belief", text, node.value, tuple(self._grounds(node)))
+
+    def _grounds(self, node: NamedNode) -> Iterator[Reason]:
+        """What a belief of a place rests on: views, and the objects in it where they count."""
+        place = NamedNode(node.value.partition("/belief/")[0])
+        telling = [x for x in self._values(place, v.TOLD_BY) if isinstance(x, NamedNode)]
+        yield Reason("rule", TOLD if telling else RULES[v.BELIEF])
+        if not telling or self._values(place, v.VIEW_COUNT) != [Literal(0)]:
+            yield from self._views(node)
+        if telling:
+            share = self._text(node, v.SCENE_BELIEF) if self._values(node, v.SCENE_BELIEF) else "0"
+            yield Reason("belief", f"by the views alone {share}", node.value)
+        for thing in telling:
+            named = f"{short(thing, self._base)} ({self._text(thing, v.RDFS_LABEL)})"
+            text = f"{named}, existence {self._text(thing, v.EXISTENCE)}"
+            yield Reason("thing", text, thing.value, tuple(self._observation(thing)))
 
     def _views(self, node: NamedNode) -> Iterator[Reason]:
         place = NamedNode(node.value.partition("/belief/")[0])

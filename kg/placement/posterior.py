@@ -15,19 +15,23 @@ from kg.placement.settings import DETECTED, INDEPENDENCE, MISTAKEN, MOST
 Vector = NDArray[np.float64]
 
 
-def posterior(present: Matrix, seen: NDArray[np.bool_], prior: Vector) -> Vector:
+def posterior(
+    present: Matrix, seen: NDArray[np.bool_], prior: Vector, weight: Vector | None = None
+) -> Vector:
     """p(place | what was seen), (m,), adding up to 1.
 
     Args:
         present: (n, m) p(object in place), of the n objects that were seen or looked for in vain.
         seen: (n,) whether each was seen.
         prior: (m,) what is believed of the places beforehand, >= 0, not all 0.
+        weight: (n,) how much each counts, 0..1; None: all wholly.
     """
     detected = DETECTED * present + MISTAKEN * (1 - present)
     likelihood = np.log(np.where(seen[:, None], detected, 1 - detected))
     base = prior / prior.sum()
     # each object against what it says of the average place, damped and bounded
     relative = likelihood - likelihood @ base[:, None]
-    score = INDEPENDENCE * np.clip(relative, -MOST, MOST).sum(0)
-    weight = base * np.exp(score - score[base > 0].max(initial=-np.inf))
-    return np.asarray(weight / weight.sum())
+    counts = np.ones(len(seen)) if weight is None else weight
+    score = INDEPENDENCE * (counts @ np.clip(relative, -MOST, MOST))
+    product = base * np.exp(score - score[base > 0].max(initial=-np.inf))
+    return np.asarray(product / product.sum())

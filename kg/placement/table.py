@@ -146,14 +146,15 @@ class PlacementTable:
 
     def place_posterior(
         self,
-        seen: Mapping[str, int],
+        seen: Mapping[str, float],
         unseen: Iterable[str] = (),
         prior: Mapping[str, float] | None = None,
     ) -> dict[str, float]:
         """p(place category | what was found there), by IRI, adding up to 1.
 
         Args:
-            seen: how many objects of each category; how many beyond one does not matter.
+            seen: how many objects of each category; how many beyond one does not matter, and below
+                one it is how probable it is that there is one at all.
             unseen: objects looked for in the whole room in vain.
             prior: what is believed of the categories beforehand, >= 0; only these are candidates.
                 Without it all categories of which anything is known are alike.
@@ -165,12 +166,14 @@ class PlacementTable:
         found = {iri for iri, count in seen.items() if count > 0 and iri in self._known.objects}
         missed = {iri for iri in unseen if iri in self._known.objects} - found
         rows = sorted((self._known.objects[iri], iri in found) for iri in found | missed)
+        counts = {self._known.objects[iri]: min(float(seen[iri]), 1.0) for iri in found}
         columns = [self._known.places[iri] for iri in weights]
         present = self._mean[np.ix_([row for row, _ in rows], columns)]
         p = posterior(
             present,
             np.array([was_seen for _, was_seen in rows], dtype=bool),
             np.array(list(weights.values())),
+            np.array([counts.get(row, 1.0) for row, _ in rows]),
         )
         return dict(zip(weights, map(float, p), strict=True))
 

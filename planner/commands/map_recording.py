@@ -6,15 +6,18 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from kg.errors import GraphError, RecordingError
+from kg.errors import GraphError, MapNotFoundError, RecordingError
 from planner.commands.arguments import MAP_HELP, add_json, title_for
 from planner.commands.console import note, print_table, progress, write_json
 from planner.commands.recording_arguments import Inputs, add_recording_options, open_inputs
 
 if TYPE_CHECKING:
     from kg.semantic_map import SemanticMap
+    from mapping.labels_map import LabelsMap
     from mapping.pipeline import FrameReport, MappingReport, OnPicture
     from perception.frame import Detections, Frame, SceneScores
+
+_TOLD = 10  # labels named in one note
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -51,6 +54,8 @@ def run(arguments: argparse.Namespace) -> int:
     from kg.semantic_map import SemanticMap
 
     inputs = open_inputs(arguments)
+    if inputs.labels is not None:
+        _refuse_unknown_categories(inputs.labels, arguments.into)
     on_picture = _picture_saver(Path(arguments.pictures)) if arguments.pictures else None
     title = title_for(arguments.into)
     with SemanticMap.open_or_create(
@@ -105,7 +110,22 @@ def map_with_progress(
             on_frame=on_frame,
             on_picture=on_picture,
             again=again,
+            labels=inputs.labels,
         )
+
+
+def _refuse_unknown_categories(labels: LabelsMap, address: str) -> None:
+    """Refuse a labels map before the map it does not fit is made or opened for writing."""
+    from kg.categories import Catalogue
+    from kg.ontology import load_ontologies
+    from kg.semantic_map import SemanticMap
+
+    try:
+        with SemanticMap.open(address, read_only=True) as semantic_map:
+            catalogue = semantic_map.catalogue
+    except MapNotFoundError:
+        catalogue = Catalogue.from_quads(load_ontologies().quads)
+    labels.refuse_unknown(catalogue)
 
 
 def _picture_saver(folder: Path) -> OnPicture:
@@ -137,4 +157,21 @@ def _print_outcome(
         f"{report.frames} frames in {report.seconds:.1f} s "
         f"({report.frames_per_second:.1f} frames/s); ms a frame: {stages}"
     )
+    _note_labels(report)
     note(f"next: hereabouts ask {arguments.into} objects, hereabouts find {arguments.into} cup")
+
+
+def _note_labels(report: MappingReport) -> None:
+    made, unknown = report.provisional, report.unknown_labels
+    if made:
+        what = "1 label is a" if len(made) == 1 else f"{len(made)} labels are"
+        ending = "y" if len(made) == 1 else "ies"
+        note(f"{what} provisional categor{ending}: {_listed(made)} (--labels-map maps labels)")
+    if unknown:
+        count = len(unknown)
+        note(f"{count} label{'s' * (count > 1)} without a category: {_listed(tuple(unknown))}")
+
+
+def _listed(labels: tuple[str, ...]) -> str:
+    more = f" and {len(labels) - _TOLD} more" if len(labels) > _TOLD else ""
+    return ", ".join(labels[:_TOLD]) + more

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from planner.commands.arguments import positive
 
 if TYPE_CHECKING:
+    from mapping.labels_map import LabelsMap
     from mapping.layout import Layout
     from mapping.settings import ReferenceSettings
     from perception.frame import Detector, Recording, SceneClassifier
@@ -24,6 +25,7 @@ class Inputs:
     scene: SceneClassifier | None
     layout: Layout | None
     settings: ReferenceSettings
+    labels: LabelsMap | None
 
 
 def add_recording_options(parser: argparse.ArgumentParser) -> None:
@@ -63,6 +65,17 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
         metavar="NAME|FILE|none",
         help="scene classifier (default: the bundled one)",
     )
+    networks.add_argument(
+        "--labels-map",
+        metavar="FILE",
+        help="CSV of what labels mean: label,category a line, category - to ignore the label",
+    )
+    networks.add_argument(
+        "--unknown-labels",
+        choices=("provisional", "ignore"),
+        default="provisional",
+        help="what becomes of labels that no category is called (default: a provisional category)",
+    )
     places = parser.add_argument_group("mapping")
     places.add_argument(
         "--places",
@@ -87,10 +100,16 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
     places.add_argument(
         "--prior", action="store_true", help="only the thesis' 21 indoor place categories"
     )
+    places.add_argument(
+        "--places-from-objects",
+        action="store_true",
+        help="objects count in what a place is believed to be, beside the scene classifier",
+    )
 
 
 def open_inputs(arguments: argparse.Namespace) -> Inputs:
     """Open and check everything a run needs; raises before any map exists or changes."""
+    from mapping.labels_map import load_labels_map
     from mapping.layout import load_layout
     from mapping.transform import load_transform
     from perception.detector import load_detector
@@ -119,6 +138,7 @@ def open_inputs(arguments: argparse.Namespace) -> Inputs:
         scene=None if arguments.scene == "none" else load_scene_classifier(arguments.scene),
         layout=load_layout(Path(arguments.places)) if arguments.places else None,
         settings=_settings(arguments),
+        labels=load_labels_map(Path(arguments.labels_map)) if arguments.labels_map else None,
     )
 
 
@@ -129,4 +149,6 @@ def _settings(arguments: argparse.Namespace) -> ReferenceSettings:
         estimator=arguments.estimator,
         belief_filter=arguments.filter,
         indoor_prior=arguments.prior,
+        unknown_labels=arguments.unknown_labels,
+        places_from_objects=arguments.places_from_objects,
     )

@@ -108,7 +108,7 @@ def test_unknown_labels_and_boxes_without_depth_are_counted_not_mapped(
     mapper.step(make_frame(2.0), make_detections(("flux capacitor", 0.9, MIDDLE)))
     mapper.step(make_frame(np.nan), make_detections(("cup", 0.9, MIDDLE)))
     assert mapper.objects() == ()
-    assert mapper.unknown_labels == {"flux capacitor": 1}
+    assert mapper.labels.unknown_labels == {"flux capacitor": 1}
     assert mapper.unplaced == 1
 
 

@@ -98,7 +98,7 @@ def test_labels_nobody_knows_lose_their_share(semantic_map, make_frame):
     scores = SceneScores({"kitchen": 0.6, "holodeck": 0.4})
     (record,) = mapper.step(make_frame(2.0), scores)
     assert list(record.beliefs.values()) == pytest.approx([0.6])
-    assert mapper.unknown_labels == {"holodeck": 1}
+    assert mapper.labels.unknown_labels == {"holodeck": 1}
 
 
 def test_prior_knowledge_keeps_to_the_21_indoor_categories(semantic_map, make_frame):
