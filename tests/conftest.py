@@ -12,6 +12,12 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# the same examples in every run of CI: what it finds, anybody can find again; without it new ones
+settings.register_profile("ci", derandomize=True, deadline=None)
+settings.register_profile("local", deadline=None)
+settings.load_profile("ci" if os.environ.get("CI") else "local")
 
 ROOT = Path(__file__).resolve().parent.parent
 SHARED = Path(os.environ.get("HEREABOUTS_SHARED", ROOT.parent / "shared"))
@@ -36,26 +42,33 @@ def shared() -> object:
 def running_server(folder: Path, *options: str) -> Iterator[str]:
     """A real Oxigraph server over `folder`; gives its address."""
     binary = Path(sys.executable).with_name("oxigraph")
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    command = [str(binary), "serve", "-l", str(folder), "-b", f"127.0.0.1:{port}", *options]
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as server:
-        try:
-            _wait_for(port, server)
-            yield f"http://127.0.0.1:{port}"
-        finally:
-            server.kill()
+    for _ in range(5):  # somebody else may take the port between finding and binding it
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            port = free.getsockname()[1]
+        command = [str(binary), "serve", "-l", str(folder), "-b", f"127.0.0.1:{port}", *options]
+        with subprocess.Popen(
+            command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        ) as server:
+            try:
+                if _answers(port, server):
+                    yield f"http://127.0.0.1:{port}"
+                    return
+            finally:
+                server.kill()
+    raise AssertionError("the oxigraph server did not start")
 
 
-def _wait_for(port: int, server: subprocess.Popen[bytes]) -> None:
-    for _ in range(300):
-        assert server.poll() is None, "the oxigraph server did not start"
+def _answers(port: int, server: subprocess.Popen[bytes]) -> bool:
+    """Whether the server accepts connections; False where it ended instead."""
+    for _ in range(1200):
         with socket.socket() as attempt:
             if attempt.connect_ex(("127.0.0.1", port)) == 0:
-                return
+                return server.poll() is None
+        if server.poll() is not None:
+            return False
         time.sleep(0.05)
-    raise AssertionError("the oxigraph server did not answer within 15 s")
+    raise AssertionError("the oxigraph server did not answer within a minute")
 
 
 @pytest.fixture
