@@ -74,7 +74,8 @@ def solve(problem: OrderingProblem, time_limit: float = 1.0, seed: int = 0) -> O
     whole = np.concatenate([kernel.sites[order], kernel.rest])
     expected = problem.expected_seconds(whole)
     proven = bound >= kernel.cost(order) * (1 - _ROUNDED)
-    lower = expected * (1 - _EXACT) if proven else bound / kernel.norm * (1 - rounded)
+    exact = _EXACT if np.isinf(bound) else _ROUNDED
+    lower = expected * (1 - exact) if proven else bound / kernel.norm * (1 - rounded)
     return Ordering(whole, expected, lower, bool(proven), time.perf_counter() - begin)
 
 
@@ -98,6 +99,8 @@ def _anytime(kernel: Kernel, begin: float, limit: float, seed: int) -> tuple[Int
     now = time.perf_counter()
     until = now + (end - now) * (_ON_PRICES if few else 1.0)
     values = raise_prices(walks, cost, until, 100 if few else 1000)
+    if values is None:
+        return order, bound
     if few:
         better = prove(kernel, walks, values, end, cost)
         if better is not None:

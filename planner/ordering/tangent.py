@@ -9,7 +9,7 @@ a[j] x phi(arrival[j]), phi(t) the integral of s up to t. At the known order bot
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,9 @@ from planner.ordering.kernel import Ints, Kernel
 Array = NDArray[np.float64]
 #: in the model `any`: a surer place is taken to be this sure, which costs less than this x [s]
 _SUREST = 1.0 - 1e-12
+#: measured, as prices to begin with: how many times its delay a place is worth, up to so many
+#: places; of many, walks come back to those far on, so their own share counts less, not below this
+_DELAYED, _MANY, _OWN = 1.3, 85, 0.7
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,7 +31,7 @@ class Tangent:
     cost: float  # the known order's: sum of first-find probability x arrival [s]
     total: float  # [s] until its last place is looked over
     arrival: Array  # (m,) [s] when the known order has looked over each place
-    marginal: Array  # (m,) what the known order would cost less, roughly, without each place
+    marginal: Array  # (m,) prices to begin with: roughly what the order saves without each place
     a: Array  # (m,)
     base: float
     _times: Array  # (k,) [s] where phi bends
@@ -58,11 +61,9 @@ class Tangent:
             base = float(legs @ left) - (1.0 - _SUREST) * float(ends[-1])
         values = np.append(0.0, np.cumsum(np.diff(times) * slopes[:-1]))
         cost = kernel.cost(order)
-        found = cls(cost, float(ends[-1]), arrival, arrival, a, base, times, values, slopes)
-        return cls(
-            cost, found.total, arrival, found._marginal(kernel, order), a, base, times, values,
-            slopes,
-        )  # fmt: skip
+        total = float(ends[-1])
+        bare = cls(cost, total, arrival, arrival, a, base, times, values, slopes)
+        return replace(bare, marginal=bare._marginal(kernel, order))
 
     def _marginal(self, kernel: Kernel, order: Ints) -> Array:
         """Each place's own term, and what its detour delays the places after it."""
@@ -74,10 +75,7 @@ class Tangent:
         slope = self._slopes[np.searchsorted(self._times, ends, side="left") - 1]
         growth = self.a[order] * slope
         after = growth.sum() - np.cumsum(growth)
-        marginal = self.a * self.phi(self.arrival)
-        marginal[order] += _DELAYED * detour * after
+        few = min(1.0, _MANY / len(order))
+        marginal = self.a * self.phi(self.arrival) * max(few, _OWN)
+        marginal[order] += (_DELAYED if few == 1.0 else 1.0) * detour * after
         return marginal
-
-
-#: how many times its delay a place is worth; more than once, for a walk need not return
-_DELAYED = 1.3

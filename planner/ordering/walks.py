@@ -22,6 +22,8 @@ from planner.ordering.tangent import Tangent
 _HORIZON = 1.15
 #: a share of a walk too small to follow
 _FAINT = 1e-9
+#: rows after which the clock is looked at
+_LOOK_UP = 16
 #: most numbers in a table of values
 _MOST = 40_000_000
 
@@ -49,8 +51,8 @@ class Walks:
         self.height = self.rows + self.steps.longest + self.steps.block + 1
         self.phi = known.phi(np.arange(self.height) * self.step)
 
-    def solve(self, price: Array) -> Values:
-        """The cheapest walks at `price` (m,)."""
+    def solve(self, price: Array, deadline: float = np.inf) -> Values | None:
+        """The cheapest walks at `price` (m,); None where that takes longer than `deadline`."""
         steps, known, rows = self.steps, self.known, self.rows
         pays = self.phi[:, None] * known.a - price
         # beyond the grid a walk is given all that it could still earn
@@ -60,6 +62,8 @@ class Walks:
         values = Values(price, arrive, far, -np.inf)
         room = _rooms(steps.near), _rooms(steps.far)
         for row in range(rows - 1, -1, -1):
+            if row % _LOOK_UP == 0 and time.perf_counter() > deadline:
+                return None
             onward = _cost(arrive, steps.near, row, room[0]).min(axis=0)
             onward = np.minimum(onward, 0.0).reshape(-1, steps.memories)
             if steps.far is not None:
@@ -154,17 +158,14 @@ def fits(kernel: Kernel, known: Tangent, memory: int) -> bool:
     return step > 0 and size < _MOST * step
 
 
-def raise_prices(walks: Walks, cost: float, deadline: float, most: int) -> Values:
-    """The best bound found in `most` steps or until `deadline` (of time.perf_counter)."""
+def raise_prices(walks: Walks, cost: float, deadline: float, most: int) -> Values | None:
+    """The best bound found in `most` steps until `deadline` (of time.perf_counter), if any."""
     at = walks.known.marginal
     weight = np.abs(at) + 1e-6 * np.abs(at).max()
-    begin = time.perf_counter()
-    best = found = walks.solve(at)
+    found = best = walks.solve(at, deadline)
     scale, since, drift = 1.0, 0, np.zeros_like(at)
-    for done in range(1, most + 1):
-        now = time.perf_counter()
-        # a step takes as long as those before it, and none may end after the deadline
-        if now + 1.3 * (now - begin) / done > deadline or scale < _LEAST_SCALE:
+    for _ in range(most):
+        if best is None or found is None or scale < _LEAST_SCALE:
             break
         slope = 1.0 - walks.visits(found)
         steep = float(slope @ (weight * slope))
@@ -172,7 +173,9 @@ def raise_prices(walks: Walks, cost: float, deadline: float, most: int) -> Value
             break
         drift = 0.7 * drift + 0.3 * weight * slope
         at = at + drift * (scale * max(cost - found.bound, 1e-3 * cost) / steep)
-        found = walks.solve(at)
+        found = walks.solve(at, deadline)
+        if found is None:
+            break
         since += 1
         if found.bound > best.bound + 1e-6 * abs(best.bound):
             best, since = found, 0
