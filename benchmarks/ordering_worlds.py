@@ -68,9 +68,7 @@ def problem(
 def _listed(category: NDArray[np.int64], rng: np.random.Generator) -> NDArray[np.float64]:
     some = np.isin(category, rng.choice(CATEGORIES, 3, replace=False))
     rest = rng.uniform(0.0, 0.3)
-    return np.where(
-        some, (1 - rest) * rng.dirichlet(np.ones(len(category))), rest / len(category)
-    )
+    return np.where(some, (1 - rest) * rng.dirichlet(np.ones(len(category))), rest / len(category))
 
 
 def document(sizes: list[int], seeds: int) -> dict[str, Any]:

@@ -29,7 +29,7 @@ _ON_FEW, _ON_PRICES = 0.15, 0.45
 #: share of what is left after the orders for split legs
 _ON_SPLITS = 0.08
 #: up to so many places walks remember so many others
-_MEMORY = ((_FEW, 5), (60, 4), (150, 3), (500, 2))
+_MEMORY = ((_FEW, 5), (60, 4), (120, 3), (500, 3))
 #: places that a walk reaches with its memory kept
 _NEAREST = 10
 #: share of the time limit kept back for what cannot be interrupted

@@ -17,8 +17,8 @@ from planner.ordering.kernel import Ints, Kernel
 Array = NDArray[np.float64]
 #: cost of a step that must not be taken
 NEVER = 1e30
-#: rows that far steps are worked out for at once, at most
-_BLOCK = 4
+#: rows that far steps of so many rows or more are worked out for at once
+_BLOCKS = (1, 2, 4, 8, 16)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,6 +40,14 @@ class Leap:
         )  # fmt: skip
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Ring:
+    """Far steps of like length, worked out every `block` rows, which none is shorter than."""
+
+    leap: Leap  # n = m: from each place
+    block: int
+
+
 class Steps:
     """All steps of a kernel; q memories for each of m places, state = place x q + memory."""
 
@@ -56,13 +64,13 @@ class Steps:
         self.states = m * self.memories
         self.place = np.repeat(np.arange(m), self.memories)
         self.near = self._near(legs / seconds, near)
-        self.far, self.block = self._far(legs / seconds, near)
+        self.far = self._far(legs / seconds, near)
         start = kernel.D[m].astype(np.float64)[:, None] / seconds
         there = np.arange(m, dtype=np.intp)[:, None]
         self.first = self._leap(start, there * self.memories, there, np.zeros((m, 1), dtype=bool))
-        rows = [np.max(leap.rows) for leap in (self.near, self.far, self.first) if leap is not None]
+        leaps = [self.near, self.first, *(ring.leap for ring in self.far)]
         #: the most rows a step takes
-        self.longest = int(max(rows)) + 1
+        self.longest = int(max(leap.rows.max() for leap in leaps)) + 1
 
     def memory(self, visited: NDArray[np.bool_], place: Ints) -> Ints:
         """The states (k,) at `place` (k,) after `visited` (k, m)."""
@@ -89,13 +97,20 @@ class Steps:
         rows = np.take_along_axis(q[self.place], place, axis=1)
         return self._leap(*(np.ascontiguousarray(x.T) for x in (rows, state, place, barred)))
 
-    def _far(self, q: Array, near: Ints) -> tuple[Leap | None, int]:
-        m = len(q)
+    def _far(self, q: Array, near: Ints) -> tuple[Ring, ...]:
         far = np.isfinite(q)
         np.put_along_axis(far, near, False, axis=1)
-        if not far.any():
-            return None, 1
-        block = int(min(_BLOCK, np.floor(q[far].min())))
-        there = np.broadcast_to(np.arange(m, dtype=np.intp)[:, None], (m, m))
-        q = np.where(far, q, block).T.copy()
-        return self._leap(q, there * self.memories, there, ~far.T), block
+        rings = []
+        for block, beyond in zip(_BLOCKS, (*_BLOCKS[1:], np.inf), strict=True):
+            within = far & (q >= block) & (q < beyond)
+            most = int(within.sum(axis=1).max())
+            if not most:
+                continue
+            # the places within first; those that fill up the rows are barred
+            place = np.argsort(~within, axis=1, kind="stable")[:, :most]
+            barred = ~np.take_along_axis(within, place, axis=1)
+            length = np.where(barred, block, np.take_along_axis(q, place, axis=1))
+            place = np.ascontiguousarray(place.T)
+            leap = self._leap(length.T.copy(), place * self.memories, place, barred.T)
+            rings.append(Ring(leap, block))
+        return tuple(rings)

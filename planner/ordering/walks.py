@@ -11,17 +11,18 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from planner.ordering.kernel import Ints, Kernel
-from planner.ordering.steps import Array, Leap, Steps
+from planner.ordering.steps import NEVER, Array, Leap, Steps
 from planner.ordering.tangent import Tangent
 
 #: how much longer than a known order a walk may take before it is only bounded
 _HORIZON = 1.15
 #: a share of a walk too small to follow
-_FAINT = 1e-9
+_FAINT = 1e-5
 #: rows after which the clock is looked at
 _LOOK_UP = 16
 #: most numbers in a table of values
@@ -34,8 +35,16 @@ class Values:
 
     price: Array  # (m,)
     arrive: Array  # (rows, states) from arriving there on, what is paid and earned there included
-    far: Array  # (blocks, m) from leaving there for a far place on
+    far: list[Array]  # for each ring (blocks, m): from leaving there for a place in it on
     bound: float  # of every order's cost
+
+
+class _Flow(NamedTuple):
+    """Where the cheapest walk goes; each array adds up shares of the walk."""
+
+    at: Array  # (rows, states)
+    away: list[Array]  # for each ring (blocks, m): what sets out for it
+    visits: Array  # (m,)
 
 
 class Walks:
@@ -48,7 +57,8 @@ class Walks:
         self.step = float(legs.min()) * (1 - 1e-9)
         self.known, self.steps = known, Steps(kernel, self.step, memory, nearest)
         self.rows = int(known.total * _HORIZON / self.step) + 1
-        self.height = self.rows + self.steps.longest + self.steps.block + 1
+        blocks = [ring.block for ring in self.steps.far]
+        self.height = self.rows + self.steps.longest + max(blocks, default=1) + 1
         self.phi = known.phi(np.arange(self.height) * self.step)
 
     def solve(self, price: Array, deadline: float = np.inf) -> Values | None:
@@ -58,82 +68,86 @@ class Walks:
         # beyond the grid a walk is given all that it could still earn
         late = -float(np.maximum(price - known.a * self.phi[rows], 0.0).sum())
         arrive = np.full((self.height, steps.states), late)
-        far = np.full((-(-rows // steps.block) + 1, len(price)), late)
+        far = [np.full((-(-rows // ring.block) + 1, len(price)), late) for ring in steps.far]
         values = Values(price, arrive, far, -np.inf)
-        room = _rooms(steps.near), _rooms(steps.far)
+        room, rooms = _room(steps.near), [_room(ring.leap) for ring in steps.far]
         for row in range(rows - 1, -1, -1):
             if row % _LOOK_UP == 0 and time.perf_counter() > deadline:
                 return None
-            onward = _cost(arrive, steps.near, row, room[0]).min(axis=0)
-            onward = np.minimum(onward, 0.0).reshape(-1, steps.memories)
-            if steps.far is not None:
-                block, place = divmod(row, steps.block)
-                if place == steps.block - 1 or row == rows - 1:
-                    far[block] = _cost(arrive, steps.far, row - place, room[1]).min(axis=0)
-                onward = np.minimum(onward, self._far(values, row)[:, None])
+            for table, ring, space in zip(far, steps.far, rooms, strict=True):
+                block, place = divmod(row, ring.block)
+                if place == ring.block - 1 or row == rows - 1:
+                    cost = _cost(arrive, ring.leap, row - place, space)
+                    cost.min(axis=0, out=table[block])
+            onward = _cost(arrive, steps.near, row, room).min(axis=0).reshape(-1, steps.memories)
+            away = np.minimum(self._far(values, row).min(axis=0), 0.0)
+            onward = np.minimum(onward, away[:, None])
             arrive[row] = (onward + pays[row][:, None]).ravel()
         start = float(_cost(arrive, steps.first, 0).min())
         bound = known.base + float(price.sum()) + min(start, 0.0)
         return Values(price, arrive, far, bound)
 
     def _far(self, values: Values, row: int) -> Array:
-        """(m,) least cost of going on to a far place; concave, so a line bounds it in a block."""
-        block, place = divmod(row, self.steps.block)
-        share = place / self.steps.block
-        return values.far[block] * (1 - share) + values.far[block + 1] * share
+        """(rings + 1, m) cost of going on to each ring; concave, so a line bounds it in a block."""
+        cost = np.full((len(values.far) + 1, len(values.price)), NEVER)
+        for k, (table, ring) in enumerate(zip(values.far, self.steps.far, strict=True)):
+            block, place = divmod(row, ring.block)
+            share = place / ring.block
+            cost[k] = (
+                table[block] + (table[block + 1] - table[block]) * share if place else table[block]
+            )
+        return cost
 
     def visits(self, values: Values) -> Array:
         """(m,) how often the cheapest walk visits each place, on average over its branches."""
-        steps, block = self.steps, self.steps.block
-        at = np.zeros((self.height, steps.states))
-        away = np.zeros(values.far.shape)
-        visits = np.zeros(len(values.price))
-        self._go(values, steps.first, 0, np.ones(1), at, visits)
+        rings = self.steps.far
+        flow = _Flow(
+            np.zeros((self.height, self.steps.states)),
+            [np.zeros_like(table) for table in values.far],
+            np.zeros(len(values.price)),
+        )
+        self._go(values, self.steps.first, 0, np.ones(1), flow)
         for row in range(self.rows):
-            here = np.flatnonzero(at[row] > _FAINT)
+            here = np.flatnonzero(flow.at[row] > _FAINT)
             if len(here):
-                share = at[row, here]
-                left = self._near_or_far(values, row, here, share, at, visits)
-                if steps.far is not None:
-                    part = (row % block) / block
-                    went = np.bincount(steps.place[here], left, len(visits))
-                    away[row // block] += went * (1 - part)
-                    away[row // block + 1] += went * part
-            if steps.far is not None and row % block == block - 1:
-                gone = np.flatnonzero(away[row // block] > _FAINT)
-                if len(gone):
-                    leap, share = steps.far[gone], away[row // block, gone]
-                    self._go(values, leap, row - block + 1, share, at, visits)
-        return visits
+                self._leave(values, row, here, flow)
+            for away, ring in zip(flow.away, rings, strict=True):
+                block, place = divmod(row, ring.block)
+                gone = np.flatnonzero(away[block] > _FAINT)
+                if place == ring.block - 1 and len(gone):
+                    self._go(values, ring.leap[gone], row - place, away[block, gone], flow)
+        return flow.visits
 
-    def _near_or_far(
-        self, values: Values, row: int, here: Ints, share: Array, at: Array, visits: Array
-    ) -> Array:
-        """Take the near steps that are best; return what goes far, of each `share`."""
-        leap = self.steps.near[here]
+    def _leave(self, values: Values, row: int, here: Ints, flow: _Flow) -> None:
+        """Take the near steps that are best, and set out for the rings that are better."""
+        share, leap, place = flow.at[row, here], self.steps.near[here], self.steps.place[here]
         near = _cost(values.arrive, leap, row).min(axis=0)
-        far = np.zeros_like(near)
-        if self.steps.far is not None:
-            far = np.minimum(self._far(values, row)[self.steps.place[here]], 0.0)
-        stays = near < np.minimum(far, 0.0)
+        far = self._far(values, row)[:, place]
+        ring = far.argmin(axis=0)
+        stays = near < far.min(axis=0)
         if stays.any():
-            self._go(values, leap[np.flatnonzero(stays)], row, share[stays], at, visits)
-        return np.where(stays | (far >= 0), 0.0, share)
+            self._go(values, leap[np.flatnonzero(stays)], row, share[stays], flow)
+        goes = ~stays & (far.min(axis=0) < 0)
+        for k in np.unique(ring[goes]):
+            block, part = divmod(row, self.steps.far[k].block)
+            went = goes & (ring == k)
+            out = np.bincount(place[went], share[went], len(flow.visits))
+            part = part / self.steps.far[k].block
+            flow.away[k][block] += out * (1 - part)
+            flow.away[k][block + 1] += out * part
 
-    def _go(
-        self, values: Values, leap: Leap, row: int, share: Array, at: Array, visits: Array
-    ) -> None:
+    def _go(self, values: Values, leap: Leap, row: int, share: Array, flow: _Flow) -> None:
         """Take the best step of each column, unless none earns anything."""
         cost = _cost(values.arrive, leap, row)
         best = cost.argmin(axis=0)
         n = np.arange(len(best))
         good = np.flatnonzero(cost[best, n] < 0)
         best, n, share = best[good], n[good], share[good]
-        visits += np.bincount(leap.place[best, n], share, len(visits))
+        flow.visits[:] += np.bincount(leap.place[best, n], share, len(flow.visits))
         state, part = leap.state[best, n], leap.part[best, n]
         to = row + leap.rows[best, n]
-        np.add.at(at, (to, state), share * (1 - part))
-        np.add.at(at, (to + 1, state), share * part)
+        np.add.at(flow.at, (to, state), share * (1 - part))
+        np.add.at(flow.at, (to + 1, state), share * part)
 
     def onward(self, values: Values, seconds: Array, state: Ints) -> Array:
         """(k,) what is at least paid and earned after `seconds` (k,) in `state` (k,)."""
@@ -191,13 +205,13 @@ _PATIENCE, _SHORTER = 2, 0.7
 _LEAST_SCALE = 0.005
 
 
-def _rooms(leap: Leap | None) -> tuple[Array, Array] | None:
-    return None if leap is None else (np.empty(leap.part.shape), np.empty(leap.part.shape))
+def _room(leap: Leap) -> tuple[Array, Array]:
+    return np.empty(leap.part.shape), np.empty(leap.part.shape)
 
 
 def _cost(arrive: Array, leap: Leap, row: int, room: tuple[Array, Array] | None = None) -> Array:
     """(k, n) value of each step of `leap` begun at `row`: on the line between two rows."""
-    low, high = room or (np.empty(leap.part.shape), np.empty(leap.part.shape))
+    low, high = room or _room(leap)
     arrive[row:].ravel().take(leap.index, out=low, mode="clip")
     arrive[row + 1 :].ravel().take(leap.index, out=high, mode="clip")
     high -= low

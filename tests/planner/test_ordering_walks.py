@@ -40,9 +40,7 @@ def kernels(draw: st.DrawFn) -> Kernel:
     problem = scattered(n, draw(st.integers(0, 10_000)), model, draw(st.booleans()))
     p = problem.p.copy()
     p[0] = draw(st.sampled_from([p[0], 0.0, 1.0]))
-    return reduce_problem(
-        OrderingProblem(p, problem.T, problem.t0, problem.explore, problem.model)
-    )
+    return reduce_problem(OrderingProblem(p, problem.T, problem.t0, problem.explore, problem.model))
 
 
 def orders(kernel: Kernel) -> list[Ints]:
