@@ -20,6 +20,8 @@ from planner.ordering.walks import Values, Walks
 Masks = NDArray[np.int64]
 #: ways kept at once for each second there is: about as many as can be followed
 _WAYS_A_SECOND = 120_000
+#: fewer ways than that take no time
+_SOME = 20_000
 
 
 class _Ways(NamedTuple):
@@ -40,11 +42,15 @@ def prove(
 
     For up to 62 places.
     """
-    most = _WAYS_A_SECOND * (deadline - time.perf_counter())
+    most, pace = _WAYS_A_SECOND * (deadline - time.perf_counter()), 0.0
     here, none = np.array([kernel.root]), np.zeros(1)
     steps = [_Ways(np.zeros(1, np.int64), here, none, none, none, np.zeros(1, np.intp))]
-    for _ in range(kernel.size):
+    for left in range(kernel.size, 0, -1):
+        begin, longer = time.perf_counter(), left * len(steps[-1].last)
+        if longer > _SOME and begin + pace * longer > deadline:
+            return None
         ways = _onward(kernel, walks, values, steps[-1], cost * (1 - 1e-11))
+        pace = (time.perf_counter() - begin) / longer
         if not len(ways.last):
             return np.empty(0, dtype=np.intp)
         if len(ways.last) > most or time.perf_counter() > deadline:
@@ -76,7 +82,10 @@ def _next(kernel: Kernel, walks: Walks, ways: _Ways) -> _Ways:
 
 
 def _of(ways: _Ways, which: NDArray[np.bool_] | Ints) -> _Ways:
-    return _Ways(*(field[which] for field in ways))
+    return _Ways(
+        ways.visited[which], ways.last[which], ways.cost[which], ways.seconds[which],
+        ways.spent[which], ways.parent[which],
+    )  # fmt: skip
 
 
 def _least(kernel: Kernel, walks: Walks, values: Values, ways: _Ways) -> Array:

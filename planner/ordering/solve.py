@@ -16,7 +16,7 @@ from planner.ordering.problem import OrderingProblem
 from planner.ordering.prove import prove
 from planner.ordering.subsets import MOST, best_order
 from planner.ordering.tangent import Tangent
-from planner.ordering.walks import Walks, fits, raise_prices
+from planner.ordering.walks import Values, Walks, fits, raise_prices
 
 #: places up to which all subsets can be gone through in half a second
 _SUBSETS = 17
@@ -25,11 +25,13 @@ _ON_ORDERS = 0.45
 #: up to so many places a proof by exhaustion is tried
 _FEW = 40
 #: share of the time spent on orders of that few, and on prices of what is left after that
-_ON_FEW, _ON_PRICES = 0.15, 0.45
+_ON_FEW, _ON_PRICES = 0.15, 0.4
 #: share of what is left after the orders for split legs
 _ON_SPLITS = 0.08
-#: up to so many places walks remember so many others
-_MEMORY = ((_FEW, 5), (60, 4), (120, 3), (500, 3))
+#: up to so many places walks bound; they remember so many others, or more before a proof
+_WALKED, _MEMORY, _LONG_MEMORY = 500, 3, 6
+#: gap beyond which a proof takes too long to be tried
+_HOPELESS = 0.07
 #: places that a walk reaches with its memory kept
 _NEAREST = 10
 #: share of the time limit kept back for what cannot be interrupted
@@ -90,19 +92,33 @@ def _anytime(kernel: Kernel, begin: float, limit: float, seed: int) -> tuple[Int
     share = _ON_FEW if few else _ON_ORDERS
     order, cost = improve(kernel, order, now + (end - now) * share, seed)
     known = Tangent.of(kernel, order)
-    memory = next((bits for size, bits in _MEMORY if kernel.size <= size), 0)
-    if not memory or not fits(kernel, known, memory):
+    if kernel.size > _WALKED or not fits(kernel, known, _MEMORY):
         return order, best_bound(kernel, cost, end)
     now = time.perf_counter()
     bound = best_bound(kernel, cost, now + (end - now) * _ON_SPLITS)
-    walks = Walks(kernel, known, memory, _NEAREST)
+    walks = Walks(kernel, known, _MEMORY, _NEAREST)
     now = time.perf_counter()
     until = now + (end - now) * (_ON_PRICES if few else 1.0)
-    values = raise_prices(walks, cost, until, 100 if few else 1000)
-    if values is None:
-        return order, bound
-    if few:
-        better = prove(kernel, walks, values, end, cost)
+    values = raise_prices(walks, cost, until, 1000)
+    if values is not None and few:
+        better, values = _exhausted(kernel, walks, values, end)
         if better is not None:
             return (better if len(better) else order), np.inf
-    return order, max(bound, values.bound)
+    return order, bound if values is None else max(bound, values.bound)
+
+
+def _exhausted(
+    kernel: Kernel, walks: Walks, values: Values, end: float
+) -> tuple[Ints | None, Values]:
+    """The result of `prove`, and the best values; a longer memory first, where that may help."""
+    cost = walks.known.cost
+    if fits(kernel, walks.known, _LONG_MEMORY):
+        now = time.perf_counter()
+        longer = Walks(kernel, walks.known, _LONG_MEMORY, _NEAREST)
+        until = now + (end - now) * _ON_PRICES
+        found = raise_prices(longer, cost, until, 1000, values)
+        if found is not None and found.bound > values.bound:
+            walks, values = longer, found
+    if values.bound < cost * (1 - _HOPELESS):
+        return None, values
+    return prove(kernel, walks, values, end, cost), values

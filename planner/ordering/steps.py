@@ -75,7 +75,8 @@ class Steps:
     def memory(self, visited: NDArray[np.bool_], place: Ints) -> Ints:
         """The states (k,) at `place` (k,) after `visited` (k, m)."""
         kept = np.take_along_axis(visited, self.remembered[place], axis=1)
-        return place * self.memories + kept @ (1 << np.arange(kept.shape[1]))
+        state: Ints = place * self.memories + kept @ (1 << np.arange(kept.shape[1]))
+        return state
 
     def _leap(self, q: Array, state: Ints, place: Ints, barred: NDArray[np.bool_]) -> Leap:
         rows = np.floor(q).astype(np.intp)

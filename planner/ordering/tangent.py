@@ -1,9 +1,9 @@
 """What an order costs at least, as a sum over its places of a function of their arrivals alone.
 
 `single`: the sum of w[j] x arrival[j] is the cost itself. `any`: the cost is the integral of the
-probability S(t) = exp(-A(t)) left at t, A(t) the sum of a[j] = -log(1 - p[j]) over the places looked
-over by t, less what is left at the end. exp is convex, so S(t) >= s(t) (1 + B(t) - A(t)) with B(t)
-the A(t) of a known order and s = exp(-B); integrated that is a constant plus the sum of
+probability S(t) = exp(-A(t)) left at t, A(t) the sum of a[j] = -log(1 - p[j]) over the places
+looked over by t, less what is left at the end. exp is convex, so S(t) >= s(t) (1 + B(t) - A(t))
+with B(t) the A(t) of a known order and s = exp(-B); integrated that is a constant plus the sum of
 a[j] x phi(arrival[j]), phi(t) the integral of s up to t. At the known order both sides are equal.
 """
 
@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.ordering.kernel import Ints, Kernel
+from planner.ordering.kernel import Floats, Ints, Kernel
 
 Array = NDArray[np.float64]
 #: in the model `any`: a surer place is taken to be this sure, which costs less than this x [s]
@@ -38,7 +38,7 @@ class Tangent:
     _values: Array  # (k,) phi there
     _slopes: Array  # (k,) and its slope from there on
 
-    def phi(self, seconds: Array) -> Array:
+    def phi(self, seconds: Floats) -> Array:
         """`phi` at `seconds`, element by element."""
         at = np.clip(np.searchsorted(self._times, seconds, side="right") - 1, 0, None)
         value: Array = self._values[at] + (seconds - self._times[at]) * self._slopes[at]

@@ -2,9 +2,9 @@
 
 A walk pays a[j] x phi(arrival) at each place it visits (`tangent`) and earns price[j]; it may visit
 a place again, but not soon (`steps`). Each order is such a walk, so the cheapest walk plus all
-prices is a lower bound, whatever the prices (Lagrange). Time is continuous: what a walk onward costs
-at least is, for each way of going on, a concave function of the time it begins, so the least of them
-is concave as well, and between two rows of a time grid it is not below the line that joins them.
+prices is a lower bound, whatever the prices (Lagrange). Time is continuous: what each way of going
+on costs is a concave function of the time it begins, so the least of them is concave as well, and
+between two rows of a time grid it is not below the line that joins them.
 """
 
 from __future__ import annotations
@@ -21,12 +21,16 @@ from planner.ordering.tangent import Tangent
 
 #: how much longer than a known order a walk may take before it is only bounded
 _HORIZON = 1.15
-#: a share of a walk too small to follow
-_FAINT = 1e-5
 #: rows after which the clock is looked at
 _LOOK_UP = 16
 #: most numbers in a table of values
 _MOST = 40_000_000
+#: steps without a better bound after which steps become shorter
+_PATIENCE, _SHORTER = 2, 0.7
+#: the share of a full step to begin with at prices from less memory
+_CLOSE = 0.5
+#: below this share of a full step prices stay where they are
+_LEAST_SCALE = 0.005
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,7 +44,7 @@ class Values:
 
 
 class _Flow(NamedTuple):
-    """Where the cheapest walk goes; each array adds up shares of the walk."""
+    """Where the cheapest walk goes: 1 where it comes through."""
 
     at: Array  # (rows, states)
     away: list[Array]  # for each ring (blocks, m): what sets out for it
@@ -99,7 +103,10 @@ class Walks:
         return cost
 
     def visits(self, values: Values) -> Array:
-        """(m,) how often the cheapest walk visits each place, on average over its branches."""
+        """(m,) how often the cheapest walk visits each place, about: its times rounded to rows.
+
+        This steers the prices alone; a bound holds whatever they are.
+        """
         rings = self.steps.far
         flow = _Flow(
             np.zeros((self.height, self.steps.states)),
@@ -108,18 +115,18 @@ class Walks:
         )
         self._go(values, self.steps.first, 0, np.ones(1), flow)
         for row in range(self.rows):
-            here = np.flatnonzero(flow.at[row] > _FAINT)
+            here = np.flatnonzero(flow.at[row])
             if len(here):
                 self._leave(values, row, here, flow)
             for away, ring in zip(flow.away, rings, strict=True):
                 block, place = divmod(row, ring.block)
-                gone = np.flatnonzero(away[block] > _FAINT)
+                gone = np.flatnonzero(away[block])
                 if place == ring.block - 1 and len(gone):
                     self._go(values, ring.leap[gone], row - place, away[block, gone], flow)
         return flow.visits
 
     def _leave(self, values: Values, row: int, here: Ints, flow: _Flow) -> None:
-        """Take the near steps that are best, and set out for the rings that are better."""
+        """Take the near step that is best, or set out for the ring that is better."""
         share, leap, place = flow.at[row, here], self.steps.near[here], self.steps.place[here]
         near = _cost(values.arrive, leap, row).min(axis=0)
         far = self._far(values, row)[:, place]
@@ -132,9 +139,7 @@ class Walks:
             block, part = divmod(row, self.steps.far[k].block)
             went = goes & (ring == k)
             out = np.bincount(place[went], share[went], len(flow.visits))
-            part = part / self.steps.far[k].block
-            flow.away[k][block] += out * (1 - part)
-            flow.away[k][block + 1] += out * part
+            flow.away[k][block + (part > self.steps.far[k].block / 2)] += out
 
     def _go(self, values: Values, leap: Leap, row: int, share: Array, flow: _Flow) -> None:
         """Take the best step of each column, unless none earns anything."""
@@ -146,8 +151,7 @@ class Walks:
         flow.visits[:] += np.bincount(leap.place[best, n], share, len(flow.visits))
         state, part = leap.state[best, n], leap.part[best, n]
         to = row + leap.rows[best, n]
-        np.add.at(flow.at, (to, state), share * (1 - part))
-        np.add.at(flow.at, (to + 1, state), share * part)
+        np.add.at(flow.at, (to + (part > 0.5), state), share)
 
     def onward(self, values: Values, seconds: Array, state: Ints) -> Array:
         """(k,) what is at least paid and earned after `seconds` (k,) in `state` (k,)."""
@@ -172,15 +176,27 @@ def fits(kernel: Kernel, known: Tangent, memory: int) -> bool:
     return step > 0 and size < _MOST * step
 
 
-def raise_prices(walks: Walks, cost: float, deadline: float, most: int) -> Values | None:
-    """The best bound found in `most` steps until `deadline` (of time.perf_counter), if any."""
-    at = walks.known.marginal
-    weight = np.abs(at) + 1e-6 * np.abs(at).max()
+def raise_prices(
+    walks: Walks, cost: float, deadline: float, most: int, start: Values | None = None
+) -> Values | None:
+    """The best bound found in `most` steps until `deadline` (of time.perf_counter), if any.
+
+    `start` is what was found with less memory: its prices are a good beginning, not far off.
+    """
+    usual = walks.known.marginal
+    weight = np.abs(usual) + 1e-6 * np.abs(usual).max()
+    at = usual if start is None else start.price
+    begin = time.perf_counter()
     found = best = walks.solve(at, deadline)
-    scale, since, drift = 1.0, 0, np.zeros_like(at)
+    took = time.perf_counter() - begin
+    scale, since, drift = 1.0 if start is None else _CLOSE, 0, np.zeros_like(at)
     for _ in range(most):
         if best is None or found is None or scale < _LEAST_SCALE:
             break
+        # not begun where it could not be ended: visits are not interrupted
+        if time.perf_counter() + took > deadline:
+            break
+        begin = time.perf_counter()
         slope = 1.0 - walks.visits(found)
         steep = float(slope @ (weight * slope))
         if steep < 1e-12 * weight.sum():
@@ -190,6 +206,7 @@ def raise_prices(walks: Walks, cost: float, deadline: float, most: int) -> Value
         found = walks.solve(at, deadline)
         if found is None:
             break
+        took = time.perf_counter() - begin
         since += 1
         if found.bound > best.bound + 1e-6 * abs(best.bound):
             best, since = found, 0
@@ -197,12 +214,6 @@ def raise_prices(walks: Walks, cost: float, deadline: float, most: int) -> Value
             scale, since, found, at = scale * _SHORTER, 0, best, best.price
             drift = np.zeros_like(at)
     return best
-
-
-#: steps without a better bound after which steps become shorter
-_PATIENCE, _SHORTER = 2, 0.7
-#: below this share of a full step prices stay where they are
-_LEAST_SCALE = 0.005
 
 
 def _room(leap: Leap) -> tuple[Array, Array]:

@@ -20,7 +20,6 @@ from planner.ordering.kernel import reduce_problem
 from planner.ordering.moves import changed, moves
 from planner.ordering.potentials import best_bound, quick_bound
 from planner.ordering.segments import Order, legs_of
-from planner.ordering.subsets import best_order
 
 TIMES = st.floats(0, 500)
 
