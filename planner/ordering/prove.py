@@ -20,8 +20,8 @@ from planner.ordering.walks import Values, Walks
 Masks = NDArray[np.int64]
 #: ways kept at once for each second there is: about as many as can be followed
 _WAYS_A_SECOND = 120_000
-#: fewer ways than that take no time
-_SOME = 20_000
+#: fewer ways than that take no time; more take longer each than those of the layer before
+_SOME, _SLOWER = 20_000, 1.6
 
 
 class _Ways(NamedTuple):
@@ -47,7 +47,7 @@ def prove(
     steps = [_Ways(np.zeros(1, np.int64), here, none, none, none, np.zeros(1, np.intp))]
     for left in range(kernel.size, 0, -1):
         begin, longer = time.perf_counter(), left * len(steps[-1].last)
-        if longer > _SOME and begin + pace * longer > deadline:
+        if longer > _SOME and begin + _SLOWER * pace * longer > deadline:
             return None
         ways = _onward(kernel, walks, values, steps[-1], cost * (1 - 1e-11))
         pace = (time.perf_counter() - begin) / longer
