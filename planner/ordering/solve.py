@@ -20,16 +20,16 @@ from planner.ordering.walks import Values, Walks, fits, raise_prices
 
 #: places up to which all subsets can be gone through in half a second
 _SUBSETS = 17
-#: share of the time spent on orders; the rest goes into the bound
-_ON_ORDERS = 0.45
+#: share of the time spent on orders, where walks bound and of more places; then comes the bound
+_ON_ORDERS, _ON_MANY = 0.45, 0.7
 #: up to so many places a proof by exhaustion is tried
 _FEW = 40
 #: share of the time spent on orders of that few, and on prices of what is left after that
 _ON_FEW, _ON_PRICES = 0.15, 0.4
 #: share of what is left after the orders for split legs
 _ON_SPLITS = 0.08
-#: up to so many places walks bound; they remember so many others, or more before a proof
-_WALKED, _MEMORY, _LONG_MEMORY = 500, 3, 6
+#: up to so many places a second walks bound; they remember so many others, more before a proof
+_WALKED, _MEMORY, _LONG_MEMORY = 160, 3, 6
 #: gap beyond which a proof takes too long to be tried
 _HOPELESS = 0.07
 #: places that a walk reaches with its memory kept
@@ -89,10 +89,11 @@ def _anytime(kernel: Kernel, begin: float, limit: float, seed: int) -> tuple[Int
         return improve(kernel, order, end, seed)[0], bound
     few = kernel.size <= _FEW
     now = time.perf_counter()
-    share = _ON_FEW if few else _ON_ORDERS
+    walked = kernel.size <= _WALKED * max(1.0, limit)
+    share = _ON_FEW if few else _ON_ORDERS if walked else _ON_MANY
     order, cost = improve(kernel, order, now + (end - now) * share, seed)
     known = Tangent.of(kernel, order)
-    if kernel.size > _WALKED or not fits(kernel, known, _MEMORY):
+    if not walked or not fits(kernel, known, _MEMORY):
         return order, best_bound(kernel, cost, end)
     now = time.perf_counter()
     bound = best_bound(kernel, cost, now + (end - now) * _ON_SPLITS)
