@@ -2,7 +2,8 @@
 
     python -m benchmarks.ordering [SIZES [SEEDS [LONG]]]     (30,50,100,330,10000  2  10)
 
-For each size, model and building: the expected time of the ratio rule, of a search of one second,
+For each size, kind of probabilities (`peaked`, `listed`: benchmarks/ordering_worlds.py), model and
+building: the expected time of the ratio rule, of a search of one second,
 and of the best of two searches of LONG seconds; the proven gap; the wall-clock time.
 `--write FILE` writes the buildings as problems for `hereabouts bench plan` instead.
 """
@@ -33,17 +34,20 @@ def main() -> None:
     sizes = [int(size) for size in (words[0] if words else "30,50,100,330,10000").split(",")]
     seeds = int(words[1]) if len(words) > 1 else 2
     long = float(words[2]) if len(words) > 2 else 10.0
-    sys.stdout.write("| places | model | ratio rule | 1 s | over best known | gap | proven | s |\n")
-    sys.stdout.write("|---|---|---|---|---|---|---|---|\n")
+    sys.stdout.write(
+        "| places | kind | model | ratio rule | 1 s | over best known | gap | proven | s |\n"
+    )
+    sys.stdout.write("|---|---|---|---|---|---|---|---|---|\n")
     for size in sizes:
-        for model in MODELS:
-            _row(size, model, seeds, long)
+        for listed in (False, True):
+            for model in MODELS:
+                _row(size, listed, model, seeds, long)
 
 
-def _row(size: int, model: Literal["single", "any"], seeds: int, long: float) -> None:
+def _row(size: int, listed: bool, model: Literal["single", "any"], seeds: int, long: float) -> None:
     rows = []
     for seed in range(seeds):
-        made = problem(size, seed, model)
+        made = problem(size, seed, model, listed=listed)
         kernel = reduce_problem(made)
         rule = kernel.cost(by_ratio(kernel)) / kernel.norm
         found = solve(made)
@@ -53,8 +57,8 @@ def _row(size: int, model: Literal["single", "any"], seeds: int, long: float) ->
         rows.append((rule, found.expected_seconds, over, found.gap, found.proven, found.seconds))
     rule, expected, over, gap, proven, seconds = np.mean(rows, axis=0)
     sys.stdout.write(
-        f"| {size} | {model} | {rule:.0f} | {expected:.0f} | {over:.2%} | {gap:.1%} | "
-        f"{proven:.0%} | {seconds:.2f} |\n"
+        f"| {size} | {'listed' if listed else 'peaked'} | {model} | {rule:.0f} | {expected:.0f} | "
+        f"{over:.2%} | {gap:.1%} | {proven:.0%} | {seconds:.2f} |\n"
     )
     sys.stdout.flush()
 

@@ -40,19 +40,35 @@ def building(rooms: int, seed: int) -> tuple[NDArray[np.float64], NDArray[np.int
     return metres, rng.integers(0, CATEGORIES, rooms)
 
 
-def problem(rooms: int, seed: int, model: SearchModel = "single") -> OrderingProblem:
-    """One search in such a building: the probabilities peaked by category, then jittered."""
+def problem(
+    rooms: int, seed: int, model: SearchModel = "single", *, listed: bool = False
+) -> OrderingProblem:
+    """One search in such a building.
+
+    Probabilities peaked by category, then jittered, and looks of unlike length; or, `listed`, one
+    length and, like in the thesis, a few categories that are known to hold the thing and a small
+    share (0 to 0.3) for all the other rooms together.
+    """
     metres, category = building(rooms, seed)
     rng = np.random.default_rng([seed, rooms])
-    prior = rng.dirichlet(np.full(CATEGORIES, 0.4))[category] + 1e-3
-    p = prior * rng.uniform(0.5, 1.5, rooms)
+    if listed:
+        p, explore = _listed(category, rng), np.full(rooms, EXPLORE)
+    else:
+        prior = rng.dirichlet(np.full(CATEGORIES, 0.4))[category] + 1e-3
+        p = prior * rng.uniform(0.5, 1.5, rooms)
+        explore = EXPLORE * rng.uniform(0.6, 1.6, rooms)
     p /= p.sum()
     if model == "any":
         p = np.minimum(p * rng.uniform(0.8, 4.0), 0.95)
     start = rng.integers(rooms)
-    explore = EXPLORE * rng.uniform(0.6, 1.6, rooms)
     T = (metres / SPEED).astype(np.float32 if rooms > 2000 else np.float64)
     return OrderingProblem(p, T, T[start].copy(), explore.astype(T.dtype), model)
+
+
+def _listed(category: NDArray[np.int64], rng: np.random.Generator) -> NDArray[np.float64]:
+    some = np.isin(category, rng.choice(CATEGORIES, 3, replace=False))
+    rest = rng.uniform(0.0, 0.3)
+    return np.where(some, (1 - rest) * rng.dirichlet(np.ones(len(category))), rest / len(category))
 
 
 def document(sizes: list[int], seeds: int) -> dict[str, Any]:

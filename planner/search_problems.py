@@ -20,6 +20,7 @@ class SearchProblem:
     id: str
     places: tuple[int | str, ...]  # the file's names of the problem's places
     problem: OrderingProblem
+    possible: bool = True  # False: p is 0 everywhere; `problem` holds all places equally likely
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,11 +89,18 @@ def _problem(query: dict[str, Any], name: str, worlds: dict[str, _World]) -> Sea
         )
     world = worlds[world_name]
     p, t0, model = (_get(query, key, where) for key in ("p", "t0", "model"))
+    possible = not _all_zero(p)
+    if not possible:
+        p = [1.0 / len(p)] * len(p)
     try:
         problem = OrderingProblem(p, world.T, t0, np.asarray(world.explore), model)
     except OrderingError as error:
         raise OrderingError(f"{where}: {error}") from error
-    return SearchProblem(name, world.places, problem)
+    return SearchProblem(name, world.places, problem, possible)
+
+
+def _all_zero(p: object) -> bool:
+    return isinstance(p, list) and bool(p) and all(isinstance(x, int | float) and x == 0 for x in p)
 
 
 def _object(value: object, where: str) -> dict[str, Any]:

@@ -54,7 +54,10 @@ def run(arguments: argparse.Namespace) -> int:
         output.write_text(json.dumps(plans, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     except OSError as error:
         raise OrderingError(f"cannot write {output}: {error.strerror}") from error
-    summary = _summary(solved)
+    hopeless = sum(not entry.possible for entry, _ in solved)
+    if hopeless:
+        note(f"{hopeless} with p 0 everywhere: ordered as if p were equal, without a time to find")
+    summary = _summary([(entry, ordering) for entry, ordering in solved if entry.possible])
     _print_summary(summary)
     if arguments.json:
         write_json(summary)
@@ -64,8 +67,8 @@ def run(arguments: argparse.Namespace) -> int:
 def _plan(entry: SearchProblem, ordering: Ordering) -> dict[str, Any]:
     return {
         "order": [entry.places[site] for site in ordering.order],
-        "expected_seconds": ordering.expected_seconds,
-        "lower_bound": ordering.lower_bound,
+        "expected_seconds": ordering.expected_seconds if entry.possible else None,
+        "lower_bound": ordering.lower_bound if entry.possible else None,
         "time_s": ordering.seconds,
     }
 

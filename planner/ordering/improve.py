@@ -25,14 +25,15 @@ _LEAST = 1e-12
 
 def by_ratio(kernel: Kernel) -> Ints:
     """Always on to the place with the most probability a second: the constructive ratio rule."""
-    m = kernel.size
-    chance = kernel.w
-    order = np.empty(m, dtype=np.intp)
-    left, at = np.arange(m), kernel.root
-    for k in range(m):
-        best = int(np.argmax(chance[left] / (kernel.D[at, left] + 1e-9)))
-        order[k] = at = left[best]
-        left = np.delete(left, best)
+    order = np.empty(kernel.size, dtype=np.intp)
+    chance = kernel.w.astype(kernel.D.dtype)
+    rate, at = np.empty_like(chance), kernel.root
+    for k in range(kernel.size):
+        # whole rows: a gather of those that are left takes longer
+        np.add(kernel.D[at], 1e-9, out=rate)
+        np.divide(chance, rate, out=rate)
+        order[k] = at = int(np.argmax(rate))
+        chance[at] = -np.inf
     return order
 
 

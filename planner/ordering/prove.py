@@ -14,12 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.ordering.kernel import Ints, Kernel
-from planner.ordering.segments import Array
-from planner.ordering.walks import Walks
+from planner.ordering.steps import Array
+from planner.ordering.walks import Values, Walks
 
 Masks = NDArray[np.int64]
 #: ways kept at once for each second there is: about as many as can be followed
 _WAYS_A_SECOND = 120_000
+#: fewer ways than that take no time; more take longer each than those of the layer before
+_SOME, _SLOWER = 20_000, 1.6
 
 
 class _Ways(NamedTuple):
@@ -29,19 +31,26 @@ class _Ways(NamedTuple):
     last: Ints
     cost: Array  # legs x probability left before them
     seconds: Array  # [s]
+    spent: Array  # sum of a x phi(arrival) of the places visited
     parent: Ints  # which way of the step before
 
 
-def prove(kernel: Kernel, walks: Walks, cost: float, deadline: float) -> Ints | None:
+def prove(
+    kernel: Kernel, walks: Walks, values: Values, deadline: float, cost: float
+) -> Ints | None:
     """The optimal order (m,), an empty one where none beats `cost`; None without a proof in time.
 
-    For the model `single` and up to 62 places.
+    For up to 62 places.
     """
-    most = _WAYS_A_SECOND * (deadline - time.perf_counter())
+    most, pace = _WAYS_A_SECOND * (deadline - time.perf_counter()), 0.0
     here, none = np.array([kernel.root]), np.zeros(1)
-    steps = [_Ways(np.zeros(1, np.int64), here, none, none, np.zeros(1, np.intp))]
-    for _ in range(kernel.size):
-        ways = _onward(kernel, walks, steps[-1], cost * (1 - 1e-11))
+    steps = [_Ways(np.zeros(1, np.int64), here, none, none, none, np.zeros(1, np.intp))]
+    for left in range(kernel.size, 0, -1):
+        begin, longer = time.perf_counter(), left * len(steps[-1].last)
+        if longer > _SOME and begin + _SLOWER * pace * longer > deadline:
+            return None
+        ways = _onward(kernel, walks, values, steps[-1], cost * (1 - 1e-11))
+        pace = (time.perf_counter() - begin) / longer
         if not len(ways.last):
             return np.empty(0, dtype=np.intp)
         if len(ways.last) > most or time.perf_counter() > deadline:
@@ -50,33 +59,52 @@ def prove(kernel: Kernel, walks: Walks, cost: float, deadline: float) -> Ints | 
     return _trace(steps)
 
 
-def _onward(kernel: Kernel, walks: Walks, ways: _Ways, most: float) -> _Ways:
+def _onward(kernel: Kernel, walks: Walks, values: Values, ways: _Ways, most: float) -> _Ways:
+    new = _next(kernel, walks, ways)
+    new = _of(new, _least(kernel, walks, values, new) < most)
+    order = np.lexsort((new.cost, new.last, new.visited))
+    visited, last = new.visited[order], new.last[order]
+    first = np.ones(len(order), dtype=bool)
+    first[1:] = (visited[1:] != visited[:-1]) | (last[1:] != last[:-1])
+    return _of(new, order[first])
+
+
+def _next(kernel: Kernel, walks: Walks, ways: _Ways) -> _Ways:
+    """Every way, one place longer."""
     bits = np.int64(1) << np.arange(kernel.size, dtype=np.int64)
     parent, place = np.nonzero((ways.visited[:, None] & bits) == 0)
-    left = 1.0 - _sum_of_bits(ways.visited, kernel.w)
-    earned = walks.price.sum() - _sum_of_bits(ways.visited, walks.price)
+    left = _left(kernel, ways.visited)[parent]
     legs = kernel.D[ways.last[parent], place]
-    cost, seconds = ways.cost[parent] + legs * left[parent], ways.seconds[parent] + legs
-    spent = cost - (left[parent] - kernel.w[place]) * seconds
-    least = spent + earned[parent] - walks.price[place] + walks.at(seconds, place)
-    good = np.flatnonzero(least < most)
-    found = _Ways(
-        ways.visited[parent[good]] | bits[place[good]], place[good], cost[good], seconds[good],
-        parent[good],
+    seconds = ways.seconds[parent] + legs
+    spent = ways.spent[parent] + walks.known.a[place] * walks.known.phi(seconds)
+    cost = ways.cost[parent] + legs * left
+    return _Ways(ways.visited[parent] | bits[place], place, cost, seconds, spent, parent)
+
+
+def _of(ways: _Ways, which: NDArray[np.bool_] | Ints) -> _Ways:
+    return _Ways(
+        ways.visited[which], ways.last[which], ways.cost[which], ways.seconds[which],
+        ways.spent[which], ways.parent[which],
     )  # fmt: skip
-    order = np.lexsort((found.cost, found.last, found.visited))
-    visited, last = found.visited[order], found.last[order]
-    new = np.ones(len(order), dtype=bool)
-    new[1:] = (visited[1:] != visited[:-1]) | (last[1:] != last[:-1])
-    best = order[new]
-    return _Ways(visited[new], last[new], found.cost[best], found.seconds[best], found.parent[best])
 
 
-def _sum_of_bits(visited: Masks, values: Array) -> Array:
-    total = np.zeros(len(visited))
-    for bit, value in enumerate(values):
-        total += ((visited >> bit) & 1) * value
-    return total
+def _least(kernel: Kernel, walks: Walks, values: Values, ways: _Ways) -> Array:
+    """What any order that begins like each of `ways` costs at least."""
+    been = (ways.visited[:, None] >> np.arange(kernel.size) & 1).astype(bool)
+    earned = values.price.sum() - been @ values.price
+    state = walks.steps.memory(been, ways.last)
+    onward = walks.onward(values, ways.seconds, state)
+    least: Array = walks.known.base + ways.spent + earned + onward
+    return least
+
+
+def _left(kernel: Kernel, visited: Masks) -> Array:
+    """Probability of a first find after `visited`."""
+    been = visited[:, None] >> np.arange(kernel.size) & 1
+    if not kernel.any:
+        return np.asarray(kernel.w.sum() - been @ kernel.w)
+    alone = np.where(been, 1.0 - kernel.w, 1.0).prod(axis=1)
+    return np.asarray(alone - (1.0 - kernel.w).prod())
 
 
 def _trace(steps: list[_Ways]) -> Ints:

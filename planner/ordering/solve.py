@@ -15,20 +15,25 @@ from planner.ordering.potentials import best_bound, quick_bound
 from planner.ordering.problem import OrderingProblem
 from planner.ordering.prove import prove
 from planner.ordering.subsets import MOST, best_order
-from planner.ordering.walks import Known, coarsest_step, raise_prices
+from planner.ordering.tangent import Tangent
+from planner.ordering.walks import Values, Walks, fits, raise_prices
 
 #: places up to which all subsets can be gone through in half a second
 _SUBSETS = 17
-#: share of the time spent on orders; the rest goes into the bound
-_ON_ORDERS = 0.6
-#: up to so many places walks bound the model `single`; fine steps and a proof only up to so many
-_WALKED, _FINE = 60, 36
-#: share of the time spent on orders of that few
-_ON_FEW = 0.2
-#: share of what is left after that for split legs
-_ON_SPLITS = 0.15
-#: how much finer the fine steps are
-_FINER = 6
+#: share of the time spent on orders, where walks bound and of more places; then comes the bound
+_ON_ORDERS, _ON_MANY = 0.45, 0.7
+#: up to so many places a proof by exhaustion is tried
+_FEW = 40
+#: share of the time spent on orders of that few, and on prices of what is left after that
+_ON_FEW, _ON_PRICES = 0.15, 0.4
+#: share of what is left after the orders for split legs
+_ON_SPLITS = 0.08
+#: up to so many places a second walks bound; they remember so many others, more before a proof
+_WALKED, _MEMORY, _LONG_MEMORY = 160, 3, 6
+#: gap beyond which a proof takes too long to be tried
+_HOPELESS = 0.07
+#: places that a walk reaches with its memory kept
+_NEAREST = 10
 #: share of the time limit kept back for what cannot be interrupted
 _RESERVE = 0.08
 #: rounding: by how much less than computed a bound is said to be
@@ -71,7 +76,8 @@ def solve(problem: OrderingProblem, time_limit: float = 1.0, seed: int = 0) -> O
     whole = np.concatenate([kernel.sites[order], kernel.rest])
     expected = problem.expected_seconds(whole)
     proven = bound >= kernel.cost(order) * (1 - _ROUNDED)
-    lower = expected * (1 - _EXACT) if proven else bound / kernel.norm * (1 - rounded)
+    exact = _EXACT if np.isinf(bound) else _ROUNDED
+    lower = expected * (1 - exact) if proven else bound / kernel.norm * (1 - rounded)
     return Ordering(whole, expected, lower, bool(proven), time.perf_counter() - begin)
 
 
@@ -81,33 +87,39 @@ def _anytime(kernel: Kernel, begin: float, limit: float, seed: int) -> tuple[Int
     if kernel.size > MANY:
         bound = quick_bound(kernel)
         return improve(kernel, order, end, seed)[0], bound
+    few = kernel.size <= _FEW
     now = time.perf_counter()
-    if kernel.size <= _WALKED and not kernel.any:
-        order, _ = improve(kernel, order, now + (end - now) * _ON_FEW, seed)
-        return _walked(kernel, order, end)
-    order, cost = improve(kernel, order, now + (end - now) * _ON_ORDERS, seed)
-    return order, best_bound(kernel, cost, end)
-
-
-def _walked(kernel: Kernel, order: Ints, end: float) -> tuple[Ints, float]:
-    """A bound from walks, and the proof that it may lead to."""
-    known = Known.of(kernel, order)
-    step = coarsest_step(kernel, known.total)
-    if step is None:
-        return order, best_bound(kernel, known.cost, end)
+    walked = kernel.size <= _WALKED * max(1.0, limit)
+    share = _ON_FEW if few else _ON_ORDERS if walked else _ON_MANY
+    order, cost = improve(kernel, order, now + (end - now) * share, seed)
+    known = Tangent.of(kernel, order)
+    if not walked or not fits(kernel, known, _MEMORY):
+        return order, best_bound(kernel, cost, end)
     now = time.perf_counter()
-    bound = best_bound(kernel, known.cost, now + (end - now) * _ON_SPLITS)
-    few = kernel.size <= _FINE
-    walks = raise_prices(
-        kernel, known, known.price, step, now + (end - now) * (0.5 if few else 0.9)
-    )
+    bound = best_bound(kernel, cost, now + (end - now) * _ON_SPLITS)
+    walks = Walks(kernel, known, _MEMORY, _NEAREST)
     now = time.perf_counter()
-    if few and walks.seconds * _FINER * 2 < end - now:
-        until = now + (end - now) * 0.3
-        walks = raise_prices(kernel, known, walks.price, step / _FINER, until)
-        now = time.perf_counter()
-        better = prove(kernel, walks, known.cost, now + (end - now) * 0.7)
+    until = now + (end - now) * (_ON_PRICES if few else 1.0)
+    values = raise_prices(walks, cost, until, 1000)
+    if values is not None and few:
+        better, values = _exhausted(kernel, walks, values, end)
         if better is not None:
-            order = better if len(better) else order
-            return order, kernel.cost(order)
-    return order, max(bound, walks.bound)
+            return (better if len(better) else order), np.inf
+    return order, bound if values is None else max(bound, values.bound)
+
+
+def _exhausted(
+    kernel: Kernel, walks: Walks, values: Values, end: float
+) -> tuple[Ints | None, Values]:
+    """The result of `prove`, and the best values; a longer memory first, where that may help."""
+    cost = walks.known.cost
+    if fits(kernel, walks.known, _LONG_MEMORY):
+        now = time.perf_counter()
+        longer = Walks(kernel, walks.known, _LONG_MEMORY, _NEAREST)
+        until = now + (end - now) * _ON_PRICES
+        found = raise_prices(longer, cost, until, 1000, values)
+        if found is not None and found.bound > values.bound:
+            walks, values = longer, found
+    if values.bound < cost * (1 - _HOPELESS):
+        return None, values
+    return prove(kernel, walks, values, end, cost), values

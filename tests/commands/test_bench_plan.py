@@ -80,7 +80,6 @@ def broken(change: Callable[[dict[str, Any]], object]) -> dict[str, Any]:
         (broken(lambda d: d["worlds"][0].update(T=[[0, "x", 1]] * 3)), "numbers"),
         (broken(lambda d: d["worlds"][0].update(T=None)), "T"),
         (broken(lambda d: d["queries"][0].pop("p")), "'p'"),
-        (broken(lambda d: d["queries"][0].update(p=[0, 0, 0])), "nothing can be found"),
         (broken(lambda d: d["queries"][0].update(p=[0.5, float("nan"), 0.5])), "finite"),
         (broken(lambda d: d["queries"][0].update(t0=[1, -2, 3])), "0 or more"),
         (broken(lambda d: d["queries"][0].update(t0=[1, 2])), "shape"),
@@ -103,3 +102,18 @@ def test_files_that_cannot_be_read_or_written(tmp_path: Path, fails: Callable[..
     assert "cannot read" in fails("bench", "plan", tmp_path / "none", "-o", tmp_path / "plans")
     problems = write(tmp_path, document())
     assert "cannot write" in fails("bench", "plan", problems, "-o", tmp_path / "no" / "plans")
+
+
+def test_a_query_without_any_probability_is_ordered_without_a_time(
+    tmp_path: Path, prints: Callable[..., str]
+) -> None:
+    value = broken(lambda d: d["queries"][0].update(p=[0, 0, 0]))
+    plans = tmp_path / "plans.json"
+    rows = json.loads(prints("bench", "plan", write(tmp_path, value), "-o", plans, "--json"))
+    written = json.loads(plans.read_text())
+    first = written.pop(value["queries"][0]["id"])
+    assert sorted(first["order"]) == sorted(place["id"] for place in value["worlds"][0]["places"])
+    assert first["expected_seconds"] is None
+    assert first["lower_bound"] is None
+    assert sum(row["queries"] for row in rows) == len(written)
+    assert all(plan["expected_seconds"] > 0 for plan in written.values())

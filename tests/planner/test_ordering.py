@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import json
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -20,10 +19,7 @@ from planner.ordering.improve import by_ratio, improve
 from planner.ordering.kernel import reduce_problem
 from planner.ordering.moves import changed, moves
 from planner.ordering.potentials import best_bound, quick_bound
-from planner.ordering.prove import prove
 from planner.ordering.segments import Order, legs_of
-from planner.ordering.subsets import best_order
-from planner.ordering.walks import Grid, Known, coarsest_step, raise_prices
 
 TIMES = st.floats(0, 500)
 
@@ -127,39 +123,6 @@ def test_large_problems_keep_their_bound_and_improve_on_the_ratio_rule(model: st
     assert 0 < found.lower_bound < found.expected_seconds
     assert found.expected_seconds <= kernel.cost(by_ratio(kernel)) / kernel.norm
     assert found.expected_seconds == problem.expected_seconds(found.order)
-
-
-def test_proofs_beyond_all_subsets_agree_with_all_subsets() -> None:
-    for seed in range(4):
-        kernel = reduce_problem(scattered(13, seed))
-        optimum = kernel.cost(best_order(kernel))
-        start = by_ratio(kernel)
-        known = Known.of(kernel, start)
-        step = coarsest_step(kernel, known.total)
-        assert step is not None
-        walks = raise_prices(kernel, known, known.price, step / 2, time.perf_counter() + 0.3)
-        assert walks.bound <= optimum * (1 + 1e-9)
-        better = prove(kernel, walks, known.cost, np.inf)
-        assert better is not None
-        found = kernel.cost(better if len(better) else start)
-        assert found == pytest.approx(optimum, rel=1e-9)
-
-
-@settings(max_examples=40, deadline=None)
-@given(problems())
-def test_walks_bound_every_order(problem: OrderingProblem) -> None:
-    kernel = reduce_problem(problem)
-    if kernel.size < 3 or kernel.any:
-        return
-    known = Known.of(kernel, by_ratio(kernel))
-    step = coarsest_step(kernel, known.total)
-    if step is not None and known.total / step < 500:
-        price = known.price
-        for _ in range(3):
-            walks, slope = Grid(kernel, known.total, step).solve(price)
-            optimum = least(problem) * kernel.norm
-            assert walks.bound <= optimum + 1e-9 * (1 + optimum)
-            price = price + 0.2 * known.price * slope
 
 
 def test_the_same_seed_makes_the_same_search() -> None:
