@@ -42,6 +42,7 @@ NEAR_BY_RELATION: Final = HERE + "NearByRelation"
 LOCATED_AT: Final = HERE + "locatedAt"
 NEAR_BY: Final = HERE + "nearBy"
 PROBABILITY: Final = HERE + "probability"
+USED_FOR: Final = HERE + "usedFor"
 
 # what an importer says of a relation, and how a later edit by hand is told from it
 WEIGHT: Final = HERE + "weight"
