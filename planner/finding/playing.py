@@ -33,6 +33,13 @@ class Played:
         total = float(self.gains.sum())
         return float(self.arrivals @ self.gains) / total if total > 0 else 0.0
 
+    def until(self, found: float) -> float:
+        """[s] expected of the first `found` of all that the looks find."""
+        before = np.concatenate([[0.0], np.cumsum(self.gains)[:-1]])
+        counted = np.clip(found - before, 0.0, self.gains)
+        total = float(counted.sum())
+        return float(self.arrivals @ counted) / total if total > 0 else 0.0
+
 
 class Player:
     """Plays looks in a hunt as it now stands, from one place."""

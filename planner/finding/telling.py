@@ -32,7 +32,7 @@ def plan_json(plan: FindPlan) -> dict[str, object]:
                 "name": other.name,
                 "expected_seconds": _rounded(other.expected_seconds),
                 "probability": round(other.probability, 6),
-                "same_probability_seconds": _rounded(other.same_probability_seconds),
+                "plan_seconds": _rounded(other.plan_seconds),
                 "looks": other.looks,
             }
             for other in plan.alternatives
@@ -98,9 +98,10 @@ def gist(why: Sequence[Reason]) -> str:
     """The weightiest reason of a look in one line, and how many others there are."""
     if not why:
         return ""
+    facts = why[0].candidate.facts
     others = len({r.candidate.iri for r in why[1:]} - {why[0].candidate.iri})
     said = f"; and {others} more" if others else ""
-    return "; ".join(why[0].candidate.facts) + said
+    return "; ".join(facts[: 1 if why[0].candidate.kind == "known" else 2]) + said
 
 
 def in_words(plan: FindPlan) -> list[str]:
@@ -117,7 +118,8 @@ def in_words(plan: FindPlan) -> list[str]:
     if len(plan.targets) == 1:
         lines.append(f"{what} is on this floor with {plan.present:.2f}")
     lines += [
-        f"instead, {other.name}: expected {other.expected_seconds:.0f} s for {other.probability:.2f}"
+        f"{other.name}, instead: {other.expected_seconds:.0f} s expected, where this plan finds as "
+        f"much ({other.probability:.2f}) in {other.plan_seconds:.0f} s"
         for other in plan.alternatives
     ]
     return lines
