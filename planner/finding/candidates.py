@@ -221,6 +221,7 @@ class _Rooms:
     def __init__(self, table: PlacementTable, target: Target, expected: Iterable[Row]) -> None:
         self._table, self._target = table, target
         self._rows: dict[str, Row] = {}
+        self._of_kind: dict[str, float] = {}
         for row in expected:  # the likeliest first
             kind = str(row["kind"])
             if kind not in self._rows or _product(row) > _product(self._rows[kind]):
@@ -229,6 +230,11 @@ class _Rooms:
         self._mean = float(np.mean([self._in(kind) for kind in kinds])) if kinds else 0.0
 
     def _in(self, kind: str) -> float:
+        if kind not in self._of_kind:
+            self._of_kind[kind] = self._worked_out(kind)
+        return self._of_kind[kind]
+
+    def _worked_out(self, kind: str) -> float:
         """By the table, or by what the graph states and the table has not weighed, if more."""
         asked = self._target.asked
         p = 1 - float(np.prod([1 - self._table.probability(iri, kind) for iri in asked]))
