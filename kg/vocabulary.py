@@ -45,6 +45,7 @@ NEAR_BY_RELATION: Final = HERE + "NearByRelation"
 LOCATED_AT: Final = HERE + "locatedAt"
 NEAR_BY: Final = HERE + "nearBy"
 PROBABILITY: Final = HERE + "probability"
+USED_FOR: Final = HERE + "usedFor"
 
 PROVISIONAL_MARK: Final = HERE + "provisional"
 
