@@ -25,6 +25,7 @@
     ├── ModelError               a network that cannot be loaded, fetched or understood
     ├── LayoutError              places or transforms given by file that make no sense
     ├── OrderingError            a search problem that makes no sense: sizes, signs, no probability
+    ├── RobotError               a robot that does not answer, or says what makes no sense
     ├── ServerError              a server that cannot start as asked, or a request it refuses
     └── PictureError             a picture that cannot be drawn or written
 
@@ -137,6 +138,10 @@ class LayoutError(HereaboutsError):
 
 class OrderingError(HereaboutsError):
     """A search problem makes no sense: sizes differ, a time is negative, no probability."""
+
+
+class RobotError(HereaboutsError):
+    """A robot cannot be reached, falls silent, or does not speak the protocol."""
 
 
 class ServerError(HereaboutsError):
