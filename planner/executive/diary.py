@@ -23,8 +23,6 @@ from kg.records import (
 from kg.semantic_map import SemanticMap
 from planner.executive.protocol import RobotPose
 
-_HEIGHT = 0.0  # [m] a robot of the protocol tells where it stands, not how high its camera is
-
 
 class Diary:
     """Writes one search; begun by `begin`, or taken up by `resume`."""
@@ -34,6 +32,8 @@ class Diary:
     ) -> None:
         self._map = semantic_map
         self._clock = clock
+        robot = semantic_map.robot()
+        self._height = 0.0 if robot is None else float(robot.p_map[2])  # the protocol tells none
         self.record = record
         self.looks = list(semantic_map.looks(record.iri))
         self.obstacles = list(semantic_map.obstacles(record.iri))
@@ -157,7 +157,7 @@ class Diary:
         )
 
     def _robot(self, pose: RobotPose) -> RobotRecord:
-        p_map = np.array([pose.x, pose.y, _HEIGHT])
+        p_map = np.array([pose.x, pose.y, self._height])
         return RobotRecord(p_map, math.remainder(pose.heading, 2 * math.pi), self._clock())
 
     def _write(self, note: str, update: MapUpdate) -> None:
