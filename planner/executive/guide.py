@@ -53,6 +53,11 @@ class Guide:
         """Probability that any of what is still wanted is there to be found."""
         return self._hunt.left
 
+    @property
+    def field_of_view(self) -> float:
+        """[rad] what one picture shows, across."""
+        return self._sensor.field_of_view
+
     def next(self, pose: RobotPose) -> Proposal | None:
         """The look to take next; None where none is worth the way."""
         hunt = self._hunt

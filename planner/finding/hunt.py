@@ -1,0 +1,270 @@
+"""A search under way: belief on the floor, looks to take, and what each look taught.
+
+    hunt = prepare(semantic_map, ["cup"])
+    look = hunt.next(at)                  # a number in hunt.looks, or None: nothing is worth a look
+    hunt.missed(look)                     # looked, and did not see it
+
+A `Hunt` is changed in place by what happens; it never writes to the map.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from kg.placement.table import placement_table
+from kg.semantic_map import SemanticMap
+from planner.finding.candidates import Candidate, Gatherer, all_places, map_time
+from planner.finding.ground import Ground, ground_of, ground_on
+from planner.finding.prospects import Prospects, prospects
+from planner.finding.settings import BELIEF, MOST_ROOMS, Belief
+from planner.finding.targets import Target, resolve
+from planner.space.grid import FreeSpace
+from planner.viewing.belief import CellBelief
+from planner.viewing.looks import (
+    Looks,
+    belief_cells,
+    candidate_looks,
+    picture,
+    standing_cells,
+)
+from planner.viewing.sensor import Motion, Sensor
+from planner.viewing.tour import Memory, Standing, Tourist
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reason:
+    """Why to look somewhere: one candidate, and how much of the look's worth is its doing."""
+
+    candidate: Candidate
+    target: str  # what is wanted there
+    probability: float  # that the look finds it on this account
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Find:
+    """A target that has been found."""
+
+    target: Target
+    p_map: NDArray[np.float64]  # (2,) or (3,) [m]
+
+
+class Hunt:
+    """One search for one or several targets; all of them are wanted.
+
+    `space`, `rooms` (place IRI by number of room, "" where a room is no place), `looks`, `tourist`
+    and `memory` are replaced by `blocked`; look numbers from before do not hold after it.
+    """
+
+    def __init__(
+        self,
+        targets: tuple[Target, ...],
+        ground: Ground,
+        looks: Looks,
+        candidates: tuple[Candidate, ...],
+        known: Prospects,
+        settings: Belief = BELIEF,
+    ) -> None:
+        self.targets, self.candidates, self.prospects = targets, candidates, known
+        self.settings = settings
+        self.finds: list[Find] = []
+        self.unseen = np.ones(len(looks.cells))  # (c,) chance that all looks missed what lies there
+        self._taken: list[tuple[int, float, float]] = []  # cell, heading, extent of looks taken
+        self._ground = ground
+        self._use(looks)
+
+    def _use(self, looks: Looks) -> None:
+        self.looks = looks
+        self.tourist = Tourist(looks)
+        self.memory = Memory(looks)
+
+    @property
+    def space(self) -> FreeSpace:
+        """The floor."""
+        return self._ground.space
+
+    @property
+    def rooms(self) -> tuple[str, ...]:
+        """Place IRI by number of room; "" where a room is no place."""
+        return self._ground.rooms
+
+    @property
+    def wanted(self) -> tuple[int, ...]:
+        """Numbers of the targets not yet found."""
+        done = {id(find.target) for find in self.finds}
+        return tuple(i for i, target in enumerate(self.targets) if id(target) not in done)
+
+    @property
+    def belief(self) -> CellBelief:
+        """Where the next of what is still wanted is, all targets together."""
+        return self.prospects.belief(self.unseen, self.wanted, len(self.targets))
+
+    def belief_of(self, target: str) -> CellBelief:
+        """Where one target is, by the text or label it was given with."""
+        return self.prospects.belief(self.unseen, [self._number(target)], len(self.targets))
+
+    @property
+    def left(self) -> float:
+        """Probability that anything still wanted is on this floor, after all looks in vain."""
+        return self.prospects.left(self.unseen, self.wanted) if self.wanted else 0.0
+
+    def standing(self, p_map: ArrayLike, heading: float = 0.0) -> Standing:
+        """Where a robot at `p_map` (2,) [m] stands: the floor cell nearest to it."""
+        return Standing(self.space.nearest(p_map), heading)
+
+    def place_of(self, look: int) -> str:
+        """IRI of the place a look is taken in; "" for none."""
+        cell = self.looks.stands[self.looks.stand[look]]
+        room = int(self.space.room.reshape(-1)[cell])
+        return self.rooms[room] if room >= 0 else ""
+
+    def place_name(self, look: int) -> str:
+        """What people call the place a look is taken in."""
+        cell = self.looks.stands[self.looks.stand[look]]
+        room = int(self.space.room.reshape(-1)[cell])
+        return self._ground.names[room] if room >= 0 else ""
+
+    def weights(self, unseen: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(c,) what is worth seeing in each cell: each target times the chance that it is needed."""
+        count = len(self.targets)
+        needed = self.prospects.still_missing(unseen, count)
+        needed = needed / np.maximum(self.prospects.still_missing(self.unseen, count), 1e-12)
+        of = np.zeros(count)
+        of[list(self.wanted)] = needed[list(self.wanted)]
+        return self.prospects.expected(unseen, of)
+
+    def next(self, at: Standing) -> int | None:
+        """The look to take next from `at`; None where no look is worth the way any more."""
+        weight = self.weights(self.unseen)
+        look = self.tourist.best(at, weight, self.memory) if self.wanted else None
+        if look is None:
+            return None
+        best = float(self.memory.gains(weight).max())
+        return look if best >= self.settings.give_up else None
+
+    def missed(self, look: int) -> None:
+        """Learn that `look` was taken and showed nothing that is wanted."""
+        self.unseen = self.unseen * (1.0 - self.memory.chance(look))
+        self._note(look)
+
+    def _note(self, look: int) -> None:
+        looks = self.looks
+        self.memory.note(look)
+        cell = int(looks.stands[looks.stand[look]])
+        self._taken.append((cell, float(looks.heading[look]), float(looks.extent[look])))
+
+    def missed_picture(self, cell: int, heading: float) -> None:
+        """Learn from one picture taken from floor `cell` towards `heading` [rad], on the way, say.
+
+        Pictures from about the same position tell much the same: what one of them or a look showed
+        counts less in the next.
+        """
+        chance = picture(self.looks, cell, heading)
+        stand = int(np.argmin(self.looks.metres_from(cell)))
+        self.unseen = self.unseen * (1.0 - self.memory.lessened(stand, chance))
+        self.memory.note_shown(stand, chance)
+
+    def found(self, target: str, p_map: ArrayLike) -> None:
+        """Learn that `target`, by text or label, is at `p_map`; it is wanted no more.
+
+        Raises KeyError for what this hunt was not made for.
+        """
+        number = self._number(target)
+        if number in self.wanted:
+            self.finds.append(Find(self.targets[number], np.asarray(p_map, np.float64)))
+
+    def blocked(self, cells: ArrayLike) -> None:
+        """Learn that floor `cells` cannot be driven through; what was seen stays known.
+
+        Raises LayoutError where no floor would be left.
+        """
+        old = self.looks
+        space = self.space.without(cells)
+        kept = old.stands[space.free.reshape(-1)[old.stands]]
+        self._ground = Ground(space, self._ground.rooms, self._ground.names)
+        self._use(candidate_looks(space, old.sensor, old.motion, cells=old.cells, stands=kept))
+        new = self.looks
+        for cell, heading, extent in self._taken:
+            same = (new.stands[new.stand] == cell) & (new.heading == heading)
+            for look in np.flatnonzero(same & (new.extent == extent)):
+                self.memory.note(int(look))
+
+    def why(self, look: int, unseen: NDArray[np.float64] | None = None) -> tuple[Reason, ...]:
+        """What makes a look worth while, the weightiest first; less than a hundredth of it is out.
+
+        `unseen` (c,) as `Prospects` has it; by default what is unseen now.
+        """
+        unseen = self.unseen if unseen is None else unseen
+        shown = self.memory.chance(look) * unseen
+        missed, wanted = self.prospects.missed(unseen), set(self.wanted)
+        found: dict[int, tuple[Candidate, float]] = {}
+        for part in self.prospects.parts:
+            if part.candidate.target in wanted:
+                share = float(part.weight @ shown / missed[part.row])
+                found[id(part.candidate)] = (part.candidate, share)
+        total = sum(share for _, share in found.values())
+        reasons = [
+            Reason(candidate, self.targets[candidate.target].label, share)
+            for candidate, share in found.values()
+            if share > 0.01 * total
+        ]
+        return tuple(sorted(reasons, key=lambda r: (-r.probability, r.candidate.iri)))
+
+    def _number(self, target: str) -> int:
+        for number, one in enumerate(self.targets):
+            if target in (one.text, one.label, one.iri) or target in one.kinds.values():
+                return number
+        raise KeyError(f"{target!r} is not what this hunt is for")
+
+
+def prepare(
+    semantic_map: SemanticMap,
+    targets: Sequence[str],
+    *,
+    sensor: Sensor | None = None,
+    motion: Motion | None = None,
+    space: FreeSpace | None = None,
+    at: float | None = None,
+    settings: Belief = BELIEF,
+) -> Hunt | None:
+    """A hunt for `targets` (labels, synonyms, supercategories, needs; all are wanted).
+
+    `at` [s since 1970] is the moment to search at, which tells how old memories are; by default the
+    latest one the map knows of. `space` is the floor where it is known better than by the map's
+    rectangles. None where the map has neither places with an area nor objects to look around.
+    Raises UnknownCategoryError for what is no target.
+    """
+    wanted = resolve(semantic_map, targets)
+    places = all_places(semantic_map)
+    now = map_time(semantic_map) if at is None else at
+    gatherer = Gatherer(semantic_map, places, placement_table(semantic_map), now, settings)
+    found = tuple(c for i, one in enumerate(wanted) for c in gatherer.candidates(i, one))
+    if space is not None:
+        ground: Ground | None = ground_on(space, places)
+    else:
+        spots = [c.p_map for c in found if c.kind != "place" and c.probability > 0]
+        ground = ground_of(places, spots, settings)
+    if ground is None:
+        return None
+    sensor = sensor or Sensor()
+    cells = belief_cells(ground.space)
+    known = prospects(ground, cells, found, settings)
+    stands = _stands(ground, known, sensor)
+    looks = candidate_looks(ground.space, sensor, motion, cells=cells, stands=stands)
+    return Hunt(wanted, ground, looks, found, known, settings)
+
+
+def _stands(ground: Ground, known: Prospects, sensor: Sensor) -> NDArray[np.intp]:
+    """Positions in every room, or in those that hold most where there are very many rooms."""
+    space = ground.space
+    of_cell = space.room.reshape(-1)[known.cells]
+    if len(ground.rooms) <= MOST_ROOMS:
+        return standing_cells(space, sensor.far)
+    mass = np.bincount(of_cell, known.weight.sum(axis=0), minlength=len(ground.rooms))
+    size = np.bincount(of_cell, minlength=len(ground.rooms))
+    best = np.argsort(-mass / np.sqrt(np.maximum(size, 1)), kind="stable")[:MOST_ROOMS]
+    elsewhere = space.floor()[~np.isin(space.room.reshape(-1)[space.floor()], best)]
+    return standing_cells(space.without(elsewhere), sensor.far)
