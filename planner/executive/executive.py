@@ -36,7 +36,7 @@ from planner.executive.sightings import Sighting, Sightings
 from planner.finding.targets import Target, resolve
 
 LOST: Final = 3.0  # [m] a robot that arrives this far off is not where it was sent
-OFF: Final = 0.75  # [m] one that arrives this far off could not stand where it was sent
+OFF: Final = 0.5  # [m] one that arrives this far off could not stand where it was sent
 MOST_LOOKS: Final = 1000
 MOST_FAILURES: Final = 25  # commands that fail with no look between them
 _GLIMPSE: Final = 1.0  # [m] pictures on the way that are nearer to each other show the same
