@@ -58,8 +58,8 @@ from kg.records import (
     RobotRecord,
     SearchRecord,
 )
-from kg.searches import looks_in, obstacles_in, searches_in
 from kg.sayings import Sayings
+from kg.searches import looks_in, obstacles_in, searches_in
 from kg.selection import is_believed, select_objects, subcategories
 from kg.standing import RowsListener, Standing
 from kg.store import MapStore

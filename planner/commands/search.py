@@ -87,7 +87,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Search, and tell on stderr (or, with --json, on stdout) what happens and why."""
     _refuse_nonsense(arguments)
     from kg.semantic_map import SemanticMap
-    from planner.executive.executive import Terms, search
+    from planner.executive.executive import search
+    from planner.executive.terms import Terms
 
     with SemanticMap.open(arguments.map) as semantic_map, _signals() as caught:
         robot = _robot(arguments, semantic_map)

@@ -152,9 +152,7 @@ class Diary:
         self._write(state, MapUpdate(tuple(objects), tuple(removed), (), robot, search=self.record))
 
     def _found(self, iris: Sequence[str]) -> None:
-        self.record = replace(
-            self.record, found=tuple(dict.fromkeys((*self.record.found, *iris)))
-        )
+        self.record = replace(self.record, found=tuple(dict.fromkeys((*self.record.found, *iris))))
 
     def _robot(self, pose: RobotPose) -> RobotRecord:
         p_map = np.array([pose.x, pose.y, self._height])

@@ -8,19 +8,17 @@ that the graph does not hold, so that a search that is killed goes on where its 
 from __future__ import annotations
 
 import math
-import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from typing import Any, Final, Literal
 
 from kg.errors import HereaboutsError, RobotError
 from kg.records import ObjectRecord, SearchState
 from kg.semantic_map import SemanticMap
 from planner.executive.diary import Diary, to_resume
-from planner.executive.events import Event, Tell
 from planner.executive.findings import Findings
 from planner.executive.guide import Guide, Proposal
 from planner.executive.listening import Listener, SearchStopped
+from planner.executive.narration import Narrator
 from planner.executive.protocol import (
     Arrived,
     Blocked,
@@ -28,11 +26,13 @@ from planner.executive.protocol import (
     Detections,
     Failed,
     GoTo,
+    Hello,
     LookAround,
     RobotPose,
 )
 from planner.executive.robots import Robot
 from planner.executive.sightings import Sighting, Sightings
+from planner.executive.terms import Outcome, Terms
 from planner.finding.targets import Target, resolve
 
 LOST: Final = 3.0  # [m] a robot that arrives this far off is not where it was sent
@@ -41,42 +41,6 @@ MOST_LOOKS: Final = 1000
 MOST_FAILURES: Final = 25  # commands that fail with no look between them
 _GLIMPSE: Final = 1.0  # [m] pictures on the way that are nearer to each other show the same
 _SLOWNESS: Final = 5.0  # times the expected seconds after which a robot is late
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """How a run of a search ended."""
-
-    search: str  # IRI
-    state: SearchState
-    reason: str
-    found: tuple[str, ...]  # IRIs of objects
-    left: float  # probability that what is still wanted is there to be found
-    seconds: float  # [s] by the robot's clock, over all runs
-    looks: int  # over all runs
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain values."""
-        return {
-            "search": self.search,
-            "state": self.state,
-            "reason": self.reason,
-            "found": list(self.found),
-            "left": round(self.left, 4),
-            "seconds": round(self.seconds, 1),
-            "looks": self.looks,
-        }
-
-
-@dataclass(frozen=True, slots=True)
-class Terms:
-    """How a search is to be made."""
-
-    budget: float | None = None  # [s] of the robot's clock for this run
-    patience: float = 30.0  # [s] a robot may be silent
-    stopping: Callable[[], bool] = field(default=lambda: False)
-    tell: Tell = field(default=lambda event: None)
-    clock: Callable[[], float] = time.time  # for what is written
 
 
 class _OverError(Exception):
@@ -105,7 +69,7 @@ def search(
         targets = resolve(semantic_map, words)
         semantic_map.store.refuse_read_only()
         listener = Listener(robot, terms.patience, terms.stopping)
-        hello = listener.greet()
+        hello = _greeted(listener)
         at = before.started if before else terms.clock()
         guide = Guide(semantic_map, words, hello, at)
         if before:
@@ -141,6 +105,7 @@ class _Run:
         self._failed = 0
         self._near = self._related()
         self._before = diary.record.seconds
+        self._narrator = Narrator(terms.tell, lambda: self._before + listener.seconds)
 
     def run(self) -> Outcome:
         """Search until all is found, nothing is worth a look, or it is stopped."""
@@ -155,12 +120,10 @@ class _Run:
         except HereaboutsError:
             self._end("stopped")
             raise
-        if not isinstance(self._robot.pose_if_known, RobotPose):
-            raise RobotError("the robot has never said where it is")
         self._halt()
         self._end(state)
         outcome = self._outcome(state, reason)
-        self._tell("end", _said_at_end(outcome), **outcome.to_json())
+        self._narrator.end(outcome)
         return outcome
 
     def _take_up(self) -> None:
@@ -173,15 +136,8 @@ class _Run:
                     self._found.setdefault(target.text, (iri, objects[iri].p_map))
         self._learn_again()
         self._note_progress()
-        said = "resumed" if self._diary.looks else "begun"
-        self._tell(
-            "begin",
-            f"{self._diary.name} for {', '.join(record.words)} {said}: "
-            f"{_percent(self._guide.left)} likely to be there, {len(self._diary.looks)} looks taken",
-            search=record.iri,
-            words=list(record.words),
-            left=round(self._guide.left, 4),
-            looks=len(self._diary.looks),
+        self._narrator.begin(
+            self._diary.name, self._diary.record, self._guide.left, len(self._diary.looks)
         )
 
     def _loop(self) -> tuple[SearchState, str]:
@@ -192,7 +148,7 @@ class _Run:
                 return "given up", "no look is worth the way any more"
             if len(self._diary.looks) >= MOST_LOOKS:
                 return "given up", f"{MOST_LOOKS} looks were taken"
-            self._tell_plan(proposal)
+            self._narrator.plan(proposal)
             if self._drive(proposal) == "arrived":
                 self._look(proposal)
         return "found", "all that was wanted is found"
@@ -226,7 +182,7 @@ class _Run:
         pose = self._robot.pose
         off = math.hypot(pose.x - goal.x, pose.y - goal.y)
         if off > LOST:
-            self._surprise(f"it is {off:.1f} m from where it was sent", pose)
+            self._narrator.surprise(f"it is {off:.1f} m from where it was sent", pose)
             self._unreachable(goal, "arrived elsewhere")
             return "else"
         return "arrived"
@@ -254,7 +210,7 @@ class _Run:
             if isinstance(message, Detections) and message.id == number:
                 return message
             if isinstance(message, Failed) and message.id in (number, None):
-                self._tell("surprise", f"the robot cannot look: {message.reason}")
+                self._narrator.surprise(f"the robot cannot look: {message.reason}")
                 return None
         return None
 
@@ -279,16 +235,7 @@ class _Run:
             glimpses=self._glimpses,
         )
         self._glimpses = []
-        self._tell(
-            "look",
-            f"look {look.number}: {'found' if found else 'in vain'}; "
-            f"{_percent(self._guide.left)} left",
-            look=look.iri,
-            found=list(found),
-            left=round(self._guide.left, 4),
-            seen=[thing.label for thing in things],
-        )
-        self._tell_found(sightings)
+        self._narrator.look(look, things, self._guide.left)
         self._heed_new(records)
         return [s for s in sightings if not s.certain and not self._is_found(s)]
 
@@ -306,7 +253,6 @@ class _Run:
         if not found and not doubtful:
             return self._heed_new(records)
         self._robot.halt()
-        self._tell_found(sightings)
         for sighting in doubtful[:1]:
             self._verify(sighting)
         return True
@@ -328,13 +274,14 @@ class _Run:
         for label in seen.unknown:
             if label not in self._unknown and len(self._unknown) < 100:
                 self._unknown.add(label)
-                self._tell("note", f"no category of objects is called {label!r}: left out")
-        sightings = []
-        for thing in things:
-            category = self._findings.category(thing.label)
-            for target in self._wanted():
-                if category is not None and category in target.kinds:
-                    sightings.append(self._sightings.judge(target, category, thing))
+                self._narrator.note(f"no category of objects is called {label!r}: left out")
+        named = [(thing, self._findings.category(thing.label)) for thing in things]
+        sightings = [
+            self._sightings.judge(target, category, thing)
+            for thing, category in named
+            for target in self._wanted()
+            if category is not None and category in target.kinds
+        ]
         return sightings, list(seen.objects)
 
     def _believe(self, sightings: Sequence[Sighting]) -> tuple[str, ...]:
@@ -346,6 +293,7 @@ class _Run:
                 self._found[sighting.target.text] = (iri, sighting.p_map)
                 self._guide.found(sighting.target.text, sighting.p_map)
                 found.append(iri)
+                self._narrator.found(sighting, iri)
         return tuple(found)
 
     def _is_found(self, sighting: Sighting) -> bool:
@@ -357,10 +305,9 @@ class _Run:
             return
         pose, thing = self._robot.pose, sighting.thing
         heading = math.atan2(thing.y - pose.y, thing.x - pose.x)
-        self._tell(
-            "surprise",
+        self._narrator.surprise(
             f"perhaps {thing.label} at ({thing.x:.1f}, {thing.y:.1f}), score {thing.score:.2f}: "
-            "looking again",
+            "looking again"
         )
         number = self._robot.next_id()
         self._robot.send(GoTo(number, pose.x, pose.y, heading))
@@ -388,7 +335,9 @@ class _Run:
 
     def _blocked(self, goal: Proposal, message: Blocked) -> None:
         pose = self._robot.pose
-        self._surprise(f"blocked at ({message.x:.1f}, {message.y:.1f}): {message.reason}", pose)
+        self._narrator.surprise(
+            f"blocked at ({message.x:.1f}, {message.y:.1f}): {message.reason}", pose
+        )
         self._note_progress()
         self._diary.obstacle(pose, message.x, message.y, message.reason)
         if not self._guide.blocked(message.x, message.y, pose):
@@ -396,7 +345,7 @@ class _Run:
 
     def _goal_failed(self, goal: Proposal, reason: str) -> None:
         """A goal that was not reached twice is not tried a third time."""
-        self._tell("surprise", f"did not work: {reason}")
+        self._narrator.surprise(f"did not work: {reason}")
         self._failed += 1
         if self._failed >= MOST_FAILURES:
             raise RobotError(f"{MOST_FAILURES} commands in a row failed, the last one: {reason}")
@@ -429,7 +378,7 @@ class _Run:
         if not new:
             return False
         labels = sorted({self._map.catalogue.label(record.category) for record in new})
-        self._tell("surprise", f"new on the map: {', '.join(labels)}; what is wanted may be near")
+        self._narrator.surprise(f"new on the map: {', '.join(labels)}; what is wanted may be near")
         self._learn_again()
         return True
 
@@ -446,7 +395,7 @@ class _Run:
         try:
             self._robot.halt()
         except RobotError as error:
-            self._tell("note", f"could not be told to stop: {error}")
+            self._narrator.note(f"could not be told to stop: {error}")
 
     def _end(self, state: SearchState) -> None:
         objects, removed = ((), ()) if state == "stopped" else self._not_seen()
@@ -488,58 +437,9 @@ class _Run:
             looks=len(self._diary.looks),
         )
 
-    def _tell(self, kind: str, text: str, **data: Any) -> None:
-        seconds = round(self._before + self._robot.seconds, 1)
-        self._terms.tell(Event(kind, text, {"seconds": seconds, **data}))
 
-    def _tell_plan(self, p: Proposal) -> None:
-        where = f"{p.place} " if p.place else ""
-        why = f": {p.why[0]}" if p.why else ""
-        self._tell(
-            "plan",
-            f"next {where}({p.x:.1f}, {p.y:.1f}), {p.seconds:.0f} s, finds it with "
-            f"{_percent(p.probability)}, {_percent(p.left)} left if not{why}",
-            place=p.place,
-            x=round(p.x, 2),
-            y=round(p.y, 2),
-            heading=round(p.heading, 3),
-            extent=round(p.extent, 3),
-            probability=round(p.probability, 4),
-            expected_seconds=round(p.seconds, 1),
-            left_if_in_vain=round(p.left, 4),
-            why=list(p.why),
-        )
-
-    def _tell_found(self, sightings: Sequence[Sighting]) -> None:
-        for sighting in sightings:
-            iri, p_map = self._found.get(sighting.target.text, ("", None))
-            if p_map is None or not (p_map == sighting.p_map).all():
-                continue
-            thing = sighting.thing
-            self._tell(
-                "found",
-                f"found {thing.label} at ({thing.x:.2f}, {thing.y:.2f}, {thing.z:.2f})",
-                target=sighting.target.text,
-                object=iri,
-                label=thing.label,
-                score=round(thing.score, 3),
-                x=round(thing.x, 2),
-                y=round(thing.y, 2),
-                z=round(thing.z, 2),
-            )
-
-    def _surprise(self, text: str, pose: RobotPose) -> None:
-        self._tell("surprise", text, x=round(pose.x, 2), y=round(pose.y, 2))
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.0f} %" if share >= 0.095 else f"{100 * share:.1f} %"
-
-
-def _said_at_end(outcome: Outcome) -> str:
-    if outcome.state == "found":
-        return f"found after {outcome.seconds:.0f} s and {outcome.looks} looks"
-    return (
-        f"{outcome.state} after {outcome.seconds:.0f} s and {outcome.looks} looks: "
-        f"{outcome.reason}; {_percent(outcome.left)} left that it is there"
-    )
+def _greeted(listener: Listener) -> Hello:
+    try:
+        return listener.greet()
+    except SearchStopped as stopped:
+        raise RobotError(f"{stopped}, before the search began") from stopped

@@ -41,7 +41,9 @@ class Proposal:
 class Guide:
     """Keeps a hunt in step with a robot. `prepare` begins, and begins afresh what was learnt."""
 
-    def __init__(self, semantic_map: SemanticMap, words: Sequence[str], robot: Hello, at: float) -> None:
+    def __init__(
+        self, semantic_map: SemanticMap, words: Sequence[str], robot: Hello, at: float
+    ) -> None:
         self._map = semantic_map
         self._at = at  # [s] the moment that memories are judged from, the same in each run
         self._words = tuple(words)

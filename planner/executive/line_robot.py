@@ -34,7 +34,7 @@ class Lines:
         self._skipping = False  # within a line that is too long
         self.ended = False
 
-    def next(self, seconds: float) -> bytes | None | EOFError:
+    def next(self, seconds: float) -> bytes | EOFError | None:
         """The next line; None where it was too long; EOFError (not raised) after the last.
 
         Raises TimeoutError where no whole line came within `seconds`.

@@ -6,7 +6,14 @@ from collections.abc import Callable
 from typing import Any, Final, Protocol
 
 from kg.errors import RobotError
-from planner.executive.protocol import Command, MalformedError, Message, cleaned, decoded, message_of
+from planner.executive.protocol import (
+    Command,
+    MalformedError,
+    Message,
+    cleaned,
+    decoded,
+    message_of,
+)
 
 #: Messages in a row that make no sense, after which a robot is given up.
 MOST_NONSENSE: Final = 20

@@ -40,7 +40,9 @@ class SimulatedHouseRobot:
 
     name = "the simulated robot"
 
-    def __init__(self, house: House, start: Pose, *, seed: int = 0, gait: Gait | None = None) -> None:
+    def __init__(
+        self, house: House, start: Pose, *, seed: int = 0, gait: Gait | None = None
+    ) -> None:
         self._camera = SimulatedCamera(house, seed=seed)
         self._detector = SimulatedDetector(self._camera)
         self._floor = Floor(house)
@@ -135,7 +137,8 @@ def simulated_robot(
     xmin, xmax, ymin, ymax = house.extent
     places = semantic_map.places()
     inside = [
-        xmin - 1 <= (p.xmin + p.xmax) / 2 <= xmax + 1 and ymin - 1 <= (p.ymin + p.ymax) / 2 <= ymax + 1
+        xmin - 1 <= (p.xmin + p.xmax) / 2 <= xmax + 1
+        and ymin - 1 <= (p.ymin + p.ymax) / 2 <= ymax + 1
         for p in places
     ]
     if not places or not all(inside):
