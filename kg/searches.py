@@ -4,19 +4,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
+from typing import Final
 
 from pyoxigraph import Literal, NamedNode, Quad
 
 from kg import vocabulary as v
 from kg.engine import Engine
 from kg.errors import InvalidFactError
-from kg.records import LookRecord, MapUpdate, ObstacleRecord, SearchRecord
+from kg.records import LookRecord, MapUpdate, ObstacleRecord, SearchRecord, SearchState
 from kg.times import date_time, seconds
 
 _MAP = NamedNode(v.MAP_GRAPH)
 _TYPE = NamedNode(v.RDF_TYPE)
 _PART = NamedNode(v.PART_OF_SEARCH)
-_STATES = ("running", "stopped", "found", "given up")
+_STATES: Final[dict[str, SearchState]] = {
+    "running": "running",
+    "stopped": "stopped",
+    "found": "found",
+    "given up": "given up",
+}
 
 #: What the writer keeps of these things; what else people say of them stays.
 OWN = {
@@ -128,7 +134,7 @@ def _search(iri: str, held: dict[str, list[str]]) -> SearchRecord:
         iri=iri,
         words=tuple(sorted(held.get(v.SEARCH_WORDS, ()))),
         categories=tuple(sorted(held.get(v.SEARCHED_FOR, ()))),
-        state=next((known for known in _STATES if known == state), "running"),  # type: ignore[arg-type]
+        state=_STATES.get(state, "running"),
         started=seconds(_first(held, v.PROV_STARTED_AT, "1970-01-01T00:00:00Z")),
         ended=seconds(min(ended)) if ended else None,
         seconds=float(_first(held, v.SEARCH_SECONDS, "0")),

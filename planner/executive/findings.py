@@ -34,11 +34,9 @@ class Seen:
 class Findings:
     """The objects of a map as a search goes on; what others write meanwhile is taken in."""
 
-    def __init__(
-        self, semantic_map: SemanticMap, settings: ReferenceSettings | None = None
-    ) -> None:
+    def __init__(self, semantic_map: SemanticMap) -> None:
         self._map = semantic_map
-        self._settings = settings or ReferenceSettings()
+        self._settings = ReferenceSettings()
         self._watch = OthersWrites(semantic_map)
         self._objects = {record.iri: record for record in semantic_map.perceived_objects()}
 

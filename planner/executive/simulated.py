@@ -1,4 +1,4 @@
-"""The robot of the demo house, speaking the protocol: real pictures, a detector with real faults."""
+"""The robot of the demo house, speaking the protocol: rendered pictures, a faulty detector."""
 
 from __future__ import annotations
 
@@ -40,13 +40,11 @@ class SimulatedHouseRobot:
 
     name = "the simulated robot"
 
-    def __init__(
-        self, house: House, start: Pose, *, seed: int = 0, gait: Gait | None = None
-    ) -> None:
+    def __init__(self, house: House, start: Pose, *, seed: int = 0) -> None:
         self._camera = SimulatedCamera(house, seed=seed)
         self._detector = SimulatedDetector(self._camera)
         self._floor = Floor(house)
-        self._gait = gait or Gait()
+        self._gait = Gait()
         self._settings = ReferenceSettings()
         self._pose = replace(start, seconds=0.0)
         self._under_way: Iterator[Message] = iter(())
@@ -90,21 +88,25 @@ class SimulatedHouseRobot:
         except LayoutError as error:
             yield Aborted(str(error))
             return
-        for self._pose in drive(self._pose, path, self._gait):
-            yield self._told()
+        for pose in drive(self._pose, path, self._gait):
+            yield self._move(pose)
             yield self._picture()
         towards = math.remainder(goal.heading - self._pose.heading, 2 * math.pi)
-        for self._pose in turn(self._pose, towards, self._gait):
-            yield self._told()
+        for pose in turn(self._pose, towards, self._gait):
+            yield self._move(pose)
             yield self._picture()
         yield Arrived(goal.id)
 
     def _look(self, look: LookAround) -> Iterator[Message]:
         seen = list(self._picture().objects)
-        for self._pose in turn(self._pose, look.turn, self._gait):
-            yield self._told()
+        for pose in turn(self._pose, look.turn, self._gait):
+            yield self._move(pose)
             seen += self._picture().objects
         yield Detections(look.id, tuple(seen))
+
+    def _move(self, pose: Pose) -> RobotPose:
+        self._pose = pose
+        return self._told()
 
     def _told(self) -> RobotPose:
         pose = self._pose
@@ -136,10 +138,10 @@ def simulated_robot(
     house = house or furnished_house()
     xmin, xmax, ymin, ymax = house.extent
     places = semantic_map.places()
+    middles = [((p.xmin + p.xmax) / 2, (p.ymin + p.ymax) / 2) for p in places]
     inside = [
-        xmin - 1 <= (p.xmin + p.xmax) / 2 <= xmax + 1
-        and ymin - 1 <= (p.ymin + p.ymax) / 2 <= ymax + 1
-        for p in places
+        xmin - 1 <= x <= xmax + 1 and ymin - 1 <= y <= ymax + 1  # a metre for what mapping errs
+        for x, y in middles
     ]
     if not places or not all(inside):
         raise LayoutError(
