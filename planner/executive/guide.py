@@ -18,7 +18,7 @@ from planner.viewing.sensor import Motion, Sensor, angle_between
 
 NEAR: float = 0.5  # [m] a look from this near to a planned one, and ...
 ALIKE: float = 0.35  # [rad] ... towards about the same, is that look
-BLOCKS: float = 0.35  # [m] around an obstacle that cannot be driven through
+BLOCKS: float = 0.5  # [m] around an obstacle that cannot be driven through: a door is closed by it
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +49,7 @@ class Guide:
         self._words = tuple(words)
         self._sensor, self._motion = sensor_of(robot), motion_of(robot)
         self._hunt = self._prepared()
+        self._nowhere = False  # whether no position is left to look from
 
     @property
     def left(self) -> float:
@@ -63,6 +64,8 @@ class Guide:
     def next(self, pose: RobotPose) -> Proposal | None:
         """The look to take next; None where none is worth the way."""
         hunt = self._hunt
+        if self._nowhere:
+            return None
         at = hunt.standing((pose.x, pose.y), pose.heading)
         look = hunt.next(at)
         if look is None:
@@ -116,6 +119,9 @@ class Guide:
             cells.discard(space.nearest((pose.x, pose.y)))
         if not cells:
             return False
+        if cells.issuperset(self._hunt.looks.stands.tolist()):
+            self._nowhere = True
+            return True
         try:
             self._hunt.blocked(np.array(sorted(cells), np.intp))
         except LayoutError:  # no floor would be left: better a floor that is not quite true
@@ -140,7 +146,7 @@ class Guide:
         found: Sequence[tuple[str, np.ndarray]] = (),
     ) -> None:
         """Begin afresh from the map, and learn what looks and obstacles taught once more."""
-        self._hunt = self._prepared()
+        self._hunt, self._nowhere = self._prepared(), False
         for obstacle in obstacles:
             self.blocked(*obstacle.position, None)
         for target, p_map in found:
