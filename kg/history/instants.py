@@ -29,7 +29,7 @@ def sequence_of(log: Log, when: Instant) -> int:
                 f"no transaction #{when} is kept; there are #{log.floor} to #{log.last}"
             )
         return when
-    time = _moment(when)
+    time = moment(when)
     if time < log.floor_time:
         began = iso(log.floor_time)
         raise HistoryError(f"the past before {began} is not kept, asked for {iso(time)}")
@@ -50,11 +50,15 @@ def iso(time: float) -> str:
     return text.removesuffix("+00:00") + "Z"
 
 
-def _moment(when: str | datetime) -> float:
+def moment(when: str | datetime) -> float:
+    """Seconds since 1970 of ISO 8601 text (UTC where it names no zone) or a datetime.
+
+    Raises HistoryError for what is no moment.
+    """
     try:
-        moment = datetime.fromisoformat(when) if isinstance(when, str) else when
+        given = datetime.fromisoformat(when) if isinstance(when, str) else when
     except ValueError:
         raise HistoryError(
             f"no moment {when!r}; write #42 (a transaction) or 2026-08-01T12:30:00Z"
         ) from None
-    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+    return (given if given.tzinfo else given.replace(tzinfo=UTC)).timestamp()

@@ -3,9 +3,22 @@
 from __future__ import annotations
 
 import argparse
+import math
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
 
-from planner.commands.arguments import add_json, add_map, point
-from planner.commands.console import note, print_plan, write_json
+from kg.errors import QueryParameterError
+from planner.commands.arguments import FARTHEST, add_json, add_map, positive
+from planner.commands.console import heading, note, print_plan, print_table, write, write_json
+
+if TYPE_CHECKING:
+    from kg.semantic_map import SemanticMap
+    from planner.finding.hunt import Hunt
+    from planner.finding.plan import FindPlan
+    from planner.search import Plan
+
+_RULES = ("viewpoints", "nearest-first", "brute-force")
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -13,19 +26,40 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser = subparsers.add_parser(
         "find",
         help="where to look for an object, in which order, and why",
-        description="Derive search goals from the map by its query files and order them nearest "
-        "first, as the thesis does. OBJECT is a category, a synonym, or a supercategory.",
-        epilog="example: hereabouts find kitchen.map banana --from 0,0",
+        description="Plan looks that find in little expected time, on the belief that the map, "
+        "common sense and room statistics add up to. OBJECT is a category, a synonym, a "
+        "supercategory, or a need such as 'something to sit on'; several are all wanted.",
+        epilog="example: hereabouts find kitchen.map banana --from 0,0 --explain",
     )
     add_map(parser)
-    parser.add_argument("object", metavar="OBJECT", help="what to find, e.g. banana, sofa, food")
+    parser.add_argument("object", metavar="OBJECT", nargs="+", help="what to find, e.g. banana")
     parser.add_argument(
         "--from",
         dest="start",
-        type=point,
-        metavar="X,Y",
-        help="where the search starts [m] (default: where the robot is)",
+        type=_start,
+        metavar="X,Y[,DEG]",
+        help="where the search starts [m], and which way it faces [degrees] "
+        "(default: where the robot is)",
     )
+    parser.add_argument(
+        "--budget", type=_seconds, metavar="TIME", help="longest search, e.g. 300, 90s or 10min"
+    )
+    parser.add_argument("--speed", type=positive, metavar="M/S", help="driving speed")
+    parser.add_argument(
+        "--range", type=_range, metavar="NEAR,FAR", help="what the camera sees [m] (0.8,4.6)"
+    )
+    parser.add_argument(
+        "--recall", type=_share, metavar="R", help="chance that a look shows what is there (0.7)"
+    )
+    parser.add_argument(
+        "--at", metavar="TIME", help="moment of the search, ISO 8601 or 'now' (default: the map's)"
+    )
+    parser.add_argument(
+        "--rule", choices=_RULES, default=_RULES[0], help="default: %(default)s; the others are "
+        "the thesis' rule and its baseline",
+    )  # fmt: skip
+    parser.add_argument("--explain", action="store_true", help="every step with its facts")
+    parser.add_argument("--picture", metavar="FILE", help="draw the plan: PNG, SVG or PDF")
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -33,15 +67,195 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 def run(arguments: argparse.Namespace) -> int:
     """Plan the search and print it."""
     from kg.semantic_map import SemanticMap
-    from planner.search import plan_search
 
     with SemanticMap.open(arguments.map, read_only=True) as semantic_map:
-        plan = plan_search(semantic_map, arguments.object, arguments.start)
+        if arguments.rule != _RULES[0]:
+            return _by_reference(semantic_map, arguments)
+        hunt = _hunt(semantic_map, arguments)
+        if hunt is None:
+            return _without_floor(semantic_map, arguments)
+        return _by_viewpoints(semantic_map, hunt, arguments)
+
+
+def _hunt(semantic_map: SemanticMap, arguments: argparse.Namespace) -> Hunt | None:
+    from planner.finding.hunt import prepare
+    from planner.viewing.sensor import Motion, Sensor
+
+    near, far = arguments.range or (Sensor.near, Sensor.far)
+    default = Sensor()
+    return prepare(
+        semantic_map,
+        arguments.object,
+        sensor=Sensor(
+            near=near if arguments.range else default.near,
+            far=far if arguments.range else default.far,
+            recall=arguments.recall or default.recall,
+        ),
+        motion=Motion(speed=arguments.speed) if arguments.speed else None,
+        at=_moment(arguments.at),
+    )
+
+
+def _by_viewpoints(semantic_map: SemanticMap, hunt: Hunt, arguments: argparse.Namespace) -> int:
+    from planner.finding.plan import plan
+    from planner.finding.telling import plan_json
+
+    x, y, facing = arguments.start or _robot(semantic_map)
+    found = plan(hunt, (x, y), heading=facing, budget=arguments.budget, time_limit=math.inf)
+    if arguments.picture:
+        from planner.picture.plan_picture import plot_plan
+
+        path = plot_plan(semantic_map, hunt, found, Path(arguments.picture))
+        note(f"wrote {path}")
     if arguments.json:
-        write_json(plan.to_json())
-        return 0
-    if not plan.steps:
-        note(plan.explanation)
-        return 0
-    print_plan(plan)
+        write_json(plan_json(found))
+    elif not found.steps:
+        note(_nothing(found, arguments.budget))
+    else:
+        _print(found, explain=arguments.explain)
     return 0
+
+
+def _robot(semantic_map: SemanticMap) -> tuple[float, float, float]:
+    """Position [m] and heading [rad]; the map's origin while it is nowhere."""
+    robot = semantic_map.robot()
+    if robot is None:
+        return 0.0, 0.0, 0.0
+    return float(robot.p_map[0]), float(robot.p_map[1]), robot.heading
+
+
+def _nothing(found: FindPlan, budget: float | None) -> str:
+    what = ", ".join(found.targets)
+    if budget is not None:
+        return f"no look for {what} can be over within {budget:.0f} s"
+    return f"nothing to look at for {what}: no position that can be reached shows where it may be"
+
+
+def _print(found: FindPlan, *, explain: bool) -> None:
+    from planner.finding.telling import direction, explained, gist, in_words
+
+    if explain:
+        for number, step in enumerate(found.steps, start=1):
+            write("\n".join(explained(number, step)))
+    else:
+        print_table(
+            ("", "look in", "from x", "y", "towards", "p", "seconds", "left", "why"),
+            [
+                (
+                    number,
+                    step.place_name,
+                    float(step.p_map[0]),
+                    float(step.p_map[1]),
+                    direction(step),
+                    f"{step.probability:.3f}",
+                    f"{step.seconds:.0f}",
+                    f"{step.left:.2f}",
+                    gist(step.why),
+                )
+                for number, step in enumerate(found.steps, start=1)
+            ],
+        )
+    if explain:
+        heading("In all")
+    for line in in_words(found):
+        (write if explain else note)(line)
+
+
+def _by_reference(semantic_map: SemanticMap, arguments: argparse.Namespace) -> int:
+    """The thesis' rule or its baseline, on one target and without geometry."""
+    from planner.goals import resolve_target
+    from planner.search import brute_force, plan_search
+    from planner.travel import Travel
+
+    if len(arguments.object) > 1:
+        raise QueryParameterError(
+            f"--rule {arguments.rule} searches for one object at a time, got "
+            f"{len(arguments.object)}; --rule viewpoints takes several"
+        )
+    if arguments.picture or arguments.explain:
+        raise QueryParameterError("--explain and --picture show plans of --rule viewpoints only")
+    target = arguments.object[0]
+    travel = Travel(speed=arguments.speed) if arguments.speed else None
+    x, y, _ = arguments.start or _robot(semantic_map)
+    if arguments.rule == "brute-force":
+        category = resolve_target(semantic_map.catalogue, target)
+        places = semantic_map.places()
+        plan = brute_force((x, y), places, target=category.label, travel=travel)
+    else:
+        plan = plan_search(semantic_map, target, (x, y), travel=travel)
+    return _tell(plan, json=arguments.json)
+
+
+def _without_floor(semantic_map: SemanticMap, arguments: argparse.Namespace) -> int:
+    """What can be said of a map without places: why there is nowhere to look."""
+    from planner.goals import explain_none
+    from planner.finding.targets import resolve
+
+    labels = [target.label for target in resolve(semantic_map, arguments.object)]
+    asked = [iri for target in resolve(semantic_map, arguments.object) for iri in target.asked]
+    if arguments.json:
+        empty: dict[str, object] = {"target": ", ".join(labels), "targets": labels, "goals": []}
+        write_json({**empty, "expected_seconds": None, "steps": [], "alternatives": []})
+        return 0
+    for iri in asked:
+        note(explain_none(semantic_map, iri))
+    return 0
+
+
+def _tell(plan: Plan, *, json: bool) -> int:
+    if json:
+        write_json(plan.to_json())
+    elif plan.steps:
+        print_plan(plan)
+    else:
+        note(plan.explanation)
+    return 0
+
+
+def _start(text: str) -> tuple[float, float, float]:
+    """``X,Y`` in metres or ``X,Y,DEG``; argparse reports anything else as wrong usage."""
+    parts = text.split(",")
+    try:
+        x, y, *facing = (float(part) for part in parts)
+    except ValueError:
+        facing = [math.nan, math.nan]
+    if len(facing) > 1 or not all(math.isfinite(value) for value in facing):
+        raise argparse.ArgumentTypeError(f"needs X,Y in metres or X,Y,DEGREES, got {text!r}")
+    if not (abs(x) <= FARTHEST and abs(y) <= FARTHEST):
+        raise argparse.ArgumentTypeError(f"needs X,Y within {FARTHEST:g} m, got {text!r}")
+    return x, y, math.radians(facing[0]) if facing else 0.0
+
+
+def _seconds(text: str) -> float:
+    units = {"min": 60.0, "s": 1.0, "h": 3600.0, "": 1.0}
+    for unit, length in units.items():
+        if text.endswith(unit):
+            return positive(text.removesuffix(unit)) * length
+    raise AssertionError("every text ends with nothing")
+
+
+def _range(text: str) -> tuple[float, float]:
+    try:
+        near, far = (float(part) for part in text.split(","))
+    except ValueError:
+        near, far = math.nan, math.nan
+    if not 0 <= near < far <= 100:
+        raise argparse.ArgumentTypeError(f"needs NEAR,FAR in metres, 0.8,4.6 say, got {text!r}")
+    return near, far
+
+
+def _share(text: str) -> float:
+    value = positive(text)
+    if value > 1:
+        raise argparse.ArgumentTypeError(f"needs a number above 0 and up to 1, got {text!r}")
+    return value
+
+
+def _moment(text: str | None) -> float | None:
+    if text is None:
+        return None
+    if text == "now":
+        return time.time()
+    from kg.history.instants import moment
+
+    return moment(text)

@@ -22,9 +22,9 @@ class Alternative:
     """Another way to search and what it is expected to take."""
 
     name: str
-    expected_seconds: float  # [s] given that it finds
-    probability: float  # that it finds
-    same_probability_seconds: float  # [s] by when it has found as much as the plan; inf: never
+    probability: float  # that it finds, as far as the plan does too: what the two are compared at
+    expected_seconds: float  # [s] given that it finds that much
+    plan_seconds: float  # [s] the same of the plan
     looks: int
 
 
@@ -133,7 +133,7 @@ def alternatives(player: Player, chosen: Played) -> tuple[Alternative, ...]:
     """Rooms nearest first, and rooms in their best order, beside the `chosen` looks."""
     orders = RoomOrders(player)
     return tuple(
-        _rated(name, orders.played(rooms), float(chosen.gains.sum()))
+        _rated(name, orders.played(rooms), chosen)
         for name, rooms in (
             ("rooms, nearest first", orders.nearest_first()),
             ("rooms, best order", orders.best_order()),
@@ -142,9 +142,8 @@ def alternatives(player: Player, chosen: Played) -> tuple[Alternative, ...]:
     )
 
 
-def _rated(name: str, played: Played, found: float) -> Alternative:
-    so_far = np.cumsum(played.gains)
-    enough = np.flatnonzero(so_far >= found - 1e-9)
-    when = float(played.arrivals[enough[0]]) if len(enough) else float("inf")
-    total = float(so_far[-1]) if len(so_far) else 0.0
-    return Alternative(name, played.expected_seconds, total, when, len(played.looks))
+def _rated(name: str, played: Played, chosen: Played) -> Alternative:
+    common = min(float(played.gains.sum()), float(chosen.gains.sum()))
+    return Alternative(
+        name, common, played.until(common), chosen.until(common), len(played.looks)
+    )

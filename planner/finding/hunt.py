@@ -20,6 +20,7 @@ from kg.semantic_map import SemanticMap
 from planner.finding.candidates import Candidate, Gatherer, all_places, map_time
 from planner.finding.ground import Ground, ground_of, ground_on
 from planner.finding.prospects import Prospects, prospects
+from planner.finding.repeats import Repeats
 from planner.finding.settings import BELIEF, MOST_ROOMS, Belief
 from planner.finding.targets import Target, resolve
 from planner.space.grid import FreeSpace
@@ -32,7 +33,7 @@ from planner.viewing.looks import (
     standing_cells,
 )
 from planner.viewing.sensor import Motion, Sensor
-from planner.viewing.tour import Memory, Standing, Tourist
+from planner.viewing.tour import Standing, Tourist
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,12 +75,13 @@ class Hunt:
         self.unseen = np.ones(len(looks.cells))  # (c,) chance that all looks missed what lies there
         self._taken: list[tuple[int, float, float]] = []  # cell, heading, extent of looks taken
         self._ground = ground
+        self._least = settings.give_up * known.left(self.unseen, range(len(targets)))
         self._use(looks)
 
     def _use(self, looks: Looks) -> None:
         self.looks = looks
         self.tourist = Tourist(looks)
-        self.memory = Memory(looks)
+        self.memory = Repeats(looks, self._least)
 
     @property
     def space(self) -> FreeSpace:
@@ -138,12 +140,20 @@ class Hunt:
 
     def next(self, at: Standing) -> int | None:
         """The look to take next from `at`; None where no look is worth the way any more."""
-        weight = self.weights(self.unseen)
-        look = self.tourist.best(at, weight, self.memory) if self.wanted else None
-        if look is None:
+        return self.choose(at, self.unseen, self.memory) if self.wanted else None
+
+    def choose(self, at: Standing, unseen: NDArray[np.float64], memory: Repeats) -> int | None:
+        """As `next`, on trial: with other things `unseen` (c,) and remembered."""
+        weight = self.weights(unseen)
+        gains = memory.gains(weight)
+        if not gains.max() > 0:
             return None
-        best = float(self.memory.gains(weight).max())
-        return look if best >= self.settings.give_up else None
+        look = self.tourist.best(at, weight, memory)
+        if look is None or not gains[look] > 0:  # it led on to better ones, and is nothing itself
+            rates = gains / self.tourist.costs(at, np.arange(len(gains)))
+            look = int(np.argmax(rates))
+        costs = self.tourist.costs(at, np.array([look]))
+        return look if np.isfinite(costs[0]) else None
 
     def missed(self, look: int) -> None:
         """Learn that `look` was taken and showed nothing that is wanted."""

@@ -71,6 +71,7 @@ def plan(
     hunt: Hunt,
     start: Standing | ArrayLike,
     *,
+    heading: float = 0.0,
     budget: float | None = None,
     seed: int = 0,
     time_limit: float = 0.3,
@@ -79,12 +80,12 @@ def plan(
 ) -> FindPlan:
     """Looks that find what `hunt` still wants in little expected time, from `start` on.
 
-    `start` is where the robot stands, or a position (2,) [m]; what lies off the floor is driven to
-    in a straight line first. `budget` [s] ends the plan. Built by the ratio rule, then improved by
+    `start` is where the robot stands, or a position (2,) [m] where it faces `heading` [rad]; from
+    off the floor it drives to it in a straight line first. `budget` [s] ends the plan. Built by the ratio rule, then improved by
     seeded `trials`, as far as `time_limit` [s] lets them: infinite, the plan is the same on every
     machine. With `compare` other ways to search are rated beside it. The hunt stays as it is.
     """
-    begin, at, before = _begin(hunt, start)
+    begin, at, before = _begin(hunt, start, heading)
     player = Player(hunt, at, before / hunt.looks.motion.speed)
     limit = math.inf if budget is None else budget
     order = player.construct(ENOUGH, MOST_LOOKS, limit) if hunt.wanted else []
@@ -106,13 +107,13 @@ def plan(
 
 
 def _begin(
-    hunt: Hunt, start: Standing | ArrayLike
+    hunt: Hunt, start: Standing | ArrayLike, heading: float
 ) -> tuple[NDArray[np.float64], Standing, float]:
     """Position [m], standing, and metres to drive before the floor is reached."""
     if isinstance(start, Standing):
         return hunt.space.centres([start.cell])[0], start, 0.0
     p_map = np.asarray(start, np.float64)[:2]
-    at = hunt.standing(p_map)
+    at = hunt.standing(p_map, heading)
     off = float(np.linalg.norm(hunt.space.centres([at.cell])[0] - p_map))
     return p_map, at, off if off > 2 * hunt.space.cell else 0.0
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from planner.finding.bound import seconds_times_found
 from planner.finding.hunt import Hunt
-from planner.viewing.tour import Memory, Standing
+from planner.viewing.tour import Standing
 
 Floats = NDArray[np.float64]
 
@@ -32,6 +32,13 @@ class Played:
         """[s] until found, given that it is; of several targets the mean over all finds."""
         total = float(self.gains.sum())
         return float(self.arrivals @ self.gains) / total if total > 0 else 0.0
+
+    def until(self, found: float) -> float:
+        """[s] expected of the first `found` of all that the looks find."""
+        before = np.concatenate([[0.0], np.cumsum(self.gains)[:-1]])
+        counted = np.clip(found - before, 0.0, self.gains)
+        total = float(counted.sum())
+        return float(self.arrivals @ counted) / total if total > 0 else 0.0
 
 
 class Player:
@@ -85,12 +92,8 @@ class Player:
         unseen, spent, order = hunt.unseen.copy(), self._before, list[int]()
         goal = enough * float(self.most.sum())
         while len(order) < most and float(self._still(unseen).sum()) < goal:
-            weight = hunt.weights(unseen)
-            look = hunt.tourist.best(at, weight, memory)
-            if look is None or not np.isfinite(cost := self.cost(at, look)):
-                break
-            spent += cost
-            if spent > budget or float(memory.chance(look) @ weight) < hunt.settings.give_up / 10:
+            look = hunt.choose(at, unseen, memory)
+            if look is None or (spent := spent + self.cost(at, look)) > budget:
                 break
             unseen = unseen * (1.0 - memory.chance(look))
             memory.note(look)

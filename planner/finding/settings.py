@@ -38,7 +38,7 @@ class Belief:
     beside_sigma: float = 0.8  # [m] around an object it is found near
     even: float = 0.05  # share of every candidate's belief that is spread over the whole floor
     outside: float = 1.5  # [m] of floor assumed around an object that is in no place
-    give_up: float = 0.005  # a look that finds less than this is worth no way
+    give_up: float = 0.005  # looks that find less than this share of what there is are not worth while
 
 
 BELIEF: Final = Belief()
@@ -49,4 +49,4 @@ MOST_LOOKS: Final = 80
 #: rooms that are planned for, at most; the others count as left over
 MOST_ROOMS: Final = 48
 #: orders tried beyond the first, at most
-TRIALS: Final = 120
+TRIALS: Final = 60

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon, Rectangle
 from matplotlib.text import Text
@@ -63,12 +65,35 @@ def draw_object(axes: Axes, record: ObjectRecord, group: Group) -> None:
     axes.plot(x, y, "o", ms=6.2, mfc=group.colour, mec="white", mew=0.9, alpha=alpha, zorder=6)
 
 
-def draw_goal(axes: Axes, goal: Goal, number: int) -> Text:
+@dataclass(frozen=True, slots=True, eq=False)
+class Shade:
+    """A tint over the floor."""
+
+    label: str  # for the legend
+    colour: str
+    strength: NDArray[np.float64]  # (nx, ny) 0..1
+    corner: NDArray[np.float64]  # (2,) [m] of cell (0, 0)
+    cell: float  # [m]
+
+
+def draw_shade(axes: Axes, shade: Shade) -> None:
+    """Each cell in the shade's colour, the more opaque the stronger; a thin line around it all."""
+    nx, ny = shade.strength.shape
+    far = shade.corner + np.array([nx, ny]) * shade.cell
+    image = np.empty((ny, nx, 4))
+    image[..., :3] = to_rgb(shade.colour)
+    image[..., 3] = shade.strength.T
+    box = (float(shade.corner[0]), float(far[0]), float(shade.corner[1]), float(far[1]))
+    axes.imshow(image, extent=box, origin="lower", interpolation="bilinear", zorder=1.2)
+    axes.set_aspect("equal")
+
+
+def draw_goal(axes: Axes, goal: Goal, number: str) -> Text:
     """A numbered disc."""
     x, y = float(goal.p_map[0]), float(goal.p_map[1])
-    axes.plot(x, y, "o", ms=14, mfc=ROUTE, mec="white", mew=1.4, zorder=8)
+    axes.plot(x, y, "o", ms=14 if len(number) < 3 else 18, mfc=ROUTE, mec="white", mew=1.4, zorder=8)
     style: dict[str, Any] = {"ha": "center", "va": "center_baseline", "fontweight": "bold"}
-    return axes.text(x, y, str(number), color="white", fontsize=8.5, zorder=9, **style)
+    return axes.text(x, y, number, color="white", fontsize=8.5 if len(number) < 3 else 6.5, zorder=9, **style)
 
 
 def draw_robot(axes: Axes, robot: RobotRecord, reach: float) -> None:

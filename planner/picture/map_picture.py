@@ -21,12 +21,14 @@ from kg.records import ObjectRecord, PlaceRecord
 from kg.semantic_map import SemanticMap
 from planner.goals import Goal
 from planner.picture.drawing import (
+    Shade,
     draw_goal,
     draw_house,
     draw_object,
     draw_place,
     draw_robot,
     draw_route,
+    draw_shade,
     mark,
 )
 from planner.picture.label_placement import Box, Label, place_labels
@@ -63,11 +65,13 @@ def plot_map(
     goals: Sequence[Goal] | None = None,
     title: str | None = None,
     truth: House | None = None,
+    numbers: Sequence[str] | None = None,
+    shades: Sequence[Shade] = (),
 ) -> Path:
     """Draw `semantic_map` to `path` and return it; PNG, SVG or PDF by its ending.
 
-    `route` is a polyline (n, 2) [m] in the map frame, `goals` are numbered in the order given, and
-    `truth` adds a house's walls and furniture, with a small cross where each object truly is. The
+    `route` is a polyline (n, 2) [m] in the map frame, `goals` are numbered in the order given or as
+    `numbers` says, `shades` tint the floor, and `truth` adds a house's walls and furniture, with a small cross where each object truly is. The
     fainter an object, the less probable its existence. Labels that find no room are left out.
     Raises PictureError for another ending or a path that cannot be written.
     """
@@ -78,6 +82,9 @@ def plot_map(
     with rc_context(_STYLE):
         line = None if route is None else np.asarray(route, np.float64).reshape(-1, 2)
         picture = _Picture(semantic_map, line, tuple(goals or ()), truth)
+        if numbers is not None:
+            picture.numbers = tuple(numbers)
+        picture.shades = tuple(shades)
         picture.draw(title or semantic_map.title)
         _save(picture.sheet, path)
     return path
@@ -115,11 +122,15 @@ class _Picture:
         self.sheet = Sheet(extent, [record.p_map[:2] for record in self._objects])
         self._axes = self.sheet.axes
         self._texts: list[Text] = []
+        self.numbers = tuple(str(n) for n in range(1, len(goals) + 1))
+        self.shades: tuple[Shade, ...] = ()
 
     def draw(self, title: str) -> None:
         """Everything, from the floor up."""
         for place in self._places:
             self._draw_place(place)
+        for shade in self.shades:
+            draw_shade(self._axes, shade)
         if self._truth is not None:
             draw_house(self._axes, self._truth)
         if self._route is not None:
@@ -128,7 +139,7 @@ class _Picture:
             draw_object(self._axes, record, self._groups[record.category])
         if self._robot is not None:
             draw_robot(self._axes, self._robot, self.sheet.metres(9))
-        for number, goal in enumerate(self._goals, start=1):
+        for number, goal in zip(self.numbers, self._goals, strict=True):
             self._texts.append(draw_goal(self._axes, goal, number))
         self.sheet.write_heading(title, self._summary(), FAINT)
         self._draw_legend()
@@ -164,7 +175,8 @@ class _Picture:
         unseen = sum(not place.views for place in self._places)
         parts = [_count(len(self._objects), "object"), _count(len(self._places), "place")]
         parts[1] += f", {unseen} not viewed yet" if unseen else ""
-        parts += [_count(len(self._goals), "goal")] if self._goals else []
+        what = "stop" if self.shades else "goal"
+        parts += [_count(len(self._goals), what)] if self._goals else []
         return "   ·   ".join(parts)
 
     def _draw_legend(self) -> None:
@@ -174,6 +186,7 @@ class _Picture:
             marks.append(mark((3, 0, -90), "robot", mfc=INK, mec="white"))
         if self._route is not None:
             marks.append(Line2D([], [], color=ROUTE, lw=1.7, ls=(0, (4, 2)), label="route"))
+        marks += [mark("s", s.label, mfc=s.colour, mec="none", alpha=0.45) for s in self.shades]
         if self._truth is not None:
             marks.append(mark("+", "truth", mec=TRUE_SPOT))
         if not marks:

@@ -56,30 +56,17 @@ class Memory:
 
     def note(self, look: int) -> None:
         """Remember that `look` was taken."""
-        self.note_shown(int(self._looks.stand[look]), self._looks.chance[look])
-
-    def note_shown(self, stand: int, chance: NDArray[np.float32]) -> None:
-        """Remember that the cells of `chance` (c,) above 0 were seen from about position `stand`."""
-        shown = chance > 0
+        stand = int(self._looks.stand[look])
+        shown = self._looks.chance[look] > 0
         self._seen[stand] = self._seen[stand] | shown if stand in self._seen else shown
 
     def chance(self, look: int) -> NDArray[np.float32]:
         """(c,) chance of `look` to detect what all looks before it have missed."""
-        return self.lessened(int(self._looks.stand[look]), self._looks.chance[look])
-
-    def lessened(self, stand: int, chance: NDArray[np.float32]) -> NDArray[np.float32]:
-        """`chance` (c,) of a picture from about position `stand` after all looks before it."""
-        seen = self._seen.get(stand)
-        chance = np.array(chance)
+        seen = self._seen.get(int(self._looks.stand[look]))
+        chance = np.array(self._looks.chance[look])
         if seen is not None:
             chance[seen] *= np.float32(1 - self._looks.sensor.rho)
         return chance
-
-    def copy(self) -> Memory:
-        """The same memory, to go on with on trial."""
-        other = Memory(self._looks)
-        other._seen = dict(self._seen)  # arrays in it are replaced, never written to
-        return other
 
     def gains(self, weight: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) probability that each look finds it, for what is left of the belief."""

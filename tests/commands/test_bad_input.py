@@ -233,7 +233,7 @@ def test_another_base_for_a_map_that_has_one(kitchen: Path, lab: Path, fails: Fa
     assert "another map" in fails("map", kitchen, "--into", lab, "--base", "http://e.org/x/")
 
 
-@pytest.mark.parametrize("start", ["1", "1,2,3", "nan,0", "1e308,0", "x,y"])
+@pytest.mark.parametrize("start", ["1", "1,2,3,4", "1,2,nan", "nan,0", "1e308,0", "x,y"])
 def test_starts_that_are_no_place(lab: Path, start: str) -> None:
     with pytest.raises(SystemExit, match="2"):
         main(["find", str(lab), "cup", "--from", start])
