@@ -18,7 +18,7 @@ from planner.viewing.sensor import Motion, Sensor, angle_between
 
 NEAR: float = 0.5  # [m] a look from this near to a planned one, and ...
 ALIKE: float = 0.35  # [rad] ... towards about the same, is that look
-BLOCKS: float = 0.5  # [m] around an obstacle that cannot be driven through: a door is closed by it
+BLOCKS: float = 0.6  # [m] around an obstacle that cannot be driven through: this closes a door
 
 
 @dataclass(frozen=True, slots=True)

@@ -46,6 +46,8 @@ class Lines:
             if not _ready(self._descriptor, selectors.EVENT_READ, deadline - time.monotonic()):
                 raise TimeoutError
             self._take(os.read(self._descriptor, _CHUNK))
+            if not self._lines and not self.ended and time.monotonic() > deadline:
+                raise TimeoutError  # it keeps talking, and no line ever ends
         return self._lines.popleft()
 
     def _take(self, data: bytes) -> None:

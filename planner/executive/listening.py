@@ -96,9 +96,9 @@ class Listener:
         """
         deadline = None if limit is None else time.monotonic() + limit
         while deadline is None or time.monotonic() < deadline:
-            if self._stopping():
-                raise SearchStopped("asked to stop")
             message = self._robot.receive(_POLL)
+            if self._stopping():  # what came after is not acted on any more
+                raise SearchStopped("asked to stop")
             if message is None:
                 self._refuse_silence()
                 continue

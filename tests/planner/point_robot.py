@@ -11,7 +11,6 @@ import math
 import os
 import signal
 import sys
-import time
 from typing import Any
 
 
@@ -57,7 +56,9 @@ class PointRobot:
         self.clock += 1.0 + abs(command["turn"]) / 0.8
         middle = self.heading + command["turn"] / 2
         self.heading += command["turn"]
-        seen = [thing for thing in self.settings.get("objects", []) if self.sees(thing, middle, command)]
+        seen = [
+            thing for thing in self.settings.get("objects", []) if self.sees(thing, middle, command)
+        ]
         if self.looks == self.settings.get("phantom_at_look"):
             seen.append(["apple", self.x + 2, self.y, 0.8, 0.4])
         objects = [dict(zip(("label", "x", "y", "z", "score"), t, strict=True)) for t in seen]
@@ -95,17 +96,9 @@ def misbehave(how: str) -> None:
         os.kill(os.getppid(), signal.SIGTERM)
     elif how == "end":
         sys.exit(7)
-    elif how == "silence":
-        while sys.stdin.readline():
-            pass
-        sys.exit(0)
     elif how == "flood":
         while True:
             sys.stdout.write("x" * 100_000 + "\n")
-    elif how == "endless":
-        while True:
-            sys.stdout.write("x" * 100_000)
-    time.sleep(0.0)
 
 
 if __name__ == "__main__":

@@ -70,5 +70,5 @@ def run(
     **settings: Any,
 ) -> Outcome:
     """Search with a point robot in a process of its own."""
-    terms = Terms(budget=budget, patience=patience, tell=tell, clock=lambda: START)
+    terms = Terms(budget=budget, patience=patience, tell=tell, clock=lambda: START + 60)
     return search(semantic_map, words, ChildRobot(command(**settings)), terms, resume=resume)

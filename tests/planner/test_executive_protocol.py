@@ -83,9 +83,13 @@ def test_what_is_no_message_is_refused(line: str) -> None:
 
 _KINDS = ("hello", "pose", "arrived", "blocked", "detections", "error", "abort", "other")
 _JSON = st.one_of(
-    st.sampled_from([None, True, 0, -1, 1.5, 1e300, math.nan, math.inf, 10**400, "", "\x00", [], {}]),
+    st.sampled_from(
+        [None, True, 0, -1, 1.5, 1e300, math.nan, math.inf, 10**400, "", "\x00", [], {}]
+    ),
     st.floats(),
-    st.lists(st.sampled_from([None, {}, {"label": "cup", "score": 0.5, "x": 1, "y": 2}]), max_size=3),
+    st.lists(
+        st.sampled_from([None, {}, {"label": "cup", "score": 0.5, "x": 1, "y": 2}]), max_size=3
+    ),
     st.just({"x": 1, "y": 2, "heading": 1e9}),
 )
 _KEYS = st.sampled_from(("id", "x", "y", "heading", "t", "reason", "objects", "pose", "protocol"))
