@@ -56,9 +56,8 @@ class PointRobot:
         self.clock += 1.0 + abs(command["turn"]) / 0.8
         middle = self.heading + command["turn"] / 2
         self.heading += command["turn"]
-        seen = [
-            thing for thing in self.settings.get("objects", []) if self.sees(thing, middle, command)
-        ]
+        things = self.settings.get("objects", [])
+        seen = [thing for thing in things if self.sees(thing, middle, command)]
         if self.looks == self.settings.get("phantom_at_look"):
             seen.append(["apple", self.x + 2, self.y, 0.8, 0.4])
         objects = [dict(zip(("label", "x", "y", "z", "score"), t, strict=True)) for t in seen]

@@ -125,9 +125,9 @@ def _receive(robot: HttpRobot) -> None:
 def test_hostile_answers_are_one_error(
     body: bytes, status: int, headers: dict[str, str], said: str
 ) -> None:
-    with _serving(_answering(body, status, **headers)) as url:
-        with pytest.raises(RobotError, match=said):
-            _receive(HttpRobot(url))
+    hostile = _answering(body, status, **headers)
+    with _serving(hostile) as url, pytest.raises(RobotError, match=said):
+        _receive(HttpRobot(url))
 
 
 def test_nobody_there_is_one_error_and_stopping_is_none() -> None:

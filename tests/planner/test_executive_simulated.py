@@ -34,14 +34,14 @@ def _mapped(semantic_map: SemanticMap, house: House) -> None:
     ]
     objects = [
         ObjectRecord(
-            semantic_map.new_object_iri(),
-            find(item.label).iri,
-            item.centre(),
-            3.0,
-            1.0,
-            9,
-            START,
-            START,
+            iri=semantic_map.new_object_iri(),
+            category=find(item.label).iri,
+            p_map=item.centre(),
+            confidence=3.0,
+            existence=1.0,
+            observations=9,
+            first_seen=START,
+            last_seen=START,
         )
         for item in house.objects
     ]
