@@ -300,7 +300,7 @@ class SemanticMap(Remembering):
             cause = Cause("update", by, " ".join(sparql.split())[:LONGEST_NOTE])
             change = self._store.commit(pending.removed, pending.added, cause)
             if allow and change is not None:
-                self._read_ontology_again()
+                self.reread_ontology()
             return change
 
     def take_ontology(self, quads: Iterable[Quad], *, by: str | None = None) -> Taken:
@@ -315,7 +315,7 @@ class SemanticMap(Remembering):
         with self._guard:
             taken = take_in(self._store, ontology.quads, by)
             if taken.commit is not None:
-                self._read_ontology_again()
+                self.reread_ontology()
             return taken
 
     def ontology(self) -> tuple[Quad, ...]:
@@ -450,7 +450,8 @@ class SemanticMap(Remembering):
     def _update_by_rdflib(self, sparql: str) -> None:
         self.update(sparql, by="rdflib", allow=("commonsense",))
 
-    def _read_ontology_again(self) -> None:
+    def reread_ontology(self) -> None:
+        """Know the categories of the ontology as it stands in the store by now."""
         self.catalogue = Catalogue.from_store(self.engine)
         self._facts.catalogue = self.catalogue
         self._door = Door(self._store)

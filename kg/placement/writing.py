@@ -93,5 +93,5 @@ def import_rooms(semantic_map: SemanticMap, table: RoomTable, by: str = "import 
         change = semantic_map.store.commit(
             sorted(gone, key=str), sorted(wanted | compiled, key=str), cause
         )
-        semantic_map._read_ontology_again()  # new kinds of rooms are categories from now on
+        semantic_map.reread_ontology()  # new kinds of rooms are categories from now on
     return len(change) if change else 0

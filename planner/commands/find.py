@@ -81,16 +81,12 @@ def _hunt(semantic_map: SemanticMap, arguments: argparse.Namespace) -> Hunt | No
     from planner.finding.hunt import prepare
     from planner.viewing.sensor import Motion, Sensor
 
-    near, far = arguments.range or (Sensor.near, Sensor.far)
     default = Sensor()
+    near, far = arguments.range or (default.near, default.far)
     return prepare(
         semantic_map,
         arguments.object,
-        sensor=Sensor(
-            near=near if arguments.range else default.near,
-            far=far if arguments.range else default.far,
-            recall=arguments.recall or default.recall,
-        ),
+        sensor=Sensor(near=near, far=far, recall=arguments.recall or default.recall),
         motion=Motion(speed=arguments.speed) if arguments.speed else None,
         at=_moment(arguments.at),
     )
@@ -188,8 +184,8 @@ def _by_reference(semantic_map: SemanticMap, arguments: argparse.Namespace) -> i
 
 def _without_floor(semantic_map: SemanticMap, arguments: argparse.Namespace) -> int:
     """What can be said of a map without places: why there is nowhere to look."""
-    from planner.goals import explain_none
     from planner.finding.targets import resolve
+    from planner.goals import explain_none
 
     labels = [target.label for target in resolve(semantic_map, arguments.object)]
     asked = [iri for target in resolve(semantic_map, arguments.object) for iri in target.asked]

@@ -121,8 +121,8 @@ def _by_ratio(problem: OrderingProblem, rooms: Sequence[int]) -> list[int]:
     """Always the room of most probability a second; the same on every machine."""
     left, order, way = list(range(len(rooms))), list[int](), problem.t0
     while left:
-        seconds = way + problem.explore
-        best = max(left, key=lambda i: (float(problem.p[i] / max(seconds[i], 1e-9)), -i))
+        rate = problem.p / np.maximum(way + problem.explore, 1e-9)
+        best = left[int(np.argmax(rate[left]))]
         left.remove(best)
         order.append(rooms[best])
         way = problem.T[best]
@@ -144,6 +144,4 @@ def alternatives(player: Player, chosen: Played) -> tuple[Alternative, ...]:
 
 def _rated(name: str, played: Played, chosen: Played) -> Alternative:
     common = min(float(played.gains.sum()), float(chosen.gains.sum()))
-    return Alternative(
-        name, common, played.until(common), chosen.until(common), len(played.looks)
-    )
+    return Alternative(name, common, played.until(common), chosen.until(common), len(played.looks))

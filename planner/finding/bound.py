@@ -2,10 +2,10 @@
 
 Looks that are over by t were taken from positions of which the furthest is D seconds of driving
 away, so that at most t - D seconds went into looking, at positions no further than D. They found at
-most what endless looking from all such positions finds (`Repeats`: the looks of one position have a
-limit), and at most t - D times the best rate of a look from there, as what is left only shrinks. The
-best D bounds P(found by t). Of a plan that finds with probability F, F E[t | found] is the integral
-of F - P(found by t).
+most what endless looking from all such positions finds (`Repeats`: the looks of one position have
+a limit), and at most t - D times the best rate of a look from there, as what is left only shrinks.
+The best D bounds P(found by t). Of a plan that finds with probability F, F E[t | found] is the
+integral of F - P(found by t).
 """
 
 from __future__ import annotations
@@ -60,7 +60,8 @@ def _by_distance(looks: Looks, at: Standing, weight: Floats) -> tuple[Floats, Fl
         caps[i] = 1.0 - float(np.prod(1.0 - np.minimum(weight @ (1.0 - missed), 1.0)))
         rates[i] = float(rate[rows].max())
     # single precision above: what is rounded down there must not make the bound too high
-    return reached[order], np.minimum(caps * (1 + 1e-5), 1.0), np.maximum.accumulate(rates) * (1 + 1e-5)
+    margin = 1 + 1e-5
+    return reached[order], np.minimum(caps * margin, 1.0), np.maximum.accumulate(rates) * margin
 
 
 def _endlessly(chance: NDArray[np.float32], rest: float) -> Floats:

@@ -70,14 +70,24 @@ def all_places(semantic_map: SemanticMap) -> tuple[Place, ...]:
     for row in semantic_map.ask("goals-rooms").records():
         iri = str(row["iri"])
         if iri not in found:
-            corners = (number(row, name) for name in ("xmin", "xmax", "ymin", "ymax"))
-            label = str(row["label"] or iri)
-            views = int(number(row, "views"))
-            found[iri] = Place(iri, label, *corners, views=views, last_seen=seen.get(iri))
+            found[iri] = _empty(row, seen.get(iri))
         if row["kind"] is not None:
             found[iri].beliefs[str(row["kind"])] = number(row, "belief")
             found[iri].names[str(row["kind"])] = str(row["category"])
     return tuple(found.values())
+
+
+def _empty(row: Row, last_seen: float | None) -> Place:
+    return Place(
+        iri=str(row["iri"]),
+        label=str(row["label"] or row["iri"]),
+        xmin=number(row, "xmin"),
+        xmax=number(row, "xmax"),
+        ymin=number(row, "ymin"),
+        ymax=number(row, "ymax"),
+        views=int(number(row, "views")),
+        last_seen=last_seen,
+    )
 
 
 def map_time(semantic_map: SemanticMap) -> float:
@@ -229,8 +239,8 @@ class _Rooms:
 
     def _weighed(self, kind: str) -> bool:
         """Whether the table knows of a statement that puts the target in this kind of place."""
-        reasons = (r for iri in self._target.asked for r in self._table.placement(iri, kind).reasons)
-        return any(reason.text.startswith(_STATEMENTS) for reason in reasons)
+        weighed = (self._table.placement(iri, kind).reasons for iri in self._target.asked)
+        return any(r.text.startswith(_STATEMENTS) for reasons in weighed for r in reasons)
 
     def of(self, place: Place) -> tuple[float, tuple[str, ...]]:
         """Probability that `place` holds one, and why."""

@@ -69,9 +69,7 @@ def _inside(place: Place, xy: NDArray[np.float64]) -> NDArray[np.bool_]:
     return (x >= place.xmin) & (x <= place.xmax) & (y >= place.ymin) & (y <= place.ymax)
 
 
-def _yards(
-    rooms: Sequence[Room], spots: Iterable[NDArray[np.float64]], reach: float
-) -> list[Room]:
+def _yards(rooms: Sequence[Room], spots: Iterable[NDArray[np.float64]], reach: float) -> list[Room]:
     yards: list[Room] = []
     for x, y in spots:
         if len(yards) < _MOST_YARDS and not any(_near(r, x, y) for r in (*rooms, *yards)):

@@ -130,7 +130,7 @@ class Hunt:
         return self._ground.names[room] if room >= 0 else ""
 
     def weights(self, unseen: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(c,) what is worth seeing in each cell: each target times the chance that it is needed."""
+        """(c,) worth of seeing each cell: what is expected there, if it is still needed."""
         count = len(self.targets)
         needed = self.prospects.still_missing(unseen, count)
         needed = needed / np.maximum(self.prospects.still_missing(self.unseen, count), 1e-12)

@@ -81,9 +81,10 @@ def plan(
     """Looks that find what `hunt` still wants in little expected time, from `start` on.
 
     `start` is where the robot stands, or a position (2,) [m] where it faces `heading` [rad]; from
-    off the floor it drives to it in a straight line first. `budget` [s] ends the plan. Built by the ratio rule, then improved by
-    seeded `trials`, as far as `time_limit` [s] lets them: infinite, the plan is the same on every
-    machine. With `compare` other ways to search are rated beside it. The hunt stays as it is.
+    off the floor it drives to it in a straight line first. `budget` [s] ends the plan. Built by the
+    ratio rule, then improved by seeded `trials`, as far as `time_limit` [s] lets them: infinite,
+    the plan is the same on every machine. With `compare` other ways to search are rated beside it.
+    The hunt stays as it is.
     """
     begin, at, before = _begin(hunt, start, heading)
     player = Player(hunt, at, before / hunt.looks.motion.speed)
@@ -156,9 +157,7 @@ def _visited(hunt: Hunt, steps: Iterable[FindStep]) -> tuple[VisitedCandidate, .
     open_ = [v for v in open_ if v.candidate.probability > 0]
     open_.sort(key=lambda v: (-v.candidate.probability, v.candidate.iri))
     cells, done = hunt.looks.cells, list[VisitedCandidate]()
-    at = {
-        id(v): int(np.searchsorted(cells, hunt.space.nearest(v.candidate.p_map))) for v in open_
-    }
+    at = {id(v): int(np.searchsorted(cells, hunt.space.nearest(v.candidate.p_map))) for v in open_}
     for step in steps:
         chance = hunt.looks.chance[step.look]
         for one in list(open_):

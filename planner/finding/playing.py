@@ -24,7 +24,7 @@ class Played:
     arrivals: Floats  # (n,) [s] when each look is over
     metres: Floats  # (n,) [m] driven until then
     gains: Floats  # (n,) targets first found at each look, expected; of one target a probability
-    unseen: Floats  # (n + 1, c) chance that a thing in a cell was missed, before each look and after
+    unseen: Floats  # (n + 1, c) chance that a thing in a cell was missed, before look i
     found: Floats  # (targets,) probability that each target is found
 
     @property

@@ -112,9 +112,7 @@ class _Instances:
         for near in sorted(nearby, key=lambda c: (-c.probability, c.iri))[:_MOST_NEARBY]:
             self._nearby[ground.room_at(near.p_map, near.place)].append(near)
         places = {c.iri: c for c in candidates if c.kind == "place"}
-        self._places = {
-            room: places[iri] for room, iri in enumerate(ground.rooms) if iri in places
-        }
+        self._places = {room: places[iri] for room, iri in enumerate(ground.rooms) if iri in places}
         self._room = ground.space.room.reshape(-1)[cells]
         self._even = np.full(len(cells), 1.0 / len(cells))
 

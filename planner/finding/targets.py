@@ -62,9 +62,9 @@ def _used_for(semantic_map: SemanticMap, words: str) -> list[str]:
     for row in semantic_map.ask("goals-needs").records():
         uses[str(row["use"])].append(str(row["kind"]))
     for reading in (_plain, _core):
-        kinds = [iri for use, iris in uses.items() if reading(use) == reading(words) for iri in iris]
-        if kinds:
-            return list(dict.fromkeys(kinds))
+        meant = [use for use in uses if reading(use) == reading(words)]
+        if meant:
+            return list(dict.fromkeys(iri for use in meant for iri in uses[use]))
     near = did_you_mean(words, uses) or ";"
     raise UnknownCategoryError(
         f"nothing is said to be used for '{words}'{near} there is something to "

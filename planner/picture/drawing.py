@@ -91,9 +91,11 @@ def draw_shade(axes: Axes, shade: Shade) -> None:
 def draw_goal(axes: Axes, goal: Goal, number: str) -> Text:
     """A numbered disc."""
     x, y = float(goal.p_map[0]), float(goal.p_map[1])
-    axes.plot(x, y, "o", ms=14 if len(number) < 3 else 18, mfc=ROUTE, mec="white", mew=1.4, zorder=8)
+    axes.plot(x, y, "o", ms=14, mfc=ROUTE, mec="white", mew=1.4, zorder=8)
     style: dict[str, Any] = {"ha": "center", "va": "center_baseline", "fontweight": "bold"}
-    return axes.text(x, y, number, color="white", fontsize=8.5 if len(number) < 3 else 6.5, zorder=9, **style)
+    if len(number) > 2:  # more than the disc holds: it grows into a pill
+        style["bbox"] = {"boxstyle": "round,pad=0.35,rounding_size=0.9", "fc": ROUTE, "ec": "white"}
+    return axes.text(x, y, number, color="white", fontsize=8.5, zorder=9, **style)
 
 
 def draw_robot(axes: Axes, robot: RobotRecord, reach: float) -> None:

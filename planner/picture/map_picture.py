@@ -71,8 +71,9 @@ def plot_map(
     """Draw `semantic_map` to `path` and return it; PNG, SVG or PDF by its ending.
 
     `route` is a polyline (n, 2) [m] in the map frame, `goals` are numbered in the order given or as
-    `numbers` says, `shades` tint the floor, and `truth` adds a house's walls and furniture, with a small cross where each object truly is. The
-    fainter an object, the less probable its existence. Labels that find no room are left out.
+    `numbers` says, `shades` tint the floor, and `truth` adds a house's walls and furniture, with a
+    small cross where each object truly is. The fainter an object, the less probable its existence.
+    Labels that find no room are left out.
     Raises PictureError for another ending or a path that cannot be written.
     """
     path = Path(path)

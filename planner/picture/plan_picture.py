@@ -66,7 +66,7 @@ def _span(numbers: list[int]) -> str:
         return str(numbers[0])
     if numbers == list(range(numbers[0], numbers[-1] + 1)):
         return f"{numbers[0]}-{numbers[-1]}"
-    return ",".join(map(str, numbers)) if len(numbers) == 2 else f"{numbers[0]},.."
+    return ",".join(map(str, numbers)) if len(numbers) == 2 else f"{numbers[0]}, ..."
 
 
 def _route(hunt: Hunt, plan: FindPlan, steps: tuple[FindStep, ...]) -> NDArray[np.float64]:
@@ -107,5 +107,3 @@ def _shade(hunt: Hunt, steps: tuple[FindStep, ...]) -> Shade:
         missed[cells] *= 1.0 - chance
     strength = _DARKEST * (1.0 - missed).reshape(space.shape)
     return Shade("seen by the looks", _SEEN, strength, space.origin, space.cell)
-
-

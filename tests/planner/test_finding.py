@@ -1,0 +1,406 @@
+"""What `find` promises: candidates of the graph, belief on cells, plans of looks, bounds."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kg.errors import UnknownCategoryError
+from kg.records import MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
+from kg.semantic_map import SemanticMap
+from planner.commands import main
+from planner.finding.hunt import Hunt, prepare
+from planner.finding.mobility import holds, learned_half_life, listed_half_life, mobility_table
+from planner.finding.plan import plan
+from planner.finding.playing import Player
+from planner.finding.settings import HALF_LIVES
+from planner.finding.targets import resolve
+from planner.finding.telling import plan_json
+from planner.viewing.sensor import Sensor
+
+DAY = 86400.0
+
+
+def thing(
+    semantic_map: SemanticMap, label: str, x: float, y: float, place: int | None, seen: float = 0.0
+) -> ObjectRecord:
+    return ObjectRecord(
+        iri=semantic_map.new_object_iri(),
+        category=semantic_map.catalogue.find(label, "object").iri,
+        p_map=np.array([x, y, 0.8]),
+        confidence=2.0,
+        existence=0.9,
+        observations=4,
+        first_seen=seen,
+        last_seen=seen,
+        place=None if place is None else semantic_map.place_iri(place),
+    )
+
+
+def fill(semantic_map: SemanticMap, robot_at: float = 0.0) -> SemanticMap:
+    """A kitchen and a bedroom side by side, and a third room nobody has seen; a banana, a cup."""
+    kind = {name: semantic_map.catalogue.find(name, "place").iri for name in ("kitchen", "bedroom")}
+    iri = semantic_map.place_iri
+    semantic_map.apply(
+        MapUpdate(
+            objects=(
+                thing(semantic_map, "banana", 1.0, 3.0, 1),
+                thing(semantic_map, "cup", 3.0, 1.0, 1),
+                thing(semantic_map, "bed", 7.0, 2.0, 2),
+            ),
+            places=(
+                PlaceRecord(iri(1), "place 1", 0, 4, 0, 4, 9, {kind["kitchen"]: 0.9}),
+                PlaceRecord(iri(2), "place 2", 4, 8, 0, 4, 9, {kind["bedroom"]: 0.9}),
+                PlaceRecord(iri(3), "place 3", 8, 12, 0, 4),
+            ),
+            robot=RobotRecord(np.array([6.0, 1.0, 1.0]), 0.0, robot_at),
+        )
+    )
+    return semantic_map
+
+
+@pytest.fixture
+def flat() -> SemanticMap:
+    return fill(SemanticMap.in_memory(title="flat"))
+
+
+def hunt_for(semantic_map: SemanticMap, *targets: str, at: float | None = None) -> Hunt:
+    hunt = prepare(semantic_map, targets, at=at)
+    assert hunt is not None
+    return hunt
+
+
+def test_a_remembered_object_is_looked_for_where_it_was_seen(flat: SemanticMap) -> None:
+    found = plan(hunt_for(flat, "mug"), (6.0, 1.0), time_limit=math.inf)
+    first = found.steps[0]
+    assert first.why[0].candidate.kind == "known"
+    assert "cup" in first.why[0].candidate.facts[0]
+    assert first.why[0].candidate.place == flat.place_iri(1)
+    assert 0 < first.probability < first.why[0].candidate.probability
+
+
+def test_what_is_kept_near_a_known_object_is_looked_for_there(flat: SemanticMap) -> None:
+    found = plan(hunt_for(flat, "apple"), (6.0, 1.0), time_limit=math.inf)
+    assert found.steps[0].why[0].candidate.kind == "nearby"
+    assert any("found near banana" in fact for fact in found.steps[0].why[0].candidate.facts)
+
+
+def test_every_place_is_a_candidate_also_one_nobody_has_seen(flat: SemanticMap) -> None:
+    hunt = hunt_for(flat, "cup")
+    places = {c.place: c.probability for c in hunt.candidates if c.kind == "place"}
+    assert set(places) == {flat.place_iri(n) for n in (1, 2, 3)}
+    assert all(0 < p < 1 for p in places.values())
+    assert places[flat.place_iri(1)] > places[flat.place_iri(2)]  # kitchens hold cups
+
+
+def test_a_memory_of_a_cup_fades_and_one_of_a_bed_does_not(flat: SemanticMap) -> None:
+    def known(target: str, at: float) -> float:
+        candidates = hunt_for(flat, target, at=at).candidates
+        return max(c.probability for c in candidates if c.kind == "known")
+
+    assert known("cup", 0.0) == pytest.approx(0.9)
+    assert known("cup", 3 * DAY) < 0.05
+    assert known("bed", 3 * DAY) > 0.89
+
+
+def test_a_faded_memory_leaves_its_room_likelier_than_others(flat: SemanticMap) -> None:
+    hunt = hunt_for(flat, "cup", at=3 * DAY)
+    site = hunt.prospects.parts[0]
+    assert site.candidate.kind == "known"
+    rooms = hunt.space.room.reshape(-1)[hunt.prospects.cells]
+    by_room = np.bincount(rooms, site.weight)
+    assert by_room[0] > by_room[1] > 0
+    assert 0.5 < site.weight.sum() < 0.9  # some of it left the floor
+
+
+def test_site_and_room_are_the_same_cells(flat: SemanticMap) -> None:
+    """A miss at the site lowers the instance in its whole room, by Bayes' rule on one sum."""
+    hunt = hunt_for(flat, "cup")
+    before = hunt.belief
+    assert before.weight.sum() + before.absent == pytest.approx(1.0)
+    look = hunt.next(hunt.standing((6.0, 1.0)))
+    assert look is not None
+    chance = hunt.memory.chance(look)
+    rows = hunt.prospects.weight
+    expected = 1 - np.prod([(1 - row.sum()) / (1 - row @ chance) for row in rows])
+    hunt.missed(look)
+    assert hunt.left == pytest.approx(expected)
+    assert hunt.left < before.present
+
+
+def test_a_hunt_goes_on_until_nothing_is_worth_a_look(flat: SemanticMap) -> None:
+    hunt, at = hunt_for(flat, "banana"), None
+    at = hunt.standing((6.0, 1.0))
+    left = [hunt.left]
+    for _ in range(200):
+        look = hunt.next(at)
+        if look is None:
+            break
+        hunt.missed(look)
+        at = hunt.tourist.after(at, look)
+        left.append(hunt.left)
+    else:
+        pytest.fail("the hunt never gives up")
+    assert len(left) > 3
+    assert all(b < a for a, b in pairwise(left))
+    assert left[-1] < 0.5 * left[0]
+
+
+def test_pictures_on_the_way_teach_less_and_less(flat: SemanticMap) -> None:
+    hunt = hunt_for(flat, "cup")
+    cell = hunt.space.nearest((1.0, 1.0))
+    steps = []
+    for _ in range(3):
+        before = hunt.left
+        hunt.missed_picture(cell, 0.0)
+        steps.append(before - hunt.left)
+    assert steps[0] > 2 * steps[1] > 4 * steps[2] >= 0
+
+
+def test_a_blocked_door_leaves_what_was_learned(flat: SemanticMap) -> None:
+    hunt = hunt_for(flat, "cup")
+    at = hunt.standing((6.0, 1.0))
+    look = hunt.next(at)
+    assert look is not None
+    hunt.missed(look)
+    left = hunt.left
+    centres = hunt.space.centres(hunt.space.floor())
+    door = hunt.space.floor()[np.abs(centres[:, 0] - 4.0) < 0.35]
+    hunt.blocked(door)
+    assert hunt.left == pytest.approx(left)
+    following = hunt.next(hunt.standing((6.0, 1.0)))
+    assert following is not None
+    x, _ = hunt.space.centres([hunt.looks.stands[hunt.looks.stand[following]]])[0]
+    assert x > 4.0  # the kitchen cannot be reached any more
+
+
+def test_all_of_several_targets_are_wanted_until_each_is_found(flat: SemanticMap) -> None:
+    hunt = hunt_for(flat, "cup", "bed")
+    found = plan(hunt, (6.0, 1.0), time_limit=math.inf)
+    assert found.targets == ("cup", "bed")
+    assert 1.0 < found.probability <= 2.0
+    hunt.found("bed", (7.0, 2.0))
+    assert hunt.wanted == (0,)
+    after = plan(hunt, (6.0, 1.0), time_limit=math.inf)
+    assert after.targets == ("cup",)
+    assert {r.target for step in after.steps for r in step.why} == {"cup"}
+    hunt.found("cup", (3.0, 1.0))
+    assert (hunt.left, hunt.next(hunt.standing((6.0, 1.0)))) == (0.0, None)
+
+
+@pytest.mark.parametrize(
+    ("need", "kinds"),
+    [
+        ("something to drink from", {"bottle", "wine glass", "cup"}),
+        ("Anything to sit on", {"chair", "couch", "bench", "bed", "toilet"}),
+        ("something to cut with", {"knife", "scissors"}),
+        ("something to tell the time", {"clock", "cell phone"}),
+    ],
+)
+def test_needs_are_met_by_what_is_used_for_them(
+    flat: SemanticMap, need: str, kinds: set[str]
+) -> None:
+    (target,) = resolve(flat, [need])
+    assert set(target.kinds.values()) == kinds
+
+
+def test_a_use_that_somebody_adds_counts_at_once(flat: SemanticMap) -> None:
+    flat.update(
+        "INSERT DATA { GRAPH graph:ontology { here:Book here:usedFor 'stand on' } }",
+        allow=("ontology",),
+    )
+    assert set(resolve(flat, ["something to stand on"])[0].kinds.values()) == {"book"}
+
+
+def test_a_need_nothing_meets_says_what_there_is(flat: SemanticMap) -> None:
+    with pytest.raises(UnknownCategoryError, match=r"'fly with'.* drink from"):
+        resolve(flat, ["something to fly with"])
+
+
+def test_same_target_twice_is_wanted_once(flat: SemanticMap) -> None:
+    assert len(resolve(flat, ["cup", "mug", "cups"])) == 1
+
+
+def test_the_bound_holds_for_other_tours_that_find_as_much(flat: SemanticMap) -> None:
+    hunt = hunt_for(flat, "apple")
+    player = Player(hunt, hunt.standing((6.0, 1.0)))
+    rng = np.random.default_rng(3)
+    for _ in range(30):
+        looks = rng.choice(len(hunt.looks.stand), size=int(rng.integers(1, 12)))
+        played = player.play([int(look) for look in looks])
+        if played.gains.sum() > 0:
+            bound = player.lower_bound(played)
+            assert 0 < bound <= played.expected_seconds
+            total = float(played.gains.sum())
+            for _ in range(5):
+                other = player.play([int(look) for look in rng.permutation(played.looks)])
+                assert float(other.arrivals @ other.gains) / total >= bound - 1e-6
+
+
+def test_a_plan_is_no_slower_than_rooms_in_any_order(flat: SemanticMap) -> None:
+    for target in ("apple", "cup", "toothbrush"):
+        found = plan(hunt_for(flat, target), (6.0, 1.0), time_limit=math.inf)
+        assert found.lower_bound is not None
+        assert found.expected_seconds is not None
+        assert 0 < found.lower_bound <= found.expected_seconds
+        for other in found.alternatives:
+            assert other.plan_seconds <= other.expected_seconds + 1e-9
+
+
+def test_plans_are_the_same_every_time(flat: SemanticMap) -> None:
+    plans = [
+        plan_json(plan(hunt_for(flat, "apple", "cup"), (6.0, 1.0), seed=4, time_limit=math.inf))
+        for _ in range(2)
+    ]
+    assert plans[0] == plans[1]
+
+
+def test_a_budget_ends_the_plan(flat: SemanticMap) -> None:
+    whole = plan(hunt_for(flat, "toothbrush"), (6.0, 1.0), time_limit=math.inf)
+    part = plan(hunt_for(flat, "toothbrush"), (6.0, 1.0), budget=60.0, time_limit=math.inf)
+    assert 0 < len(part.steps) < len(whole.steps)
+    assert part.steps[-1].seconds <= 60.0
+
+
+def test_what_is_on_the_steps_adds_up(flat: SemanticMap) -> None:
+    hunt = hunt_for(flat, "apple")
+    found = plan(hunt, (6.0, 1.0), time_limit=math.inf)
+    p = np.array([step.probability for step in found.steps])
+    seconds = np.array([step.seconds for step in found.steps])
+    assert found.probability == pytest.approx(p.sum())
+    assert found.expected_seconds == pytest.approx(p @ seconds / p.sum())
+    assert seconds == pytest.approx(np.cumsum([step.cost for step in found.steps]))
+    missed = 1 - p.sum()
+    assert found.steps[-1].left == pytest.approx((found.present - p.sum()) / missed, abs=1e-9)
+
+
+def test_an_object_in_no_place_is_looked_for_around_itself() -> None:
+    semantic_map = SemanticMap.in_memory()
+    semantic_map.apply(MapUpdate(objects=(thing(semantic_map, "cup", 2.0, 2.0, None),)))
+    hunt = hunt_for(semantic_map, "cup")
+    assert hunt.rooms == ("",)
+    assert plan(hunt, (0.0, 0.0), time_limit=math.inf).probability > 0.5
+
+
+def test_an_empty_map_has_nowhere_to_look() -> None:
+    assert prepare(SemanticMap.in_memory(), ["cup"]) is None
+
+
+def test_a_better_sensor_finds_more_sooner(flat: SemanticMap) -> None:
+    def expected(recall: float) -> float:
+        hunt = prepare(flat, ["cup"], sensor=Sensor(recall=recall))
+        assert hunt is not None
+        return plan(hunt, (6.0, 1.0), time_limit=math.inf).steps[0].probability
+
+    assert expected(0.95) > expected(0.5)
+
+
+def test_half_lives_are_listed_for_known_labels_and_learned_from_stays(flat: SemanticMap) -> None:
+    labels = {c.label for c in flat.catalogue.categories}
+    assert set(mobility_table()) <= labels
+    assert set(mobility_table().values()) <= set(HALF_LIVES)
+    assert listed_half_life("refrigerator") > listed_half_life("chair") > listed_half_life("cup")
+    assert listed_half_life("mug", ["mug", "cup", "object"]) == listed_half_life("cup")
+    assert learned_half_life(100.0, []) == pytest.approx(100.0)
+    assert 100.0 < learned_half_life(100.0, [50.0]) < learned_half_life(100.0, [50.0, 150.0])
+    assert holds(100.0, 100.0) == pytest.approx(0.5)
+    assert holds(100.0, -5.0) == 1.0
+
+
+@pytest.fixture
+def flat_on_disk(tmp_path: Path) -> Path:
+    with SemanticMap.create(tmp_path / "flat.map", title="flat") as semantic_map:
+        fill(semantic_map)
+    return tmp_path / "flat.map"
+
+
+Said = Callable[..., tuple[str, str]]
+
+
+@pytest.fixture
+def says(capsys: pytest.CaptureFixture[str], flat_on_disk: Path) -> Said:
+    """Callable: run `find` on the flat; returns stdout and stderr."""
+
+    def run(*words: object) -> tuple[str, str]:
+        capsys.readouterr()
+        assert main(["find", str(flat_on_disk), *map(str, words)]) == 0
+        return capsys.readouterr()
+
+    return run
+
+
+def test_the_command_prints_steps_and_what_to_expect(says: Said) -> None:
+    out, err = says("cup", "bed", "--from", "6,1,90", "--budget", "10min", "--speed", "0.5")
+    assert "place 1" in out
+    assert "bed" in out
+    assert "expected" in err
+    assert "gap" in err
+    assert "rooms, nearest first" in err
+
+
+def test_the_command_explains_each_step(says: Said) -> None:
+    out, _ = says("apple", "--explain")
+    assert "apple is found near banana" in out
+    assert "if not," in out
+    assert "gap" in out
+
+
+def test_the_command_draws_the_plan(says: Said, tmp_path: Path) -> None:
+    says("cup", "--picture", tmp_path / "plan.svg")
+    drawn = (tmp_path / "plan.svg").read_text()
+    for text in ("flat: where to look for cup", "seen by the looks", "route"):
+        assert f"<!-- {text} -->" in drawn
+
+
+def test_json_keeps_the_goals_and_adds_steps(says: Said) -> None:
+    answer = json.loads(says("apple", "--json")[0])
+    assert answer["target"] == "apple"
+    assert {goal["kind"] for goal in answer["goals"]} == {"nearby", "place"}
+    visited = [goal["seconds"] for goal in answer["goals"] if goal["seconds"] is not None]
+    assert visited == sorted(visited)
+    assert answer["lower_bound"] <= answer["expected_seconds"]
+    assert [step["seconds"] for step in answer["steps"]] == sorted(
+        step["seconds"] for step in answer["steps"]
+    )
+    assert answer["steps"][0]["why"][0]["facts"]
+    assert len(answer["alternatives"]) == 2
+
+
+def test_the_thesis_rules_are_still_there(says: Said) -> None:
+    near = json.loads(says("cup", "--rule", "nearest-first", "--json")[0])
+    assert [goal["kind"] for goal in near["goals"]] == ["known", "place"]
+    brute = json.loads(says("cup", "--rule", "brute-force", "--json")[0])
+    assert len(brute["goals"]) == 3
+
+
+@pytest.mark.parametrize(
+    ("words", "error"),
+    [
+        (["something to fly with"], "drink from"),
+        (["cup", "bed", "--rule", "nearest-first"], "one object at a time"),
+        (["cup", "--picture", "plan.doc"], ".png"),
+        (["cup", "--at", "yesterday"], "moment"),
+    ],
+)
+def test_what_cannot_be_done_is_one_line(
+    flat_on_disk: Path, capsys: pytest.CaptureFixture[str], words: list[str], error: str
+) -> None:
+    assert main(["find", str(flat_on_disk), *words]) == 1
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert error in err
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "words", [["--range", "4,1"], ["--recall", "2"], ["--budget", "soon"], ["--speed", "0"]]
+)
+def test_wrong_numbers_are_wrong_usage(flat_on_disk: Path, words: list[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(["find", str(flat_on_disk), "cup", *words])
