@@ -84,7 +84,7 @@ class LineRobot:
             try:
                 left = left[os.write(self._writes, left) :]
             except OSError as error:
-                raise RobotError(f"{self.name} is gone ({error.strerror})") from error
+                raise RobotError(f"{self.name} has ended{self._how()}") from error
 
     def receive(self, seconds: float) -> Message | None:
         """The next message; None where none came in time. Raises RobotError at the end."""
