@@ -8,7 +8,7 @@ from typing import Literal
 
 from pyoxigraph import Quad
 
-Kind = Literal["frame", "update", "assert", "retract", "import", "ontology", "recovery"]
+Kind = Literal["frame", "update", "assert", "retract", "import", "ontology", "recovery", "search"]
 
 
 @dataclass(frozen=True, slots=True)

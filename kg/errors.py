@@ -26,6 +26,7 @@
     ├── LayoutError              places or transforms given by file that make no sense
     ├── LabelsError              a table of what a network's labels mean that makes no sense
     ├── OrderingError            a search problem that makes no sense: sizes, signs, no probability
+    ├── RobotError               a robot that does not answer, or says what makes no sense
     ├── ServerError              a server that cannot start as asked, or a request it refuses
     └── PictureError             a picture that cannot be drawn or written
 
@@ -142,6 +143,10 @@ class LabelsError(HereaboutsError):
 
 class OrderingError(HereaboutsError):
     """A search problem makes no sense: sizes differ, a time is negative, no probability."""
+
+
+class RobotError(HereaboutsError):
+    """A robot cannot be reached, falls silent, or does not speak the protocol."""
 
 
 class ServerError(HereaboutsError):

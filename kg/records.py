@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,6 +97,52 @@ class Assertion:
     beliefs: Mapping[str, float] = field(default_factory=dict)  # perception's, of a place
 
 
+SearchState = Literal["running", "stopped", "found", "given up"]
+
+
+@dataclass(frozen=True, slots=True)
+class SearchRecord:
+    """A search by a robot: for what, how far it is, how it ended."""
+
+    iri: str  # <base>search/N
+    words: tuple[str, ...]  # what was asked for, e.g. "something to drink from"
+    categories: tuple[str, ...]  # IRIs of the categories that are wanted
+    state: SearchState
+    started: float  # [s]
+    ended: float | None = None  # [s] None while it runs
+    seconds: float = 0.0  # [s] of the robot's own clock, over all its runs
+    left: float = 1.0  # probability that what is still wanted is there to be found
+    found: tuple[str, ...] = ()  # IRIs of objects
+
+
+@dataclass(frozen=True, slots=True)
+class LookRecord:
+    """A look that a robot took during a search, in vain or not."""
+
+    iri: str  # <search>/look/N
+    search: str  # IRI
+    number: int  # 1, 2, 3, ... within the search
+    stamp: float  # [s]
+    position: tuple[float, float]  # [m] where the robot stood
+    heading: float  # [rad] the middle of what it saw
+    extent: float  # [rad] seen in all, the camera's field of view included
+    categories: tuple[str, ...]  # IRIs of the categories it looked for
+    found: tuple[str, ...] = ()  # IRIs of the objects of these categories that it showed
+    glimpses: tuple[tuple[float, float, float], ...] = ()  # x, y, heading of pictures on the way
+
+
+@dataclass(frozen=True, slots=True)
+class ObstacleRecord:
+    """Where a robot on a search could not go on."""
+
+    iri: str  # <search>/obstacle/N
+    search: str  # IRI
+    number: int
+    stamp: float  # [s]
+    position: tuple[float, float]  # [m]
+    reason: str
+
+
 @dataclass(frozen=True, slots=True)
 class MapUpdate:
     """One frame's worth of change, applied as one transaction or not at all.
@@ -109,3 +156,6 @@ class MapUpdate:
     places: tuple[PlaceRecord, ...] = ()
     robot: RobotRecord | None = None
     recording: RecordingRecord | None = None
+    search: SearchRecord | None = None
+    looks: tuple[LookRecord, ...] = ()
+    obstacles: tuple[ObstacleRecord, ...] = ()

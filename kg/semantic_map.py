@@ -48,13 +48,17 @@ from kg.questions import (
 )
 from kg.records import (
     Assertion,
+    LookRecord,
     MapUpdate,
     ObjectRecord,
+    ObstacleRecord,
     PlaceRecord,
     RecordingRecord,
     RobotRecord,
+    SearchRecord,
 )
 from kg.sayings import Sayings
+from kg.searches import looks_in, obstacles_in, searches_in
 from kg.selection import is_believed, select_objects, subcategories
 from kg.standing import RowsListener, Standing
 from kg.store import MapStore
@@ -244,6 +248,18 @@ class SemanticMap(Remembering):
     def recordings(self) -> tuple[RecordingRecord, ...]:
         """How far each recording has been applied, by name."""
         return self._facts.recordings(self.engine)
+
+    def searches(self) -> tuple[SearchRecord, ...]:
+        """The searches that robots made on this map, oldest first."""
+        return searches_in(self.engine)
+
+    def looks(self, search: str) -> tuple[LookRecord, ...]:
+        """The looks of the search with IRI `search`, in their order."""
+        return looks_in(self.engine, search)
+
+    def obstacles(self, search: str) -> tuple[ObstacleRecord, ...]:
+        """What stood in the way of the search with IRI `search`, in order."""
+        return obstacles_in(self.engine, search)
 
     def new_object_iri(self) -> str:
         """``<base>object/N`` with a number no object of this map has had or will have."""

@@ -113,6 +113,22 @@ PERCEIVED_STRENGTH: Final = HERE + "perceivedStrength"
 PERCEIVED_BELIEF: Final = HERE + "perceivedBelief"
 CONFLICT_SINCE: Final = HERE + "conflictSince"
 
+# searches by a robot: what it looked for, from where, with what outcome (graph:map)
+SEARCH: Final = HERE + "Search"
+LOOK: Final = HERE + "Look"
+OBSTACLE: Final = HERE + "Obstacle"
+PART_OF_SEARCH: Final = HERE + "partOfSearch"
+SEARCHED_FOR: Final = HERE + "searchedFor"  # a category
+SEARCH_WORDS: Final = HERE + "searchWords"  # as it was asked for
+SEARCH_STATE: Final = HERE + "searchState"
+SEARCH_SECONDS: Final = HERE + "searchSeconds"
+PROBABILITY_LEFT: Final = HERE + "probabilityLeft"
+FOUND: Final = HERE + "found"
+NUMBER: Final = HERE + "number"
+EXTENT: Final = HERE + "extent"
+GLIMPSES: Final = HERE + "glimpses"
+REASON: Final = HERE + "reason"
+
 # the map itself and what was fed to it (graph:dataset)
 NEXT_OBJECT: Final = HERE + "nextObject"
 SEQUENCE: Final = HERE + "sequence"  # of the last transaction; stated of graph:dataset
@@ -188,6 +204,7 @@ PROV_DERIVED_FROM: Final = PROV + "wasDerivedFrom"
 PROV_PRIMARY_SOURCE: Final = PROV + "hadPrimarySource"
 PROV_ASSOCIATED_WITH: Final = PROV + "wasAssociatedWith"
 PROV_INFLUENCED_BY: Final = PROV + "wasInfluencedBy"
+PROV_STARTED_AT: Final = PROV + "startedAtTime"
 PROV_ENDED_AT: Final = PROV + "endedAtTime"
 SOSA_MADE_BY_SENSOR: Final = "http://www.w3.org/ns/sosa/madeBySensor"
 SOSA_SENSOR: Final = "http://www.w3.org/ns/sosa/Sensor"

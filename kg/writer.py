@@ -30,6 +30,8 @@ from kg.facts import Facts
 from kg.recent import RecentFacts
 from kg.records import MapUpdate, ObjectRecord, PlaceRecord
 from kg.remote import reading_ahead
+from kg.searches import OWN as OWN_OF_SEARCHES
+from kg.searches import facts_of, subjects_of
 from kg.store import MapStore
 
 _MAP = NamedNode(v.MAP_GRAPH)
@@ -107,6 +109,9 @@ class Writer:
             _put(wanted, self._facts.of_recording(update.recording))
             iri = self._facts.recording_iri(update.recording.name)
             _put(stored, self._owned(iri, _DATASET))
+        for iri in subjects_of(update):
+            _put(stored, self._owned_of_search(iri))
+        _put(wanted, facts_of(update))
         for iri in update.removed:
             _put(stored, self._everything_of(iri))
         self._count_up(update.objects, wanted, stored)
@@ -143,6 +148,7 @@ class Writer:
         yield from map(_node, objects)
         yield from (_node(self._facts.observation_iri(iri)) for iri in objects)
         yield from (_node(place.iri) for place in update.places)
+        yield from map(_node, subjects_of(update))
         yield NamedNode(self._facts.base)
         if update.robot is not None:
             yield NamedNode(self._facts.base + "robot")
@@ -204,6 +210,10 @@ class Writer:
     def _owned(self, iri: str, graph: NamedNode) -> Iterator[Quad]:
         quads = self._store.engine.quads_for_pattern(NamedNode(iri), None, None, graph)
         return filter(self._owns, quads)
+
+    def _owned_of_search(self, iri: str) -> Iterator[Quad]:
+        quads = self._store.engine.quads_for_pattern(_node(iri), None, None, _MAP)
+        return (quad for quad in quads if quad.predicate.value in OWN_OF_SEARCHES)
 
     def _owns(self, quad: Quad) -> bool:
         if quad.predicate != _TYPE:

@@ -23,6 +23,7 @@ COMMANDS = (
     "ask",
     "queries",
     "find",
+    "search",
     "why",
     "log",
     "diff",

@@ -130,7 +130,7 @@ def shorten(iri: str) -> str:
     if iri.startswith(GRAPH):
         return f"graph:{iri[len(GRAPH) :]}"
     parts = iri.split("/")
-    for kind in ("object", "place", "observation", "recording"):
+    for kind in ("object", "place", "observation", "recording", "search"):
         if kind in parts:
             return "/".join(parts[parts.index(kind) :])
     return iri

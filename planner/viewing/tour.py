@@ -143,25 +143,34 @@ class Tourist:
             if most <= rated * float(costs[among].min()):
                 continue  # nothing in this room can be worth the way
             look = int(among[np.argmax(rate[among])])
-            worth = self._follow(at, weight, among, look)
+            worth = self._follow(at, weight, among, look, memory)
             if worth > rated + 1e-15:
                 best, rated = look, worth
         return best
 
     def _follow(
-        self, at: Standing, weight: NDArray[np.float64], among: NDArray[np.intp], look: int
+        self,
+        at: Standing,
+        weight: NDArray[np.float64],
+        among: NDArray[np.intp],
+        look: int,
+        memory: Memory | None,
     ) -> float:
         """The rate of the best prefix of a greedy walk through one room that begins with `look`."""
         left, seconds, gained, worth = weight, 0.0, 0.0, 0.0
+        # what was looked at from the same positions before is worth as little on the way as now
+        chance = self.looks.chance[among]
+        if memory is not None:
+            chance = np.stack([memory.chance(int(one)) for one in among])
         for step in range(self._ahead + 1):
             seconds += float(self.costs(at, np.array([look]))[0])
-            seen = self.looks.chance[look] * left
+            seen = chance[np.searchsorted(among, look)] * left
             gained += float(seen.sum())
             worth = max(worth, gained / seconds)
             if step == self._ahead:
                 break
             left, at = left - seen, self.after(at, look)
-            ratio = (self.looks.chance[among] @ left.astype(np.float32)) / self.costs(at, among)
+            ratio = (chance @ left.astype(np.float32)) / self.costs(at, among)
             look = int(among[np.argmax(ratio)])
         return worth
 

@@ -1,0 +1,195 @@
+"""`hereabouts search`: a robot drives, looks, and finds; every look goes into the map."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Final
+
+from kg.errors import LayoutError, did_you_mean
+from planner.commands.arguments import add_map, count, positive
+from planner.commands.console import note, write
+
+if TYPE_CHECKING:
+    from kg.semantic_map import SemanticMap
+    from planner.executive.events import Event
+    from planner.executive.robots import Robot
+    from planner.simulation.house import House, Item
+
+#: exit codes; 1 is an error, 2 wrong usage
+FOUND: Final = 0
+GIVEN_UP: Final = 3
+ABORTED: Final = 4
+#: + the signal's number, as shells have it: 130 after Ctrl+C, 143 after SIGTERM
+STOPPED: Final = 128
+
+_ROBOT = (
+    "sim: the simulated robot of the demo house; stdio:COMMAND: a program that speaks the line "
+    "protocol of docs/ros.md on its stdin and stdout; stdio: whoever started this, on ours; "
+    "http://...: a robot behind that address"
+)
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "search",
+        help="search with a robot: drive, look, re-plan, until found or given up",
+        description="Search for all OBJECTs with a robot. Looks and findings are written to the "
+        "map as they happen; Ctrl+C stops the robot, and --resume goes on later. Exit code 0: "
+        "found, 3: given up, 4: the robot ended it, 130: stopped.",
+        epilog="example: hereabouts search demo.map apple --robot sim",
+    )
+    add_map(parser)
+    parser.add_argument(
+        "object",
+        nargs="*",
+        metavar="OBJECT",
+        help="what to find, e.g. banana, sofa, 'something to drink from'; may be left out with "
+        "--resume",
+    )
+    parser.add_argument("--robot", required=True, metavar="ROBOT", help=_ROBOT)
+    parser.add_argument(
+        "--budget",
+        type=positive,
+        metavar="S",
+        help="give up after S seconds by the robot's clock (default: when no look is worth it)",
+    )
+    parser.add_argument(
+        "--resume", action="store_true", help="go on with the latest search that found not all"
+    )
+    parser.add_argument(
+        "--patience",
+        type=positive,
+        default=30.0,
+        metavar="S",
+        help="seconds that a robot may be silent (default: 30)",
+    )
+    parser.add_argument(
+        "--hide",
+        action="append",
+        metavar="LABEL@X,Y,Z",
+        help="sim: what stands in the house since it was mapped (default: the demo's apple)",
+    )
+    parser.add_argument(
+        "--seed", type=count, default=0, metavar="N", help="sim: what the senses get wrong"
+    )
+    parser.add_argument("--json", action="store_true", help="print each event as a line of JSON")
+    parser.set_defaults(run=run, usage_error=parser.error)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Search, and tell on stderr (or, with --json, on stdout) what happens and why."""
+    _refuse_nonsense(arguments)
+    from kg.semantic_map import SemanticMap
+    from planner.executive.executive import search
+    from planner.executive.terms import Terms
+
+    with SemanticMap.open(arguments.map) as semantic_map, _signals() as caught:
+        robot = _robot(arguments, semantic_map)
+        terms = Terms(
+            budget=arguments.budget,
+            patience=arguments.patience,
+            stopping=lambda: bool(caught),
+            tell=_teller(arguments),
+            clock=_clock(arguments, semantic_map),
+        )
+        outcome = search(semantic_map, arguments.object, robot, terms, resume=arguments.resume)
+    if outcome.state == "stopped":
+        return STOPPED + caught[0] if caught else ABORTED
+    return FOUND if outcome.state == "found" else GIVEN_UP
+
+
+def _refuse_nonsense(arguments: argparse.Namespace) -> None:
+    if not arguments.object and not arguments.resume:
+        arguments.usage_error("give an OBJECT to find, or --resume")
+    if arguments.robot == "stdio" and arguments.json:
+        arguments.usage_error("--json and --robot stdio both want stdout; use stdio:COMMAND")
+    if arguments.robot != "sim" and arguments.hide:
+        arguments.usage_error("--hide is for --robot sim")
+    known = arguments.robot in ("sim", "stdio")
+    if not known and not arguments.robot.startswith(("stdio:", "http://", "https://")):
+        arguments.usage_error(f"no robot {arguments.robot!r}: sim, stdio, stdio:COMMAND or http://")
+
+
+def _robot(arguments: argparse.Namespace, semantic_map: SemanticMap) -> Robot:
+    if arguments.robot == "sim":
+        from planner.executive.simulated import simulated_robot
+
+        return simulated_robot(semantic_map, _house(arguments), seed=arguments.seed)
+    if arguments.robot.startswith("http"):
+        from planner.executive.http_robot import HttpRobot
+
+        return HttpRobot(arguments.robot)
+    from planner.executive.line_robot import ChildRobot, on_our_own_pipes
+
+    if arguments.robot == "stdio":
+        return on_our_own_pipes()
+    return ChildRobot(arguments.robot.removeprefix("stdio:"))
+
+
+def _house(arguments: argparse.Namespace) -> House:
+    from planner.demo import HIDDEN
+    from planner.simulation.house import furnished_house
+
+    items = [HIDDEN] if arguments.hide is None else [_item(text) for text in arguments.hide]
+    return furnished_house().with_objects(items)
+
+
+def _item(text: str) -> Item:
+    from planner.simulation.furniture import OBJECTS
+    from planner.simulation.house import Item
+
+    label, _, where = text.partition("@")
+    try:
+        x, y, z = (float(part) for part in where.split(","))
+    except ValueError:
+        raise LayoutError(f"--hide needs LABEL@X,Y,Z in metres, got {text!r}") from None
+    if label not in OBJECTS:
+        near = did_you_mean(label, OBJECTS) or f"; it has {', '.join(sorted(OBJECTS))}"
+        raise LayoutError(f"the simulated house has no {label!r}{near}")
+    return Item(label, x, y, z)
+
+
+def _clock(arguments: argparse.Namespace, semantic_map: SemanticMap) -> Callable[[], float]:
+    """The time to write: now, or in the simulated house the time it is there."""
+    robot = semantic_map.robot() if arguments.robot == "sim" else None
+    if robot is None:
+        return time.time
+    ahead = robot.stamp - time.time()
+    return lambda: time.time() + ahead
+
+
+def _teller(arguments: argparse.Namespace) -> Callable[[Event], None]:
+    def tell(event: Event) -> None:
+        if arguments.json:
+            write(json.dumps(event.to_json(), ensure_ascii=False, allow_nan=False))
+            sys.stdout.flush()
+        else:
+            seconds = float(event.data.get("seconds", 0.0))
+            note(f"{seconds:7.1f} s  {event.text}")
+
+    return tell
+
+
+@contextmanager
+def _signals() -> Iterator[list[int]]:
+    """The signals to stop that have come; a second one interrupts at once."""
+    caught: list[int] = []
+
+    def heard(number: int, frame: object) -> None:
+        if caught:
+            raise KeyboardInterrupt
+        caught.append(number)
+
+    before = {n: signal.signal(n, heard) for n in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield caught
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

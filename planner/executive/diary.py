@@ -1,0 +1,182 @@
+"""A search as the map remembers it: each look, obstacle and finding is one transaction."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from kg.commits import Cause
+from kg.errors import GraphError
+from kg.records import (
+    LookRecord,
+    MapUpdate,
+    ObjectRecord,
+    ObstacleRecord,
+    RobotRecord,
+    SearchRecord,
+    SearchState,
+)
+from kg.semantic_map import SemanticMap
+from planner.executive.protocol import RobotPose
+
+
+class Diary:
+    """Writes one search; begun by `begin`, or taken up by `resume`."""
+
+    def __init__(
+        self, semantic_map: SemanticMap, record: SearchRecord, clock: Callable[[], float]
+    ) -> None:
+        self._map = semantic_map
+        self._clock = clock
+        robot = semantic_map.robot()
+        self._height = 0.0 if robot is None else float(robot.p_map[2])  # the protocol tells none
+        self.record = record
+        self.looks = list(semantic_map.looks(record.iri))
+        self.obstacles = list(semantic_map.obstacles(record.iri))
+
+    @classmethod
+    def begin(
+        cls,
+        semantic_map: SemanticMap,
+        words: Sequence[str],
+        categories: Sequence[str],
+        clock: Callable[[], float] = time.time,
+    ) -> Diary:
+        """A new search, in the map from now on."""
+        with semantic_map.hold():
+            numbers = [_number(s.iri, semantic_map.base) for s in semantic_map.searches()]
+            iri = f"{semantic_map.base}search/{max(numbers, default=0) + 1}"
+            record = SearchRecord(iri, tuple(words), tuple(categories), "running", clock())
+            diary = cls(semantic_map, record, clock)
+            diary._write("begun", MapUpdate(search=record))
+        return diary
+
+    @classmethod
+    def resume(
+        cls,
+        semantic_map: SemanticMap,
+        record: SearchRecord,
+        clock: Callable[[], float] = time.time,
+    ) -> Diary:
+        """A search that was begun before and did not find all it was for."""
+        diary = cls(semantic_map, replace(record, state="running", ended=None), clock)
+        diary._write("resumed", MapUpdate(search=diary.record))
+        return diary
+
+    @property
+    def name(self) -> str:
+        """``search/3``."""
+        return self.record.iri.removeprefix(self._map.base)
+
+    def note_progress(self, *, left: float, seconds: float) -> None:
+        """How far the search is; written with whatever is written next."""
+        left = min(max(left, 0.0), 1.0)
+        self.record = replace(self.record, left=left, seconds=seconds)
+
+    def look(
+        self,
+        pose: RobotPose,
+        heading: float,
+        extent: float,
+        categories: Sequence[str],
+        *,
+        found: Sequence[str] = (),
+        objects: Sequence[ObjectRecord] = (),
+        glimpses: Sequence[tuple[float, float, float]] = (),
+    ) -> LookRecord:
+        """Write a look: what it was for, the IRIs it found, and all the objects it showed."""
+        number = max((look.number for look in self.looks), default=0) + 1
+        record = LookRecord(
+            iri=f"{self.record.iri}/look/{number}",
+            search=self.record.iri,
+            number=number,
+            stamp=self._clock(),
+            position=(pose.x, pose.y),
+            heading=heading,
+            extent=extent,
+            categories=tuple(categories),
+            found=tuple(found),
+            glimpses=tuple(glimpses),
+        )
+        outcome = "found" if found else "in vain"
+        self._found(found)
+        self._write(
+            f"look {number}: {outcome}",
+            MapUpdate(
+                objects=tuple(objects),
+                robot=self._robot(pose),
+                search=self.record,
+                looks=(record,),
+            ),
+        )
+        self.looks.append(record)
+        return record
+
+    def sighting(
+        self, pose: RobotPose, objects: Sequence[ObjectRecord], found: Sequence[str] = ()
+    ) -> None:
+        """Write what a picture on the way showed."""
+        self._found(found)
+        update = MapUpdate(objects=tuple(objects), robot=self._robot(pose), search=self.record)
+        self._write("found on the way" if found else "seen on the way", update)
+
+    def obstacle(self, pose: RobotPose, x: float, y: float, reason: str) -> ObstacleRecord:
+        """Write where the robot, now at `pose`, could not go on."""
+        number = len(self.obstacles) + 1
+        iri = f"{self.record.iri}/obstacle/{number}"
+        record = ObstacleRecord(iri, self.record.iri, number, self._clock(), (x, y), reason)
+        update = MapUpdate(robot=self._robot(pose), search=self.record, obstacles=(record,))
+        self._write(f"obstacle {number}: {reason}", update)
+        self.obstacles.append(record)
+        return record
+
+    def change(self, note: str, objects: Sequence[ObjectRecord], removed: Sequence[str]) -> None:
+        """Write objects that a look has put in doubt, and drop those it has done away with."""
+        update = MapUpdate(tuple(objects), tuple(removed), search=self.record)
+        self._write(note, update)
+
+    def end(
+        self,
+        state: SearchState,
+        pose: RobotPose | None,
+        objects: Sequence[ObjectRecord] = (),
+        removed: Sequence[str] = (),
+    ) -> None:
+        """Write how the search, or this run of it, ended."""
+        self.record = replace(self.record, state=state, ended=self._clock())
+        robot = None if pose is None else self._robot(pose)
+        self._write(state, MapUpdate(tuple(objects), tuple(removed), (), robot, search=self.record))
+
+    def _found(self, iris: Sequence[str]) -> None:
+        self.record = replace(self.record, found=tuple(dict.fromkeys((*self.record.found, *iris))))
+
+    def _robot(self, pose: RobotPose) -> RobotRecord:
+        p_map = np.array([pose.x, pose.y, self._height])
+        return RobotRecord(p_map, math.remainder(pose.heading, 2 * math.pi), self._clock())
+
+    def _write(self, note: str, update: MapUpdate) -> None:
+        self._map.apply(update, Cause("search", self.name, note))
+
+
+def to_resume(semantic_map: SemanticMap, words: Sequence[str]) -> SearchRecord:
+    """The latest search for `words` (any, where there are none) that has not found it all.
+
+    Raises GraphError where there is none.
+    """
+    wanted = set(words)
+    for record in reversed(semantic_map.searches()):
+        if record.state != "found" and (not wanted or set(record.words) == wanted):
+            return record
+    what = f" for {' and '.join(words)}" if words else ""
+    raise GraphError(
+        f"no unfinished search{what} is in this map; without --resume a new one begins"
+    )
+
+
+def _number(iri: str, base: str) -> int:
+    text = iri.removeprefix(f"{base}search/")
+    return int(text) if text.isascii() and text.isdigit() else 0

@@ -1,0 +1,106 @@
+"""A search in words, for people, and in plain values, for programs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from kg.records import LookRecord, SearchRecord
+from planner.executive.events import Event, Tell
+from planner.executive.guide import Proposal
+from planner.executive.protocol import Detected, RobotPose
+from planner.executive.sightings import Sighting
+from planner.executive.terms import Outcome
+
+
+class Narrator:
+    """Tells what happens; `seconds` says how long the search has taken by then."""
+
+    def __init__(self, tell: Tell, seconds: Callable[[], float]) -> None:
+        self._to, self._seconds = tell, seconds
+
+    def begin(self, name: str, record: SearchRecord, left: float, looks: int) -> None:
+        """A search begins, or goes on."""
+        said = "resumed" if looks else "begun"
+        self._tell(
+            "begin",
+            f"{name} for {', '.join(record.words)} {said}: {percent(left)} likely to be there, "
+            f"{looks} looks taken",
+            search=record.iri,
+            words=list(record.words),
+            left=round(left, 4),
+            looks=looks,
+        )
+
+    def plan(self, p: Proposal) -> None:
+        """The next look, and why."""
+        where = f"{p.place} " if p.place else ""
+        why = f": {p.why[0]}" if p.why else ""
+        self._tell(
+            "plan",
+            f"next {where}({p.x:.1f}, {p.y:.1f}), {p.seconds:.0f} s, finds it with "
+            f"{percent(p.probability)}, {percent(p.left)} left if not{why}",
+            place=p.place,
+            x=round(p.x, 2),
+            y=round(p.y, 2),
+            heading=round(p.heading, 3),
+            extent=round(p.extent, 3),
+            probability=round(p.probability, 4),
+            expected_seconds=round(p.seconds, 1),
+            left_if_in_vain=round(p.left, 4),
+            why=list(p.why),
+        )
+
+    def look(self, look: LookRecord, things: Sequence[Detected], left: float) -> None:
+        """A look was taken."""
+        self._tell(
+            "look",
+            f"look {look.number}: {'found' if look.found else 'in vain'}; {percent(left)} left",
+            look=look.iri,
+            found=list(look.found),
+            left=round(left, 4),
+            seen=[thing.label for thing in things],
+        )
+
+    def found(self, sighting: Sighting, iri: str) -> None:
+        """Something wanted was found."""
+        thing = sighting.thing
+        self._tell(
+            "found",
+            f"found {thing.label} at ({thing.x:.2f}, {thing.y:.2f}, {thing.z:.2f})",
+            target=sighting.target.text,
+            object=iri,
+            label=thing.label,
+            score=round(thing.score, 3),
+            x=round(thing.x, 2),
+            y=round(thing.y, 2),
+            z=round(thing.z, 2),
+        )
+
+    def surprise(self, text: str, pose: RobotPose | None = None) -> None:
+        """Something did not go as planned: a new plan follows."""
+        where = {} if pose is None else {"x": round(pose.x, 2), "y": round(pose.y, 2)}
+        self._tell("surprise", text, **where)
+
+    def note(self, text: str) -> None:
+        """Something worth knowing that changes nothing."""
+        self._tell("note", text)
+
+    def end(self, outcome: Outcome) -> None:
+        """The run is over."""
+        if outcome.state == "found":
+            said = f"found after {outcome.seconds:.0f} s and {outcome.looks} looks"
+        else:
+            said = (
+                f"{outcome.state} after {outcome.seconds:.0f} s and {outcome.looks} looks: "
+                f"{outcome.reason}; {percent(outcome.left)} left that it is there"
+            )
+        self._tell("end", said, **outcome.to_json())
+
+    def _tell(self, kind: str, text: str, **data: Any) -> None:
+        self._to(Event(kind, text, {"seconds": round(self._seconds(), 1), **data}))
+
+
+def percent(share: float) -> str:
+    """A share for people: ``12 %``, ``3.4 %``."""
+    return f"{100 * share:.0f} %" if share >= 0.095 else f"{100 * share:.1f} %"

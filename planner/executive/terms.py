@@ -1,0 +1,47 @@
+"""On what terms a search is made, and how it ended."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from kg.records import SearchState
+from planner.executive.events import Tell
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How a run of a search ended."""
+
+    search: str  # IRI
+    state: SearchState
+    reason: str
+    found: tuple[str, ...]  # IRIs of objects
+    left: float  # probability that what is still wanted is there to be found
+    seconds: float  # [s] by the robot's clock, over all runs
+    looks: int  # over all runs
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values."""
+        return {
+            "search": self.search,
+            "state": self.state,
+            "reason": self.reason,
+            "found": list(self.found),
+            "left": round(self.left, 4),
+            "seconds": round(self.seconds, 1),
+            "looks": self.looks,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Terms:
+    """How a search is to be made."""
+
+    budget: float | None = None  # [s] of the robot's clock for this run
+    patience: float = 30.0  # [s] a robot may be silent
+    stopping: Callable[[], bool] = field(default=lambda: False)
+    tell: Tell = field(default=lambda event: None)
+    clock: Callable[[], float] = time.time  # for what is written

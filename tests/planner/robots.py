@@ -1,0 +1,74 @@
+"""A small map to search, and robots to search it with, for the tests of the executive."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from kg.records import MapUpdate, ObjectRecord, PlaceRecord
+from kg.semantic_map import SemanticMap
+from planner.executive.events import Event
+from planner.executive.executive import search
+from planner.executive.line_robot import ChildRobot
+from planner.executive.terms import Outcome, Terms
+
+SCRIPT = Path(__file__).with_name("point_robot.py")
+START = 1_772_442_000.0
+APPLE = ["apple", 6.0, 2.0, 0.8, 0.9]  # in the kitchen
+FAR_APPLE = ["apple", 2.0, 6.0, 0.8, 0.9]  # in the bedroom
+
+
+def ring(semantic_map: SemanticMap, apples: int = 0) -> None:
+    """Three rooms, each next to both others, and perhaps apples that are remembered in one."""
+    iri = semantic_map.catalogue.find
+    rooms = [
+        ("corridor", 0.0, 4.0, 0.0, 4.0),
+        ("kitchen", 4.0, 8.0, 0.0, 4.0),
+        ("bedroom", 0.0, 8.0, 4.0, 8.0),
+    ]
+    places = [
+        PlaceRecord(
+            semantic_map.place_iri(n), f"place {n}", *edges, 6, {iri(name, "place").iri: 0.9}
+        )
+        for n, (name, *edges) in enumerate(rooms, start=1)
+    ]
+    objects = [
+        ObjectRecord(
+            iri=semantic_map.new_object_iri(),
+            category=iri("apple").iri,
+            p_map=np.array([5.0 + n, 3.0, 0.8]),
+            confidence=2.4,
+            existence=0.8,
+            observations=5,
+            first_seen=START - 60,
+            last_seen=START,
+            place=semantic_map.place_iri(2),
+        )
+        for n in range(apples)
+    ]
+    semantic_map.apply(MapUpdate(objects=tuple(objects), places=tuple(places)))
+
+
+def command(**settings: Any) -> str:
+    """The command line of a point robot."""
+    return shlex.join([sys.executable, str(SCRIPT), json.dumps(settings)])
+
+
+def run(
+    semantic_map: SemanticMap,
+    *words: str,
+    resume: bool = False,
+    patience: float = 20.0,
+    budget: float | None = None,
+    tell: Callable[[Event], None] = lambda event: None,
+    **settings: Any,
+) -> Outcome:
+    """Search with a point robot in a process of its own."""
+    terms = Terms(budget=budget, patience=patience, tell=tell, clock=lambda: START + 60)
+    return search(semantic_map, words, ChildRobot(command(**settings)), terms, resume=resume)

@@ -1,0 +1,241 @@
+"""Searches with a robot that is another process: found, given up, surprised, cut short, resumed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from types import SimpleNamespace
+
+import pytest
+
+from kg.check import check_map
+from kg.errors import GraphError, LayoutError, RobotError, UnknownCategoryError
+from kg.semantic_map import SemanticMap
+from planner.executive.events import Event
+from planner.executive.executive import search
+from planner.executive.protocol import Command, Message, encoded, message_of
+from planner.executive.terms import Terms
+from tests.planner.point_robot import PointRobot
+from tests.planner.robots import APPLE, FAR_APPLE, START, ring, run
+
+
+@pytest.fixture
+def semantic_map() -> Iterator[SemanticMap]:
+    with SemanticMap.in_memory() as semantic_map:
+        ring(semantic_map)
+        yield semantic_map
+
+
+def _well_made(semantic_map: SemanticMap) -> bool:
+    return not check_map(semantic_map.store.native)
+
+
+def test_what_is_found_is_in_the_map_with_every_look_that_led_there(
+    semantic_map: SemanticMap,
+) -> None:
+    outcome = run(semantic_map, "apple", objects=[APPLE], chatter=True)
+
+    assert outcome.state == "found"
+    (record,) = semantic_map.searches()
+    assert (record.state, record.words, record.left) == ("found", ("apple",), 0.0)
+    (apple,) = semantic_map.objects("apple")
+    assert record.found == (apple.iri,)
+    assert apple.p_map == pytest.approx(APPLE[1:4])
+    assert apple.place == semantic_map.place_iri(2)
+    looks = semantic_map.looks(record.iri)
+    assert [look.number for look in looks] == list(range(1, outcome.looks + 1))
+    assert looks[-1].found == (apple.iri,)
+    assert not any(look.found for look in looks[:-1])
+    assert _well_made(semantic_map)
+
+
+def test_each_look_is_one_transaction_on_the_searchs_account(semantic_map: SemanticMap) -> None:
+    before = semantic_map.sequence
+    outcome = run(semantic_map, "apple", objects=[APPLE])
+    causes = [change.cause for change in semantic_map.changes(before)]
+    assert {(cause.kind, cause.by) for cause in causes} == {("search", "search/1")}
+    assert len([c for c in causes if c.note.startswith("look ")]) == outcome.looks
+    assert (causes[0].note, causes[-1].note) == ("begun", "found")
+
+
+def test_giving_up_says_what_is_left_and_what_is_remembered_in_vain_is_doubted() -> None:
+    with SemanticMap.in_memory() as semantic_map:
+        ring(semantic_map, apples=1)
+        (before,) = semantic_map.objects("apple")
+        outcome = run(semantic_map, "apple")
+        assert outcome.state == "given up"
+        assert 0 < outcome.left < 0.5
+        assert semantic_map.searches()[0].left == pytest.approx(outcome.left, abs=1e-3)
+        after = semantic_map.objects("apple")
+        assert not after or after[0].existence < before.existence
+        assert _well_made(semantic_map)
+
+
+def test_a_time_budget_ends_the_search(semantic_map: SemanticMap) -> None:
+    outcome = run(semantic_map, "apple", budget=10.0)
+    assert outcome.state == "given up"
+    assert outcome.reason == "the time budget is used up"
+    assert outcome.left > 0
+    again = run(semantic_map, "apple", resume=True, objects=[FAR_APPLE])
+    assert again.state == "found"
+    assert again.search == outcome.search
+    assert again.seconds > outcome.seconds
+
+
+def test_all_that_is_wanted_is_searched_for(semantic_map: SemanticMap) -> None:
+    outcome = run(semantic_map, "apple", "bed", objects=[APPLE, ["bed", 6.0, 6.5, 0.4, 0.8]])
+    assert outcome.state == "found"
+    assert len(outcome.found) == 2
+    last = semantic_map.looks(outcome.search)[-1]
+    assert len(last.categories) == 1  # one of them was found before
+
+
+def test_a_need_is_found_by_whatever_serves_it(semantic_map: SemanticMap) -> None:
+    outcome = run(semantic_map, "something to drink from", objects=[["cup", 6.0, 2.0, 0.8, 0.9]])
+    assert outcome.state == "found"
+    assert semantic_map.objects("cup")[0].iri in outcome.found
+
+
+def test_a_doubtful_detection_is_looked_at_again_and_let_go(semantic_map: SemanticMap) -> None:
+    events: list[Event] = []
+    outcome = run(semantic_map, "apple", phantom_at_look=1, tell=events.append)
+    assert outcome.state == "given up"
+    assert any(e.kind == "surprise" and "perhaps apple" in e.text for e in events)
+    assert semantic_map.objects("apple") == ()
+
+
+def test_a_doubtful_detection_that_is_seen_again_is_believed(semantic_map: SemanticMap) -> None:
+    outcome = run(semantic_map, "apple", objects=[["apple", 6.0, 2.0, 0.8, 0.4]])
+    assert outcome.state == "found"
+
+
+def test_a_closed_door_leads_to_another_plan(semantic_map: SemanticMap) -> None:
+    events: list[Event] = []
+    outcome = run(
+        semantic_map,
+        "apple",
+        objects=[APPLE],
+        blocked_at_goto=1,
+        door=[4.0, 2.1],
+        tell=events.append,
+    )
+    assert outcome.state == "found"
+    (obstacle,) = semantic_map.obstacles(outcome.search)
+    assert (obstacle.position, obstacle.reason) == ((4.0, 2.1), "the door is closed")
+    first, second, *_ = [e.data for e in events if e.kind == "plan"]
+    into_kitchen = first["place"] == second["place"] == "place 2"
+    assert not into_kitchen or second["expected_seconds"] > first["expected_seconds"] + 5
+    assert _well_made(semantic_map)
+
+
+def test_a_robot_that_cannot_stand_there_is_not_sent_there_for_ever(
+    semantic_map: SemanticMap,
+) -> None:
+    events: list[Event] = []
+    outcome = run(semantic_map, "apple", offset=0.8, tell=events.append)
+    assert outcome.state == "given up"
+    goals = [(e.data["x"], e.data["y"]) for e in events if e.kind == "plan"]
+    assert len(goals) == len(set(goals))
+
+
+def test_a_robot_all_of_whose_commands_fail_is_no_robot(semantic_map: SemanticMap) -> None:
+    try:
+        outcome = run(semantic_map, "apple", goto_fails=True)
+    except RobotError as error:
+        assert "commands in a row failed" in str(error)
+        assert semantic_map.searches()[0].state == "stopped"
+    else:
+        assert outcome.state == "given up"
+        assert outcome.looks == 0
+
+
+def test_a_robot_that_ends_the_search_can_take_it_up_again(semantic_map: SemanticMap) -> None:
+    stopped = run(semantic_map, "apple", objects=[FAR_APPLE], abort_at_goto=2)
+    assert stopped.state == "stopped"
+    assert "battery at 9 %" in stopped.reason
+    events: list[Event] = []
+    again = run(semantic_map, resume=True, objects=[FAR_APPLE], tell=events.append)
+    assert (again.state, again.search) == ("found", stopped.search)
+    assert events[0].data["looks"] == stopped.looks
+    assert events[0].data["left"] == pytest.approx(stopped.left, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("how", "said"),
+    [
+        ("end", "has ended with exit code 7"),
+        ("flood", "messages in a row"),
+    ],
+)
+def test_a_robot_that_fails_leaves_a_search_that_can_go_on(
+    semantic_map: SemanticMap, how: str, said: str
+) -> None:
+    with pytest.raises(RobotError, match=said):
+        run(semantic_map, "apple", at_look=2, then=how)
+    (record,) = semantic_map.searches()
+    assert record.state == "stopped"
+    assert len(semantic_map.looks(record.iri)) == 1
+    assert run(semantic_map, "apple", resume=True, objects=[FAR_APPLE]).state == "found"
+
+
+class _FallsSilent:
+    """A robot that answers the first commands and then nothing; time passes as it is waited for."""
+
+    name = "the quiet robot"
+
+    def __init__(self, answers: int) -> None:
+        self.now = 0.0
+        self.sent: list[str] = []
+        self._left, self._point = answers, PointRobot({})
+        self._said: list[Message] = []
+
+    def send(self, command: Command) -> None:
+        said = encoded(command)
+        self.sent.append(said["type"])
+        self._left -= 1
+        if self._left >= 0:
+            self._said += [m for m in map(message_of, self._point.handle(said)) if m is not None]
+
+    def receive(self, seconds: float) -> Message | None:
+        self.now += seconds
+        return self._said.pop(0) if self._said else None
+
+    def close(self) -> None:
+        self.sent.append("closed")
+
+
+def test_a_robot_that_falls_silent_is_not_waited_for_for_ever(
+    semantic_map: SemanticMap, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot = _FallsSilent(answers=4)  # hello, goto, look, goto
+    clock = SimpleNamespace(monotonic=lambda: robot.now)
+    monkeypatch.setattr("planner.executive.listening.time", clock)
+    with pytest.raises(RobotError, match="has been silent for 30 s"):
+        search(semantic_map, ["apple"], robot, Terms(patience=30.0, clock=lambda: START + 60))
+    assert robot.sent[-1] == "closed"
+    (record,) = semantic_map.searches()
+    assert (record.state, len(semantic_map.looks(record.iri))) == ("stopped", 1)
+
+
+def test_another_version_of_the_protocol_is_refused_and_nothing_is_begun(
+    semantic_map: SemanticMap,
+) -> None:
+    with pytest.raises(RobotError, match="speaks version 2"):
+        run(semantic_map, "apple", protocol=2)
+    assert semantic_map.searches() == ()
+
+
+def test_errors_say_what_would_have_worked(semantic_map: SemanticMap) -> None:
+    with pytest.raises(GraphError, match="no unfinished search for apple"):
+        run(semantic_map, "apple", resume=True)
+    with pytest.raises(UnknownCategoryError, match="did you mean apple"):
+        run(semantic_map, "aple")
+    with SemanticMap.in_memory() as empty, pytest.raises(LayoutError, match="nowhere to"):
+        run(empty, "apple")
+
+
+def test_what_the_robot_saw_by_the_way_is_in_the_map_too(semantic_map: SemanticMap) -> None:
+    things = [APPLE, ["oven", 7.5, 3.5, 0.5, 0.8], ["flux capacitor", 7.0, 1.0, 0.5, 0.9]]
+    events: list[Event] = []
+    run(semantic_map, "apple", objects=things, tell=events.append)
+    assert len(semantic_map.objects("oven")) == 1
+    assert any("flux capacitor" in e.text for e in events if e.kind == "note")

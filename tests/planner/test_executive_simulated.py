@@ -1,0 +1,74 @@
+"""The simulated robot of the demo house: rendered pictures, a detector with faults."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from kg.errors import LayoutError
+from kg.records import MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
+from kg.semantic_map import SemanticMap
+from planner.demo import HIDDEN, layout_of
+from planner.executive.executive import search
+from planner.executive.simulated import simulated_robot
+from planner.executive.terms import Terms
+from planner.simulation.house import House, furnished_house
+from planner.simulation.tour import START
+
+
+def _mapped(semantic_map: SemanticMap, house: House) -> None:
+    """The house as a tour would have mapped it, without the time that a tour takes."""
+    find = semantic_map.catalogue.find
+    places = [
+        PlaceRecord(
+            semantic_map.place_iri(place.number),
+            place.label,
+            place.xmin,
+            place.xmax,
+            place.ymin,
+            place.ymax,
+            20,
+            {find(room.category, "place").iri: 0.6},
+        )
+        for place, room in zip(layout_of(house).rectangles, house.rooms, strict=True)
+    ]
+    objects = [
+        ObjectRecord(
+            iri=semantic_map.new_object_iri(),
+            category=find(item.label).iri,
+            p_map=item.centre(),
+            confidence=3.0,
+            existence=1.0,
+            observations=9,
+            first_seen=START,
+            last_seen=START,
+        )
+        for item in house.objects
+    ]
+    x, y = house.rooms[0].viewpoints[0]
+    robot = RobotRecord(np.array([x, y, 1.25]), 0.0, START)
+    semantic_map.apply(MapUpdate(tuple(objects), (), tuple(places), robot))
+
+
+def test_the_apple_is_found_within_a_few_looks() -> None:
+    house = furnished_house()
+    with SemanticMap.in_memory() as semantic_map:
+        _mapped(semantic_map, house)
+        robot = simulated_robot(semantic_map, house.with_objects([HIDDEN]))
+        outcome = search(semantic_map, ["apple"], robot, Terms(clock=lambda: START + 60))
+        assert outcome.state == "found"
+        assert outcome.looks <= 12
+        (apple,) = semantic_map.objects("apple")
+        assert outcome.found == (apple.iri,)
+        assert float(np.linalg.norm(apple.p_map - HIDDEN.centre())) < 0.5
+        robot_now = semantic_map.robot()
+        assert robot_now is not None
+        assert robot_now.p_map[2] == 1.25  # the protocol tells no height: it stays
+
+
+def test_a_map_of_somewhere_else_is_refused() -> None:
+    with SemanticMap.in_memory() as semantic_map:
+        far = PlaceRecord(semantic_map.place_iri(1), "far", 100.0, 104.0, 0.0, 4.0)
+        semantic_map.apply(MapUpdate(places=(far,)))
+        with pytest.raises(LayoutError, match="hereabouts demo"):
+            simulated_robot(semantic_map)
