@@ -16,6 +16,9 @@ RELATION: Final = "https://w3id.org/hereabouts/relation/"
 CORE_ONTOLOGY: Final = "https://w3id.org/hereabouts/ontology/hereabouts"
 #: what stands for a blank node in a map (RDF 1.1 Concepts, section 3.5)
 GENID: Final = "https://w3id.org/.well-known/genid/hereabouts/"
+ROOM_TYPE: Final = "https://w3id.org/hereabouts/room/"  # kinds of rooms that statistics bring
+STATISTICS: Final = "https://w3id.org/hereabouts/statistics/"
+ROOMS_ONTOLOGY: Final = "https://w3id.org/hereabouts/ontology/rooms/"  # + the source
 
 # named graphs
 ONTOLOGY_GRAPH: Final = GRAPH + "ontology"
@@ -52,6 +55,13 @@ IS_A: Final = HERE + "isA"  # reflexive, transitive closure of rdfs:subClassOf
 RELATION_SUBJECT: Final = HERE + "relationSubject"
 RELATION_TARGET: Final = HERE + "relationTarget"
 RELATION_PROBABILITY: Final = HERE + "relationProbability"
+
+# statistics of real rooms (graph:ontology)
+ROOM_STATISTICS: Final = HERE + "RoomStatistics"
+STATISTICS_OBJECT: Final = HERE + "statisticsObject"
+STATISTICS_PLACE: Final = HERE + "statisticsPlace"
+ROOM_COUNT: Final = HERE + "roomCount"
+ROOMS_WITH_OBJECT: Final = HERE + "roomsWithObject"
 
 # individuals: where
 X: Final = HERE + "x"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from planner.commands import import_conceptnet
+from planner.commands import import_conceptnet, import_rooms
 from planner.commands.arguments import MAP_HELP, title_for
 from planner.commands.console import note, print_table
 
@@ -12,7 +12,9 @@ from planner.commands.console import note, print_table
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Declare the command and what can be imported."""
     parser = subparsers.add_parser(
-        "import", help="bring saved maps, or common sense, in from elsewhere", description=__doc__
+        "import",
+        help="bring saved maps, common sense or statistics of rooms in from elsewhere",
+        description=__doc__,
     )
     kinds = parser.add_subparsers(dest="kind", metavar="WHAT", required=True)
     maps = kinds.add_parser(
@@ -27,6 +29,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     maps.add_argument("--into", required=True, metavar="MAP", help=MAP_HELP)
     maps.set_defaults(run=run, usage_error=maps.error)
     import_conceptnet.add(kinds)
+    import_rooms.add(kinds)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -1,0 +1,41 @@
+"""Fit the placement model on the development homes and S3DIS, and print the numbers to keep.
+
+    python benchmarks/fit_placement.py ../shared/data
+
+Deterministic. What it prints belongs into `kg/placement/settings.py` (FITTED). Reads homes/,
+s3dis/ and conceptnet/ of the folder; needs numpy only.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import asdict
+from pathlib import Path
+
+from kg.placement.settings import FITTED, Parameters
+from kg.placement.trial.data import Sources, load
+from kg.placement.trial.fitting import fit, log_likelihood
+
+
+def main(folder: Path) -> None:
+    """Fit, and say how much likelier the data are than under the numbers that ship."""
+    data = load(
+        Sources(
+            homes=folder / "homes",
+            statistics=folder / "homes" / "hm3d_room_object_counts.csv",
+            s3dis=folder / "s3dis" / "rooms_objects.csv",
+            conceptnet=folder / "conceptnet" / "object_room_scores.json",
+        )
+    )
+    found = fit(data.sample)
+    kept = Parameters(**{name: float(f"{x:.3g}") for name, x in asdict(found).items()})
+    print(f"{len(data.buildings)} buildings, {int((data.sample.rooms > 0).sum())} cells")  # noqa: T201
+    print(kept)  # noqa: T201
+    for name, numbers in (("fitted", found), ("rounded", kept), ("shipped", FITTED)):
+        print(f"{name}: log-likelihood {log_likelihood(data.sample, numbers):.2f}")  # noqa: T201
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 2:
+        sys.exit(__doc__)
+    main(Path(sys.argv[1]))

@@ -1,0 +1,1 @@
+"""How likely a kind of place holds a kind of object, and how sure that is (docs/placement.md)."""

@@ -1,0 +1,265 @@
+"""p(object in place), with its uncertainty and its reasons: the front door of the placement model.
+
+table = placement_table(semantic_map)
+table.probability(banana, kitchen)       # IRIs; 0.31
+table.placement(banana, kitchen).reasons # who says so, and how much that counts
+table.place_posterior({oven: 1, sink: 1})
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from pyoxigraph import NamedNode, Quad
+
+from kg import vocabulary as v
+from kg.categories import Catalogue
+from kg.errors import UnknownCategoryError
+from kg.placement.evidence import Knowledge, knowledge
+from kg.placement.model import (
+    believe,
+    kin_log_odds,
+    listed_log_odds,
+    usual_log_odds,
+)
+from kg.placement.posterior import posterior
+from kg.placement.seen import SeenRooms, seen_rooms
+from kg.placement.settings import FITTED, STATED, Parameters
+from kg.semantic_map import SemanticMap
+
+
+@dataclass(frozen=True, slots=True)
+class Reason:
+    """One source of a probability, and its share in it; the shares of a placement add up to 1."""
+
+    source: str
+    text: str
+    share: float  # 0..1
+
+
+@dataclass(frozen=True, slots=True)
+class Placement:
+    """How likely a place of a kind holds at least one object of a kind: Beta(alpha, beta)."""
+
+    object: str  # IRI
+    place: str  # IRI
+    probability: float  # alpha / (alpha + beta), strictly between 0 and 1
+    alpha: float
+    beta: float
+    reasons: tuple[Reason, ...]  # the weightiest first
+
+    @property
+    def deviation(self) -> float:
+        """The standard deviation of the Beta distribution."""
+        total = self.alpha + self.beta
+        return float(np.sqrt(self.alpha * self.beta / (total + 1)) / total)
+
+
+def placement_table(
+    semantic_map: SemanticMap,
+    *,
+    parameters: Parameters = FITTED,
+    sought: Collection[str] | None = None,
+) -> PlacementTable:
+    """What the map's ontology, imported statistics and rooms say, as of now.
+
+    `sought` has the IRIs of the objects its detector can see: only of these does a room looked at
+    count as one without (None: of all). Raises OntologyError where the ontology is badly made.
+    """
+    with semantic_map.hold():
+        graph = NamedNode(v.ONTOLOGY_GRAPH)
+        known = knowledge(
+            semantic_map.engine.quads_for_pattern(None, None, None, graph), semantic_map.catalogue
+        )
+        rooms = seen_rooms(
+            semantic_map.places(),
+            semantic_map.objects(),
+            known.objects,
+            known.places,
+            known.above,
+            sought,
+        )
+    return PlacementTable(known, semantic_map.catalogue, rooms, parameters)
+
+
+def table_of(quads: Iterable[Quad], *, parameters: Parameters = FITTED) -> PlacementTable:
+    """The table of an ontology's quads alone, before any map."""
+    quads = tuple(quads)
+    catalogue = Catalogue.from_quads(quads)
+    known = knowledge(quads, catalogue)
+    rooms = seen_rooms((), (), known.objects, known.places, known.above)
+    return PlacementTable(known, catalogue, rooms, parameters)
+
+
+class PlacementTable:
+    """All probabilities of one moment; immutable. Arguments are IRIs of categories.
+
+    An object may be a supercategory: at least one of its members. A place the table does not know
+    is treated as one of which nothing is known. Unknown objects raise UnknownCategoryError.
+    """
+
+    def __init__(
+        self, known: Knowledge, catalogue: Catalogue, rooms: SeenRooms, parameters: Parameters
+    ) -> None:
+        self._known, self._catalogue = known, catalogue
+        self._rooms, self._parameters = rooms, parameters
+        self._evidence = replace(
+            known.evidence, seen_with=rooms.with_object, seen_without=rooms.without_object
+        )
+        self._belief = believe(self._evidence, parameters)
+        self._mean = self._belief.mean
+
+    @property
+    def objects(self) -> tuple[str, ...]:
+        """IRIs of the objects it knows."""
+        return tuple(self._known.objects)
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """IRIs of the place categories it knows."""
+        return tuple(iri for iri in self._known.places if iri != v.PLACE)
+
+    def probability(self, object_iri: str, place_iri: str) -> float:
+        """How likely a place of that category holds at least one such object."""
+        rows, column = self._rows(object_iri), self._column(place_iri)
+        return float(1 - np.prod(1 - self._mean[rows, column]))
+
+    def placement(self, object_iri: str, place_iri: str) -> Placement:
+        """The same with its uncertainty and reasons; of a supercategory, its likeliest member's."""
+        rows, column = self._rows(object_iri), self._column(place_iri)
+        p = self.probability(object_iri, place_iri)
+        total = min(self._total(row, column) for row in rows)
+        best = max(rows, key=lambda row: float(self._mean[row, column]))
+        reasons = sorted(self._reasons(best, column), key=lambda r: (-r.share, r.source, r.text))
+        return Placement(object_iri, place_iri, p, p * total, (1 - p) * total, tuple(reasons))
+
+    def near(self, object_iri: str, other_iri: str) -> float:
+        """How likely the room of the second holds at least one of the first.
+
+        Where the second is found, the first is too, as far as places explain it; stated NearBy and
+        rooms of this map that hold the second count on top.
+        """
+        rows, others = self._rows(object_iri), self._rows(other_iri)
+        return float(np.mean([1 - np.prod([1 - self._near(a, b) for a in rows]) for b in others]))
+
+    def place_posterior(
+        self,
+        seen: Mapping[str, int],
+        unseen: Iterable[str] = (),
+        prior: Mapping[str, float] | None = None,
+    ) -> dict[str, float]:
+        """p(place category | what was found there), by IRI, adding up to 1.
+
+        Args:
+            seen: how many objects of each category; how many beyond one does not matter.
+            unseen: objects looked for in the whole room in vain.
+            prior: what is believed of the categories beforehand, >= 0; only these are candidates.
+                Without it all categories of which anything is known are alike.
+
+        Objects the table does not know say nothing. Raises UnknownCategoryError where no category
+        of `prior` is known with a belief above 0.
+        """
+        weights = self._prior(prior)
+        found = {iri for iri, count in seen.items() if count > 0 and iri in self._known.objects}
+        missed = {iri for iri in unseen if iri in self._known.objects} - found
+        rows = sorted((self._known.objects[iri], iri in found) for iri in found | missed)
+        columns = [self._known.places[iri] for iri in weights]
+        present = self._mean[np.ix_([row for row, _ in rows], columns)]
+        p = posterior(
+            present,
+            np.array([was_seen for _, was_seen in rows], dtype=bool),
+            np.array(list(weights.values())),
+        )
+        return dict(zip(weights, map(float, p), strict=True))
+
+    def _prior(self, prior: Mapping[str, float] | None) -> dict[str, float]:
+        if prior is None:
+            e = self._evidence
+            known = np.any(e.listed + e.weight + e.rooms + e.statements + e.seen_with > 0, axis=0)
+            chosen = {iri: 1.0 for iri in self.places if known[self._known.places[iri]]}
+            return chosen or dict.fromkeys(self.places, 1.0)
+        chosen = {iri: p for iri, p in prior.items() if iri in self._known.places and p > 0}
+        if not chosen:
+            raise UnknownCategoryError(
+                "no place category of the prior is known and believed: "
+                f"{', '.join(prior) or 'none'}"
+            )
+        return chosen
+
+    def _rows(self, iri: str) -> list[int]:
+        if iri in self._known.objects:
+            return [self._known.objects[iri]]
+        rows = [n for o, n in self._known.objects.items() if iri in self._known.above.get(o, ())]
+        if not rows or iri == v.OBJECT:
+            self._catalogue.label(iri)
+            raise UnknownCategoryError(f"{iri} is no kind of object; give the IRI of one")
+        return rows
+
+    def _column(self, iri: str) -> int:
+        return self._known.places.get(iri, self._known.places[v.PLACE])
+
+    def _total(self, row: int, column: int) -> float:
+        return float(self._belief.alpha[row, column] + self._belief.beta[row, column])
+
+    def _near(self, row: int, other: int) -> float:
+        e, k = self._evidence, self._parameters.kappa
+        every = e.listed + e.weight + e.rooms + e.statements + e.seen_with
+        told = np.any(every[[row, other]] > 0, axis=0)
+        where = self._mean[other] * (told if told.any() else 1.0)
+        together = float(where @ self._mean[row] / where.sum())
+        with_it, without = self._rooms.near(row, other)
+        p, count = self._stated_near(row, other)
+        total = k + STATED * count + with_it + without
+        return (k * together + STATED * p + with_it) / total
+
+    def _stated_near(self, row: int, other: int) -> tuple[float, float]:
+        above = self._known.above
+        iris = list(self._known.objects)
+        pairs = [
+            self._known.near[a, b]
+            for a in above.get(iris[row], (iris[row],))
+            for b in above.get(iris[other], (iris[other],))
+            if (a, b) in self._known.near
+        ]
+        return sum(p for p, _ in pairs), sum(n for _, n in pairs)
+
+    def _reasons(self, row: int, column: int) -> Iterator[Reason]:
+        e, k, total = self._evidence, self._parameters.kappa, self._total(row, column)
+        rooms, strength = float(e.rooms[row, column]), float(self._belief.strength[row, column])
+        yield from self._prior_reasons(row, column, strength * float(k / (k + rooms)) / total)
+        if rooms:
+            text = f"{e.rooms_with[row, column]:g} of {rooms:g} rooms"
+            source = "; ".join(self._known.sources)
+            yield Reason(source, text, strength * rooms / (k + rooms) / total)
+        seen, unseen = e.seen_with[row, column], e.seen_without[row, column]
+        if seen + unseen > 0:
+            text = f"{seen:.1f} rooms with, {unseen:.1f} without"
+            yield Reason("this map", text, float(seen + unseen) / total)
+        stated = [s for s in self._said(row, column) if s[1].startswith("stated")]
+        for source, text in stated:
+            share = STATED * float(e.statements[row, column]) / total / len(stated)
+            yield Reason(source, text, share)
+
+    def _prior_reasons(self, row: int, column: int, share: float) -> Iterator[Reason]:
+        """What m0 is made of, by how far each part moves the log-odds."""
+        p, e = self._parameters, self._evidence
+        said = self._said(row, column)
+        parts = [("model", "how rare objects are at large", p.base)]
+        by_list = p.edge * listed_log_odds(e.listed)[row, column]
+        by_weight = p.conceptnet * np.log1p(e.weight)[row, column]
+        kind, moved = ("listed", by_list) if by_list >= by_weight else ("weight", by_weight)
+        told = [s for s in said if s[1].startswith(kind)]
+        parts += [(source, text, float(moved) / len(told)) for source, text in told]
+        usual, kin = usual_log_odds(e, p.kappa), kin_log_odds(e, p.kappa)
+        counts = "; ".join(self._known.sources)
+        parts.append((counts, "similar and other places", float(p.usual * usual[row, column])))
+        parts.append((counts, "kindred objects", float(p.kin * kin[row, column])))
+        whole = sum(abs(moved) for *_, moved in parts) or 1.0
+        for source, text, moved in parts:
+            if moved:
+                yield Reason(source, text, share * abs(moved) / whole)
+
+    def _said(self, row: int, column: int) -> list[tuple[str, str]]:
+        return [(s.source, s.text) for s in self._known.said.get((row, column), ())]

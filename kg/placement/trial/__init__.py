@@ -1,0 +1,1 @@
+"""The placement model on trial: fitted, cross-validated and compared on real buildings."""
