@@ -1,0 +1,1 @@
+"""`hereabouts bench search`: things searched for in real homes, by four ways of searching."""
