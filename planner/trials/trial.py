@@ -30,7 +30,7 @@ PARTS: Final[Mapping[str, Manner]] = {
     "whole turns only": Manner(on_the_way=False, whole_turns=True),
 }
 #: What is hidden where the ontology does not list it, searched by these.
-UNLISTED: Final = ("ours, unlisted place", "thesis, unlisted place")
+UNLISTED: Final = tuple(f"{who}, unlisted place" for who in ("ours", "thesis", "clairvoyant"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +54,10 @@ class Searched:
     home: str
     kind: str
     outcomes: Mapping[str, Outcome]
+
+    def shortest(self, name: str) -> Outcome:
+        """The search of one that knows where it is that `name` was hidden."""
+        return self.outcomes[UNLISTED[2] if name in UNLISTED else "clairvoyant"]
 
 
 _Task = tuple[int, Home, tuple[str, ...], Settings]
@@ -147,6 +151,7 @@ def _robustness(
         elsewhere = Hidden(building.space, building.sensor, [int(rng.choice(cells))], name)
         found[UNLISTED[0]] = ours(building, start, elsewhere, prior.chances)
         found[UNLISTED[1]] = thesis_rule(building, start, elsewhere, prior.listed)
+        found[UNLISTED[2]] = clairvoyant(building, start, elsewhere)
     return found
 
 
