@@ -32,7 +32,7 @@ class Home:
 
     name: str
     rooms: tuple[HomeRoom, ...]
-    doors: tuple[tuple[int, int], ...]  # pairs of numbers of rooms
+    doors: tuple[tuple[int, int], ...] | None  # pairs of numbers of rooms; None: not known
 
     @property
     def objects(self) -> tuple[str, ...]:
