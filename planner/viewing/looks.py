@@ -56,7 +56,7 @@ def standing_cells(
     *,
     near: float = 0.0,
     spacing: float = 1.0,
-    cover: float = 0.98,
+    cover: float = 0.995,
     covers: int = 2,
 ) -> Cells:
     """Positions to look from that together see at least `cover` of every room, several times over.
