@@ -185,7 +185,8 @@ def _order_for_sight(
 
     def expected(order: Sequence[Goal]) -> float:
         return fsum(
-            goal.probability * fmean(_sighted(start, order, of[goal.iri], p) for p in spots[goal.iri])
+            goal.probability
+            * fmean(_sighted(start, order, of[goal.iri], p) for p in spots[goal.iri])
             for goal in order
         )
 

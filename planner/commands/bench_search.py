@@ -42,9 +42,7 @@ def add(benches: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     parser.add_argument(
         "--speed", type=positive, metavar="M/S", help="of the robot (default: 0.2412)"
     )
-    parser.add_argument(
-        "--robustness", action="store_true", help="also with beliefs that mislead"
-    )
+    parser.add_argument("--robustness", action="store_true", help="also with beliefs that mislead")
     parser.add_argument(
         "--processes", type=count, default=2, metavar="N", help="homes at a time (default: 2)"
     )
@@ -103,7 +101,18 @@ def _settings(arguments: argparse.Namespace) -> Settings:
 
 def _print(scores: Mapping[str, Score]) -> None:
     print_table(
-        ("", "success", "mean s", "found s", "median s", "metres", "SPL", "AUC", "looks", "queries"),
+        (
+            "",
+            "success",
+            "mean s",
+            "found s",
+            "median s",
+            "metres",
+            "SPL",
+            "AUC",
+            "looks",
+            "queries",
+        ),
         [
             (
                 method,

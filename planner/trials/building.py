@@ -26,7 +26,10 @@ class Building:
         self.space: FreeSpace = free_space(floors, home.doors)
         moved = shifts(floors)
         self.middles: NDArray[np.float64] = np.array(  # (rooms, 2) [m]
-            [((f.xmin + f.xmax) / 2 + dx, (f.ymin + f.ymax) / 2) for f, dx in zip(floors, moved, strict=True)]
+            [
+                ((f.xmin + f.xmax) / 2 + dx, (f.ymin + f.ymax) / 2)
+                for f, dx in zip(floors, moved, strict=True)
+            ]
         )
         self._tourists: dict[bool, Tourist] = {}
         self._fields: dict[int, NDArray[np.float32]] = {}
@@ -49,9 +52,7 @@ class Building:
         """Chooses among `looks`, or among the whole turns of them."""
         if whole_turns not in self._tourists:
             turns = np.flatnonzero(self.looks.extent >= 2 * np.pi - 1e-9)
-            self._tourists[whole_turns] = Tourist(
-                self.looks, among=turns if whole_turns else None
-            )
+            self._tourists[whole_turns] = Tourist(self.looks, among=turns if whole_turns else None)
         return self._tourists[whole_turns]
 
     def field(self, stand: int) -> NDArray[np.float32]:

@@ -18,6 +18,7 @@ from planner.space.sight import visible
 from planner.viewing.looks import square as square_of
 from planner.viewing.sensor import Sensor, angle_between
 
+
 class Hidden:
     """Instances of what is searched for, and how often each was looked at from where.
 

@@ -45,9 +45,7 @@ class Knowledge:
         quads = tuple(load_ontologies().quads)
         self._catalogue = Catalogue.from_quads(quads)
         self._above = superclasses(quads)
-        self._listed = {
-            (r.subject, r.target) for r in relations(quads) if r.kind == v.LOCATED_AT
-        }
+        self._listed = {(r.subject, r.target) for r in relations(quads) if r.kind == v.LOCATED_AT}
         table = read_rooms(rooms, self._catalogue, "rooms of homes") if rooms else None
         names = {room.label for home in homes for room in home.rooms}
         self._kinds = {name: room_types(name, self._catalogue) for name in names}
@@ -80,7 +78,9 @@ class Knowledge:
             rooms[kinds[0].iri] += 1
             found = {self._catalogue.get(kind, "object") for kind in room.holds}
             held.update((kinds[0].iri, thing.iri) for thing in found if thing)
-        left = (_less(one, rooms[one.place], held[one.place, one.object]) for one in table.statistics)
+        left = (
+            _less(one, rooms[one.place], held[one.place, one.object]) for one in table.statistics
+        )
         return replace(table, statistics=tuple(one for one in left if one.rooms > 0))
 
     def _prior(self, home: Home, kind: str, table: PlacementTable) -> Prior:

@@ -58,7 +58,9 @@ class Robot:
         for step in range(1, len(path)):
             cell, ahead = int(path[step]), path[min(step + _AHEAD, len(path) - 1)]
             behind = path[max(step - 1, 0)] if ahead == cell else cell
-            self._move(cell, float(left[self.cell]), float(left[cell]), self._towards(behind, ahead))
+            self._move(
+                cell, float(left[self.cell]), float(left[cell]), self._towards(behind, ahead)
+            )
             if hidden is None or last - float(left[cell]) < EVERY or step == len(path) - 1:
                 continue
             last = float(left[cell])

@@ -40,9 +40,7 @@ class Touring:
         self._building, self._manner = building, manner
         self._looks, self._tourist = building.looks, building.tourist_of(manner.whole_turns)
         self._robot = building.robot(start)
-        belief = belief_from(
-            self._looks.cells, weights, 1 - PRESENT, everywhere=manner.everywhere
-        )
+        belief = belief_from(self._looks.cells, weights, 1 - PRESENT, everywhere=manner.everywhere)
         self._weight, self._absent = belief.weight, belief.absent
         self._memory = Memory(self._looks)
         self._stand: int | None = None

@@ -87,7 +87,9 @@ def run(
 def _chosen(homes: Sequence[Home], settings: Settings) -> list[tuple[str, ...]]:
     """The objects to search for in each home."""
     known = Knowledge(homes, settings.rooms)
-    pairs = [(i, kind) for i, home in enumerate(homes) for kind in home.objects if known.knows(kind)]
+    pairs = [
+        (i, kind) for i, home in enumerate(homes) for kind in home.objects if known.knows(kind)
+    ]
     if settings.queries is not None and settings.queries < len(pairs):
         at = np.linspace(0, len(pairs) - 1, settings.queries).round().astype(int)
         pairs = [pairs[i] for i in at]
@@ -116,9 +118,7 @@ def search_home(task: _Task) -> tuple[int, tuple[Searched, ...]]:
     )
 
 
-def _search(
-    building: Building, kind: str, prior: Prior, settings: Settings
-) -> dict[str, Outcome]:
+def _search(building: Building, kind: str, prior: Prior, settings: Settings) -> dict[str, Outcome]:
     name = f"{settings.seed} {building.home.name} {kind}"
     rng = _generator(name)
     cells = _hiding_places(building, kind, rng)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -14,7 +13,6 @@ from planner.space.building import free_space
 from planner.space.geodesic import distance_fields, metres_between, way
 from planner.space.grid import NO_ROOM, FreeSpace, Room
 from planner.space.sight import visible
-
 
 quick = settings(max_examples=30, deadline=None)
 
