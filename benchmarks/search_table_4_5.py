@@ -238,7 +238,7 @@ def _covered(
     p = np.array([chances.get(place.iri, 0.0) for place in places])
     outcomes = {
         "brute force": brute_force(building, begin, hidden),
-        "thesis' rule": thesis_rule(building, begin, hidden, p > 0),
+        "thesis' rule": thesis_rule(building, begin, hidden, (p > 0).tolist()),
         "ours, whole turns": ours(building, begin, hidden, p, Manner(False, True)),
         "ours, viewpoints": ours(building, begin, hidden, p, Manner(on_the_way=False)),
         "ours, viewpoints and on the way": ours(building, begin, hidden, p),

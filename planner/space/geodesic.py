@@ -156,6 +156,7 @@ def _neighbours(space: FreeSpace, cell: int) -> Iterator[tuple[int, float]]:
     ix, iy = divmod(cell, ny)
     for dx, dy in _STEPS:
         x, y = ix + dx, iy + dy
-        if 0 <= x < nx and 0 <= y < ny and space.free[x, iy] and space.free[ix, y]:
-            if space.free[x, y]:
-                yield x * ny + y, _DIAGONAL if dx and dy else 1.0
+        if not (0 <= x < nx and 0 <= y < ny):
+            continue
+        if space.free[x, y] and space.free[x, iy] and space.free[ix, y]:
+            yield x * ny + y, _DIAGONAL if dx and dy else 1.0

@@ -48,4 +48,4 @@ def visible(space: FreeSpace, cell: int, reach: float) -> tuple[Cells, NDArray[n
     path = at + between
     clear = space.free[path[..., 0], path[..., 1]].all(axis=1)
     cells = target[clear, 0] * ny + target[clear, 1]
-    return np.asarray(cells, np.intp), offsets[clear] * space.cell
+    return np.asarray(cells, np.intp), np.asarray(offsets[clear] * space.cell, np.float64)

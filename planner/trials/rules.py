@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -50,9 +50,7 @@ def _swept(building: Building, robot: Robot, hidden: Hidden, stands: Cells) -> b
     return False
 
 
-def thesis_rule(
-    building: Building, start: int, hidden: Hidden, listed: Mapping[int, bool]
-) -> Outcome:
+def thesis_rule(building: Building, start: int, hidden: Hidden, listed: Sequence[bool]) -> Outcome:
     """The rooms the ontology lists, then the others (thesis section 3.4, and on until found)."""
     first = [room for room in building.covers if listed[room]]
     return room_by_room(

@@ -1,4 +1,4 @@
-"""Our way of searching: belief on cells, the next look by what it is worth, an update after each."""
+"""Our way of searching: belief on cells, the look worth most next, an update after each."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from planner.viewing.tour import Memory, Standing
 
 #: Probability that it is there at all, before the search, and below which the search is given up.
 PRESENT: Final = 0.9
-GIVE_UP: Final = 0.02
-_MOST: Final = 400  # looks
+GIVE_UP: Final = 0.005
+_MOST: Final = 1000  # looks
 
 
 @dataclass(frozen=True, slots=True)

@@ -60,4 +60,5 @@ class Motion:
 
 def angle_between(a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
     """[rad] the smaller angle between headings, 0..pi."""
-    return np.abs((np.asarray(a) - np.asarray(b) + np.pi) % (2 * np.pi) - np.pi)
+    off = (np.asarray(a) - np.asarray(b) + np.pi) % (2 * np.pi) - np.pi
+    return np.asarray(np.abs(off), np.float64)

@@ -100,7 +100,7 @@ def test_all_ways_find_it_and_none_before_the_one_that_knows() -> None:
         thing = hidden(room)
         least = clairvoyant(building(), start, thing)
         told = {
-            "thesis": thesis_rule(building(), start, thing, {0: True, 1: False, 2: False}),
+            "thesis": thesis_rule(building(), start, thing, [True, False, False]),
             "brute": brute_force(building(), start, thing),
             "ours": ours(building(), start, thing, np.array([0.8, 0.3, 0.1])),
             "turns": ours(building(), start, thing, np.ones(3) / 2, Manner(False, True)),
@@ -113,7 +113,7 @@ def test_all_ways_find_it_and_none_before_the_one_that_knows() -> None:
 
 def test_the_rule_goes_to_listed_rooms_first_and_belief_to_likely_ones() -> None:
     start = building().space.nearest((4, 5), 2)
-    listed, other = {0: True, 1: False, 2: False}, {0: False, 1: True, 2: False}
+    listed, other = [True, False, False], [False, True, False]
     assert (
         thesis_rule(building(), start, hidden(0), listed).seconds
         < thesis_rule(building(), start, hidden(0), other).seconds

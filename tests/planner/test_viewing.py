@@ -167,7 +167,7 @@ def test_whole_turns_alone_can_be_chosen_from() -> None:
 
 @pytest.mark.parametrize("wrong", [{"near": 5.0}, {"recall": 0.0}, {"rho": 1.5}])
 def test_what_no_camera_can_be_is_refused(wrong: dict[str, float]) -> None:
-    with pytest.raises(ValueError, match="must lie|needs"):
+    with pytest.raises(ValueError, match=r"must lie|needs"):
         Sensor(**wrong)
     with pytest.raises(ValueError, match="speed"):
         Motion(speed=0.0)
