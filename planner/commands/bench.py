@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from planner.commands import bench_placement, bench_plan
+from planner.commands import bench_placement, bench_plan, bench_search
 from planner.commands.arguments import add_json
 from planner.commands.console import note, print_table, write, write_json
 from planner.commands.map_recording import map_with_progress
@@ -74,6 +74,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     thesis.set_defaults(run=run_thesis)
     bench_plan.add(benches)
     bench_placement.add(benches)
+    bench_search.add(benches)
 
 
 def run_map(arguments: argparse.Namespace) -> int:

@@ -6,6 +6,7 @@ over rows and columns that update all sources together, until nothing changes an
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
@@ -16,6 +17,7 @@ from planner.space.grid import FreeSpace
 
 _DIAGONAL: Final = float(np.sqrt(2))
 _KNIGHT: Final = float(np.sqrt(5))
+_STEPS: Final = (*((1, 0), (-1, 0), (0, 1), (0, -1)), *((1, 1), (1, -1), (-1, 1), (-1, -1)))
 
 
 def distance_fields(space: FreeSpace, sources: ArrayLike) -> NDArray[np.float32]:
@@ -79,11 +81,14 @@ def _shifted(row: NDArray[np.float32], by: int) -> NDArray[np.float32]:
 def _shift(
     free: NDArray[np.bool_], last: int, row: int, side: int
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Where a diagonal step, and a knight's, from row `last` to `row` cuts no corner."""
+    """Where a diagonal step, and a knight's, from row `last` to `row` cuts no corner.
+
+    The four cells a knight's step touches are the same in both directions.
+    """
     a, b = free[last], free[row]
     beside_a, beside_b = _beside(a, side), _beside(b, side)
     near = beside_a & a & beside_b & b
-    return near, near & _beside(beside_a, side)
+    return near, _beside(beside_a, side) & beside_a & beside_b & b
 
 
 def _beside(row: NDArray[np.bool_], side: int) -> NDArray[np.bool_]:
@@ -131,10 +136,8 @@ def way(space: FreeSpace, field: NDArray[np.float32], start: int) -> NDArray[np.
 
 def _downhill(space: FreeSpace, flat: NDArray[np.float32], cell: int) -> int:
     """The neighbour, or the far end of a passage, through which the shortest way goes on."""
-    ny = space.shape[1]
     best, least = cell, np.inf
-    for step, metres in _moves(ny):
-        there = cell + step
+    for there, metres in _neighbours(space, cell):
         total = float(flat[there]) + metres * space.cell
         if flat[there] < flat[cell] and total < least:
             best, least = there, total
@@ -147,6 +150,13 @@ def _downhill(space: FreeSpace, flat: NDArray[np.float32], cell: int) -> int:
     return best
 
 
-def _moves(ny: int) -> list[tuple[int, float]]:
-    straight = [(ny, 1.0), (-ny, 1.0), (1, 1.0), (-1, 1.0)]
-    return straight + [(i * ny + j, _DIAGONAL) for i in (1, -1) for j in (1, -1)]
+def _neighbours(space: FreeSpace, cell: int) -> Iterator[tuple[int, float]]:
+    """The floor cells one step from `cell` that no corner is cut to, and the step in cells."""
+    nx, ny = space.shape
+    ix, iy = divmod(cell, ny)
+    for dx, dy in _STEPS:
+        x, y = ix + dx, iy + dy
+        if not (0 <= x < nx and 0 <= y < ny):
+            continue
+        if space.free[x, y] and space.free[x, iy] and space.free[ix, y]:
+            yield x * ny + y, _DIAGONAL if dx and dy else 1.0

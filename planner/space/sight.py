@@ -12,13 +12,21 @@ from planner.space.grid import Cells, FreeSpace
 
 @lru_cache(maxsize=8)
 def _lines(cells: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Offsets (k, 2) within `cells` of the middle, and the cells (k, m, 2) that lie between."""
+    """Offsets (k, 2) within `cells` of the middle, and the cells (k, m, 2) that lie between.
+
+    What lies between two cells is the same from either end.
+    """
     span = np.arange(-cells, cells + 1)
     offsets = np.stack(np.meshgrid(span, span, indexing="ij"), axis=-1).reshape(-1, 2)
     offsets = offsets[(offsets**2).sum(axis=1) <= cells**2]
     steps = 2 * cells
     share = np.arange(1, steps) / steps
     between = np.rint(offsets[:, None, :] * share[None, :, None]).astype(np.intp)
+    back = (offsets[:, 0] < 0) | ((offsets[:, 0] == 0) & (offsets[:, 1] < 0))
+    forth = {tuple(offset): row for row, offset in enumerate(offsets.tolist())}
+    for row in np.flatnonzero(back):  # halves round one way only: take the other end's cells
+        opposite = forth[tuple((-offsets[row]).tolist())]
+        between[row] = between[opposite] + offsets[row]
     return offsets, between
 
 

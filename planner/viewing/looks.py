@@ -6,7 +6,7 @@ the chance to detect what lies there; walls block it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -19,6 +19,8 @@ from planner.space.sight import visible
 from planner.viewing.sensor import Motion, Sensor, angle_between
 
 HEADINGS: Final = 8
+#: [m] Looks from one square of this size see much the same.
+SQUARE: Final = 1.0
 #: Sweeps from every position [rad]: one picture, a third of a turn, a whole turn.
 EXTENTS: Final = (0.0, 2 * np.pi / 3, 2 * np.pi)
 
@@ -41,24 +43,77 @@ def belief_cells(space: FreeSpace, most: int = 3000) -> Cells:
     return np.array(sorted(kept), np.intp)
 
 
+def square(space: FreeSpace, cell: int) -> int:
+    """The number of the square of `SQUARE` metres that floor cell `cell` lies in."""
+    side = max(1, round(SQUARE / space.cell))
+    ix, iy = divmod(int(cell), space.shape[1])
+    return (ix // side) * space.shape[1] + iy // side
+
+
 def standing_cells(
-    space: FreeSpace, reach: float, *, spacing: float = 1.0, cover: float = 0.98
+    space: FreeSpace,
+    reach: float,
+    *,
+    near: float = 0.0,
+    spacing: float = 1.0,
+    cover: float = 0.995,
+    covers: int = 2,
 ) -> Cells:
-    """Positions to look from that together see at least `cover` of every room, and some more.
+    """Positions to look from that together see at least `cover` of every room, several times over.
+
+    The `covers` covers of `room_covers` have no position in common, so that what one look missed
+    can be looked at from elsewhere.
+    """
+    found = room_covers(space, reach, near=near, spacing=spacing, cover=cover, covers=covers)
+    return np.array(sorted({int(cell) for cells in found.values() for cell in cells}), np.intp)
+
+
+def room_covers(
+    space: FreeSpace,
+    reach: float,
+    *,
+    near: float = 0.0,
+    spacing: float = 1.0,
+    cover: float = 0.98,
+    covers: int = 1,
+) -> dict[int, Cells]:
+    """For each room, cells from which whole turns see at least `cover` of it, `covers` times.
 
     Candidates stand on a lattice of `spacing` metres, every room's middle among them. The ones that
-    see most of what is unseen are taken first (greedy cover), then a second, disjoint cover is
-    added, so that what one look missed can be looked at from elsewhere.
+    see most of what is unseen are taken first (greedy cover): of the room's own, and where these do
+    not suffice, of its neighbours'. What is nearer than `near` metres is not seen.
     """
-    chosen: list[int] = []
-    for room in np.unique(space.room[space.free]):
-        cells = space.floor(int(room))
-        lattice = _lattice(space, cells, spacing)
-        seen = np.array([np.isin(cells, visible(space, int(c), reach)[0]) for c in lattice])
-        for _ in range(2):
-            left = [i for i in range(len(lattice)) if int(lattice[i]) not in chosen]
-            chosen += [int(lattice[i]) for i in _greedy_cover(seen, left, cover)]
-    return np.array(sorted(set(chosen)), np.intp)
+    lattice = {room: _lattice(space, space.floor(room), spacing) for room in _rooms(space)}
+    every = np.concatenate(list(lattice.values()))
+    seen = _seen_from(space, every, near, reach)
+    owner = np.repeat(list(lattice), [len(cells) for cells in lattice.values()])
+    taken: set[int] = set()
+    found: dict[int, Cells] = {}
+    for room in lattice:
+        inside = seen[:, space.floor(room)]
+        chosen: list[int] = []
+        for _ in range(covers):
+            unseen = np.ones(inside.shape[1], np.bool_)
+            for among in (owner == room, owner != room):
+                left = [int(i) for i in np.flatnonzero(among) if i not in taken]
+                picked = _greedy_cover(inside, left, unseen, cover)
+                chosen += picked
+                taken.update(picked)
+        found[room] = every[chosen]
+    return found
+
+
+def _rooms(space: FreeSpace) -> list[int]:
+    return [int(room) for room in np.unique(space.room[space.free])]
+
+
+def _seen_from(space: FreeSpace, stands: Cells, near: float, reach: float) -> NDArray[np.bool_]:
+    """(n, nx * ny) which cells each of `stands` sees."""
+    seen = np.zeros((len(stands), space.room.size), np.bool_)
+    for row, stand in zip(seen, stands, strict=True):
+        cells, offset = visible(space, int(stand), reach)
+        row[cells[(offset**2).sum(axis=1) >= near**2]] = True
+    return seen
 
 
 def _lattice(space: FreeSpace, cells: Cells, spacing: float) -> Cells:
@@ -71,16 +126,19 @@ def _lattice(space: FreeSpace, cells: Cells, spacing: float) -> Cells:
     return np.unique(np.append(on, centre))
 
 
-def _greedy_cover(seen: NDArray[np.bool_], left: Sequence[int], cover: float) -> list[int]:
-    unseen = np.ones(seen.shape[1], np.bool_)
+def _greedy_cover(
+    seen: NDArray[np.bool_], left: Sequence[int], unseen: NDArray[np.bool_], cover: float
+) -> list[int]:
+    """Rows of `seen` (n, c), of those in `left`, that leave little unseen; updates `unseen`."""
+    rows = seen[list(left)]
     taken: list[int] = []
-    while unseen.mean() > 1 - cover and len(taken) < len(left):
-        gains = (seen[list(left)] & unseen).sum(axis=1)
+    while len(rows) and unseen.mean() > 1 - cover:
+        gains = (rows & unseen).sum(axis=1)
         best = int(np.argmax(gains))
         if not gains[best]:
             break
         taken.append(left[best])
-        unseen &= ~seen[left[best]]
+        unseen &= ~rows[best]
     return taken
 
 
@@ -100,14 +158,22 @@ class Looks:
     chance: NDArray[np.float32]  # (n, c) chance to detect what lies in each cell
     fields: NDArray[np.float32]  # (s, nx, ny) [m] shortest ways to each position
     metres: NDArray[np.float64] = field(init=False)  # (s, s) [m] between positions
+    from_square: Mapping[int, NDArray[np.intp]] = field(init=False)  # looks from each `square`
 
     def __post_init__(self) -> None:
+        squares = np.array([self.square(int(cell)) for cell in self.stands], np.intp)[self.stand]
+        rows = {int(square): np.flatnonzero(squares == square) for square in np.unique(squares)}
+        object.__setattr__(self, "from_square", rows)
         between = self.fields.reshape(len(self.stands), -1)[:, self.stands].astype(np.float64)
         object.__setattr__(self, "metres", np.minimum(between, between.T))
 
     def metres_from(self, cell: int) -> NDArray[np.float64]:
         """(s,) [m] the shortest way from `cell` to each position."""
         return self.fields.reshape(len(self.stands), -1)[:, cell].astype(np.float64)
+
+    def square(self, cell: int) -> int:
+        """The number of the square of `SQUARE` metres that floor cell `cell` lies in."""
+        return square(self.space, cell)
 
     def starts(self, looks: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Headings [rad] at the two ends of each sweep; the robot begins at the nearer one."""
@@ -127,7 +193,8 @@ def candidate_looks(
     """Looks from `stands` (default: `standing_cells`): pictures and sweeps in eight headings."""
     sensor, motion = sensor or Sensor(), motion or Motion()
     cells = belief_cells(space) if cells is None else cells
-    stands = standing_cells(space, sensor.far) if stands is None else stands
+    if stands is None:
+        stands = standing_cells(space, sensor.far, near=sensor.near)
     kinds = _kinds(sensor.field_of_view)
     chance = np.zeros((len(stands) * len(kinds), len(cells)), np.float32)
     for number, stand in enumerate(stands):

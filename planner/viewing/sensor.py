@@ -60,5 +60,5 @@ class Motion:
 
 def angle_between(a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
     """[rad] the smaller angle between headings, 0..pi."""
-    apart: NDArray[np.float64] = np.asarray(a, np.float64) - np.asarray(b, np.float64)
-    return np.abs((apart + np.pi) % (2 * np.pi) - np.pi)
+    off = (np.asarray(a) - np.asarray(b) + np.pi) % (2 * np.pi) - np.pi
+    return np.asarray(np.abs(off), np.float64)

@@ -1,0 +1,138 @@
+"""`hereabouts bench search`: things searched for in real homes, by four ways of searching."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from planner.commands.arguments import add_json, count, positive
+from planner.commands.console import heading, note, print_table, progress, write_json
+
+if TYPE_CHECKING:
+    from planner.trials.scores import Score
+    from planner.trials.trial import Settings
+
+
+def add(benches: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare `bench search`."""
+    parser = benches.add_parser(
+        "search",
+        help="things hidden in real homes, searched for by us, the thesis' rule and brute force",
+        description="Hide every object of every home, and search for it with the same robot, "
+        "camera and luck: ours, the thesis' rule, brute force, and one that knows where it is "
+        "(docs/search_trials.md).",
+        epilog="example: hereabouts bench search --homes homes --json",
+    )
+    parser.add_argument("--homes", required=True, metavar="DIR", help="homes, one JSON file each")
+    parser.add_argument(
+        "--rooms",
+        metavar="CSV",
+        help="rooms of real homes counted; the home searched is taken out "
+        "(default: the knowledge that ships)",
+    )
+    parser.add_argument(
+        "--apart", action="store_true", help="the statistics do not count these homes"
+    )
+    parser.add_argument("--queries", type=count, metavar="N", help="at most N of them, evenly")
+    parser.add_argument("--seed", type=count, default=0, metavar="N", help="(default: 0)")
+    parser.add_argument("--recall", type=_share, default=0.7, metavar="P", help="(default: 0.7)")
+    parser.add_argument("--far", type=positive, default=4.6, metavar="M", help="(default: 4.6)")
+    parser.add_argument(
+        "--speed", type=positive, metavar="M/S", help="of the robot (default: 0.2412)"
+    )
+    parser.add_argument("--robustness", action="store_true", help="also with beliefs that mislead")
+    parser.add_argument(
+        "--processes", type=count, default=2, metavar="N", help="homes at a time (default: 2)"
+    )
+    add_json(parser)
+    parser.set_defaults(run=run, usage_error=parser.error)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Search, score, print."""
+    from planner.trials.report import report
+    from planner.trials.trial import run as search_all
+
+    settings = _settings(arguments)
+    with progress() as bar:
+        task = bar.add_task("homes", total=None, status="")
+        searched = search_all(
+            Path(arguments.homes),
+            settings,
+            lambda home, done, of: bar.update(task, completed=done, total=of, status=home),
+        )
+    told = report(searched, settings)
+    if arguments.json:
+        write_json(told.to_json())
+        return 0
+    _print(told.methods)
+    if told.parts:
+        heading("ours without some of its parts")
+        _print(told.parts)
+    if told.robustness:
+        heading("ours with beliefs that mislead")
+        _print(told.robustness)
+    for line in told.ratios():
+        note(line)
+    return 0
+
+
+def _settings(arguments: argparse.Namespace) -> Settings:
+    from planner.trials.trial import Settings
+    from planner.viewing.sensor import Motion, Sensor
+
+    if arguments.far <= Sensor().near:
+        arguments.usage_error(f"--far must be more than {Sensor().near:g} m, the nearest seen")
+    if arguments.queries == 0 or arguments.processes == 0:
+        arguments.usage_error("--queries and --processes must be 1 or more")
+    return Settings(
+        sensor=Sensor(far=arguments.far, recall=arguments.recall),
+        motion=Motion(speed=arguments.speed) if arguments.speed else Motion(),
+        rooms=Path(arguments.rooms) if arguments.rooms else None,
+        apart=arguments.apart,
+        seed=arguments.seed,
+        queries=arguments.queries,
+        robustness=arguments.robustness,
+        processes=arguments.processes,
+    )
+
+
+def _print(scores: Mapping[str, Score]) -> None:
+    print_table(
+        (
+            "",
+            "success",
+            "mean s",
+            "found s",
+            "median s",
+            "metres",
+            "SPL",
+            "AUC",
+            "looks",
+            "queries",
+        ),
+        [
+            (
+                method,
+                f"{s.success:.3f}",
+                f"{s.mean_seconds:.1f}",
+                "" if s.mean_seconds_found is None else f"{s.mean_seconds_found:.1f}",
+                f"{s.median_seconds:.1f}",
+                f"{s.mean_metres:.1f}",
+                f"{s.spl:.3f}",
+                f"{s.auc:.3f}",
+                f"{s.mean_looks:.1f}",
+                s.queries,
+            )
+            for method, s in scores.items()
+        ],
+    )
+
+
+def _share(text: str) -> float:
+    value = positive(text)
+    if value > 1:
+        raise argparse.ArgumentTypeError(f"needs a share, above 0 and at most 1, got {text!r}")
+    return value

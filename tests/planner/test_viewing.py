@@ -1,0 +1,174 @@
+"""Looks, belief on cells and tours, in small made-up homes."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from planner.space.building import free_space
+from planner.space.grid import FreeSpace, Room
+from planner.space.sight import visible
+from planner.viewing.belief import belief_from, room_weights, site_weights
+from planner.viewing.looks import Looks, candidate_looks, picture, room_covers, square
+from planner.viewing.sensor import Motion, Sensor
+from planner.viewing.tour import Memory, Standing, Tourist, lower_bound
+
+quick = settings(max_examples=30, deadline=None)
+
+
+@cache
+def home() -> FreeSpace:
+    return free_space([Room(0, 5, 0, 4), Room(5, 8, 0, 4), Room(0, 8, 4, 5.4)])
+
+
+@cache
+def looks() -> Looks:
+    return candidate_looks(home(), Sensor(far=3.0, recall=0.7))
+
+
+weights = st.integers(0, 10**6).map(
+    lambda seed: np.random.default_rng(seed).random(len(looks().cells)) ** 4
+)
+
+
+@quick
+@given(weights, st.floats(0.0, 0.9), st.data())
+def test_belief_keeps_its_mass_through_failed_looks(
+    weight: np.ndarray, absent: float, data: st.DataObject
+) -> None:
+    belief = belief_from(looks().cells, weight, absent)
+    taken = st.lists(st.integers(0, len(looks().stand) - 1), max_size=6)
+    for look in data.draw(taken):
+        shown = looks().chance[look] > 0
+        after = belief.after_miss(looks().chance[look])
+        assert after.weight.sum() + after.absent == pytest.approx(1)
+        assert after.absent >= belief.absent - 1e-12
+        assert (after.weight[~shown] >= belief.weight[~shown] - 1e-12).all()
+        if belief.weight.sum() > 0:
+            assert after.weight[shown].sum() <= belief.weight[shown].sum() + 1e-12
+        belief = after
+
+
+def test_a_look_that_cannot_fail_leaves_absence_only() -> None:
+    belief = belief_from(looks().cells, np.ones(len(looks().cells)), 0.0)
+    after = belief.after_miss(np.ones(len(looks().cells)))
+    assert (after.present, after.weight.sum()) == (0.0, 0.0)
+
+
+def test_a_remembered_site_and_its_room_are_one_belief() -> None:
+    cells = looks().cells
+    site = site_weights(home(), cells, (1.0, 1.0), 0.3)
+    belief = belief_from(cells, site + room_weights(home(), cells, {0: 1.0}), 0.0)
+    near = site > site.max() / 10
+    after = belief.after_miss(np.where(near, 0.9, 0.0))
+    assert after.of_room(home(), 0) < belief.of_room(home(), 0)
+    assert after.of_room(home(), 1) > belief.of_room(home(), 1)
+
+
+def test_what_looks_show_is_in_range_in_view_and_behind_no_wall() -> None:
+    centres = home().centres(looks().cells)
+    for number in range(0, len(looks().stand), 7):
+        shown = looks().chance[number] > 0
+        stand = home().centres([looks().stands[looks().stand[number]]])[0]
+        metres = np.linalg.norm(centres[shown] - stand, axis=1)
+        assert ((metres >= 0.8 - 1e-9) & (metres <= 3.0 + 1e-9)).all()
+    shut = free_space([Room(0, 4, 0, 4), Room(4, 8, 0, 4)], doors=[])
+    blocked = candidate_looks(shut, Sensor(), stands=np.array([shut.nearest((2, 2), 0)]))
+    rooms = shut.room.reshape(-1)[blocked.cells]
+    assert (blocked.chance[:, rooms == 1] == 0).all()
+    assert (blocked.chance[:, rooms == 0] > 0).any()
+
+
+def test_a_picture_on_the_way_is_a_look_from_there() -> None:
+    stand, kind = int(looks().stands[0]), int(np.flatnonzero(looks().stand == 0)[0])
+    told = picture(looks(), stand, float(looks().heading[kind]))
+    assert np.array_equal(told, looks().chance[kind])
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.sampled_from([1.5, 3.0, 4.6]), st.floats(0.5, 0.99))
+def test_covers_cover_and_more_is_no_less(far: float, share: float) -> None:
+    few = room_covers(home(), far, cover=share)
+    many = room_covers(home(), far, cover=1.0)
+    for room, stands in few.items():
+        floor = home().floor(room)
+        # looks from the lattice may not show every corner, but no cover shows more than they do
+        assert _seen(stands, floor, far) >= min(share, _seen(many[room], floor, far)) - 1e-9
+        assert _seen(many[room], floor, far) >= _seen(stands, floor, far) - 1e-9
+
+
+def _seen(stands: np.ndarray, floor: np.ndarray, far: float) -> float:
+    seen = [visible(home(), int(stand), far)[0] for stand in stands]
+    return float(np.isin(floor, np.concatenate(seen)).mean())
+
+
+def test_a_second_look_from_the_same_place_is_worth_less() -> None:
+    weight = np.full(len(looks().cells), 1 / len(looks().cells))
+    memory = Memory(looks())
+    before = memory.gains(weight)
+    look = int(np.argmax(before))
+    assert before == pytest.approx(looks().chance @ weight, rel=1e-4)
+    memory.note(look)
+    after = memory.gains(weight)
+    assert after[look] == pytest.approx(0.2 * before[look], rel=1e-3)  # 1 - rho
+    stand = looks().stands[looks().stand]
+    elsewhere = np.array([square(home(), c) != square(home(), stand[look]) for c in stand])
+    assert after[elsewhere] == pytest.approx(before[elsewhere])
+    assert memory.chance(look).sum() == pytest.approx(0.2 * looks().chance[look].sum(), rel=1e-3)
+
+
+@quick
+@given(weights, st.integers(0, 10**6))
+def test_no_tour_beats_the_lower_bound(weight: np.ndarray, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    belief = belief_from(looks().cells, weight, 0.1)
+    at = Standing(int(rng.choice(home().floor())))
+    order = rng.choice(len(looks().stand), 5, replace=False).tolist()
+    tour = Tourist(looks()).rated(at, belief, order)
+    if tour.found > 0:
+        assert lower_bound(looks(), at, belief, tour.found) <= tour.expected_seconds + 1e-6
+        assert tour.expected_seconds <= tour.arrivals[-1] + 1e-9
+
+
+def test_improving_a_tour_makes_it_no_worse() -> None:
+    cells = looks().cells
+    belief = belief_from(cells, room_weights(home(), cells, {0: 0.2, 1: 0.7, 2: 0.1}), 0.0)
+    at = Standing(home().nearest((0.5, 0.5)))
+
+    def costs(time_limit: float) -> float:
+        tour = Tourist(looks()).tour(at, belief, enough=0.5, time_limit=time_limit)
+        assert tour.lower_bound <= tour.expected_seconds
+        assert (np.diff(tour.arrivals) > 0).all()
+        return float(tour.arrivals @ tour.gains + (1 - tour.found) * tour.arrivals[-1])
+
+    assert costs(0.1) <= costs(1e-9) + 1e-9
+
+
+def test_the_first_look_goes_where_it_most_likely_is() -> None:
+    cells = looks().cells
+    for room in (0, 1):
+        belief = belief_from(cells, room_weights(home(), cells, {room: 1.0}), 0.0, everywhere=0.0)
+        start = home().nearest((6.5, 2.0) if room == 0 else (1.0, 2.0))
+        look = Tourist(looks()).best(Standing(start), belief.weight)
+        assert look is not None
+        shown = home().room.reshape(-1)[cells[looks().chance[look] > 0]]
+        assert (shown == room).any()
+
+
+def test_whole_turns_alone_can_be_chosen_from() -> None:
+    turns = np.flatnonzero(looks().extent >= 2 * np.pi - 1e-9)
+    weight = np.full(len(looks().cells), 1 / len(looks().cells))
+    look = Tourist(looks(), among=turns).best(Standing(int(home().floor()[0])), weight)
+    assert look in turns
+
+
+@pytest.mark.parametrize("wrong", [{"near": 5.0}, {"recall": 0.0}, {"rho": 1.5}])
+def test_what_no_camera_can_be_is_refused(wrong: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match=r"must lie|needs"):
+        Sensor(**wrong)
+    with pytest.raises(ValueError, match="speed"):
+        Motion(speed=0.0)
