@@ -1,6 +1,7 @@
 """What the ConceptNet import comes to: Table 6.1 of the thesis, the fit of probability, the cost.
 
 python -m benchmarks.conceptnet table GRAPH        docs/table_6_1.md, on stdout
+python -m benchmarks.conceptnet ship GRAPH         kg/placement/tables/conceptnet.csv, on stdout
 python -m benchmarks.conceptnet fit GRAPH HOMES    probability over weight, in real homes
 python -m benchmarks.conceptnet cost FILE [LINES]  time and memory; with LINES, of a file that long
 
@@ -28,6 +29,7 @@ from kg.conceptnet.importing import import_conceptnet
 from kg.conceptnet.relate import Found
 from kg.conceptnet.strength import HALF, NEAR_HALF, NEAR_STEEPNESS, STEEPNESS, probability_of
 from kg.ontology import load_ontologies
+from kg.placement.commonplace import table_text
 
 TABLE = Path(__file__).parent / "thesis" / "table_6_1.csv"
 #: Room labels of the homes that are another name than ours, as in docs/ontology.md.
@@ -67,6 +69,16 @@ def table_6_1(graph: Path) -> str:
     lines += ["", f"Missing in the thesis, here now (weight, probability): {', '.join(new)}.", ""]
     lines += [f"In the thesis, not here: {', '.join(lost) or 'none'}.", "", _FOOT]
     return "\n".join(lines)
+
+
+def ship(graph: Path) -> str:
+    """The table of weights that ships, from what `graph` says of our categories."""
+    catalogue = Catalogue.from_quads(load_ontologies().quads)
+    return table_text(
+        (catalogue.label(f.subject), catalogue.label(f.target), f.weight, f.weight_against)
+        for f in import_conceptnet(graph).found
+        if f.kind == v.LOCATED_AT and catalogue.by_iri(f.subject).kind == "object"
+    )
 
 
 def _weight(found: Found | None) -> str:
@@ -170,10 +182,12 @@ Computing Initiative (CC BY-SA 4.0, conceptnet.io).
 
 
 def main(words: list[str]) -> None:
-    """Run one of the three."""
+    """Run one of them."""
     match words:
         case ["table", graph]:
             sys.stdout.write(table_6_1(Path(graph)))
+        case ["ship", graph]:
+            sys.stdout.write(ship(Path(graph)))
         case ["fit", graph, homes]:
             sys.stdout.writelines(fit(Path(graph), Path(homes)))
         case ["cost", path, *more]:

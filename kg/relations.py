@@ -36,6 +36,11 @@ class Evidence:
     weight_against: float = 0.0  # the same, of what was said against it
     stated: bool = True  # by a person (or an importer's, edited since), not as imported
 
+    @property
+    def imported(self) -> bool:
+        """Whether it stands as an importer weighed it."""
+        return self.weight is not None and not self.stated
+
 
 @dataclass(frozen=True, slots=True)
 class Relation:

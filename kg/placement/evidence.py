@@ -12,6 +12,7 @@ from pyoxigraph import Quad
 from kg import vocabulary as v
 from kg.categories import Catalogue
 from kg.ontology import superclasses
+from kg.placement.commonplace import commonplaces
 from kg.placement.model import Evidence, Matrix
 from kg.placement.rooms import similar_places
 from kg.placement.statistics import RoomStatistics, statistics
@@ -43,11 +44,13 @@ class Knowledge:
     sources: tuple[str, ...] = field(default=())  # of the statistics
 
 
-def knowledge(quads: Iterable[Quad], catalogue: Catalogue) -> Knowledge:
+def knowledge(quads: Iterable[Quad], catalogue: Catalogue, *, shipped: bool = True) -> Knowledge:
     """The evidence in an ontology's quads about all its objects and places.
 
     A relation of a class is one of its subclasses too; here:Place itself is a column, for places
-    of which nothing is known. Raises OntologyError as `relations` and `statistics` do.
+    of which nothing is known. With `shipped`, an ontology into which nobody imported ConceptNet is
+    taken with the weights that ship (`kg.placement.commonplace`). Raises OntologyError as
+    `relations` and `statistics` do.
     """
     quads = tuple(quads)
     above = superclasses(quads)
@@ -57,6 +60,8 @@ def knowledge(quads: Iterable[Quad], catalogue: Catalogue) -> Knowledge:
     edges = relations(quads)
     counts = statistics(quads)
     builder = _Builder(objects, places, above)
+    if shipped and not any(e.imported for r in edges for e in r.evidence):
+        edges = (*edges, *commonplaces(catalogue))
     for relation in edges:
         builder.add(relation)
     rooms, held = room_counts(counts, objects, places)
@@ -109,8 +114,8 @@ class _Builder:
         cells = np.ix_(self._rows[relation.subject], self._columns[relation.target])
         for evidence in relation.evidence:
             source = "; ".join(_text(s) for s in evidence.sources) or "ontology"
-            if evidence.weight is not None and not evidence.stated:
-                net = max(evidence.weight - evidence.weight_against, 0.0)
+            if evidence.imported:
+                net = max((evidence.weight or 0.0) - evidence.weight_against, 0.0)
                 self.weight[cells] = np.maximum(self.weight[cells], net)
                 text = f"weight {net:g}"
             elif source.startswith(_THESIS):

@@ -60,7 +60,7 @@ def load(sources: Sources) -> TrialData:
     homes = load_homes(sources.homes, shipped)
     areas = load_s3dis(sources.s3dis, shipped) if sources.s3dis else ()
     quads.extend(room_type_quads({*table.new_types, *_new_types((*homes, *areas), shipped)}))
-    known = knowledge(quads, Catalogue.from_quads(quads))
+    known = knowledge(quads, Catalogue.from_quads(quads), shipped=False)
     scores = read_conceptnet(sources.conceptnet) if sources.conceptnet else {}
     known = replace(known, evidence=_with_weights(known, scores, shipped))
     rooms, held = room_counts(table.statistics, known.objects, known.places)
