@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -168,8 +169,7 @@ def test_with_tolls_a_way_costs_what_its_field_says(floor: Floor, data: st.DataO
     cells = way(space, field, start, metres).tolist()
     costs = StepCosts.over(passable, toll)
     paid = sum(
-        min(cost for there, cost in costs.neighbours(a) if there == b)
-        for a, b in zip(cells[:-1], cells[1:], strict=True)
+        min(cost for there, cost in costs.neighbours(a) if there == b) for a, b in pairwise(cells)
     )
     assert cells[-1] == goal
     assert paid / UNIT == pytest.approx(float(field.flat[start]), abs=1e-3)

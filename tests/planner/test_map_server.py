@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from kg.errors import LayoutError
+from kg.records import MapUpdate, PlaceRecord
+from kg.semantic_map import SemanticMap
+from planner.finding.hunt import prepare
+from planner.finding.plan import plan
 from planner.space.doors import doors
 from planner.space.geodesic import distance_fields, metres_between
 from planner.space.grid import NO_ROOM, FreeSpace, Room
@@ -85,7 +90,7 @@ def test_thin_walls_hold_in_coarser_cells_and_doors_stay_open() -> None:
     space = space_of_occupancy(flat(house()), places)
     assert space.cell == pytest.approx(0.2)
     sizes = [len(space.floor(k)) * space.cell**2 for k in range(2)]
-    assert sizes == pytest.approx([15.4, 15.8], rel=0.06)
+    assert all(3.7**2 <= size <= 4.0**2 for size in sizes)  # less than a cell is lost a wall
     (door,) = doors(space)
     np.testing.assert_allclose(door.p_map, (4.1, 2.1), atol=0.25)
     assert 0.5 < len(door.cells) * space.cell <= 0.9
@@ -114,6 +119,37 @@ def test_small_islands_are_noise_and_large_ones_stay() -> None:
     assert len(alone.floor()) == 9
 
 
+def test_a_search_goes_through_the_door_the_grid_has_and_the_rectangles_do_not(
+    tmp_path: Path,
+) -> None:
+    semantic_map = SemanticMap.in_memory(title="flat")
+    bounds = [(0.1, 4.1, 0.1, 4.2), (4.1, 8.2, 0.1, 4.2)]
+    kinds = [semantic_map.catalogue.find(name, "place").iri for name in ("bedroom", "kitchen")]
+    semantic_map.apply(
+        MapUpdate(
+            places=tuple(
+                PlaceRecord(semantic_map.place_iri(k), f"place {k}", *box, 9, {kind: 0.9})
+                for k, (box, kind) in enumerate(zip(bounds, kinds, strict=True), 1)
+            )
+        )
+    )
+    values = house()
+    values[82, 34:52] = 100
+    values[82, 6:24] = 0  # the door is not in the middle of the wall
+    np.save(tmp_path / "floor.npy", values.T)
+    path = tmp_path / "floor.yaml"
+    path.write_text("image: floor.npy\nresolution: 0.05\norigin: [0, 0, 0]\n")
+    space = space_of_grid(path, [Room(*box) for box in bounds])
+
+    def metres_to_the_kitchen(known: FreeSpace | None) -> float:
+        hunt = prepare(semantic_map, ["banana"], space=known)
+        assert hunt is not None
+        steps = plan(hunt, (3.6, 3.6), time_limit=math.inf).steps
+        return next(s.metres for s in steps if s.place == semantic_map.place_iri(2))
+
+    assert metres_to_the_kitchen(space) > metres_to_the_kitchen(None) + 1.0
+
+
 @st.composite
 def walls(draw: st.DrawFn) -> NDArray[np.int_]:
     """Floor with a straight wall of one cell between two of its borders, at any slant."""
@@ -127,11 +163,11 @@ def walls(draw: st.DrawFn) -> NDArray[np.int_]:
 
 
 @settings(max_examples=30, deadline=None)
-@given(walls(), st.sampled_from([0.05, 0.1, 0.2]), st.data())
+@given(walls(), st.sampled_from([0.2, 0.4, 0.8]), st.data())
 def test_nobody_walks_or_sees_through_a_slanted_wall(
     values: NDArray[np.int_], cell: float, data: st.DataObject
 ) -> None:
-    space = space_of_occupancy(flat(values), [], cell=cell)
+    space = space_of_occupancy(flat(values, 0.2), [], cell=cell)
     number = parts(space.free)
     assert int(number.max()) == 1
     start = int(data.draw(st.sampled_from(space.floor().tolist())))
