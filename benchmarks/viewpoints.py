@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import heapq
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -116,9 +117,10 @@ def main() -> None:
     parser.add_argument("--homes", type=Path, metavar="DIR", help="a folder of homes")
     head = ["building", "floor m2", "positions", "seen", "by turns in the middle", "s to choose"]
     head += ["s for ways", "Dijkstra / ours"]
-    print("| " + " | ".join(head) + " |", "|" + " --- |" * len(head), sep="\n")
+    sys.stdout.write(f"| {' | '.join(head)} |\n|{' --- |' * len(head)}\n")
     for name, rooms, doors in layouts(parser.parse_args().homes):
-        print("| " + " | ".join(row(name, rooms, doors)) + " |", flush=True)
+        sys.stdout.write(f"| {' | '.join(row(name, rooms, doors))} |\n")
+        sys.stdout.flush()
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ CORNER_BY_CORNER = [(1, 0), (1, 1), (1, 2), (2, 1)]
 
 @st.composite
 def floors(draw: st.DrawFn) -> Floor:
-    rows, columns = draw(st.integers(2, 12)), draw(st.integers(2, 12))
+    rows, columns = draw(st.integers(2, 8)), draw(st.integers(2, 8))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     passable = rng.random((rows, columns)) > draw(st.sampled_from([0.0, 0.2, 0.4]))
     toll = rng.integers(0, 4, (rows, columns)) * 500 * (rng.random((rows, columns)) < 0.2)
@@ -96,7 +96,7 @@ def passed(ahead: int, aside: int) -> list[tuple[int, int]]:
     }[ahead, aside]
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(floors(), st.booleans())
 def test_all_sources_at_once_are_as_dijkstra_one_by_one(floor: Floor, stairs: bool) -> None:
     passable, toll = floor
