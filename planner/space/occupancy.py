@@ -14,6 +14,8 @@ from planner.space.grid import CELL, NO_ROOM, FreeSpace, Room
 from planner.space.parts import parts
 
 _MOST_CELLS: Final = 4e5  # of a free space; larger buildings get larger cells
+_FINEST: Final = 0.01  # [m] finer cells would be put together by the hundreds
+_COARSEST: Final = 10.0  # [m]
 _ISLAND: Final = 1.0  # [m^2] less floor than this, cut off from the rest, is noise
 
 
@@ -35,8 +37,10 @@ class Occupancy:
                 f"free and occupied must both be (nx, ny), got {self.free.shape} and "
                 f"{self.occupied.shape}"
             )
-        if not (np.isfinite(self.resolution) and self.resolution > 0):
-            raise LayoutError(f"the resolution must be positive metres, got {self.resolution:g}")
+        if not _FINEST <= self.resolution <= _COARSEST:
+            raise LayoutError(
+                f"the resolution must be {_FINEST:g} to {_COARSEST:g} m, got {self.resolution:g}"
+            )
         if np.shape(self.origin) != (2,) or not np.isfinite(self.origin).all():
             raise LayoutError(f"the origin must be two finite numbers [m], got {self.origin}")
 

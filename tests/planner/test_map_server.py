@@ -212,6 +212,8 @@ def test_a_very_large_grid_gets_larger_cells() -> None:
         (b"P5 3 2 255\n" + bytes(6), "image: no.pgm\nresolution: 1\norigin: [0,0,0]", "no.pgm"),
         (b"P5 3 2 255\n" + bytes(6), PLAIN.replace("0.5", "much"), "much"),
         (b"P5 3 2 255\n" + bytes(6), PLAIN.replace("0.5", "-1"), "resolution"),
+        (b"P5 3 2 255\n" + bytes(6), PLAIN.replace("0.5", "1e-9"), "0.01 to 10 m"),
+        (b"P5 3 2 255\n" + bytes(6), PLAIN.replace("0.5", "nan"), "0.01 to 10 m"),
         (b"P5 3 2 255\n" + bytes(6), PLAIN.replace("2.0, 0.0", "inf, 0"), "finite"),
         (b"P5 3 2 255\n" + bytes(6), PLAIN.replace("2.0, 0.0", "2, 1"), "turned"),
         (b"P5 3 2 255\n" + bytes(6), PLAIN + "mode: scale\n", "mode scale"),
