@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -14,7 +13,7 @@ from planner.space.grid import CELL, NO_ROOM, FreeSpace, Passage, Room, room_lab
 DOOR: Final = 0.9  # [m] width of an opening
 GAP: Final = 1.0  # [m] rooms further apart than this are joined by a passage, not an opening
 TOUCH: Final = 0.5  # [m] rooms no further apart than this may have an opening where none is known
-STOREY: Final = 1.2  # [m] floors that differ by more are different storeys
+STOREY: Final = 1.2  # [m] floors above the lowest of a storey by more are on another one
 CLIMB: Final = 2.0  # metres walked for each metre of height on stairs
 
 
@@ -45,11 +44,12 @@ def free_space(
 
 def shifts(rooms: Sequence[Room]) -> NDArray[np.float64]:
     """(n,) [m] how far each room is moved along x, so that storeys do not lie on each other."""
-    storey, heights = 0, sorted({room.height for room in rooms})
-    number = {heights[0]: 0} if heights else {}
-    for low, high in pairwise(heights):
-        storey += high - low > STOREY
-        number[high] = storey
+    number: dict[float, int] = {}
+    lowest, storey = -np.inf, -1
+    for height in sorted({room.height for room in rooms}):
+        if height - lowest > STOREY:
+            lowest, storey = height, storey + 1
+        number[height] = storey
     width = max((r.xmax for r in rooms), default=0.0) - min((r.xmin for r in rooms), default=0.0)
     return np.array([number[room.height] * (width + 5.0) for room in rooms], np.float64)
 

@@ -125,6 +125,13 @@ def test_stairs_are_walked_but_not_seen_through() -> None:
     assert (space.room.reshape(-1)[visible(space, below, 12.0)[0]] == 0).all()
 
 
+def test_half_storeys_one_above_the_other_do_not_take_each_others_floor() -> None:
+    halves = [Room(0, 4, 0, 4), Room(5, 9, 0, 4, height=0.9), Room(0, 4, 0, 4, height=1.8)]
+    space = free_space(halves)
+    assert min(len(space.floor(k)) for k in range(3)) > 0.8 * 16 / space.cell**2
+    assert np.isfinite(metres_between(space, [space.floor(k)[0] for k in range(3)])).all()
+
+
 def test_a_closed_door_makes_the_way_longer_or_ends_it() -> None:
     space = free_space([Room(0, 4, 0, 4), Room(4, 8, 0, 4)])
     a, b = space.nearest((1, 2)), space.nearest((7, 2))
