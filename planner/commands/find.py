@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from planner.finding.hunt import Hunt
     from planner.finding.plan import FindPlan
     from planner.search import Plan
+    from planner.space.grid import FreeSpace
 
 _RULES = ("viewpoints", "nearest-first", "brute-force")
 
@@ -58,6 +59,9 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "--rule", choices=_RULES, default=_RULES[0], help="default: %(default)s; the others are "
         "the thesis' rule and its baseline",
     )  # fmt: skip
+    parser.add_argument(
+        "--grid", metavar="FILE", help="the floor as a map_server YAML file, instead of the places'"
+    )
     parser.add_argument("--explain", action="store_true", help="every step with its facts")
     parser.add_argument("--picture", metavar="FILE", help="draw the plan: PNG, SVG or PDF")
     add_json(parser)
@@ -88,8 +92,18 @@ def _hunt(semantic_map: SemanticMap, arguments: argparse.Namespace) -> Hunt | No
         arguments.object,
         sensor=Sensor(near=near, far=far, recall=arguments.recall or default.recall),
         motion=Motion(speed=arguments.speed) if arguments.speed else None,
+        space=_floor(semantic_map, Path(arguments.grid)) if arguments.grid else None,
         at=_moment(arguments.at),
     )
+
+
+def _floor(semantic_map: SemanticMap, grid: Path) -> FreeSpace:
+    from planner.finding.candidates import all_places
+    from planner.space.grid import Room
+    from planner.space.map_server import space_of_grid
+
+    places = all_places(semantic_map)
+    return space_of_grid(grid, [Room(p.xmin, p.xmax, p.ymin, p.ymax) for p in places])
 
 
 def _by_viewpoints(semantic_map: SemanticMap, hunt: Hunt, arguments: argparse.Namespace) -> int:

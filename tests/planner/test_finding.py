@@ -358,6 +358,20 @@ def test_the_command_draws_the_plan(says: Said, tmp_path: Path) -> None:
         assert f"<!-- {text} -->" in drawn
 
 
+def test_the_floor_may_come_from_a_file(says: Said, tmp_path: Path) -> None:
+    rows = [[254] * 80 for _ in range(30)]
+    rows[14] = [0] * 80  # a wall right through: whoever starts below it sees nothing above it
+    pixels = bytes(value for row in rows for value in row)
+    (tmp_path / "floor.pgm").write_bytes(b"P5\n80 30\n255\n" + pixels)
+    yaml = tmp_path / "floor.yaml"
+    yaml.write_text("image: floor.pgm\nresolution: 0.2\norigin: [-2, -1, 0]\nnegate: 0\n")
+    with_file = json.loads(says("cup", "--from", "1,0", "--grid", yaml, "--json")[0])
+    without = json.loads(says("cup", "--from", "1,0", "--json")[0])
+    assert with_file["steps"]
+    assert all(step["y"] < 2.2 for step in with_file["steps"])
+    assert with_file["probability"] != without["probability"]
+
+
 def test_json_keeps_the_goals_and_adds_steps(says: Said) -> None:
     answer = json.loads(says("apple", "--json")[0])
     assert answer["target"] == "apple"
@@ -386,6 +400,7 @@ def test_the_thesis_rules_are_still_there(says: Said) -> None:
         (["cup", "bed", "--rule", "nearest-first"], "one object at a time"),
         (["cup", "--picture", "plan.doc"], ".png"),
         (["cup", "--at", "yesterday"], "moment"),
+        (["cup", "--grid", "nowhere.yaml"], "nowhere.yaml"),
     ],
 )
 def test_what_cannot_be_done_is_one_line(
