@@ -133,7 +133,7 @@ def alternatives(player: Player, chosen: Played) -> tuple[Alternative, ...]:
     """Rooms nearest first, and rooms in their best order, beside the `chosen` looks."""
     orders = RoomOrders(player)
     return tuple(
-        _rated(name, orders.played(rooms), chosen)
+        rated(name, orders.played(rooms), chosen)
         for name, rooms in (
             ("rooms, nearest first", orders.nearest_first()),
             ("rooms, best order", orders.best_order()),
@@ -142,6 +142,19 @@ def alternatives(player: Player, chosen: Played) -> tuple[Alternative, ...]:
     )
 
 
-def _rated(name: str, played: Played, chosen: Played) -> Alternative:
+def turns_at(player: Player, stops: Sequence[NDArray[np.float64]]) -> Played:
+    """A whole turn at each of `stops` ((2,) [m]) in their order: how the thesis' rule searches.
+
+    Each is taken from the position nearest to it; what is no floor is no stop.
+    """
+    looks = player.hunt.looks
+    whole = np.flatnonzero(looks.extent >= 2 * np.pi - 1e-9)
+    at = looks.space.centres(looks.stands[looks.stand[whole]])
+    near = [whole[np.argmin(((at - stop) ** 2).sum(axis=1))] for stop in stops if len(whole)]
+    return player.play([int(look) for look in dict.fromkeys(near)])
+
+
+def rated(name: str, played: Played, chosen: Played) -> Alternative:
+    """`played` beside `chosen`, both as far as they find the same."""
     common = min(float(played.gains.sum()), float(chosen.gains.sum()))
     return Alternative(name, common, played.until(common), chosen.until(common), len(played.looks))
