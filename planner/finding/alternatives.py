@@ -145,13 +145,17 @@ def alternatives(player: Player, chosen: Played) -> tuple[Alternative, ...]:
 def turns_at(player: Player, stops: Sequence[NDArray[np.float64]]) -> Played:
     """A whole turn at each of `stops` ((2,) [m]) in their order: how the thesis' rule searches.
 
-    Each is taken from the position nearest to it; what is no floor is no stop.
+    Each is taken from the position nearest to it in its room, if there is one there.
     """
-    looks = player.hunt.looks
+    looks, space = player.hunt.looks, player.hunt.space
     whole = np.flatnonzero(looks.extent >= 2 * np.pi - 1e-9)
-    at = looks.space.centres(looks.stands[looks.stand[whole]])
-    near = [whole[np.argmin(((at - stop) ** 2).sum(axis=1))] for stop in stops if len(whole)]
-    return player.play([int(look) for look in dict.fromkeys(near)])
+    cells, room_of = looks.stands[looks.stand[whole]], space.room.reshape(-1)
+    order = list[int]()
+    for stop in stops:
+        away = np.linalg.norm(space.centres(cells) - stop, axis=1)
+        away[room_of[cells] != room_of[space.nearest(stop)]] += 1e6  # behind a wall
+        order += [int(whole[np.argmin(away)])] if len(whole) else []
+    return player.play(list(dict.fromkeys(order)))
 
 
 def rated(name: str, played: Played, chosen: Played) -> Alternative:

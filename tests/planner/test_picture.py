@@ -16,10 +16,10 @@ from kg.semantic_map import SemanticMap
 from planner.goals import Goal
 from planner.picture.label_placement import overlap, place_labels
 from planner.picture.map_picture import plot_map
-from planner.picture.plan_picture import numbered_stops
 from planner.picture.palette import object_groups
 from planner.picture.paper import Extent, Sheet
 from planner.picture.place_names import fit_name
+from planner.picture.plan_picture import numbered_stops
 from planner.simulation.house import furnished_house
 
 
