@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from kg.errors import GraphError, MapBusyError
 from kg.export import export_map
@@ -26,15 +25,15 @@ from mapping.layout import Layout, Rectangle
 from mapping.pipeline import map_recording
 from mapping.report import FrameReport, MappingReport
 from mapping.truth import MapScore, Truth, score_map
-from planner.picture.map_picture import plot_map
-from planner.search import Plan, plan_search
+from planner.demo_search import DrivenSearch, PlannedSearch, carry_out, plan_for
+from planner.executive.events import Event
+from planner.executive.simulated import SimulatedHouseRobot, simulated_robot
+from planner.finding.telling import plan_json
+from planner.picture.search_picture import plot_search
 from planner.simulation.camera import SimulatedCamera
 from planner.simulation.house import House, Item, furnished_house
-from planner.simulation.motion import Gait
-from planner.simulation.robot import Look, SearchRun, SimulatedRobot
 from planner.simulation.senses import SimulatedDetector, SimulatedSceneClassifier
 from planner.simulation.tour import SimulatedTour
-from planner.travel import Travel
 
 TITLE: Final = "hereabouts demo house"
 RECORDING: Final = "demo-tour"
@@ -76,8 +75,8 @@ class DemoReport:
     rooms_right: int  # places whose likeliest category is their room's
     rooms: int
     answers: tuple[Answer, ...]
-    plan: Plan
-    search: SearchRun
+    planned: PlannedSearch
+    search: DrivenSearch
     hidden_in: str  # category of the room the target truly is in
     position_error: float | None  # [m] of the found target, None where it was not found
     triples: int  # exported
@@ -103,14 +102,13 @@ class DemoReport:
                 }
                 for a in self.answers
             ],
-            "plan": self.plan.to_json(),
-            "search": {
-                "found": self.search.found is not None,
-                "explored_in_vain": self.search.explored,
-                "seconds": round(self.search.seconds, 1),
-                "distance": round(self.search.distance, 2),
-                "position_error": self.position_error,
+            "plan": plan_json(self.planned.plan),
+            "thesis_rule": {
+                "expected_seconds": round(self.planned.thesis.expected_seconds, 3),
+                "probability": round(self.planned.thesis.probability, 6),
+                "plan_seconds": round(self.planned.thesis.plan_seconds, 3),
             },
+            "search": {**self.search.to_json(), "position_error": self.position_error},
             "triples": self.triples,
             "seconds": round(self.seconds, 2),
             "peak_memory_mb": round(self.peak_memory, 1),
@@ -125,13 +123,12 @@ def run_demo(
     on_progress: OnProgress | None = None,
     *,
     seed: int = 0,
-    on_look: Callable[[Look], None] | None = None,
 ) -> DemoReport:
     """Map the house into `folder`/demo.map, question it, search it, write map.ttl and map.png.
 
     What an earlier demo left is replaced, other people's files are not (`make_room`). `seed`
-    decides what the senses get wrong; `on_look` hears of every picture of the search. Raises
-    GraphError or PictureError where `folder` cannot be written.
+    decides what the senses get wrong. Raises GraphError or PictureError where `folder` cannot be
+    written.
     """
     began = time.perf_counter()
     tell = on_progress or (lambda progress: None)
@@ -144,23 +141,22 @@ def run_demo(
     with SemanticMap.create(map_path, title=TITLE) as semantic_map:
         mapping = _map(semantic_map, tour, camera, tell)
         answers = _ask(semantic_map, tell)
-        robot = _robot(house, tour, seed)
-        plan = _plan(semantic_map, robot, tell)
-        stops = [step.goal.p_map for step in plan.steps]
-        route = robot.route(stops)
-        run = _search(robot, stops, tell, on_look)
+        score, right = score_house(semantic_map, house), _rooms_right(semantic_map, house)
+        robot = simulated_robot(semantic_map, house.with_objects([HIDDEN]), seed=seed)
+        tell(DemoProgress("plan", 0, 1, TARGET))
+        planned = plan_for(semantic_map, TARGET, robot)
+        run = _search(semantic_map, robot, len(planned.plan.steps), tell)
         tell(DemoProgress("export", 0, 1))
         triples = export_map(semantic_map, folder / "map.ttl")
         tell(DemoProgress("picture", 0, 1))
-        picture = plot_map(
+        picture = plot_search(
             semantic_map,
+            run.outcome.search,
             folder / "map.png",
-            route=route,
-            goals=[step.goal for step in plan.steps],
-            title=f"Demo house: where to look for an {TARGET}",
+            driven=run.driven,
+            title=f"Demo house: the search for an {TARGET}",
             truth=house,
         )
-        score, right = score_house(semantic_map, house), _rooms_right(semantic_map, house)
     tell(DemoProgress("picture", 1, 1, str(picture)))
     return DemoReport(
         map_path=map_path,
@@ -171,7 +167,7 @@ def run_demo(
         rooms_right=right,
         rooms=len(house.rooms),
         answers=answers,
-        plan=plan,
+        planned=planned,
         search=run,
         hidden_in=_room_of(house, HIDDEN),
         position_error=_error(run),
@@ -276,31 +272,17 @@ def _ask(semantic_map: SemanticMap, tell: OnProgress) -> tuple[Answer, ...]:
     return tuple(answers)
 
 
-def _robot(house: House, tour: SimulatedTour, seed: int) -> SimulatedRobot:
-    """The robot where the tour ended, in the house as it is once the target has been brought."""
-    camera = SimulatedCamera(house.with_objects([HIDDEN]), seed=seed)
-    return SimulatedRobot(camera, SimulatedDetector(camera), tour.poses[-1], gait=Gait())
-
-
-def _plan(semantic_map: SemanticMap, robot: SimulatedRobot, tell: OnProgress) -> Plan:
-    tell(DemoProgress("plan", 0, 1, TARGET))
-    gait = robot.gait
-    travel = Travel(speed=gait.speed, explore=2 * np.pi / gait.turn_rate)
-    return plan_search(semantic_map, TARGET, robot.pose.xy, travel=travel)
-
-
 def _search(
-    robot: SimulatedRobot,
-    stops: list[NDArray[np.float64]],
-    tell: OnProgress,
-    on_look: Callable[[Look], None] | None,
-) -> SearchRun:
-    def heard(look: Look) -> None:
-        tell(DemoProgress("search", look.goal, len(stops), f"goal {look.goal + 1}"))
-        if on_look is not None:
-            on_look(look)
+    semantic_map: SemanticMap, robot: SimulatedHouseRobot, planned: int, tell: OnProgress
+) -> DrivenSearch:
+    looks = 0
 
-    return robot.search({TARGET}, stops, heard)
+    def heard(event: Event) -> None:
+        nonlocal looks
+        looks += event.kind == "look"
+        tell(DemoProgress("search", looks, max(looks, planned), event.kind))
+
+    return carry_out(semantic_map, TARGET, robot, heard)
 
 
 def _rooms_right(semantic_map: SemanticMap, house: House) -> int:
@@ -317,10 +299,10 @@ def _room_of(house: House, item: Item) -> str:
     return room.category if room else "outside"
 
 
-def _error(run: SearchRun) -> float | None:
-    if run.found is None:
+def _error(run: DrivenSearch) -> float | None:
+    if run.p_found is None:
         return None
-    return float(np.linalg.norm(run.found.p_map - HIDDEN.centre()))
+    return float(np.linalg.norm(run.p_found - HIDDEN.centre()))
 
 
 def _plain(value: object) -> object:

@@ -24,10 +24,13 @@ from rich.table import Table as RichTable
 from kg.vocabulary import GRAPH, HERE, PREFIXES
 
 if TYPE_CHECKING:
+    from planner.finding.plan import FindPlan
     from planner.search import Plan
 
 # wide enough that a table piped into a file or pager is not squeezed into 80 columns
 _PIPE_WIDTH = 200
+# columns of a terminal below which every one of them counts
+_NARROW = 120
 
 
 def out() -> Console:
@@ -82,20 +85,47 @@ def print_plan(plan: Plan) -> None:
         note(f"expected {plan.expected_seconds:.0f} s until found, if it is at one of these")
 
 
+def print_looks(plan: FindPlan, most: int | None = None) -> None:
+    """Looks of a plan as a table, the first `most` of them: from where, what for, and why."""
+    from planner.finding.telling import direction, gist
+
+    print_table(
+        ("", "look in", "from", "towards", "p", "seconds", "left", "why"),
+        [
+            (
+                number,
+                step.place_name,
+                f"{step.p_map[0]:.1f}, {step.p_map[1]:.1f}",
+                direction(step),
+                f"{step.probability:.3f}",
+                round(step.seconds),
+                f"{step.left:.2f}",
+                gist(step.why),
+            )
+            for number, step in enumerate(plan.steps[:most], start=1)
+        ],
+    )
+
+
 def print_table(
     columns: Sequence[str], rows: Iterable[Sequence[object]], *, title: str | None = None
 ) -> None:
     """A readable table: numbers to the right, IRIs shortened to their prefix or last part."""
-    rows = [tuple(row) for row in rows]
+    rows, console = [tuple(row) for row in rows], out()
     table = RichTable(
-        box=box.SIMPLE_HEAD, title=title, title_justify="left", title_style="bold", pad_edge=False
+        box=box.SIMPLE_HEAD,
+        title=title,
+        title_justify="left",
+        title_style="bold",
+        pad_edge=False,
+        padding=(0, 1, 0, 0) if console.width < _NARROW else (0, 1),
     )
     for index, column in enumerate(columns):
         numeric = any(_is_number(row[index]) for row in rows)
         table.add_column(column, justify="right" if numeric else "left", overflow="fold")
     for row in rows:
         table.add_row(*(_cell(value) for value in row))
-    out().print(table, markup=False)
+    console.print(table, markup=False)
 
 
 def progress(description: str = "[progress.description]{task.description}") -> Progress:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from planner.commands.arguments import add_json, count
 from planner.commands.console import (
     heading,
     note,
-    print_plan,
+    print_looks,
     print_table,
     progress,
     write,
@@ -17,6 +17,7 @@ from planner.commands.console import (
 )
 
 if TYPE_CHECKING:
+    from kg.questions import Table
     from planner.demo import DemoProgress, DemoReport
 
 
@@ -63,9 +64,13 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _tell(report: DemoReport) -> None:
-    from planner.demo import TARGET
+#: looks of the plan that are shown
+_LOOKS: Final = 5
+#: columns of answers that are shown, the others being no part of the story
+_SHOWN: Final = ("place", "label", "category", "belief", "x", "y", "z", "existence")
 
+
+def _tell(report: DemoReport) -> None:
     mapping, score = report.mapping, report.score
     heading(
         f"Mapped {report.rooms} rooms and {mapping.objects} objects in {mapping.seconds:.0f} s "
@@ -81,28 +86,56 @@ def _tell(report: DemoReport) -> None:
         parameters = "".join(f" -p {k}={_quoted(v)}" for k, v in answer.parameters.items())
         heading(answer.question)
         note(f"hereabouts ask {report.map_path} {answer.query}{parameters}")
-        print_table(answer.table.columns, answer.table.rows)
-    heading(f"Where is the {TARGET}?")
-    note(f"hereabouts find {report.map_path} {TARGET}")
-    print_plan(report.plan)
+        _print_answer(answer.table)
+    _tell_plan(report)
     _tell_search(report)
     heading("What it leaves")
     write(f"{report.map_path}/  the map; ask it anything with hereabouts ask")
     write(f"{report.export_path}  the map as linked data, {report.triples:,} triples")
-    write(f"{report.picture_path}  the map as a picture, with the planned search")
+    write(f"{report.picture_path}  the map as a picture, with the search")
+    write(f"try: hereabouts search {report.map_path} cup --robot sim")
     note(f"{report.seconds:.0f} s, {report.peak_memory:.0f} MB")
+
+
+def _print_answer(table: Table) -> None:
+    shown = [i for i, column in enumerate(table.columns) if column in _SHOWN]
+    print_table([table.columns[i] for i in shown], [[row[i] for i in shown] for row in table.rows])
+
+
+def _tell_plan(report: DemoReport) -> None:
+    from planner.demo import TARGET
+    from planner.finding.telling import in_words
+
+    plan, thesis = report.planned.plan, report.planned.thesis
+    heading(f"Where is the {TARGET}?")
+    note(f"hereabouts find {report.map_path} {TARGET} {report.planned.options}")
+    print_looks(plan, _LOOKS)
+    rest = len(plan.steps) - _LOOKS
+    note(f"and {rest} more looks; " * (rest > 0) + in_words(plan)[0])
+    note(
+        f"{thesis.name}, nearest goal first and a whole turn at each: "
+        f"{thesis.expected_seconds:.0f} s expected, where this plan finds as much "
+        f"({thesis.probability:.2f}) in {thesis.plan_seconds:.0f} s"
+    )
 
 
 def _tell_search(report: DemoReport) -> None:
     from planner.demo import TARGET
+    from planner.demo_search import in_short
 
     run = report.search
-    if run.found is None or report.position_error is None:
-        write(f"The robot looked everywhere in {run.seconds:.0f} s and did not find it.")
+    heading(f"Meanwhile somebody brings home an {TARGET}. The robot goes and looks")
+    note(f"hereabouts search {report.map_path} {TARGET} --robot sim")
+    print_table(
+        ("seconds", "what happens"),
+        [(round(event.data["seconds"]), in_short(event)) for event in run.events],
+    )
+    if report.position_error is None:
+        write(f"The robot gave up after {run.outcome.seconds:.0f} s: {run.outcome.reason}.")
         return
     write(
-        f"The robot found the {TARGET} in the {report.hidden_in} after {run.seconds:.0f} s and "
-        f"{run.distance:.0f} m, {100 * report.position_error:.0f} cm from where it is."
+        f"The robot found the {TARGET} in the {report.hidden_in} after {run.outcome.seconds:.0f} s "
+        f"and {run.distance:.0f} m, {100 * report.position_error:.0f} cm from where it is."
     )
 
 

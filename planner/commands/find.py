@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from kg.errors import QueryParameterError
 from planner.commands.arguments import FARTHEST, add_json, add_map, positive
-from planner.commands.console import heading, note, print_plan, print_table, write, write_json
+from planner.commands.console import heading, note, print_looks, print_plan, write, write_json
 
 if TYPE_CHECKING:
     from kg.semantic_map import SemanticMap
@@ -46,6 +46,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "--budget", type=_seconds, metavar="TIME", help="longest search, e.g. 300, 90s or 10min"
     )
     parser.add_argument("--speed", type=positive, metavar="M/S", help="driving speed")
+    parser.add_argument("--turn-rate", type=positive, metavar="DEG/S", help="turning speed")
     parser.add_argument(
         "--range", type=_range, metavar="NEAR,FAR", help="what the camera sees [m] (0.8,4.6)"
     )
@@ -85,13 +86,16 @@ def _hunt(semantic_map: SemanticMap, arguments: argparse.Namespace) -> Hunt | No
     from planner.finding.hunt import prepare
     from planner.viewing.sensor import Motion, Sensor
 
-    default = Sensor()
+    default, usual = Sensor(), Motion()
     near, far = arguments.range or (default.near, default.far)
     return prepare(
         semantic_map,
         arguments.object,
         sensor=Sensor(near=near, far=far, recall=arguments.recall or default.recall),
-        motion=Motion(speed=arguments.speed) if arguments.speed else None,
+        motion=Motion(
+            speed=arguments.speed or usual.speed,
+            turn_rate=math.radians(arguments.turn_rate) if arguments.turn_rate else usual.turn_rate,
+        ),
         space=_floor(semantic_map, Path(arguments.grid)) if arguments.grid else None,
         at=_moment(arguments.at),
     )
@@ -142,29 +146,13 @@ def _nothing(found: FindPlan, budget: float | None) -> str:
 
 
 def _print(found: FindPlan, *, explain: bool) -> None:
-    from planner.finding.telling import direction, explained, gist, in_words
+    from planner.finding.telling import explained, in_words
 
     if explain:
         for number, step in enumerate(found.steps, start=1):
             write("\n".join(explained(number, step)))
     else:
-        print_table(
-            ("", "look in", "from x", "y", "towards", "p", "seconds", "left", "why"),
-            [
-                (
-                    number,
-                    step.place_name,
-                    float(step.p_map[0]),
-                    float(step.p_map[1]),
-                    direction(step),
-                    f"{step.probability:.3f}",
-                    f"{step.seconds:.0f}",
-                    f"{step.left:.2f}",
-                    gist(step.why),
-                )
-                for number, step in enumerate(found.steps, start=1)
-            ],
-        )
+        print_looks(found)
     if explain:
         heading("In all")
     for line in in_words(found):

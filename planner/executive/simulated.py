@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kg.errors import LayoutError
 from kg.semantic_map import SemanticMap
@@ -47,8 +48,33 @@ class SimulatedHouseRobot:
         self._gait = Gait()
         self._settings = ReferenceSettings()
         self._pose = replace(start, seconds=0.0)
+        self._been = [self._pose.xy]
         self._under_way: Iterator[Message] = iter(())
         self._pictures = 0
+
+    @property
+    def driven(self) -> NDArray[np.float64]:
+        """(n, 2) [m] where it has been, the start first."""
+        return np.array(self._been)
+
+    @property
+    def seconds(self) -> float:
+        """[s] since it began to move."""
+        return self._pose.seconds
+
+    @property
+    def hello(self) -> Hello:
+        """What it says of itself."""
+        model = self._camera.model
+        return Hello(
+            name=self.name,
+            speed=self._gait.speed,
+            turn_rate=self._gait.turn_rate,
+            near=RANGE[0],
+            far=RANGE[1],
+            field_of_view=2 * math.atan(model.width / 2 / model.focal),
+            recall=RECALL,
+        )
 
     def send(self, command: Command) -> None:
         """Begin with `command`; what was under way is dropped."""
@@ -70,16 +96,7 @@ class SimulatedHouseRobot:
         self._under_way = iter(())
 
     def _greet(self) -> Iterator[Message]:
-        model = self._camera.model
-        yield Hello(
-            name=self.name,
-            speed=self._gait.speed,
-            turn_rate=self._gait.turn_rate,
-            near=RANGE[0],
-            far=RANGE[1],
-            field_of_view=2 * math.atan(model.width / 2 / model.focal),
-            recall=RECALL,
-        )
+        yield self.hello
         yield self._told()
 
     def _drive(self, goal: GoTo) -> Iterator[Message]:
@@ -106,6 +123,7 @@ class SimulatedHouseRobot:
 
     def _move(self, pose: Pose) -> RobotPose:
         self._pose = pose
+        self._been.append(pose.xy)
         return self._told()
 
     def _told(self) -> RobotPose:

@@ -133,7 +133,7 @@ def alternatives(player: Player, chosen: Played) -> tuple[Alternative, ...]:
     """Rooms nearest first, and rooms in their best order, beside the `chosen` looks."""
     orders = RoomOrders(player)
     return tuple(
-        _rated(name, orders.played(rooms), chosen)
+        rated(name, orders.played(rooms), chosen)
         for name, rooms in (
             ("rooms, nearest first", orders.nearest_first()),
             ("rooms, best order", orders.best_order()),
@@ -142,6 +142,23 @@ def alternatives(player: Player, chosen: Played) -> tuple[Alternative, ...]:
     )
 
 
-def _rated(name: str, played: Played, chosen: Played) -> Alternative:
+def turns_at(player: Player, stops: Sequence[NDArray[np.float64]]) -> Played:
+    """A whole turn at each of `stops` ((2,) [m]) in their order: how the thesis' rule searches.
+
+    Each is taken from the position nearest to it in its room, if there is one there.
+    """
+    looks, space = player.hunt.looks, player.hunt.space
+    whole = np.flatnonzero(looks.extent >= 2 * np.pi - 1e-9)
+    cells, room_of = looks.stands[looks.stand[whole]], space.room.reshape(-1)
+    order = list[int]()
+    for stop in stops:
+        away = np.linalg.norm(space.centres(cells) - stop, axis=1)
+        away[room_of[cells] != room_of[space.nearest(stop)]] += 1e6  # behind a wall
+        order += [int(whole[np.argmin(away)])] if len(whole) else []
+    return player.play(list(dict.fromkeys(order)))
+
+
+def rated(name: str, played: Played, chosen: Played) -> Alternative:
+    """`played` beside `chosen`, both as far as they find the same."""
     common = min(float(played.gains.sum()), float(chosen.gains.sum()))
     return Alternative(name, common, played.until(common), chosen.until(common), len(played.looks))

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from kg.records import ObjectRecord, PlaceRecord, RobotRecord
 from planner.goals import Goal
-from planner.picture.palette import INK, OUTLINE, ROUTE, TRUE_SPOT, WALL, Group
+from planner.picture.palette import FOUND, INK, OUTLINE, ROUTE, TRUE_SPOT, WALL, Group
 from planner.simulation.house import House, Item
 
 
@@ -53,9 +53,16 @@ def _draw_footprint(axes: Axes, item: Item) -> None:
 
 
 def draw_route(axes: Axes, route: NDArray[np.float64]) -> None:
-    """A dashed line along `route` (n, 2) [m]."""
+    """A dashed line along `route` (n, 2) [m], with a ring where it begins."""
     axes.plot(*route.T, color="white", lw=4.2, zorder=4, solid_joinstyle="round")
     axes.plot(*route.T, color=ROUTE, lw=1.7, zorder=4.1, ls=(0, (5, 2.2)), dash_capstyle="round")
+    axes.plot(*route[:1].T, "o", ms=7, mfc="white", mec=ROUTE, mew=1.7, zorder=4.2)
+
+
+def draw_find(axes: Axes, p_map: NDArray[np.float64]) -> None:
+    """A star at `p_map` (2,) or (3,) [m]."""
+    style: dict[str, Any] = {"mfc": FOUND, "mec": INK, "mew": 0.9}
+    axes.plot(float(p_map[0]), float(p_map[1]), "*", ms=17, zorder=8.5, **style)
 
 
 def draw_object(axes: Axes, record: ObjectRecord, group: Group) -> None:

@@ -22,6 +22,7 @@ from kg.semantic_map import SemanticMap
 from planner.goals import Goal
 from planner.picture.drawing import (
     Shade,
+    draw_find,
     draw_goal,
     draw_house,
     draw_object,
@@ -34,6 +35,7 @@ from planner.picture.drawing import (
 from planner.picture.label_placement import Box, Label, place_labels
 from planner.picture.palette import (
     FAINT,
+    FOUND,
     HALO,
     INK,
     ROUTE,
@@ -67,13 +69,14 @@ def plot_map(
     truth: House | None = None,
     numbers: Sequence[str] | None = None,
     shades: Sequence[Shade] = (),
+    finds: Sequence[ArrayLike] = (),
 ) -> Path:
     """Draw `semantic_map` to `path` and return it; PNG, SVG or PDF by its ending.
 
     `route` is a polyline (n, 2) [m] in the map frame, `goals` are numbered in the order given or as
-    `numbers` says, `shades` tint the floor, and `truth` adds a house's walls and furniture, with a
-    small cross where each object truly is. The fainter an object, the less probable its existence.
-    Labels that find no room are left out.
+    `numbers` says, `shades` tint the floor, `finds` ((2,) or (3,) [m] each) get a star, and `truth`
+    adds a house's walls and furniture, with a small cross where each object truly is. The fainter
+    an object, the less probable its existence. Labels that find no room are left out.
     Raises PictureError for another ending or a path that cannot be written.
     """
     path = Path(path)
@@ -86,6 +89,7 @@ def plot_map(
         if numbers is not None:
             picture.numbers = tuple(numbers)
         picture.shades = tuple(shades)
+        picture.finds = tuple(np.asarray(find, np.float64) for find in finds)
         picture.draw(title or semantic_map.title)
         _save(picture.sheet, path)
     return path
@@ -125,6 +129,7 @@ class _Picture:
         self._texts: list[Text] = []
         self.numbers = tuple(str(n) for n in range(1, len(goals) + 1))
         self.shades: tuple[Shade, ...] = ()
+        self.finds: tuple[NDArray[np.float64], ...] = ()
 
     def draw(self, title: str) -> None:
         """Everything, from the floor up."""
@@ -142,6 +147,8 @@ class _Picture:
             draw_robot(self._axes, self._robot, self.sheet.metres(9))
         for number, goal in zip(self.numbers, self._goals, strict=True):
             self._texts.append(draw_goal(self._axes, goal, number))
+        for find in self.finds:
+            draw_find(self._axes, find)
         self.sheet.write_heading(title, self._summary(), FAINT)
         self._draw_legend()
         self.sheet.draw_scale_bar()
@@ -176,7 +183,7 @@ class _Picture:
         unseen = sum(not place.views for place in self._places)
         parts = [_count(len(self._objects), "object"), _count(len(self._places), "place")]
         parts[1] += f", {unseen} not viewed yet" if unseen else ""
-        what = "stop" if self.shades else "goal"
+        what = "stop" if self.shades or self.finds else "goal"
         parts += [_count(len(self._goals), what)] if self._goals else []
         return "   ·   ".join(parts)
 
@@ -188,6 +195,8 @@ class _Picture:
         if self._route is not None:
             marks.append(Line2D([], [], color=ROUTE, lw=1.7, ls=(0, (4, 2)), label="route"))
         marks += [mark("s", s.label, mfc=s.colour, mec="none", alpha=0.45) for s in self.shades]
+        if self.finds:
+            marks.append(mark("*", "found", mfc=FOUND, mec=INK, mew=0.7))
         if self._truth is not None:
             marks.append(mark("+", "truth", mec=TRUE_SPOT))
         if not marks:
@@ -226,6 +235,7 @@ class _Picture:
     def _large_marks(self, reach: float) -> list[Box]:
         """Boxes [px] of robot and goals, which labels keep clear of."""
         spots = [goal.p_map for goal in self._goals]
+        spots += [find[:2] for find in self.finds]
         spots += [] if self._robot is None else [self._robot.p_map[:2]]
         pixels = self._axes.transData.transform(np.array(spots).reshape(-1, 2))
         return [

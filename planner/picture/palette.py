@@ -18,6 +18,7 @@ WALL: Final = "#4a505a"
 OUTLINE: Final = "#c3c7ce"
 TRUE_SPOT: Final = "#8b929c"
 ROUTE: Final = "#c2255c"
+FOUND: Final = "#ffd43b"
 
 #: A light edge around small writing, so that it can be read on lines and colours.
 HALO: Final = [Stroke(linewidth=2.2, foreground=(1, 1, 1, 0.75))]

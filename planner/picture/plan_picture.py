@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
@@ -21,6 +22,7 @@ from planner.viewing.sensor import angle_between
 
 _SEEN: Final = "#f08c00"
 _DARKEST: Final = 0.5
+_SAME: Final = 0.2  # [m] looks from nearer to each other share a disc
 _SHOWN: Final = 0.9  # share of what the plan finds whose looks are drawn; the rest would hide it
 
 
@@ -31,7 +33,7 @@ def plot_plan(semantic_map: SemanticMap, hunt: Hunt, plan: FindPlan, path: Path 
     PictureError as `plot_map` does.
     """
     steps = shown_steps(plan)
-    stops, numbers = _stops(steps)
+    stops, numbers = numbered_stops([step.p_map for step in steps])
     what = " and ".join(plan.targets)
     return plot_map(
         semantic_map,
@@ -51,11 +53,12 @@ def shown_steps(plan: FindPlan) -> tuple[FindStep, ...]:
     return plan.steps[:count]
 
 
-def _stops(steps: tuple[FindStep, ...]) -> tuple[list[Goal], list[str]]:
-    """Positions to look from, each once, with the numbers of the looks from there."""
+def numbered_stops(looks: Sequence[NDArray[np.float64]]) -> tuple[list[Goal], list[str]]:
+    """Positions ((2,) [m]) of `looks`, each once, with the numbers of the looks from there."""
     at: dict[tuple[float, float], list[int]] = {}
-    for number, step in enumerate(steps, start=1):
-        at.setdefault((float(step.p_map[0]), float(step.p_map[1])), []).append(number)
+    for number, p_map in enumerate(looks, start=1):
+        near = (xy for xy in at if np.hypot(xy[0] - p_map[0], xy[1] - p_map[1]) < _SAME)
+        at.setdefault(next(near, (float(p_map[0]), float(p_map[1]))), []).append(number)
     goals = [Goal("", "place", "", np.array(xy), 1.0, "") for xy in at]
     return goals, [_span(numbers) for numbers in at.values()]
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import math
 import resource
 import shutil
 from pathlib import Path
@@ -10,7 +11,12 @@ import rdflib
 
 from kg.errors import GraphError, MapBusyError
 from kg.semantic_map import SemanticMap
+from planner.commands import build_parser, main
 from planner.demo import STAGES, TARGET, DemoProgress, DemoReport, make_room, run_demo
+from planner.demo_search import in_short
+from planner.executive.simulated import SimulatedHouseRobot
+from planner.simulation.house import furnished_house
+from planner.simulation.motion import Pose
 
 
 @pytest.fixture(scope="module")
@@ -26,12 +32,27 @@ def report(tmp_path_factory: pytest.TempPathFactory, heard: list[DemoProgress]) 
 
 def test_the_map_is_on_disk_and_can_be_asked_again(report: DemoReport) -> None:
     with SemanticMap.open(report.map_path, read_only=True) as semantic_map:
-        assert len(semantic_map.objects()) == report.mapping.objects
+        assert len(semantic_map.objects()) >= report.mapping.objects
         food = semantic_map.ask("objects-by-category", category="food").records()
         assert {row["category"] for row in food} >= {"banana", "cake"}
         (recording,) = semantic_map.recordings()
         assert recording.frames_applied == report.mapping.frames
-        assert not semantic_map.ask("objects-by-category", category=TARGET).rows
+
+
+def test_the_search_is_in_the_map_as_a_command_would_have_left_it(report: DemoReport) -> None:
+    with SemanticMap.open(report.map_path, read_only=True) as semantic_map:
+        (search,) = semantic_map.searches()
+        assert (search.words, search.state) == ((TARGET,), "found")
+        assert search.seconds == pytest.approx(report.search.outcome.seconds, abs=0.1)
+        assert len(semantic_map.looks(search.iri)) == report.search.outcome.looks
+        (apple,) = [o for o in semantic_map.objects(TARGET) if o.iri in search.found]
+        robot = semantic_map.robot()
+        assert robot is not None and robot.stamp == search.ended
+        assert apple.last_seen <= robot.stamp
+
+
+def test_the_map_keeps_its_shapes(report: DemoReport) -> None:
+    assert main(["check", str(report.map_path)]) == 0
 
 
 def test_the_map_is_good_but_not_perfect(report: DemoReport) -> None:
@@ -52,17 +73,42 @@ def test_the_three_questions_have_answers(report: DemoReport) -> None:
 
 
 def test_the_plan_reasons_with_what_apples_are_near(report: DemoReport) -> None:
-    kinds = {step.goal.kind for step in report.plan.steps}
+    plan = report.planned.plan
+    kinds = {reason.candidate.kind for step in plan.steps for reason in step.why}
     assert kinds == {"nearby", "place"}
-    assert any("banana" in step.goal.why for step in report.plan.steps)
-    assert report.plan.expected_seconds is not None
+    assert any("near banana" in fact for r in plan.steps[0].why for fact in r.candidate.facts)
+    assert plan.expected_seconds is not None and plan.lower_bound is not None
+    assert 0 < plan.lower_bound <= plan.expected_seconds
+
+
+def test_the_plan_is_not_slower_than_the_rule_it_replaces(report: DemoReport) -> None:
+    plan, thesis = report.planned.plan, report.planned.thesis
+    assert 0 < thesis.probability <= plan.probability + 1e-9
+    assert thesis.plan_seconds < thesis.expected_seconds
+
+
+def test_find_takes_the_options_the_demo_tells(report: DemoReport) -> None:
+    words = ["find", str(report.map_path), TARGET, *report.planned.options.split()]
+    arguments = build_parser().parse_args(words)
+    hello = SimulatedHouseRobot(furnished_house(), Pose(3.0, 3.0, 0.0, 0.0)).hello
+    assert arguments.speed == hello.speed and arguments.recall == hello.recall
+    assert hello.turn_rate is not None
+    assert arguments.turn_rate == pytest.approx(math.degrees(hello.turn_rate), abs=0.1)
+    assert arguments.range == (hello.near, hello.far)
 
 
 def test_the_apple_is_found_where_it_was_put(report: DemoReport) -> None:
-    assert report.search.found is not None
+    assert report.search.found
     assert report.position_error is not None and report.position_error < 0.3
     assert report.hidden_in == "dining room"
-    assert report.search.seconds > 0 and report.search.distance > 0
+    assert report.search.outcome.seconds > 0 and report.search.distance > 0
+    assert report.search.events[-1].kind == "end"
+
+
+def test_each_event_is_told_in_one_line(report: DemoReport) -> None:
+    told = [in_short(event) for event in report.search.events]
+    assert any("found near banana (0.6)" in line for line in told)
+    assert all(line and "\n" not in line and "thesis" not in line for line in told)
 
 
 def test_the_export_is_turtle_that_others_read(report: DemoReport) -> None:
@@ -85,6 +131,8 @@ def test_progress_is_told_stage_by_stage(report: DemoReport, heard: list[DemoPro
 def test_the_report_is_plain_json(report: DemoReport) -> None:
     plain = json.loads(json.dumps(report.to_json()))
     assert plain["search"]["found"] is True
+    assert plain["search"]["looks"] >= plain["search"]["explored_in_vain"]
+    assert plain["thesis_rule"]["expected_seconds"] > 0
     assert plain["plan"]["target"] == TARGET
     assert plain["answers"][0]["rows"][0]["category"] in ("banana", "cake")
 

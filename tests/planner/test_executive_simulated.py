@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from kg.errors import LayoutError
 from kg.records import MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
 from kg.semantic_map import SemanticMap
+from planner.commands import main
 from planner.demo import HIDDEN, layout_of
+from planner.demo_search import plan_for
 from planner.executive.executive import search
 from planner.executive.simulated import simulated_robot
 from planner.executive.terms import Terms
@@ -72,3 +77,20 @@ def test_a_map_of_somewhere_else_is_refused() -> None:
         semantic_map.apply(MapUpdate(places=(far,)))
         with pytest.raises(LayoutError, match="hereabouts demo"):
             simulated_robot(semantic_map)
+
+
+def test_the_demo_plans_what_find_prints_with_the_options_it_tells(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, house = tmp_path / "house.map", furnished_house()
+    with SemanticMap.create(path, title="house") as semantic_map:
+        _mapped(semantic_map, house)
+        planned = plan_for(semantic_map, "apple", simulated_robot(semantic_map, house))
+    assert main(["find", str(path), "apple", *planned.options.split(), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    steps = [(step["x"], step["y"], step["place"]) for step in told["steps"][:5]]
+    assert steps == [
+        (pytest.approx(step.p_map[0]), pytest.approx(step.p_map[1]), step.place)
+        for step in planned.plan.steps[:5]
+    ]
+    assert told["expected_seconds"] == pytest.approx(planned.plan.expected_seconds, rel=0.02)

@@ -15,6 +15,7 @@ from kg.errors import UnknownCategoryError
 from kg.records import MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
 from kg.semantic_map import SemanticMap
 from planner.commands import main
+from planner.finding.alternatives import rated, turns_at
 from planner.finding.hunt import Hunt, prepare
 from planner.finding.mobility import holds, learned_half_life, listed_half_life, mobility_table
 from planner.finding.plan import plan
@@ -253,6 +254,19 @@ def test_a_plan_is_no_slower_than_rooms_in_any_order(flat: SemanticMap) -> None:
             assert other.plan_seconds <= other.expected_seconds + 1e-9
 
 
+def test_the_thesis_rule_is_played_as_whole_turns_at_its_goals(flat: SemanticMap) -> None:
+    hunt = hunt_for(flat, "apple")
+    player = Player(hunt, hunt.standing((6.0, 1.0)))
+    goals = [np.array(xy) for xy in ((1.0, 3.0), (7.0, 2.0), (1.0, 3.0))]
+    played = turns_at(player, goals)
+    assert [hunt.place_name(look) for look in played.looks] == ["place 1", "place 2"]
+    assert all(hunt.looks.extent[look] == pytest.approx(2 * math.pi) for look in played.looks)
+    best = player.play(player.construct(0.97, 20, math.inf))
+    beside = rated("turns", played, best)
+    assert beside.probability == pytest.approx(min(played.gains.sum(), best.gains.sum()))
+    assert beside.looks == 2
+
+
 def test_plans_are_the_same_every_time(flat: SemanticMap) -> None:
     plans = [
         plan_json(plan(hunt_for(flat, "apple", "cup"), (6.0, 1.0), seed=4, time_limit=math.inf))
@@ -342,6 +356,19 @@ def test_the_command_prints_steps_and_what_to_expect(says: Said) -> None:
     assert "expected" in err
     assert "gap" in err
     assert "rooms, nearest first" in err
+
+
+def test_the_table_says_why_without_the_sources(says: Said) -> None:
+    out, _ = says("apple")
+    assert "apple is found near banana (0.6)" in out
+    assert "thesis 3.4.1" not in out
+    assert "thesis 3.4.1" in says("apple", "--explain")[0]
+
+
+def test_a_robot_that_turns_faster_expects_to_find_sooner(says: Said) -> None:
+    slow = json.loads(says("apple", "--turn-rate", "9", "--json")[0])
+    fast = json.loads(says("apple", "--turn-rate", "90", "--json")[0])
+    assert fast["expected_seconds"] < slow["expected_seconds"]
 
 
 def test_the_command_explains_each_step(says: Said) -> None:

@@ -19,6 +19,7 @@ from planner.picture.map_picture import plot_map
 from planner.picture.palette import object_groups
 from planner.picture.paper import Extent, Sheet
 from planner.picture.place_names import fit_name
+from planner.picture.plan_picture import numbered_stops
 from planner.simulation.house import furnished_house
 
 
@@ -120,6 +121,19 @@ def test_goals_are_numbered_and_the_route_is_drawn(kitchen: SemanticMap, tmp_pat
     assert "1" in written and "2" in written and "route" in written
     assert "3 objects   ·   2 places, 1 not viewed yet   ·   2 goals" in written
     assert "route" not in texts_of(plot_map(kitchen, tmp_path / "b.svg", title="plain"))
+
+
+def test_what_was_found_gets_a_star(kitchen: SemanticMap, tmp_path: Path) -> None:
+    path = plot_map(kitchen, tmp_path / "a.svg", finds=[(2.0, 1.0, 0.9)])
+    assert "found" in texts_of(path)
+    assert "found" not in texts_of(plot_map(kitchen, tmp_path / "b.svg"))
+
+
+def test_looks_from_one_spot_share_a_disc() -> None:
+    spots = [np.array(xy) for xy in ((1.0, 1.0), (1.1, 1.0), (4.0, 2.0), (1.0, 1.1))]
+    stops, numbers = numbered_stops(spots)
+    assert [tuple(stop.p_map) for stop in stops] == [(1.0, 1.0), (4.0, 2.0)]
+    assert numbers == ["1, ...", "3"]
 
 
 def test_a_house_adds_its_walls_and_widens_the_picture(

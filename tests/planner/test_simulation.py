@@ -19,7 +19,6 @@ from planner.simulation.furniture import FURNISHINGS, OBJECTS, Part, Solid
 from planner.simulation.house import House, Item, Room, Wall, furnished_house
 from planner.simulation.motion import Gait, Pose, drive, look_around, turn
 from planner.simulation.raycast import FAR, hit, rays_of
-from planner.simulation.robot import SimulatedRobot
 from planner.simulation.senses import (
     LOOKS_LIKE,
     MISTAKEN_FOR,
@@ -409,47 +408,3 @@ def test_a_tour_has_no_frames_beyond_its_end(tour: SimulatedTour) -> None:
     assert list(tour.frames(len(tour))) == []
     with pytest.raises(RecordingError, match="not 9999"):
         next(tour.frames(9999))
-
-
-# searching
-
-
-def robot_in(house: House, pose: Pose) -> SimulatedRobot:
-    camera = SimulatedCamera(house)
-    return SimulatedRobot(camera, SimulatedDetector(camera), pose)
-
-
-def test_the_robot_stops_once_it_has_seen_the_target_twice() -> None:
-    bear = Item("teddy bear", 3.0, 5.0, 0.6)
-    robot = robot_in(one_room(bear), Pose(3.0, 1.0, -pi / 2, 100.0))
-    looks = []
-    run = robot.search({"teddy bear"}, [np.array([3.0, 3.0]), np.array([1.0, 1.0])], looks.append)
-    assert run.found is not None and run.goal == 0 and run.explored == 0
-    assert np.linalg.norm(run.found.p_map - bear.centre()) < 0.2
-    assert sum(look.sighting is not None for look in looks) == 2
-    assert run.pictures == len(looks) == len(run.path) - 1
-    assert run.seconds == pytest.approx(robot.pose.seconds - 100)
-
-
-def test_a_search_in_vain_explores_every_goal() -> None:
-    robot = robot_in(one_room(Item("chair", 5.0, 5.0)), Pose(3.0, 1.0, 0.0, 0.0))
-    goals = [np.array([3.0, 3.0]), np.array([1.0, 5.0])]
-    run = robot.search({"apple"}, goals)
-    assert run.found is None and run.goal is None and run.explored == 2
-    assert run.distance == pytest.approx(2.0 + np.hypot(2, 2), abs=0.2)
-    assert run.seconds > run.distance / 0.5 + 2 * 2 * pi / 0.8
-    assert np.allclose(robot.pose.xy, goals[-1], atol=0.1)
-
-
-def test_nothing_to_visit_is_no_search() -> None:
-    run = robot_in(one_room(), Pose(3.0, 1.0, 0.0, 0.0)).search({"apple"}, [])
-    assert run.found is None and run.seconds == 0 and run.distance == 0
-
-
-def test_a_route_passes_the_goals_in_their_order() -> None:
-    robot = robot_in(furnished_house(), Pose(3.15, 0.75, 0.0, 0.0))
-    goals = [np.array([2.0, 7.3]), np.array([9.2, 6.3])]
-    route = robot.route(goals)
-    nearest = [int(np.argmin(np.linalg.norm(route - goal, axis=1))) for goal in goals]
-    assert nearest == sorted(nearest) and nearest[-1] == len(route) - 1
-    assert np.allclose(route[0], (3.15, 0.75))
