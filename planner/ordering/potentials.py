@@ -96,11 +96,12 @@ def _smith(kernel: Kernel, inward: Array, out: Array) -> tuple[float, Array, Arr
         ratio = np.where(w > 0, c / w, np.where(c < 0, -np.inf, np.inf))
     order = np.argsort(ratio, kind="stable")
     before, after = np.empty(len(w)), np.empty(len(w))
-    before[order], after[order] = _left(kernel, order)
+    before[order], after[order] = left_along(kernel, order)
     return float(out[-1] * kernel.norm + inward @ before + out[:-1] @ after), before, after
 
 
-def _left(kernel: Kernel, order: Ints) -> tuple[Array, Array]:
+def left_along(kernel: Kernel, order: Ints) -> tuple[Array, Array]:
+    """(m,) probability of a first find left before, and after, each place along `order`."""
     w = kernel.w[order]
     if kernel.any:
         left = np.concatenate([[1.0], np.cumprod(1.0 - w)])

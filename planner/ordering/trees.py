@@ -23,12 +23,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.ordering.kernel import Floats, Ints, Kernel
+from planner.ordering.potentials import left_along
 
 Array = NDArray[np.float64]
 #: steps without a better bound after which steps become shorter
 _PATIENCE, _SHORTER = 6, 0.7
 #: below this share of a full step prices stay where they are
 _LEAST_SCALE = 1e-3
+#: shares left smaller than this are taken for this where prices are changed
+_LEAST_LEFT = 0.003
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,16 +53,17 @@ class _Clusters(NamedTuple):
 
 
 def tree_bound(
-    kernel: Kernel, cost: float, deadline: float, inward: Array, out: Array, steps: int = 10_000
+    kernel: Kernel, order: Ints, deadline: float, inward: Array, out: Array, steps: int = 10_000
 ) -> float:
     """The best bound found until `deadline` (of time.perf_counter) or in so many `steps`.
 
-    `cost` is a known order's; `inward` (m,) and `out` (m + 1,) are what is taken off legs to begin
+    `order` is a good one; `inward` (m,) and `out` (m + 1,) are what is taken off legs to begin
     with, any numbers.
     """
     best, scale, since = -np.inf, 1.0, 0
     at = centre = np.concatenate([inward, out])
     drift, m = np.zeros_like(at), kernel.size
+    cost, weight = kernel.cost(order), _weight(kernel, order)
     for _ in range(steps):
         rise = rise_at(kernel, at[:m], at[m:])
         slope = np.concatenate([rise.inward, rise.out])
@@ -67,15 +71,24 @@ def tree_bound(
             best, centre, since = rise.bound, at, 0
         else:
             since += 1
-        steep = float(slope @ slope)
+        steep = float(slope @ (weight * slope))
         if time.perf_counter() > deadline or scale < _LEAST_SCALE or steep < 1e-18:
             break
         if since >= _PATIENCE:
             scale, since, at, drift = scale * _SHORTER, 0, centre, np.zeros_like(at)
             continue
-        drift = 0.7 * drift + 0.3 * slope
+        drift = 0.7 * drift + 0.3 * weight * slope
         at = at + drift * (scale * max(cost - rise.bound, 1e-3 * cost) / steep)
     return best
+
+
+def _weight(kernel: Kernel, order: Ints) -> Array:
+    """(2 m + 1,) how far to go along each slope: slopes are as small as what is left there."""
+    before, after = np.empty(kernel.size), np.empty(kernel.size)
+    before[order], after[order] = left_along(kernel, order)
+    left = np.concatenate([before, after, [kernel.norm]])
+    weight: Array = 1.0 / np.maximum(left, _LEAST_LEFT * kernel.norm)
+    return weight
 
 
 def rise_at(kernel: Kernel, inward: Array, out: Array) -> Rise:
