@@ -20,10 +20,10 @@ LONGEST = 12
 #: from here on sorting the legs of every place would take longer than the search may
 MANY = 2000
 #: powers of the probability for further orders to begin with
-_POWERS = (0.5, 0.25, 2.0, 0.75, 1.5)
-#: the longest legs between which stretches are exchanged; as many drawn by length to some power,
-#: once in so many kicks
-_CUTS, _DRAWN_CUTS, _DRAWN, _CUT_EVERY = 24, 16, 1.0, 2
+_POWERS = (0.5,)
+#: the longest legs between which stretches are exchanged, and how many are drawn after each kick,
+#: by length to this power
+_CUTS, _DRAWN_CUTS, _DRAWN = 16, 20, 1.5
 #: a gain must exceed this share of the cost: rounding must not make a search go in circles
 _LEAST = 1e-12
 
@@ -104,7 +104,7 @@ def improve(
     done = 0
     while not late() and best.end > 3 and (kicks is None or done < kicks):
         best = _kick(best, legs, near_to, rng, late)
-        if kernel.size <= MANY and done % _CUT_EVERY == 0:
+        if kernel.size <= MANY and not late():
             best = _cut(best, rng, near_to, late)
         done += 1
     return best.place[1:-1].copy(), best.cost
@@ -123,9 +123,7 @@ def _longest_cut(order: Order, near_to: Ints, late: Callable[[], bool]) -> Order
     return order
 
 
-def _cut(
-    order: Order, rng: np.random.Generator, near_to: Ints, late: Callable[[], bool]
-) -> Order:
+def _cut(order: Order, rng: np.random.Generator, near_to: Ints, late: Callable[[], bool]) -> Order:
     """The same between legs drawn by their length."""
     places = order.place[: order.end + 1]
     legs = order.legs(places[:-1], places[1:])

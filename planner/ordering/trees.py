@@ -23,15 +23,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.ordering.kernel import Floats, Ints, Kernel
-from planner.ordering.potentials import left_along
 
 Array = NDArray[np.float64]
 #: steps without a better bound after which steps become shorter
-_PATIENCE, _SHORTER = 6, 0.7
+_PATIENCE, _SHORTER = 10, 0.8
 #: below this share of a full step prices stay where they are
 _LEAST_SCALE = 1e-3
-#: shares left smaller than this are taken for this where prices are changed
-_LEAST_LEFT = 0.003
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,42 +50,35 @@ class _Clusters(NamedTuple):
 
 
 def tree_bound(
-    kernel: Kernel, order: Ints, deadline: float, inward: Array, out: Array, steps: int = 10_000
+    kernel: Kernel, cost: float, deadline: float, inward: Array, out: Array, steps: int = 10_000
 ) -> float:
     """The best bound found until `deadline` (of time.perf_counter) or in so many `steps`.
 
-    `order` is a good one; `inward` (m,) and `out` (m + 1,) are what is taken off legs to begin
+    `cost` is a known order's; `inward` (m,) and `out` (m + 1,) are what is taken off legs to begin
     with, any numbers.
     """
     best, scale, since = -np.inf, 1.0, 0
     at = centre = np.concatenate([inward, out])
     drift, m = np.zeros_like(at), kernel.size
-    cost, weight = kernel.cost(order), _weight(kernel, order)
     for _ in range(steps):
+        begin = time.perf_counter()
         rise = rise_at(kernel, at[:m], at[m:])
         slope = np.concatenate([rise.inward, rise.out])
         if rise.bound > best + 1e-6 * abs(best) or best == -np.inf:
             best, centre, since = rise.bound, at, 0
         else:
             since += 1
-        steep = float(slope @ (weight * slope))
-        if time.perf_counter() > deadline or scale < _LEAST_SCALE or steep < 1e-18:
+        steep = float(slope @ slope)
+        now = time.perf_counter()
+        # not begun where it could not be ended: a step is not interrupted
+        if 2 * now - begin > deadline or scale < _LEAST_SCALE or steep < 1e-18:
             break
         if since >= _PATIENCE:
             scale, since, at, drift = scale * _SHORTER, 0, centre, np.zeros_like(at)
             continue
-        drift = 0.7 * drift + 0.3 * weight * slope
+        drift = 0.9 * drift + 0.1 * slope
         at = at + drift * (scale * max(cost - rise.bound, 1e-3 * cost) / steep)
     return best
-
-
-def _weight(kernel: Kernel, order: Ints) -> Array:
-    """(2 m + 1,) how far to go along each slope: slopes are as small as what is left there."""
-    before, after = np.empty(kernel.size), np.empty(kernel.size)
-    before[order], after[order] = left_along(kernel, order)
-    left = np.concatenate([before, after, [kernel.norm]])
-    weight: Array = 1.0 / np.maximum(left, _LEAST_LEFT * kernel.norm)
-    return weight
 
 
 def rise_at(kernel: Kernel, inward: Array, out: Array) -> Rise:
@@ -165,9 +155,11 @@ def _schedule(
     for node in range(2 * m + 1):
         heap = heaps[node]
         if not clusters.start[node]:
-            block = (_key(first[node], w[node]), node, first[node], w[node], [node]) if (
-                node < m
-            ) else (_key(fee[node], 0.0), node, fee[node], 0.0, [node])
+            block = (
+                (_key(first[node], w[node]), node, first[node], w[node], [node])
+                if (node < m)
+                else (_key(fee[node], 0.0), node, fee[node], 0.0, [node])
+            )
             while heap and heap[0][0] < block[0]:
                 block = _joined(block, heapq.heappop(heap), some)
             heapq.heappush(heap, block)
