@@ -3,8 +3,9 @@
     python -m benchmarks.ordering [SIZES [SEEDS [LONG]]]     (50,100,200,330,10000  2  10)
 
 For each size, kind of probabilities (`peaked`, `listed`, and, like the reference problems,
-`uniform`, `dirichlet`, `remainder`: benchmarks/ordering_worlds.py), model and building: the expected time of the ratio rule, of a search of one second,
-and of the best of two searches of LONG seconds; the proven gap; the wall-clock time.
+`uniform`, `dirichlet`, `remainder`: benchmarks/ordering_worlds.py), model and building: the
+expected time of the ratio rule, of a search of one second, and how far that is over the best of
+two searches of LONG seconds beside it; the proven gap; the longest wall-clock time.
 `--write FILE` writes the buildings as problems for `hereabouts bench plan` instead.
 """
 

@@ -73,9 +73,9 @@ def reference_like(
 ) -> OrderingProblem:
     """One search in such a building as the reference problems ask it.
 
-    A category names about ten rooms, one to five categories are listed, and looks take one time. All the probability lies on listed rooms, in like parts
-    (`uniform`) or not (`dirichlet`); or 0.65 to 0.85 of it, and the other rooms share the rest
-    evenly (`remainder`).
+    A category names about ten rooms, one to five categories are listed, and looks take one time.
+    All the probability lies on listed rooms, in like parts (`uniform`) or not (`dirichlet`); or
+    0.65 to 0.85 of it, and the other rooms share the rest evenly (`remainder`).
     """
     metres, _ = building(rooms, seed)
     rng = np.random.default_rng([seed, rooms, PATTERNS.index(pattern)])

@@ -8,8 +8,9 @@ leave i out, together h(i, j). So an order costs at least in[j] before and out[j
 and each cluster's price before the first of its places. Orders are relaxed to sequences in which a
 cluster's price comes before its places: that is scheduling with precedence from an out-tree, solved
 exactly by joining a job with the best that follows it (Horn 1972; for `any`, the ratio of
-discounted cost to probability of an end). The bound is concave in `in` and `out`, as split legs
-are, and not below theirs; it equals a 1-tree (Held, Karp 1970) where only the last place counts.
+discounted cost to probability of an end). With nothing joined these are split legs, so the bound is
+not below theirs; where only the last place counts it is a 1-tree (Held, Karp 1970). Any `in` and
+`out` will do, so steps along the bound's slope raise it.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ class Rise:
     """What one choice of prices proves, and where to go on."""
 
     bound: float  # of the cost: sum of first-find probability x arrival [s]
-    inward: Array  # (m,) supergradient in `in`
+    inward: Array  # (m,) slope of the bound in `in`
     out: Array  # (m + 1,) and in `out`
 
 
@@ -152,14 +153,10 @@ def _schedule(
     first = (inward + out[:m] * (1.0 - kernel.w if some else 1.0) + price[:m]).tolist()
     fee = price.tolist()
     heaps: list[list[_Block]] = [[] for _ in range(2 * m + 1)]
-    for node in range(2 * m + 1):
-        heap = heaps[node]
+    for node, heap in enumerate(heaps):
         if not clusters.start[node]:
-            block = (
-                (_key(first[node], w[node]), node, first[node], w[node], [node])
-                if (node < m)
-                else (_key(fee[node], 0.0), node, fee[node], 0.0, [node])
-            )
+            cost, chance = (first[node], w[node]) if node < m else (fee[node], 0.0)
+            block = (_key(cost, chance), node, cost, chance, [node])
             while heap and heap[0][0] < block[0]:
                 block = _joined(block, heapq.heappop(heap), some)
             heapq.heappush(heap, block)

@@ -56,14 +56,16 @@ def test_clusters_bound_every_order_at_any_price(kernel: Kernel, seed: int, size
     assert best <= optimum + slack
 
 
-@settings(max_examples=60, deadline=None)
-@given(kernels(), st.integers(0, 1000))
-def test_the_bound_lies_below_the_plane_of_its_slopes(kernel: Kernel, seed: int) -> None:
-    rng, m = np.random.default_rng(seed), kernel.size
-    at, to = (rng.normal(0, 30, 2 * m + 1) for _ in range(2))
-    here, there = (rise_at(kernel, x[:m], x[m:]) for x in (at, to))
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("seed", range(4))
+def test_slopes_tell_how_the_bound_changes(model: str, seed: int) -> None:
+    problem = reference_like(30, seed, model, pattern="remainder")  # type: ignore[arg-type]
+    kernel, rng = reduce_problem(problem), np.random.default_rng(seed)
+    m = kernel.size
+    at, step = rng.normal(20, 10, 2 * m + 1), 1e-5 * rng.normal(0, 1, 2 * m + 1)
+    here, there = (rise_at(kernel, x[:m], x[m:]) for x in (at, at + step))
     slope = np.concatenate([here.inward, here.out])
-    assert there.bound <= here.bound + slope @ (to - at) + 1e-7
+    assert there.bound - here.bound == pytest.approx(slope @ step, rel=1e-3, abs=1e-8)
 
 
 @settings(max_examples=40, deadline=None)
