@@ -90,24 +90,24 @@ def improve(
         return time.perf_counter() > deadline
 
     legs, near_to = legs_of(kernel), near(kernel, start)
-    everywhere = np.arange(kernel.size + 1)
-    best = descend(Order(legs, start), everywhere, near_to, late)
-    rng = np.random.default_rng(seed)
-    if kernel.size <= MANY:
-        best = _longest_cut(best, near_to, late)
-        for power in _POWERS:
-            if late():
-                break
-            other = descend(Order(legs, by_ratio(kernel, power)), everywhere, near_to, late)
-            other = _longest_cut(other, near_to, late)
+    best, done = _from(legs, start, near_to, late), 0
+    for power in _POWERS:
+        if kernel.size <= MANY and not late():
+            other = _from(legs, by_ratio(kernel, power), near_to, late)
             best = min(best, other, key=lambda order: order.cost)
-    done = 0
+    rng = np.random.default_rng(seed)
     while not late() and best.end > 3 and (kicks is None or done < kicks):
         best = _kick(best, legs, near_to, rng, late)
         if kernel.size <= MANY and not late():
             best = _cut(best, rng, near_to, late)
         done += 1
     return best.place[1:-1].copy(), best.cost
+
+
+def _from(legs: Legs, start: Ints, near_to: Ints, late: Callable[[], bool]) -> Order:
+    """`start`, improved until no move gains anything."""
+    order = descend(Order(legs, start), np.arange(len(start) + 1), near_to, late)
+    return order if len(start) > MANY else _longest_cut(order, near_to, late)
 
 
 def _longest_cut(order: Order, near_to: Ints, late: Callable[[], bool]) -> Order:

@@ -26,7 +26,7 @@ _ON_ORDERS, _ON_MANY = 0.45, 0.7
 #: up to so many places a proof by exhaustion is tried
 _FEW = 40
 #: share of the time spent on orders of that few, and on prices of what is left after that
-_ON_FEW, _ON_PRICES = 0.15, 0.4
+_ON_FEW, _ON_PRICES = 0.25, 0.4
 #: share of what is left after the orders for split legs
 _ON_SPLITS = 0.08
 #: share of the rest for clusters, where walks come after them; up to so many places, as a step

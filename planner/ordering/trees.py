@@ -118,8 +118,8 @@ def _spanning_tree(R: Floats, m: int) -> tuple[Array, Ints]:
         nearer = S[j] < best
         np.copyto(best, S[j], where=nearer)
         come[nearer] = j
-    i, j = edge.T
-    backward = (i < m) & (R[j, np.minimum(i, m - 1)] < R[i, j])
+    a, b = edge.T
+    backward = (a < m) & (R[b, np.minimum(a, m - 1)] < R[a, b])
     edge[backward] = edge[backward][:, ::-1]
     return length, edge
 
