@@ -7,7 +7,7 @@ knowledge graph gives them.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,9 @@ from planner.travel import SearchModel
 SPEED = 0.2412  # [m/s]; planner/travel.py
 EXPLORE = 41.79  # [s]
 CATEGORIES = 12
+#: how the reference problems spread their probability
+Pattern = Literal["uniform", "dirichlet", "remainder"]
+PATTERNS: tuple[Pattern, ...] = get_args(Pattern)
 
 
 def building(rooms: int, seed: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -63,6 +66,33 @@ def problem(
     start = rng.integers(rooms)
     T = (metres / SPEED).astype(np.float32 if rooms > 2000 else np.float64)
     return OrderingProblem(p, T, T[start].copy(), explore.astype(T.dtype), model)
+
+
+def reference_like(
+    rooms: int, seed: int, model: SearchModel = "single", *, pattern: Pattern
+) -> OrderingProblem:
+    """One search in such a building as the reference problems ask it.
+
+    A category names about ten rooms, one to five categories are listed, and looks take one time.
+    All the probability lies on listed rooms, in like parts (`uniform`) or not (`dirichlet`); or
+    0.65 to 0.85 of it, and the other rooms share the rest evenly (`remainder`).
+    """
+    metres, _ = building(rooms, seed)
+    rng = np.random.default_rng([seed, rooms, PATTERNS.index(pattern)])
+    categories = max(6, rooms // 10)
+    category = rng.integers(0, categories, rooms)
+    listed = np.isin(category, rng.choice(categories, rng.integers(1, 6), replace=False))
+    p = np.zeros(rooms)
+    parts = np.ones(listed.sum())
+    p[listed] = parts / len(parts) if pattern == "uniform" else rng.dirichlet(parts)
+    if pattern == "remainder" and not listed.all():
+        p *= rng.uniform(0.65, 0.85)
+        p[~listed] = (1.0 - p.sum()) / (~listed).sum()
+    if model == "any":
+        p = np.minimum(p * rng.uniform(0.8, 4.0), 0.95)
+    T = metres / SPEED
+    t0 = T[rng.integers(rooms)].copy()
+    return OrderingProblem(p, T, t0, np.full(rooms, EXPLORE), model)
 
 
 def _listed(category: NDArray[np.int64], rng: np.random.Generator) -> NDArray[np.float64]:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from planner.ordering.kernel import Ints, Kernel
-from planner.ordering.moves import apply_best, moves
+from planner.ordering.moves import apply_best, far_moves, moves
 from planner.ordering.segments import Legs, Order, legs_of
 
 #: nearest places to which new legs are tried
@@ -19,14 +19,22 @@ _BATCH = 1024
 LONGEST = 12
 #: from here on sorting the legs of every place would take longer than the search may
 MANY = 2000
+#: powers of the probability for further orders to begin with
+_POWERS = (0.5,)
+#: the longest legs between which stretches are exchanged, and how many are drawn after each kick,
+#: by length to this power
+_CUTS, _DRAWN_CUTS, _DRAWN = 16, 20, 1.5
 #: a gain must exceed this share of the cost: rounding must not make a search go in circles
 _LEAST = 1e-12
 
 
-def by_ratio(kernel: Kernel) -> Ints:
-    """Always on to the place with the most probability a second: the constructive ratio rule."""
+def by_ratio(kernel: Kernel, power: float = 1.0) -> Ints:
+    """Always on to the place with the most probability a second: the constructive ratio rule.
+
+    With another `power` of the probability less or more depends on it, on the way the rest.
+    """
     order = np.empty(kernel.size, dtype=np.intp)
-    chance = kernel.w.astype(kernel.D.dtype)
+    chance = (kernel.w**power).astype(kernel.D.dtype)
     rate, at = np.empty_like(chance), kernel.root
     for k in range(kernel.size):
         # whole rows: a gather of those that are left takes longer
@@ -82,13 +90,53 @@ def improve(
         return time.perf_counter() > deadline
 
     legs, near_to = legs_of(kernel), near(kernel, start)
-    best = descend(Order(legs, start), np.arange(kernel.size + 1), near_to, late)
+    best, done = _from(legs, start, near_to, late), 0
+    for power in _POWERS:
+        if kernel.size <= MANY and not late():
+            other = _from(legs, by_ratio(kernel, power), near_to, late)
+            best = min(best, other, key=lambda order: order.cost)
     rng = np.random.default_rng(seed)
-    done = 0
     while not late() and best.end > 3 and (kicks is None or done < kicks):
         best = _kick(best, legs, near_to, rng, late)
+        if kernel.size <= MANY and not late():
+            best = _cut(best, rng, near_to, late)
         done += 1
     return best.place[1:-1].copy(), best.cost
+
+
+def _from(legs: Legs, start: Ints, near_to: Ints, late: Callable[[], bool]) -> Order:
+    """`start`, improved until no move gains anything."""
+    order = descend(Order(legs, start), np.arange(len(start) + 1), near_to, late)
+    return order if len(start) > MANY else _longest_cut(order, near_to, late)
+
+
+def _longest_cut(order: Order, near_to: Ints, late: Callable[[], bool]) -> Order:
+    """Exchange and turn what lies between the longest legs until nothing is gained."""
+    while not late():
+        places = order.place[: order.end + 1]
+        legs = order.legs(places[:-1], places[1:])
+        cuts = np.sort(np.argsort(-legs, kind="stable")[:_CUTS]) + 1
+        better = _recut(order, cuts, near_to, late)
+        if better is order:
+            break
+        order = better
+    return order
+
+
+def _cut(order: Order, rng: np.random.Generator, near_to: Ints, late: Callable[[], bool]) -> Order:
+    """The same between legs drawn by their length."""
+    places = order.place[: order.end + 1]
+    legs = order.legs(places[:-1], places[1:])
+    drawn = rng.exponential(size=len(legs)) / np.maximum(legs, 1e-9) ** _DRAWN
+    return _recut(order, np.sort(np.argsort(drawn, kind="stable")[:_DRAWN_CUTS]) + 1, near_to, late)
+
+
+def _recut(order: Order, cuts: Ints, near_to: Ints, late: Callable[[], bool]) -> Order:
+    places, ends = apply_best(order, far_moves(order, cuts), _LEAST * order.cost)
+    better = Order(order.legs, places) if ends else order
+    if better.cost >= order.cost:
+        return order
+    return descend(better, np.unique(better.place[:-1][ends]), near_to, late)
 
 
 def _kick(

@@ -86,6 +86,8 @@ def reduce_problem(problem: OrderingProblem) -> Kernel:
 
 def _shortcut(problem: OrderingProblem, worth: NDArray[np.bool_]) -> bool:
     """Whether detours over places without probability shorten a leg between places with some."""
+    if not _first_steps(problem, worth):
+        return False
     direct = np.vstack([problem.T, problem.t0[None]]).astype(np.float64)
     short = direct.copy()
     for via in np.flatnonzero(~worth):
@@ -94,6 +96,20 @@ def _shortcut(problem: OrderingProblem, worth: NDArray[np.bool_]) -> bool:
     return bool(
         np.any((short < direct - 1e-9 * (1 + direct))[np.ix_(kept, worth)] & _off(kept, worth))
     )
+
+
+def _first_steps(problem: OrderingProblem, worth: NDArray[np.bool_]) -> bool:
+    """Whether a way from a place with probability, or the start, is shorter by one without.
+
+    If not, no number of them shortens one: each could be left out in turn.
+    """
+    idle = np.flatnonzero(~worth)
+    leave = np.vstack([problem.T[worth], problem.t0[None]]).astype(np.float64)
+    for via in idle:
+        around = leave[:, via, None] + (problem.explore[via] + problem.T[via])
+        if np.any(around < leave):
+            return True
+    return False
 
 
 def _off(rows: NDArray[np.bool_], columns: NDArray[np.bool_]) -> NDArray[np.bool_]:

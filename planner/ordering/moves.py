@@ -44,6 +44,21 @@ def moves(order: Order, a: Ints, b: Ints) -> Moves:
     return Moves(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
 
+def far_moves(order: Order, cuts: Ints) -> Moves:
+    """Every turn and exchange, turned or not, of stretches that begin or end at `cuts`.
+
+    `cuts` (k,) are rising positions 1..end before which the order may be cut; about k^3 / 2 moves.
+    """
+    a, b = np.triu_indices(len(cuts), 1)
+    parts = [_turned(order, cuts[a], cuts[b] - 1)]
+    pairs = np.arange(len(cuts))
+    x, y, z = (each.ravel() for each in np.meshgrid(pairs, pairs, pairs, indexing="ij"))
+    rising = (x < y) & (y < z)
+    i, c, j = cuts[x[rising]], cuts[y[rising]] - 1, cuts[z[rising]] - 1
+    parts += [_exchanged(order, i, c, j, turn) for turn in range(4)]
+    return Moves(*(np.concatenate(each) for each in zip(*parts, strict=True)))
+
+
 def _turns(u: Ints, v: Ints) -> Iterator[tuple[Ints, Ints]]:
     ahead = u < v
     yield u[ahead] + 1, v[ahead]

@@ -35,6 +35,8 @@ class Split:
 
     bound: float  # of the cost: sum of first-find probability x arrival [s]
     gradient: Array  # (m + 1,) supergradient of the bound in `out`
+    inward: Array  # (m,) [s] part of a leg that counts for the place it leads to
+    out: Array  # (m + 1,) [s] and for the place it comes from
 
 
 def quick_bound(kernel: Kernel) -> float:
@@ -48,21 +50,21 @@ def quick_bound(kernel: Kernel) -> float:
     return _smith(kernel, inward, np.zeros(kernel.size + 1))[0]
 
 
-def best_bound(kernel: Kernel, cost: float, deadline: float) -> float:
-    """The best bound found until `deadline` (of time.perf_counter); `cost` is a known order's."""
+def best_split(kernel: Kernel, cost: float, deadline: float) -> Split:
+    """The best split found until `deadline` (of time.perf_counter); `cost` is a known order's."""
     onto = np.where(_legs(kernel), kernel.D, np.inf).T.copy()
-    at = centre = np.zeros(kernel.size + 1)
-    best, scale, since, drift = 0.0, 1.0, 0, np.zeros(kernel.size + 1)
+    at = np.zeros(kernel.size + 1)
+    best, scale, since, drift = _split(kernel, onto, at), 1.0, 0, np.zeros(kernel.size + 1)
     for _ in range(_STEPS):
         split = _split(kernel, onto, at)
-        if split.bound > best + _BETTER * abs(best):
-            best, centre, since = split.bound, at, 0
+        if split.bound > best.bound + _BETTER * abs(best.bound):
+            best, since = split, 0
         else:
             since += 1
         if time.perf_counter() > deadline or scale < 1e-4:
             break
         if since >= _PATIENCE:
-            scale, since, at, drift = scale * _SHORTER, 0, centre, np.zeros(len(at))
+            scale, since, at, drift = scale * _SHORTER, 0, best.out, np.zeros(len(at))
             continue
         steep = float(split.gradient @ split.gradient)
         if steep < 1e-18:
@@ -85,7 +87,7 @@ def _split(kernel: Kernel, onto: Floats, out: Array) -> Split:
     inward = reduced[np.arange(kernel.size), nearest]
     bound, before, after = _smith(kernel, inward, out)
     used = np.bincount(nearest, weights=before, minlength=kernel.size + 1)
-    return Split(bound, np.append(after, kernel.norm) - used)
+    return Split(bound, np.append(after, kernel.norm) - used, inward, out)
 
 
 def _smith(kernel: Kernel, inward: Array, out: Array) -> tuple[float, Array, Array]:

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from kg.errors import OrderingError
 from planner.ordering.improve import MANY, by_ratio, improve
 from planner.ordering.kernel import Ints, Kernel, reduce_problem
-from planner.ordering.potentials import best_bound, quick_bound
+from planner.ordering.potentials import best_split, quick_bound
 from planner.ordering.problem import OrderingProblem
 from planner.ordering.prove import prove
 from planner.ordering.subsets import MOST, best_order
 from planner.ordering.tangent import Tangent
+from planner.ordering.trees import tree_bound
 from planner.ordering.walks import Values, Walks, fits, raise_prices
 
 #: places up to which all subsets can be gone through in half a second
@@ -25,11 +26,14 @@ _ON_ORDERS, _ON_MANY = 0.45, 0.7
 #: up to so many places a proof by exhaustion is tried
 _FEW = 40
 #: share of the time spent on orders of that few, and on prices of what is left after that
-_ON_FEW, _ON_PRICES = 0.15, 0.4
+_ON_FEW, _ON_PRICES = 0.25, 0.4
 #: share of what is left after the orders for split legs
 _ON_SPLITS = 0.08
+#: share of the rest for clusters, where walks come after them; up to so many places, as a step
+#: takes as long as the square of them
+_ON_TREES, _TREES = 0.25, 700
 #: up to so many places a second walks bound; they remember so many others, more before a proof
-_WALKED, _MEMORY, _LONG_MEMORY = 160, 3, 6
+_WALKED, _MEMORY, _LONG_MEMORY = 85, 3, 6
 #: gap beyond which a proof takes too long to be tried
 _HOPELESS = 0.07
 #: places that a walk reaches with its memory kept
@@ -94,9 +98,8 @@ def _anytime(kernel: Kernel, begin: float, limit: float, seed: int) -> tuple[Int
     order, cost = improve(kernel, order, now + (end - now) * share, seed)
     known = Tangent.of(kernel, order)
     if not walked or not fits(kernel, known, _MEMORY):
-        return order, best_bound(kernel, cost, end)
-    now = time.perf_counter()
-    bound = best_bound(kernel, cost, now + (end - now) * _ON_SPLITS)
+        return order, _without_walks(kernel, cost, end, 1.0)
+    bound = _without_walks(kernel, cost, end, _ON_SPLITS if few else _ON_TREES)
     walks = Walks(kernel, known, _MEMORY, _NEAREST)
     now = time.perf_counter()
     until = now + (end - now) * (_ON_PRICES if few else 1.0)
@@ -106,6 +109,16 @@ def _anytime(kernel: Kernel, begin: float, limit: float, seed: int) -> tuple[Int
         if better is not None:
             return (better if len(better) else order), np.inf
     return order, bound if values is None else max(bound, values.bound)
+
+
+def _without_walks(kernel: Kernel, cost: float, end: float, share: float) -> float:
+    """The bound of split legs and then of clusters, in a share of the time left."""
+    now = time.perf_counter()
+    until = now + (end - now) * share
+    if kernel.size > _TREES:
+        return best_split(kernel, cost, until).bound
+    split = best_split(kernel, cost, now + (until - now) * _ON_SPLITS)
+    return max(split.bound, tree_bound(kernel, cost, until, split.inward, split.out))
 
 
 def _exhausted(

@@ -17,8 +17,8 @@ from kg.errors import OrderingError
 from planner.ordering import OrderingProblem, solve
 from planner.ordering.improve import by_ratio, improve
 from planner.ordering.kernel import reduce_problem
-from planner.ordering.moves import changed, moves
-from planner.ordering.potentials import best_bound, quick_bound
+from planner.ordering.moves import changed, far_moves, moves
+from planner.ordering.potentials import best_split, quick_bound
 from planner.ordering.segments import Order, legs_of
 
 TIMES = st.floats(0, 500)
@@ -82,7 +82,7 @@ def test_bounds_are_never_above_the_optimum(problem: OrderingProblem) -> None:
     optimum = least(problem) * kernel.norm
     slack = 1e-9 * (1 + optimum)
     assert quick_bound(kernel) <= optimum + slack
-    assert best_bound(kernel, kernel.cost(order), np.inf) <= optimum + slack
+    assert best_split(kernel, kernel.cost(order), np.inf).bound <= optimum + slack
 
 
 @settings(max_examples=40, deadline=None)
@@ -99,6 +99,23 @@ def test_the_gain_of_a_move_is_what_the_cost_falls_by(problem: OrderingProblem, 
         other = places.copy()
         other[i - 1 : j] = changed(order.place, i, c, j, turn)
         assert sorted(other) == list(range(m))
+        difference = kernel.cost(places) - kernel.cost(other)
+        assert gain == pytest.approx(difference, rel=1e-6, abs=1e-4)
+
+
+@settings(max_examples=25, deadline=None)
+@given(problems(most=8), st.randoms(use_true_random=False))
+def test_far_moves_gain_what_the_cost_falls_by(problem: OrderingProblem, rng: Any) -> None:
+    kernel = reduce_problem(problem)
+    places = np.array(rng.sample(range(kernel.size), kernel.size))
+    order = Order(legs_of(kernel), places)
+    found = far_moves(order, np.arange(1, order.end + 1))
+    m = order.end
+    assert len(found.gain) == m * (m - 1) // 2 + 4 * (m * (m - 1) * (m - 2) // 6)
+    for i, c, j, turn, gain in zip(*found, strict=True):
+        other = places.copy()
+        other[i - 1 : j] = changed(order.place, i, c, j, turn)
+        assert sorted(other) == list(range(kernel.size))
         difference = kernel.cost(places) - kernel.cost(other)
         assert gain == pytest.approx(difference, rel=1e-6, abs=1e-4)
 
