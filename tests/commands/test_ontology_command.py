@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -132,3 +133,28 @@ def test_nothing_at_the_path_is_said(flat: Path, mine: Path, tmp_path: Path, fai
     assert f"no ontology at {absent}" in fails("ontology", "check", absent)
     assert f"no ontology at {absent}" in fails("ontology", "reload", flat, absent)
     assert "no map at" in fails("ontology", "reload", tmp_path / "no.map", mine)
+
+
+def test_a_header_that_says_little_is_warned_of_and_taken(
+    flat: Path, mine: Path, prints: Run
+) -> None:
+    said = re.sub(r"rdfs:label .*?;\n|owl:versionInfo .*", "", MUG, count=2)
+    bare = said.replace("commonsense> ;", "commonsense> .")
+    mine.write_text(mine.read_text().replace(MUG, bare))
+    assert "should have an owl:versionInfo" in prints("ontology", "check", mine)
+    assert "+ category 'mug' added under cup" in prints("ontology", "reload", flat, mine)
+
+
+def test_a_number_that_is_none_is_a_finding_and_no_traceback(
+    mine: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with mine.open("a") as file:
+        file.write('here:nearBy here:probability "often"^^xsd:double .\n')
+    assert main(["ontology", "check", str(mine)]) == 1
+    assert caplog.records == []
+
+
+def test_an_empty_file_is_not_all_well(tmp_path: Path, prints: Run) -> None:
+    path = tmp_path / "empty.ttl"
+    path.touch()
+    assert "holds no statement" in prints("ontology", "check", path)

@@ -150,7 +150,8 @@ def test_what_is_badly_made_is_refused_with_its_line_and_the_reason(
 
 
 def test_a_contradiction_is_refused_where_hermit_is_asked(tmp_path: Path) -> None:
-    both = 'here:Odd a owl:Class ; rdfs:label "odd" ; rdfs:subClassOf here:Object , here:Place .'
+    both = """here:Odd a owl:Class ; rdfs:label "odd" ;
+        rdfs:subClassOf here:Cup , [ a owl:Class ; owl:complementOf here:Cup ] ."""
     ontology = load_with_imports(written(tmp_path, both))
     assert [f for f in inspect(ontology) if f.severity == "violation"] == []
     with pytest.raises(OntologyError, match=r"line 10: here:Odd: can have no members"):
