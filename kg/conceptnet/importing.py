@@ -69,8 +69,8 @@ def import_conceptnet(
         progress: told how many bytes (or requests) are done, of how many.
 
     Raises:
-        ConceptNetError: the source cannot be read, nothing in it speaks of the categories, or
-            the file cannot be brought up to date.
+        ConceptNetError: the source cannot be read, the file cannot be brought up to date, or
+            would be emptied, since nothing in the source speaks of the categories.
         OntologyError: the ontologies cannot be read.
     """
     standing = Standing() if into is None else read_standing(into)
@@ -85,7 +85,7 @@ def import_conceptnet(
     reading = Reading()
     with _assertions(source, language, collection, reading, cache, client, progress) as assertions:
         used = collection.take(assertions)
-    if not used:
+    if not used and into is not None:  # it would empty the file
         raise ConceptNetError(
             f"{source} says nothing of these categories in the language {language!r} "
             f"({reading.lines} assertions read): ConceptNet calls English 'en', German 'de'"
