@@ -202,6 +202,21 @@ def test_what_changes_about_a_known_term_is_told() -> None:
     assert words(stronger, again) == [told_again]
 
 
+def test_statistics_of_rooms_are_told_in_words() -> None:
+    def counted(held: int) -> tuple[Quad, ...]:
+        return with_turtle(
+            "<https://w3id.org/hereabouts/statistics/ours/Kitchen/Oven> a here:RoomStatistics ; "
+            "here:statisticsObject here:Oven ; here:statisticsPlace here:Kitchen ; "
+            f'here:roomCount 5 ; here:roomsWithObject {held} ; dct:source "ours" .'
+        )
+
+    assert words(SHIPPED, counted(3)) == ["+ oven in 3 of 5 rooms that are kitchen ('ours') added"]
+    assert words(counted(3), counted(4)) == [
+        "- oven in 3 of 5 rooms that are kitchen ('ours') removed",
+        "+ oven in 4 of 5 rooms that are kitchen ('ours') added",
+    ]
+
+
 def test_blank_nodes_have_names_made_of_what_is_said_and_lose_them_again() -> None:
     once = named(SHIPPED)
     assert not any("_:" in str(q.subject) for q in once)
