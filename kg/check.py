@@ -14,8 +14,9 @@ from typing import Final
 from pyoxigraph import BlankNode, NamedNode, Quad
 
 from kg import vocabulary as v
+from kg.categories import Catalogue, Category, name_key
 from kg.errors import OntologyError
-from kg.ontology import SHAPES_FILE, compile_commonsense, load_ontologies
+from kg.ontology import SHAPES_FILE, compile_commonsense, load_ontologies, superclasses
 from kg.relations import relations
 from kg.shapes import Finding, validate
 from kg.shipped import ONTOLOGIES
@@ -54,6 +55,8 @@ def check_quads(quads: Iterable[Quad], shapes: Path = ONTOLOGIES / SHAPES_FILE) 
     found += _undeclared(quads, _declared(quads))
     found += _undeclared_properties(quads)
     found += _mixed_kinds(quads)
+    found += _objects_and_places(quads)
+    found += _same_names(quads)
     try:
         relations(quads)
     except OntologyError as error:
@@ -133,6 +136,35 @@ def _mixed_kinds(quads: Iterable[Quad]) -> list[Finding]:
         Finding(focus=iri, message=f"is a property of two kinds: {' and '.join(sorted(of))}")
         for iri, of in kinds.items()
         if len(of) > 1
+    ]
+
+
+def _objects_and_places(quads: Iterable[Quad]) -> list[Finding]:
+    """Categories that searches could take for either; HermiT, where it is asked, says it too."""
+    message = "is a kind of here:Object and of here:Place; it can be one of them"
+    return [
+        Finding(focus=iri, message=message)
+        for iri, above in superclasses(quads).items()
+        if v.OBJECT in above and v.PLACE in above
+    ]
+
+
+def _same_names(quads: Iterable[Quad]) -> list[Finding]:
+    """Categories with the label of another: who says it means the first, and never the other."""
+    called: dict[tuple[str, str], list[Category]] = defaultdict(list)
+    for category in Catalogue.from_quads(quads).categories:
+        if not category.provisional:
+            called[category.kind, name_key(category.label)].append(category)
+    return [
+        Finding(
+            focus=other.iri,
+            message=f"has the label of {first.iri.replace(v.HERE, 'here:')}, which it then means",
+            path=v.RDFS_LABEL,
+            value=other.label,
+            severity="warning",
+        )
+        for first, *others in called.values()
+        for other in others
     ]
 
 

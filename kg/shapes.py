@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -36,6 +37,14 @@ class Finding:
 
 #: beginnings of IRIs that pyshacl takes as they are; of others it makes prefixed names
 _PLAIN = ("http:", "https:", "urn:", "file:")
+
+
+def _is_not_ill_typed(record: logging.LogRecord) -> bool:
+    return not str(record.msg).startswith("Failed to convert Literal")
+
+
+# a literal that is none of its type is a finding; rdflib prints a traceback for each besides
+logging.getLogger("rdflib.term").addFilter(_is_not_ill_typed)
 
 
 class Shapes:

@@ -14,13 +14,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, TypeVar
 
-from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, parse
+from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from kg import vocabulary as v
 from kg.conceptnet.relate import Found
 from kg.conceptnet.turtle import Key, file_text, key_of, listed_in, notes_of
-from kg.errors import ConceptNetError
+from kg.errors import ConceptNetError, OntologyError
 from kg.marks import as_imported
+from kg.syntaxes import parse_file
 
 _KINDS: Final = (v.LOCATED_AT, v.NEAR_BY, v.RDFS_SUB_CLASS_OF)
 #: What the importer says of its file; other properties of the header are people's.
@@ -84,11 +85,9 @@ def read_standing(path: Path) -> Standing:
 
 def _parsed(path: Path) -> list[Triple]:
     try:
-        return [q.triple for q in parse(path=str(path), format=RdfFormat.TURTLE)]
-    except SyntaxError as error:
-        raise ConceptNetError(f"{path}, line {error.lineno}: {error.msg}") from None
-    except OSError as error:
-        raise ConceptNetError(f"{path}: {error.strerror or error}") from None
+        return [quad.triple for quad in parse_file(path)]
+    except OntologyError as error:
+        raise ConceptNetError(str(error)) from None
 
 
 def _renamed(triples: Iterable[Triple], names: dict[object, BlankNode]) -> list[Triple]:

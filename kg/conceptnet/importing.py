@@ -18,6 +18,7 @@ from kg.conceptnet.dump import Progress, Reading, Wanted, read_dump
 from kg.conceptnet.edits import Change, Standing, merge, read_standing, write_text
 from kg.conceptnet.names import Names
 from kg.conceptnet.relate import Found, relate
+from kg.errors import ConceptNetError
 from kg.ontology import load_ontologies, superclasses
 from kg.shipped import ONTOLOGIES
 
@@ -68,7 +69,8 @@ def import_conceptnet(
         progress: told how many bytes (or requests) are done, of how many.
 
     Raises:
-        ConceptNetError: the source cannot be read, or the file cannot be brought up to date.
+        ConceptNetError: the source cannot be read, the file cannot be brought up to date, or
+            would be emptied, since nothing in the source speaks of the categories.
         OntologyError: the ontologies cannot be read.
     """
     standing = Standing() if into is None else read_standing(into)
@@ -83,6 +85,11 @@ def import_conceptnet(
     reading = Reading()
     with _assertions(source, language, collection, reading, cache, client, progress) as assertions:
         used = collection.take(assertions)
+    if not used and into is not None:  # it would empty the file
+        raise ConceptNetError(
+            f"{source} says nothing of these categories in the language {language!r} "
+            f"({reading.lines} assertions read): ConceptNet calls English 'en', German 'de'"
+        )
     found, weak = relate(collection, groups)
     text, changes = merge(standing, found)
     written = into is not None and not dry_run and write_text(into, text)

@@ -39,7 +39,8 @@ class Change:
     """One difference: what came (+), what went (-) or what is another now (~)."""
 
     sign: str
-    #: term, relation, probability, source, label, synonym, comment, version, parent or other
+    #: term, relation, probability, source, label, synonym, comment, version, parent, statistics
+    #: or other
     kind: str
     subject: str  # IRI of the term that it is about
     words: str
@@ -64,6 +65,7 @@ def changes(old: Iterable[Quad], new: Iterable[Quad]) -> list[Change]:
         *_relations(before, after),
         *_names(before, after, gone, came),
         *_parents(before, after),
+        *_statistics(before, after, gone, came),
         *_others(before, after, gone, came),
     ]
 
@@ -163,6 +165,16 @@ def _parents(before: Side, after: Side) -> Iterator[Change]:
             yield Change("~", "parent", iri, words, was, is_)
 
 
+def _statistics(
+    before: Side, after: Side, gone: Iterable[Quad], came: Iterable[Quad]
+) -> Iterator[Change]:
+    """Rooms that were counted; other numbers are another count."""
+    for sign, verb, side, quads in (("-", "removed", before, gone), ("+", "added", after, came)):
+        touched = {getattr(quad.subject, "value", "") for quad in quads}
+        for iri in sorted(touched & side.statistics.keys()):
+            yield Change(sign, "statistics", iri, f"{side.counted(iri)} {verb}")
+
+
 def _others(
     before: Side, after: Side, gone: Iterable[Quad], came: Iterable[Quad]
 ) -> Iterator[Change]:
@@ -186,6 +198,8 @@ def _others(
 
 def _is_told(quad: Quad, side: Side, told: Iterable[str]) -> bool:
     subject, predicate = getattr(quad.subject, "value", ""), quad.predicate.value
+    if subject in side.statistics:
+        return True
     if subject in told or (predicate in KINDS and subject in side.terms):
         return True
     if subject in side.axioms:

@@ -32,6 +32,8 @@ def inspect(ontology: Ontology, *, reason: bool = False) -> list[Finding]:
     shapes = shapes_of(ontology.files[0].parent) if ontology.files else None
     found = check_quads(quads, shapes) if shapes else check_quads(quads)
     found += owl_dl_findings(quads)
+    if not quads and ontology.files:
+        found.append(Finding(ontology.files[0].name, "holds no statement", severity="warning"))
     if reason and not any(finding.severity == "violation" for finding in found):
         found += _contradictions(quads)
     statements = _annotated(quads)

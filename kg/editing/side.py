@@ -33,9 +33,13 @@ class Side:
         self.terms: dict[str, str] = {}
         self.parents: dict[str, set[str]] = defaultdict(set)
         self.axioms: set[str] = set()  # nodes that annotate a relation
+        self.statistics: dict[str, dict[str, str]] = {}  # of rooms: node -> property -> value
         self._labels: dict[str, str] = {}
         for quad in self.quads:
             self._note(quad)
+        for quad in self.quads:
+            if (said := self.statistics.get(getattr(quad.subject, "value", ""))) is not None:
+                said[quad.predicate.value] = getattr(quad.object, "value", "")
 
     def _note(self, quad: Quad) -> None:
         subject, predicate = getattr(quad.subject, "value", ""), quad.predicate.value
@@ -45,6 +49,8 @@ class Side:
         elif predicate == v.RDF_TYPE and value in _DECLARATIONS:
             if not subject.startswith(v.GENID):
                 self.terms[subject] = _DECLARATIONS[value]
+        elif predicate == v.RDF_TYPE and value == v.ROOM_STATISTICS:
+            self.statistics[subject] = {}
         elif predicate == v.RDFS_SUB_CLASS_OF and not value.startswith(v.GENID):
             self.parents[subject].add(value)
         elif predicate == v.OWL_ANNOTATED_PROPERTY and value in KINDS:
@@ -56,6 +62,15 @@ class Side:
         if category is not None:
             return category.label
         return self._labels.get(iri) or iri.replace(v.HERE, "here:")
+
+    def counted(self, iri: str) -> str:
+        """What statistics of rooms say, in words."""
+        said = self.statistics[iri]
+        thing, place = (
+            self.name(said.get(one, "")) for one in (v.STATISTICS_OBJECT, v.STATISTICS_PLACE)
+        )
+        rooms, held = said.get(v.ROOM_COUNT, "?"), said.get(v.ROOMS_WITH_OBJECT, "?")
+        return f"{thing} in {held} of {rooms} rooms that are {place} ({said.get(v.DCT_SOURCE)!r})"
 
     def kind(self, iri: str) -> str:
         """``category``, or what else the term is declared as."""

@@ -32,6 +32,7 @@ _FACTS: Final = tuple(
     NamedNode(graph) for graph in (v.MAP_GRAPH, v.ASSERTIONS_GRAPH, v.DATASET_GRAPH)
 )
 _TYPE: Final = NamedNode(v.RDF_TYPE)
+_IMPORTS: Final = NamedNode(v.OWL_IMPORTS)
 _TOLD = 5  # terms named in one message
 
 
@@ -75,10 +76,25 @@ def take_in(store: MapStore, quads: Iterable[Quad], by: str | None) -> Taken:
 
 
 def left_out(old: Iterable[Quad], new: Iterable[Quad]) -> tuple[str, ...]:
-    """Ontologies of `old` of which `new` has neither the header nor all their terms; IRIs."""
+    """Ontologies of `old` of which `new` has neither the header nor all they say; IRIs.
+
+    Where `new` imports nothing, and so is one file made of all, their classes must be there;
+    single statements may have been edited. Otherwise all statements must, as in their own files.
+    """
     old, new = tuple(old), tuple(new)
     missing = headers(old) - headers(new)
-    return tuple(sorted(missing)) if missing and _classes(old) - _classes(new) else ()
+    if not missing:
+        return ()
+    if any(q.predicate == _IMPORTS for q in new):
+        lost = any(_is_of_a_file(q, missing) for q in set(named(old)) - set(named(new)))
+    else:
+        lost = bool(_classes(old) - _classes(new))
+    return tuple(sorted(missing)) if lost else ()
+
+
+def _is_of_a_file(quad: Quad, headers: frozenset[str]) -> bool:
+    subject = getattr(quad.subject, "value", "")
+    return subject not in headers and not subject.startswith(v.PROVISIONAL)
 
 
 def _recompiled(

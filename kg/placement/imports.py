@@ -115,7 +115,7 @@ def _fill(found: dict[tuple[str, str], int], number: dict[str, int]) -> None:
 
 def _rows(path: Path) -> Iterator[tuple[int, _Row]]:
     try:
-        with path.open(newline="", encoding="utf-8") as file:
+        with path.open(newline="", encoding="utf-8-sig") as file:  # spreadsheets mark it
             reader = csv.DictReader(file, strict=True)
             columns = reader.fieldnames or ()
             if missing := [name for name in COLUMNS if name not in columns]:

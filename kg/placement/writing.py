@@ -11,12 +11,14 @@ from pyoxigraph import Literal, NamedNode, Quad, RdfFormat, serialize
 
 from kg import vocabulary as v
 from kg.commits import Cause
+from kg.errors import InvalidFactError, OntologyError
 from kg.export import write_atomically
 from kg.ontology import compile_commonsense
 from kg.placement.imports import RoomTable
 from kg.placement.rooms import RoomType
 from kg.placement.statistics import statistics, statistics_quads
 from kg.semantic_map import SemanticMap
+from kg.syntaxes import parse_file
 
 _ONTOLOGY: Final = NamedNode(v.ONTOLOGY_GRAPH)
 _COMMONSENSE: Final = NamedNode(v.COMMONSENSE_GRAPH)
@@ -45,10 +47,12 @@ def table_quads(table: RoomTable) -> tuple[Quad, ...]:
 def write_rooms(table: RoomTable, path: Path) -> None:
     """A Turtle file for a folder of ontologies; the same table gives the same bytes.
 
-    Raises GraphError where it cannot be written.
+    Raises GraphError where it cannot be written, InvalidFactError where a file is there that says
+    something else than such a table of the same source: it would be lost.
     """
     source = table.statistics[0].source
     name = NamedNode(v.ROOMS_ONTOLOGY + quote(source, safe=""))
+    _refuse_others(path, name, source)
     said: list[tuple[str, NamedNode | Literal]] = [
         (v.RDF_TYPE, NamedNode(v.OWL_ONTOLOGY)),
         *((v.OWL_IMPORTS, NamedNode(iri)) for iri in _IMPORTS),
@@ -66,6 +70,26 @@ def write_rooms(table: RoomTable, path: Path) -> None:
     write_atomically(path, "\n".join(lines) + "\n")
 
 
+def _refuse_others(path: Path, name: NamedNode, source: str) -> None:
+    if not path.exists():
+        return
+    try:
+        triples = [quad.triple for quad in parse_file(path)]
+        ours = {one.iri for one in statistics(parse_file(path)) if one.source == source}
+    except OntologyError as error:
+        raise InvalidFactError(f"{error}; name a new file, the import would overwrite it") from None
+    for triple in triples:
+        subject = getattr(triple.subject, "value", "")
+        kind = subject.startswith(v.ROOM_TYPE) and triple.predicate.value in _OF_KINDS
+        if triple.subject != name and subject not in ours and not kind:
+            raise InvalidFactError(
+                f"{path} holds more than room statistics of {source!r} ({triple.subject} "
+                f"{triple.predicate}): name a new file, the import would overwrite this one"
+            )
+
+
+#: what is said of a kind of room that statistics bring
+_OF_KINDS: Final = (v.RDF_TYPE, v.RDFS_SUB_CLASS_OF, v.RDFS_LABEL, v.RDFS_COMMENT)
 _PREFIXES: Final = {name: v.PREFIXES[name] for name in ("here", "owl", "rdfs", "dct", "xsd")}
 
 

@@ -45,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
     license_iri = checked_iri(arguments.license or terms)
     shipped = Catalogue.from_quads(load_ontologies().quads)
     table = read_rooms(path, shipped, source, license_iri)
-    if arguments.into.endswith(".ttl"):
+    if is_ontology_file(arguments.into):
         write_rooms(table, Path(arguments.into))
         changed = None
     else:
@@ -67,6 +67,17 @@ def run(arguments: argparse.Namespace) -> int:
         print_table(("", ""), [(k.replace("_", " "), _cell(value)) for k, value in told.items()])
         note(f"imported into {arguments.into}")
     return 0
+
+
+def is_ontology_file(into: str) -> bool:
+    """Whether a Turtle file is meant, not a map; raises InvalidFactError for other syntaxes."""
+    from kg.errors import InvalidFactError
+    from kg.syntaxes import ENDINGS
+
+    ending = Path(into).suffix.lower()
+    if ending in ENDINGS and ending != ".ttl":
+        raise InvalidFactError(f"--into {into}: an ontology file is written as Turtle; name a .ttl")
+    return ending == ".ttl"
 
 
 def checked_iri(text: str) -> str:

@@ -72,3 +72,14 @@ def _other(folder: Path) -> Path:
     path = folder / "other.ttl"
     path.write_text("<urn:a> <urn:b> <urn:c> .\n")
     return path
+
+
+def test_a_language_nobody_speaks_leaves_the_file_as_it_is(
+    prints: Prints, fails: Fails, graph: Path, tmp_path: Path
+) -> None:
+    into = tmp_path / "conceptnet.ttl"
+    prints("import", "conceptnet", "--from", graph, "--into", into)
+    before = into.read_bytes()
+    words = ("import", "conceptnet", "--from", graph, "--into", into, "--language", "xx")
+    assert "nothing of these categories in the language 'xx'" in fails(*words)
+    assert into.read_bytes() == before

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -110,6 +111,19 @@ def test_a_file_that_leaves_out_what_the_map_knows_is_refused_unless_it_is_the_w
     assert "- category 'kitchen' removed" in told
 
 
+def test_a_file_that_leaves_out_only_relations_is_refused_too(
+    flat: Path, mine: Path, fails: Run
+) -> None:
+    core = "https://w3id.org/hereabouts/ontology"
+    with SemanticMap.open(flat) as semantic_map:
+        before = set(semantic_map.engine)
+    text = mine.read_text().replace("here:locatedAt here:Office", 'rdfs:seeAlso "nothing"')
+    mine.write_text(text.replace(f"<{core}/commonsense>", f"<{core}/objects> , <{core}/places>"))
+    assert f"leaves out <{core}/commonsense>" in fails("ontology", "reload", flat, mine)
+    with SemanticMap.open(flat) as semantic_map:
+        assert set(semantic_map.engine) == before
+
+
 def test_what_is_exported_loads_again_without_a_change(
     flat: Path, tmp_path: Path, prints: Run
 ) -> None:
@@ -132,3 +146,28 @@ def test_nothing_at_the_path_is_said(flat: Path, mine: Path, tmp_path: Path, fai
     assert f"no ontology at {absent}" in fails("ontology", "check", absent)
     assert f"no ontology at {absent}" in fails("ontology", "reload", flat, absent)
     assert "no map at" in fails("ontology", "reload", tmp_path / "no.map", mine)
+
+
+def test_a_header_that_says_little_is_warned_of_and_taken(
+    flat: Path, mine: Path, prints: Run
+) -> None:
+    said = re.sub(r"rdfs:label .*?;\n|owl:versionInfo .*", "", MUG, count=2)
+    bare = said.replace("commonsense> ;", "commonsense> .")
+    mine.write_text(mine.read_text().replace(MUG, bare))
+    assert "should have an owl:versionInfo" in prints("ontology", "check", mine)
+    assert "+ category 'mug' added under cup" in prints("ontology", "reload", flat, mine)
+
+
+def test_a_number_that_is_none_is_a_finding_and_no_traceback(
+    mine: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with mine.open("a") as file:
+        file.write('here:nearBy here:probability "often"^^xsd:double .\n')
+    assert main(["ontology", "check", str(mine)]) == 1
+    assert caplog.records == []
+
+
+def test_an_empty_file_is_not_all_well(tmp_path: Path, prints: Run) -> None:
+    path = tmp_path / "empty.ttl"
+    path.touch()
+    assert "holds no statement" in prints("ontology", "check", path)

@@ -186,6 +186,8 @@ MUG = "here:Mug a owl:Class ; rdfs:subClassOf here:Cup ; "
         ("here:nearBy a owl:ObjectProperty", "nearBy", "annotation and object", "violation"),
         ("here:nearBy here:probability 2", "nearBy", "number between 0 and 1", "violation"),
         ("here:nearBy here:probability 0.3", "nearBy", "number between 0 and 1", "violation"),
+        (MUG + 'rdfs:label "cup"', "Mug", "has the label of here:Cup", "warning"),
+        ("here:Cup rdfs:subClassOf here:Office", "Cup", "kind of here:Object and", "violation"),
         ('here:Cup skos:note "x"', "", "used that no ontology declares", "violation"),
     ],
 )
@@ -217,9 +219,9 @@ def test_a_relation_without_a_source_is_a_warning_and_a_bad_probability_is_not(
 
 def test_an_ontology_without_a_proper_header_is_found(folder: Path) -> None:
     (folder / "mine.ttl").write_text(f"{PREFIXES} <urn:mine> a owl:Ontology .")
-    messages = {f.message for f in check_ontologies(folder) if f.focus == "urn:mine"}
+    messages = {(f.message, f.severity) for f in check_ontologies(folder) if f.focus == "urn:mine"}
     assert messages == {
-        f"an ontology needs {what}"
+        (f"an ontology should have {what}", "warning")
         for what in ("an rdfs:label", "an rdfs:comment", "an owl:versionInfo", "a dct:license")
     }
 

@@ -150,7 +150,8 @@ def test_what_is_badly_made_is_refused_with_its_line_and_the_reason(
 
 
 def test_a_contradiction_is_refused_where_hermit_is_asked(tmp_path: Path) -> None:
-    both = 'here:Odd a owl:Class ; rdfs:label "odd" ; rdfs:subClassOf here:Object , here:Place .'
+    both = """here:Odd a owl:Class ; rdfs:label "odd" ;
+        rdfs:subClassOf here:Cup , [ a owl:Class ; owl:complementOf here:Cup ] ."""
     ontology = load_with_imports(written(tmp_path, both))
     assert [f for f in inspect(ontology) if f.severity == "violation"] == []
     with pytest.raises(OntologyError, match=r"line 10: here:Odd: can have no members"):
@@ -199,6 +200,21 @@ def test_what_changes_about_a_known_term_is_told() -> None:
     )
     told_again = "~ probability of cup located at attic changed from 0.1 to 0.4"
     assert words(stronger, again) == [told_again]
+
+
+def test_statistics_of_rooms_are_told_in_words() -> None:
+    def counted(held: int) -> tuple[Quad, ...]:
+        return with_turtle(
+            "<https://w3id.org/hereabouts/statistics/ours/Kitchen/Oven> a here:RoomStatistics ; "
+            "here:statisticsObject here:Oven ; here:statisticsPlace here:Kitchen ; "
+            f'here:roomCount 5 ; here:roomsWithObject {held} ; dct:source "ours" .'
+        )
+
+    assert words(SHIPPED, counted(3)) == ["+ oven in 3 of 5 rooms that are kitchen ('ours') added"]
+    assert words(counted(3), counted(4)) == [
+        "- oven in 3 of 5 rooms that are kitchen ('ours') removed",
+        "+ oven in 4 of 5 rooms that are kitchen ('ours') added",
+    ]
 
 
 def test_blank_nodes_have_names_made_of_what_is_said_and_lose_them_again() -> None:

@@ -56,8 +56,8 @@ def load(sources: Sources) -> TrialData:
     quads = [q for q in load_ontologies().quads if q.predicate.value != v.STATISTICS_OBJECT]
     quads = [q for q in quads if q.predicate.value not in _STATISTICS and not _counts(q.object)]
     shipped = Catalogue.from_quads(quads)
+    homes = load_homes(sources.homes, shipped)  # first: the statistics may lie among them
     table = read_rooms(sources.statistics, shipped, "statistics")
-    homes = load_homes(sources.homes, shipped)
     areas = load_s3dis(sources.s3dis, shipped) if sources.s3dis else ()
     quads.extend(room_type_quads({*table.new_types, *_new_types((*homes, *areas), shipped)}))
     known = knowledge(quads, Catalogue.from_quads(quads), shipped=False)

@@ -18,6 +18,7 @@ from kg.placement.rooms import room_types
 from kg.placement.statistics import statistics
 from kg.placement.writing import write_rooms
 from kg.shipped import ONTOLOGIES
+from kg.vocabulary import PREFIXES
 from planner.commands import main
 
 Shared = Callable[[str], Path]
@@ -103,7 +104,9 @@ def test_names_of_any_kind_never_break_the_file(
         return
     folder = tmp_path / "ontologies"
     folder.mkdir(exist_ok=True)
-    write_rooms(found, folder / "rooms.ttl")
+    (folder / "rooms.ttl").unlink(missing_ok=True)
+    for _ in range(2):  # and the file is known again as its own
+        write_rooms(found, folder / "rooms.ttl")
     assert statistics(load_ontologies(folder).quads) == tuple(sorted(found.statistics))
 
 
@@ -137,3 +140,45 @@ def test_statistics_of_real_homes_come_in(shared: Shared) -> None:
     assert (one.rooms, one.rooms_with) == (160, 127)
     assert found.unknown == ()
     assert {"garage", "toilet"} <= {kind.label for kind in found.new_types}
+
+
+def test_a_table_saved_by_a_spreadsheet_is_read(tmp_path: Path) -> None:
+    text = (HEAD + "kitchen,5,oven,2\n").replace("\n", "\r\n")
+    path = table(tmp_path, b"\xef\xbb\xbf" + text.encode())
+    (one,) = read_rooms(path, CATALOGUE, "s").statistics
+    assert (one.rooms, one.rooms_with) == (5, 2)
+
+
+@pytest.mark.parametrize(
+    "held",
+    [
+        "here:Mug a owl:Class ; rdfs:subClassOf here:Cup .",
+        "<https://w3id.org/hereabouts/statistics/b/Kitchen/Oven> a here:RoomStatistics ;"
+        " here:statisticsObject here:Oven ; here:statisticsPlace here:Kitchen ;"
+        ' here:roomCount 3 ; here:roomsWithObject 1 ; dct:source "b" .',
+        '<https://w3id.org/hereabouts/room/garage> skos:altLabel "carport" .',
+        "this is no Turtle",
+    ],
+)
+def test_a_file_that_says_anything_else_is_not_overwritten(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], held: str
+) -> None:
+    path = table(tmp_path, HEAD + "kitchen,5,oven,2\ngarage,7,bicycle,3\n")
+    into = tmp_path / "mine.ttl"
+    arguments = ["import", "rooms", str(path), "--into", str(into), "--source", "a"]
+    assert main(arguments) == 0
+    names = "".join(f"@prefix {name}: <{iri}> .\n" for name, iri in PREFIXES.items())
+    text = names + into.read_text() + held + "\n"
+    into.write_text(text)
+    assert main(arguments) == 1
+    assert "would overwrite" in capsys.readouterr().err
+    assert into.read_text() == text
+
+
+def test_an_ending_of_another_syntax_makes_no_map(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = table(tmp_path, HEAD + "kitchen,5,oven,2\n")
+    assert main(["import", "rooms", str(path), "--into", str(tmp_path / "homes.owl")]) == 1
+    assert "name a .ttl" in capsys.readouterr().err
+    assert not (tmp_path / "homes.owl").exists()
