@@ -51,10 +51,12 @@ class Remembering:
     def history(self) -> Log:
         """The log of all transactions; HistoryError where the map keeps none."""
         if self._history is None:
-            raise HistoryError(
-                f"the map at {self._store.where} keeps no history; "
-                "one begins when the map is opened for writing"
+            remedy = (
+                "ask where its folder is"
+                if self._store.shared
+                else "one begins when the map is opened for writing"
             )
+            raise HistoryError(f"the map at {self._store.where} keeps no history; {remedy}")
         return self._history
 
     def changes(self, since: int = 0) -> Iterator[ChangeSet]:
@@ -95,7 +97,8 @@ class Remembering:
         """
         subject, predicate, value = statement(what, self.base)
         log = self._history or without_past(self._store, self.base)
-        explainer = Explainer(self.engine, log, self.base)
+        recorded = self._history is not None
+        explainer = Explainer(self.engine, log, self.base, recorded=recorded)
         if predicate is None:
             return (explainer.thing(subject),)
         return explainer.facts(subject, predicate, value)
