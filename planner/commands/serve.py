@@ -59,6 +59,13 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         action="store_true",
         help="serve other machines although there is no token file: anyone there may read",
     )
+    parser.add_argument(
+        "--allow-service",
+        action="append",
+        default=[],
+        metavar="URL",
+        help="let queries ask this SPARQL endpoint by SERVICE (again for more)",
+    )
     parser.add_argument("--licence", metavar="IRI", help="licence of the map, for its description")
     parser.add_argument(
         "--timeout", type=positive, default=10.0, metavar="S", help="a query may take (10 s)"
@@ -81,6 +88,8 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.usage_error("give MAP, or one --member MAP or more, not both")
     if arguments.member and (arguments.token_file or arguments.recording):
         arguments.usage_error("a fleet only reads: --token-file and --recording are for one MAP")
+    if arguments.member and arguments.allow_service:
+        arguments.usage_error("a fleet asks its members alone: --allow-service is for one MAP")
     signal.signal(signal.SIGTERM, _end)
     return _serve_fleet(arguments) if arguments.member else _serve_map(arguments)
 
@@ -138,6 +147,7 @@ def _settings(arguments: argparse.Namespace) -> Settings:
         tokens=Tokens.load(arguments.token_file) if arguments.token_file else Tokens(),
         allow_origins=tuple(arguments.allow_origin),
         licence=arguments.licence,
+        services=tuple(arguments.allow_service),
         public=arguments.public,
         limits=Limits(query_seconds=arguments.timeout),
     )
