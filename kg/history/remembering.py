@@ -11,7 +11,7 @@ from kg.commits import ChangeSet
 from kg.engine import Engine
 from kg.errors import HistoryError
 from kg.facts import Facts
-from kg.history.compaction import Compaction, compact
+from kg.history.compaction import Compaction, compact, retain
 from kg.history.instants import Instant, sequence_of
 from kg.history.log import Log
 from kg.history.naming import statement, thing
@@ -107,3 +107,13 @@ class Remembering:
         """Drop the past more than `keep` seconds back (None: keep all), and pack the history."""
         self._store.refuse_read_only()
         return compact(self.history, keep)
+
+    def retain(self, keep: float) -> None:
+        """Remember the last `keep` seconds, while it is open: the rest is dropped as time goes on.
+
+        Raises HistoryError where the map keeps no history, GraphError where it is only read.
+        """
+        self._store.refuse_read_only()
+        if not keep > 0:
+            raise HistoryError(f"what is kept must be longer than 0 s, got {keep:g}")
+        retain(self.history, keep)
