@@ -114,6 +114,6 @@ class Remembering:
         Raises HistoryError where the map keeps no history, GraphError where it is only read.
         """
         self._store.refuse_read_only()
-        if not keep > 0:
-            raise HistoryError(f"what is kept must be longer than 0 s, got {keep:g}")
+        if not keep >= 0:
+            raise HistoryError(f"what is kept must last 0 s or longer, got {keep:g}")
         retain(self.history, keep)
