@@ -30,7 +30,9 @@ TOLD_EVERY = 500
 def main() -> None:
     """Measure both, side by side."""
     seconds = float(sys.argv[1]) if len(sys.argv) > 1 else 5.0
-    print("| kept | frames | pages | transactions | update, median [ms] |\n|---|---|---|---|---|")
+    sys.stdout.write(
+        "| kept | frames | pages | transactions | update, median [ms] |\n" + "|---" * 5 + "|\n"
+    )
     for keep in (None, seconds):
         with tempfile.TemporaryDirectory() as folder:
             measure(Path(folder) / "flat.map", keep)
@@ -59,7 +61,8 @@ def tell(semantic_map: SemanticMap, keep: float | None, frame: int, took: list[f
     (pages,) = db.execute("PRAGMA page_count").fetchone()
     (commits,) = db.execute("SELECT count(*) FROM commits").fetchone()
     kept = "all" if keep is None else f"{keep:g} s"
-    print(f"| {kept} | {frame} | {pages} | {commits} | {statistics.median(took):.1f} |", flush=True)
+    median = statistics.median(took)
+    sys.stdout.write(f"| {kept} | {frame} | {pages} | {commits} | {median:.1f} |\n")
 
 
 def thing(semantic_map: SemanticMap, number: int, frame: int, luck: random.Random) -> ObjectRecord:
