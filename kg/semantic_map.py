@@ -60,6 +60,7 @@ from kg.records import (
 from kg.sayings import Sayings
 from kg.searches import looks_in, obstacles_in, searches_in
 from kg.selection import is_believed, select_objects, subcategories
+from kg.sparql_text import with_base
 from kg.standing import RowsListener, Standing
 from kg.store import MapStore
 from kg.writer import Writer
@@ -284,15 +285,16 @@ class SemanticMap(Remembering):
     ) -> ChangeSet | None:
         """Apply a SPARQL 1.1 Update of a person or program as one transaction; None: no change.
 
-        A triple without GRAPH is one of graph:map; WHERE reads all graphs. What follows from the
-        edit is written with it (`kg.consequences`). `allow` has names of graphs ("ontology",
-        "commonsense", "dataset", "history", "assertions") that may be written though they usually
-        may not. Raises QueryError for what does not parse or would reach out, ProtectedError and
-        ShapeError for what may not be written; the graph is then untouched.
+        A triple without GRAPH is one of graph:map; WHERE reads all graphs; relative IRIs are the
+        map's (``<object/17>``). What follows from the edit is written with it (`kg.consequences`).
+        `allow` has names of graphs ("ontology", "commonsense", "dataset", "history", "assertions")
+        that may be written though they usually may not. Raises QueryError for what does not parse
+        or would reach out, ProtectedError and ShapeError for what may not be written; the graph is
+        then untouched.
         """
         with self._guard:
             self._store.refuse_read_only()
-            pending = work_out(self._store, sparql)
+            pending = work_out(self._store, with_base(sparql, self.base))
             self._door.refuse_protected(pending, allow)
             draw_consequences(pending, self._facts, by)
             self._door.refuse_malformed(pending)
@@ -438,10 +440,12 @@ class SemanticMap(Remembering):
     def ask_text(self, sparql: str, **parameters: object) -> Table:
         """The answer to a SPARQL query, prefixes predeclared, over the union of all named graphs.
 
-        CONSTRUCT and DESCRIBE give a TripleTable. Raises QueryError for what does not parse, would
-        write, or would reach out to another endpoint.
+        Relative IRIs are the map's: ``<object/17>``. CONSTRUCT and DESCRIBE give a TripleTable.
+        Raises QueryError for what does not parse, would write, or would reach out to another
+        endpoint.
         """
-        return self._answer(free_question(sparql, parameters), parameters)
+        question = free_question(with_base(sparql, self.base), parameters)
+        return self._answer(question, parameters)
 
     def flush(self) -> None:
         """Write everything to disk; happens every few seconds by itself."""

@@ -4,9 +4,15 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Final
 
 from kg.history.log import BACKGROUND, Log
+
+AT_ONCE: Final = 4  # transactions dropped while a writer has to wait
+TRIM_WITHIN: Final = 0.5  # [s] of each flush
+SLACK: Final = 0.1  # of what is kept, until it is worth dropping
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,44 +28,80 @@ class Compaction:
 def compact(log: Log, keep: float | None = None) -> Compaction:
     """Drop what lies more than `keep` seconds back (None: nothing), and pack the file.
 
-    What the map said at the edge is kept, so every moment since can still be asked for. Whole or
-    not at all, also when killed midway.
+    What the map said at the edge is kept, so every moment since can still be asked for. What is
+    left when killed midway is whole, and goes the next time.
     """
     before, dropped = _size(log.file), 0
     if keep is not None:
-        edge = log.sequence_at(time.time() - keep)
-        if edge > log.floor:
-            dropped = _drop(log, edge)
+        _raise_floor(log, keep)
+        while some := _drop_some(log):
+            dropped += some
     with log.lock:
         log.db.execute("VACUUM")
         log.db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
     return Compaction(log.floor, dropped, before, _size(log.file))
 
 
-def _drop(log: Log, edge: int) -> int:
-    commit = log.commit(edge)
-    with log.transaction():
-        for node in log.nodes():
-            _drop_before(log, node, edge)
-        select = "DELETE FROM commits WHERE sequence <= ?"
-        dropped = log.db.execute(select, (edge,)).rowcount
-        unused = (
-            "NOT EXISTS (SELECT 1 FROM change WHERE change.node = {0}) "
-            "AND NOT EXISTS (SELECT 1 FROM state WHERE state.node = {0})"
-        )
-        log.db.execute("DELETE FROM member WHERE " + unused.format("member.node"))
-        log.db.execute("DELETE FROM node WHERE " + unused.format("node.id"))
-        log.set_floor(edge, commit.time if commit else log.floor_time)
-    log.refresh()
-    return int(dropped)
+def retain(log: Log, keep: float) -> None:
+    """From now on drop what lies more than `keep` seconds back, a little at each flush.
+
+    The file is not packed, but what is freed is written anew: it stops growing.
+    """
+    log.on_flush = partial(_trim, log, keep)
 
 
-def _drop_before(log: Log, node: int, edge: int) -> None:
+def _trim(log: Log, keep: float) -> None:
+    if time.time() - log.floor_time > keep * (1 + SLACK):
+        _raise_floor(log, keep)
+    until = time.monotonic() + TRIM_WITHIN
+    while _drop_some(log) and time.monotonic() < until:
+        time.sleep(0)  # a writer that waits for the log goes first
+
+
+def _raise_floor(log: Log, keep: float) -> None:
+    """Have the past begin `keep` seconds back: nothing older is told, though it is still there."""
+    with log.lock:
+        edge = log.sequence_at(time.time() - keep)
+        commit = log.commit(edge)
+        if edge > log.floor and commit is not None:
+            with log.transaction():
+                log.set_floor(edge, commit.time)
+            log.refresh()
+
+
+def _drop_some(log: Log) -> int:
+    """Drop a few of the oldest transactions up to the floor; how many, 0 where none are left."""
+    with log.lock:
+        select = "SELECT sequence FROM commits WHERE sequence <= ? ORDER BY sequence LIMIT ?"
+        oldest = [row[0] for row in log.db.execute(select, (log.floor, AT_ONCE))]
+        if not oldest:
+            return 0
+        nodes = log.touched(oldest[0] - 1, oldest[-1])
+        with log.transaction():
+            gone = [_drop_before(log, node, log.floor) for node in nodes]
+            log.db.execute("DELETE FROM commits WHERE sequence <= ?", (oldest[-1],))
+        if any(gone):
+            log.forget()
+        return len(oldest)
+
+
+def _drop_before(log: Log, node: int, edge: int) -> bool:
+    """Fold a node's past up to `edge` into one state; whether nothing is left of the node."""
+    some = "SELECT 1 FROM change WHERE node = ? AND sequence <= ? LIMIT 1"
+    if log.db.execute(some, (node, edge)).fetchone() is None:
+        return False
     facts = log.facts(node, edge)
     for table in ("change", "state"):
         log.db.execute(f"DELETE FROM {table} WHERE node = ? AND sequence <= ?", (node, edge))
     if facts and log.terms.pair(node)[0] not in BACKGROUND:
         log.put_state(node, edge, facts)
+        return False
+    later = "SELECT 1 FROM change WHERE node = ? LIMIT 1"
+    if log.db.execute(later, (node,)).fetchone() is not None:
+        return False
+    log.db.execute("DELETE FROM member WHERE node = ?", (node,))
+    log.db.execute("DELETE FROM node WHERE id = ?", (node,))
+    return True
 
 
 def _size(file: Path | None) -> int:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import sqlite3
 import threading
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -66,6 +66,7 @@ class Log:
         self.terms = Terms(connection, base)
         self._since: dict[int, int] = {}  # changes of a node since its last full state
         self._causes: dict[tuple[str, str | None, str], int] = {}
+        self.on_flush: Callable[[], None] | None = None
         self.floor = self.last = 0
         self.floor_time = self.last_time = 0.0
 
@@ -149,7 +150,10 @@ class Log:
             yield Commit(sequence, time, cause)
 
     def changes(self, after: int, until: int | None = None) -> Iterator[ChangeSet]:
-        """Whole change sets numbered above `after`, up to `until` or the last, in order."""
+        """Whole change sets numbered above `after`, up to `until` or the last, in order.
+
+        Raises HistoryError for one that is dropped meanwhile.
+        """
         until = self.last if until is None else until
         for sequence, time, cause, nodes in self._rows(after, until):
             removed: list[Quad] = []
@@ -157,8 +161,10 @@ class Log:
             with self.lock:
                 for node in nodes:
                     select = "SELECT data FROM change WHERE node = ? AND sequence = ?"
-                    (data,) = self.db.execute(select, (node, sequence)).fetchone()
-                    delta = decode_delta(data)
+                    row = self.db.execute(select, (node, sequence)).fetchone()
+                    if row is None:
+                        raise HistoryError(f"#{sequence} is no longer kept")
+                    delta = decode_delta(row[0])
                     removed += self.terms.quads(node, delta.removed)
                     added += self.terms.quads(node, delta.added)
             yield ChangeSet(sequence, time, cause, tuple(added), tuple(removed))
@@ -210,6 +216,8 @@ class Log:
 
     def flush(self) -> None:
         """Move what was written into the file proper, beside whoever goes on writing."""
+        if self.on_flush is not None:
+            self.on_flush()
         if self.file is not None:
             connection = sqlite3.connect(self.file)
             try:

@@ -11,7 +11,7 @@ from kg.commits import ChangeSet
 from kg.engine import Engine
 from kg.errors import HistoryError
 from kg.facts import Facts
-from kg.history.compaction import Compaction, compact
+from kg.history.compaction import Compaction, compact, retain
 from kg.history.instants import Instant, sequence_of
 from kg.history.log import Log
 from kg.history.naming import statement, thing
@@ -51,10 +51,12 @@ class Remembering:
     def history(self) -> Log:
         """The log of all transactions; HistoryError where the map keeps none."""
         if self._history is None:
-            raise HistoryError(
-                f"the map at {self._store.where} keeps no history; "
-                "one begins when the map is opened for writing"
+            remedy = (
+                "ask where its folder is"
+                if self._store.shared
+                else "one begins when the map is opened for writing"
             )
+            raise HistoryError(f"the map at {self._store.where} keeps no history; {remedy}")
         return self._history
 
     def changes(self, since: int = 0) -> Iterator[ChangeSet]:
@@ -95,7 +97,8 @@ class Remembering:
         """
         subject, predicate, value = statement(what, self.base)
         log = self._history or without_past(self._store, self.base)
-        explainer = Explainer(self.engine, log, self.base)
+        recorded = self._history is not None
+        explainer = Explainer(self.engine, log, self.base, recorded=recorded)
         if predicate is None:
             return (explainer.thing(subject),)
         return explainer.facts(subject, predicate, value)
@@ -104,3 +107,13 @@ class Remembering:
         """Drop the past more than `keep` seconds back (None: keep all), and pack the history."""
         self._store.refuse_read_only()
         return compact(self.history, keep)
+
+    def retain(self, keep: float) -> None:
+        """Remember the last `keep` seconds, while it is open: the rest is dropped as time goes on.
+
+        Raises HistoryError where the map keeps no history, GraphError where it is only read.
+        """
+        self._store.refuse_read_only()
+        if not keep >= 0:
+            raise HistoryError(f"what is kept must last 0 s or longer, got {keep:g}")
+        retain(self.history, keep)

@@ -13,6 +13,7 @@ from typing import Literal as Choice
 from pyoxigraph import Literal, NamedNode, Quad
 
 from kg import vocabulary as v
+from kg.assertions import Assertions
 from kg.engine import Engine
 from kg.errors import QueryParameterError
 from kg.history.coding import Term, decode_delta
@@ -29,6 +30,13 @@ VIEWS = 3  # frames named of those a place's belief rests on
 
 _MAP, _ASSERTIONS = NamedNode(v.MAP_GRAPH), NamedNode(v.ASSERTIONS_GRAPH)
 _SUBJECT = NamedNode(v.RELATION_SUBJECT)
+#: Facts that follow from what is said of a property.
+_SAID_OF = {
+    v.RDF_TYPE: "category",
+    **dict.fromkeys((v.X, v.Y, v.Z, v.IN_CELL, v.IN_PLACE), "position"),
+    v.EXISTENCE: "existence",
+    v.RDFS_LABEL: "label",
+}
 _RELATIONS = {v.LOCATED_AT, v.NEAR_BY}
 
 
@@ -51,10 +59,14 @@ class Reason:
 
 
 class Explainer:
-    """Explains what `engine` says with what `log` knows."""
+    """Explains what `engine` says with what `log` knows.
 
-    def __init__(self, engine: Engine, log: Log, base: str) -> None:
+    Without a `recorded` past, `log` holds only what is said now.
+    """
+
+    def __init__(self, engine: Engine, log: Log, base: str, *, recorded: bool = True) -> None:
         self._engine, self._log, self._base = engine, log, base
+        self._recorded = recorded
 
     def thing(self, iri: NamedNode) -> Reason:
         """Why this thing is in the map, or no longer; QueryParameterError where it never was."""
@@ -90,9 +102,25 @@ class Explainer:
         sequence = self._sequence_of(quad)
         commit = self._log.commit(sequence)
         mapped = commit is None or commit.cause.kind in ("frame", "recovery")
-        if mapped and quad.graph_name == _MAP and isinstance(quad.subject, NamedNode):
+        if commit is None and (said := self._said(quad)):
+            yield said
+        elif mapped and quad.graph_name == _MAP and isinstance(quad.subject, NamedNode):
             yield from self._mapped(quad.subject, quad.predicate.value, quad.object)
         yield self._commit(sequence)
+
+    def _said(self, quad: Quad) -> Reason | None:
+        """Who said so, of a fact whose transaction is not kept; None where nobody did."""
+        prop = _SAID_OF.get(quad.predicate.value)
+        if prop is None or quad.graph_name != _MAP or not isinstance(quad.subject, NamedNode):
+            return None
+        assertions = Assertions(self._base)
+        said = assertions.of(self._engine, quad.subject.value).get(prop)
+        if said is None or (prop == "category" and quad.object != NamedNode(said.value)):
+            return None
+        value = short(NamedNode(said.value), self._base) if prop == "category" else said.value
+        text = f"{prop} {value}, said at {iso(said.stamp)}"
+        person = Reason("person", said.by, self._base + "person")
+        return Reason("fact", text, assertions.iri(said.subject, prop), (person,))
 
     def _mapped(self, subject: NamedNode, predicate: str, value: Term) -> Iterator[Reason]:
         """The mapper's rule for a fact of its own, and what it applied the rule to."""
@@ -267,6 +295,9 @@ class Explainer:
         if commit is None:
             when = iso(self._log.floor_time)
             text = f"since before the history begins (#{self._log.floor}, {when})"
+            if not self._recorded:
+                text = "not known: this map keeps no history"
+                return Reason("commit", text)
             return Reason("commit", text, iri, (), None, self._log.floor_time)
         cause = commit.cause
         note = f" ({cause.note})" if cause.note else ""

@@ -144,6 +144,12 @@ def _measure(serving: Serving) -> None:
         lambda: feed.commits,
     )
     gauge("hereabouts_query_workers", "gauge", "Worker processes.", lambda: len(serving.pool.pids))
+    gauge(
+        "hereabouts_query_workers_busy",
+        "gauge",
+        "Worker processes with a query.",
+        lambda: serving.pool.busy,
+    )
     gauge("hereabouts_objects", "gauge", "Objects in the map.", lambda: _objects(serving))
     gauge(
         "hereabouts_feed_clients",

@@ -31,6 +31,8 @@ async def service_description(serving: Serving, request: Request) -> Response:
     triples = _read("service.ttl", root)
     if serving.settings.tokens:
         triples += _read("update.ttl", root)
+    if serving.settings.services:
+        triples += _read("federated.ttl", root)
     return _answer(triples, media_type, serving)
 
 

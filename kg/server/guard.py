@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import time
 from collections.abc import Iterable
@@ -31,6 +32,10 @@ _ROUTES = frozenset(
 )
 _METHODS = frozenset(("GET", "HEAD", "POST", "PUT", "DELETE", "OPTIONS", "PATCH"))
 
+_ENDING = problem_response(
+    Problem(503, "the server is ending; ask again when it is back", {"Retry-After": "10"}), None
+)
+
 
 class Guard:
     """The outermost layer of the application."""
@@ -44,19 +49,23 @@ class Guard:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        started, status = time.perf_counter(), 500
+        started, status, begun = time.perf_counter(), 500, False
         headers = Headers(scope=scope)
 
         async def guarded(message: Message) -> None:
-            nonlocal status
+            nonlocal status, begun
             if message["type"] == "http.response.start":
-                status = message["status"]
+                status, begun = message["status"], True
                 self._add_headers(MutableHeaders(scope=message), headers.get("origin"))
             await send(message)
 
         try:
             early = self._answer_early(scope, headers)
             await (early or self._app)(scope, receive, guarded)
+        except asyncio.CancelledError:
+            # the server ends, and has waited for this answer long enough
+            if not begun:
+                await _ENDING(scope, receive, guarded)
         finally:
             self._count(scope, status, time.perf_counter() - started)
 

@@ -101,7 +101,7 @@ async def unless_gone(request: Request, query: asyncio.Future[T]) -> T:
 
 async def _update(serving: Serving, given: Parameters, by: str) -> Response:
     text = with_graphs(
-        with_base(given.one("update") or "", serving.semantic_map.base),
+        given.one("update") or "",
         graphs_of(given, "using-graph-uri"),
         graphs_of(given, "using-named-graph-uri"),
     )

@@ -36,6 +36,7 @@ class MapServer(Listening):
                 timeout=limits.query_seconds,
                 memory_mb=limits.query_memory,
                 max_result_bytes=limits.result,
+                services=self.settings.services,
             ),
             Feed(semantic_map, limits),
             status=status,

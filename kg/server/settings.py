@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import ipaddress
+import re
 from dataclasses import dataclass, field
+
+from pyoxigraph import NamedNode
 
 from kg.errors import ServerError
 from kg.server.access import Tokens
+
+_ORIGIN = re.compile(r"https?://[^/?#\s@]+|null")
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +45,7 @@ class Settings:
     allow_origins: tuple[str, ...] = ()  # origins of web pages that may read (and write) by script
     licence: str | None = None  # IRI of the licence the map is under, for its description
     public: bool = False  # serve to other machines although there are no tokens
+    services: tuple[str, ...] = ()  # SPARQL endpoints that SERVICE may name
     limits: Limits = field(default_factory=Limits)
 
     def __post_init__(self) -> None:
@@ -48,6 +54,14 @@ class Settings:
                 f"host {self.host} is open to other machines: give a --token-file, or --public to "
                 "serve a map anyone there may read"
             )
+        for origin in self.allow_origins:
+            if not _ORIGIN.fullmatch(origin):
+                raise ServerError(
+                    f"no origin of web pages: {origin!r}; write it as browsers send it, "
+                    "e.g. https://example.org (no path, no slash at the end)"
+                )
+        for iri in (*self.services, *([] if self.licence is None else [self.licence])):
+            _refuse_relative(iri)
 
     @property
     def loopback(self) -> bool:
@@ -67,3 +81,12 @@ class Settings:
         read the map (DNS rebinding).
         """
         return frozenset({"localhost", "127.0.0.1", "[::1]"}) if self.loopback else None
+
+
+def _refuse_relative(iri: str) -> None:
+    try:
+        NamedNode(iri)
+    except ValueError as error:
+        raise ServerError(
+            f"no IRI: {iri!r} ({error}); write it whole, e.g. https://example.org/it"
+        ) from error

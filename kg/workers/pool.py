@@ -85,6 +85,12 @@ class QueryPool:
         with self._changed:
             return tuple(sorted(worker.pid for worker in self._all))
 
+    @property
+    def busy(self) -> int:
+        """How many of them are not waiting for a query."""
+        with self._changed:
+            return len(self._all) - len(self._idle)
+
     def run(
         self,
         sparql: str,

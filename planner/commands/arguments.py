@@ -30,6 +30,22 @@ def add_map(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("map", metavar="MAP", help=MAP_HELP)
 
 
+def add_keep(parser: argparse.ArgumentParser, otherwise: str) -> None:
+    """The `--keep` of commands that write; `keep_seconds` reads it."""
+    parser.add_argument(
+        "--keep",
+        metavar="DURATION",
+        help=f"how far back to remember: 30d, 12h, 90m, 2w or 1y ({otherwise})",
+    )
+
+
+def keep_seconds(arguments: argparse.Namespace) -> float | None:
+    """Seconds of `--keep`, None where it is not given; HistoryError for no duration."""
+    from kg.history.instants import duration
+
+    return None if arguments.keep is None else duration(arguments.keep)
+
+
 def add_json(parser: argparse.ArgumentParser) -> None:
     """The `--json` flag."""
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")

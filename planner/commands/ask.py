@@ -49,6 +49,9 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         help="how to print the answer (ttl: CONSTRUCT and DESCRIBE only; default: table)",
     )
     parser.add_argument(
+        "--json", action="store_const", const="json", dest="format", help="as --format json"
+    )
+    parser.add_argument(
         "--at", metavar="TIME", help="ask the map as believed then: ISO 8601, or #42 (transaction)"
     )
     parser.set_defaults(run=run, usage_error=parser.error)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from planner.commands.arguments import add_map
-from planner.commands.console import note
+from planner.commands.arguments import add_json, add_map
+from planner.commands.console import note, write_json
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -27,6 +27,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         help="a category's name or IRI; X Y Z in metres; present or absent; a label",
     )
     parser.add_argument("--by", required=True, metavar="NAME", help="who says so")
+    add_json(parser)
     parser.set_defaults(run=run)
 
 
@@ -50,6 +51,21 @@ def run(arguments: argparse.Namespace) -> int:
         (said,) = (
             a for a in semantic_map.assertions(arguments.thing) if a.property == arguments.property
         )
+        sequence = semantic_map.sequence
+    if arguments.json:
+        write_json(
+            {
+                "thing": said.subject,
+                "property": said.property,
+                "value": said.value,
+                "by": said.by,
+                "perceived": said.perceived,
+                "contradicted": said.since is not None,
+                "changed": change is not None,
+                "sequence": sequence,
+            }
+        )
+        return 0
     done = f"transaction {change.sequence}" if change else "nothing changed"
     against = " (perception contradicts)" if said.since is not None else ""
     note(f"{arguments.thing}: {arguments.property} is {value}, says {said.by}{against}; {done}")

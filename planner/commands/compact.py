@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from planner.commands.arguments import add_json, add_map
+from planner.commands.arguments import add_json, add_keep, add_map, keep_seconds
 from planner.commands.console import note, write_json
 
 
@@ -18,19 +18,16 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         epilog="example: hereabouts compact kitchen.map --keep 30d",
     )
     add_map(parser)
-    parser.add_argument(
-        "--keep", metavar="DURATION", help="30d, 12h, 90m, 2w or 1y (default: all of the past)"
-    )
+    add_keep(parser, "default: all of the past")
     add_json(parser)
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Compact."""
-    from kg.history.instants import duration
     from kg.semantic_map import SemanticMap
 
-    keep = duration(arguments.keep) if arguments.keep is not None else None
+    keep = keep_seconds(arguments)
     with SemanticMap.open(arguments.map) as semantic_map:
         done = semantic_map.compact(keep)
     if arguments.json:

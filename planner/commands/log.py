@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from planner.commands.arguments import add_json, add_map
+from planner.commands.arguments import add_json, add_map, count
 from planner.commands.console import note, print_table, write_json
 
 
@@ -18,7 +18,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     )
     add_map(parser)
     parser.add_argument("thing", metavar="IRI", help="object/17, place/1, robot, or an IRI")
-    parser.add_argument("--last", type=int, metavar="N", help="only the last N changes")
+    parser.add_argument("--last", type=count, metavar="N", help="only the last N changes")
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -30,7 +30,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     with SemanticMap.open(arguments.map, read_only=True) as semantic_map:
         entries = list(semantic_map.log(arguments.thing))
-    shown = entries[-arguments.last :] if arguments.last else entries
+    shown = entries if arguments.last is None else entries[len(entries) - arguments.last :]
     if arguments.json:
         write_json(
             [

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kg.errors import GraphError, MapNotFoundError, RecordingError
-from planner.commands.arguments import MAP_HELP, add_json, title_for
+from planner.commands.arguments import MAP_HELP, add_json, add_keep, keep_seconds, title_for
 from planner.commands.console import note, print_table, progress, write_json
 from planner.commands.recording_arguments import Inputs, add_recording_options, open_inputs
 
@@ -43,6 +43,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         action="store_true",
         help="wait for the disk at each frame, so that a power cut loses nothing",
     )
+    add_keep(parser, "default: all of the past; the rest is dropped while mapping")
     add_json(parser)
     add_recording_options(parser)
     parser.set_defaults(run=run)
@@ -53,6 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
     from kg.pauses import settled
     from kg.semantic_map import SemanticMap
 
+    keep = keep_seconds(arguments)
     inputs = open_inputs(arguments)
     if inputs.labels is not None:
         _refuse_unknown_categories(inputs.labels, arguments.into)
@@ -62,6 +64,8 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.into, title=title, base=arguments.base, power_safe=arguments.power_safe
     ) as semantic_map:
         _refuse_other_base(semantic_map, arguments)
+        if keep is not None:
+            semantic_map.retain(keep)
         with settled():
             report = map_with_progress(
                 inputs, semantic_map, on_picture=on_picture, again=arguments.again

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 
-from planner.commands.arguments import add_map
+from planner.commands.arguments import add_json, add_map
 from planner.commands.assert_ import add_what
-from planner.commands.console import note
+from planner.commands.console import note, write_json
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -21,6 +21,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     add_map(parser)
     add_what(parser)
     parser.add_argument("--by", metavar="NAME", help="who takes it back")
+    add_json(parser)
     parser.set_defaults(run=run)
 
 
@@ -30,6 +31,18 @@ def run(arguments: argparse.Namespace) -> int:
 
     with SemanticMap.open(arguments.map) as semantic_map:
         change = semantic_map.retract(arguments.thing, arguments.property, by=arguments.by)
+        sequence = semantic_map.sequence
+    if arguments.json:
+        write_json(
+            {
+                "thing": arguments.thing,
+                "property": arguments.property,
+                "by": arguments.by,
+                "changed": change is not None,
+                "sequence": sequence,
+            }
+        )
+        return 0
     done = f"transaction {change.sequence}" if change else "nothing changed"
     note(f"{arguments.thing}: {arguments.property} is as perceived again; {done}")
     return 0

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kg.errors import HereaboutsError
-from planner.commands.arguments import MAP_HELP, positive
+from planner.commands.arguments import MAP_HELP, add_keep, keep_seconds, positive
 from planner.commands.console import note
 from planner.commands.recording_arguments import Inputs, add_recording_options, open_inputs
 
@@ -59,10 +59,18 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         action="store_true",
         help="serve other machines although there is no token file: anyone there may read",
     )
+    parser.add_argument(
+        "--allow-service",
+        action="append",
+        default=[],
+        metavar="URL",
+        help="let queries ask this SPARQL endpoint by SERVICE (again for more)",
+    )
     parser.add_argument("--licence", metavar="IRI", help="licence of the map, for its description")
     parser.add_argument(
         "--timeout", type=positive, default=10.0, metavar="S", help="a query may take (10 s)"
     )
+    add_keep(parser, "default: all of the past; the rest is dropped while serving")
     parser.add_argument("--verbose", action="store_true", help="a line on stderr for each request")
     parser.add_argument(
         "--recording",
@@ -81,6 +89,10 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.usage_error("give MAP, or one --member MAP or more, not both")
     if arguments.member and (arguments.token_file or arguments.recording):
         arguments.usage_error("a fleet only reads: --token-file and --recording are for one MAP")
+    if arguments.member and arguments.allow_service:
+        arguments.usage_error("a fleet asks its members alone: --allow-service is for one MAP")
+    if arguments.keep is not None and not (arguments.token_file or arguments.recording):
+        arguments.usage_error("--keep is for a map that is written: --token-file or --recording")
     signal.signal(signal.SIGTERM, _end)
     return _serve_fleet(arguments) if arguments.member else _serve_map(arguments)
 
@@ -109,7 +121,7 @@ def _serve_map(arguments: argparse.Namespace) -> int:
     from kg.semantic_map import SemanticMap
     from kg.server import MapServer
 
-    settings = _settings(arguments)
+    settings, keep = _settings(arguments), keep_seconds(arguments)
     inputs = _inputs(arguments)
     if arguments.verbose:
         logging.basicConfig(level=logging.INFO, format="%(message)s")
@@ -121,6 +133,8 @@ def _serve_map(arguments: argparse.Namespace) -> int:
         else SemanticMap.open(path, read_only=not settings.tokens)
     )
     with opened as semantic_map, settled(), _Mapper(semantic_map, inputs) as mapper:
+        if keep is not None:
+            semantic_map.retain(keep)
         server = MapServer(semantic_map, settings, status=mapper.status)
         access = "reading and writing" if settings.tokens else "reading only"
         note(f"{semantic_map.title} at {server.url} ({access}); Ctrl+C ends")
@@ -138,6 +152,7 @@ def _settings(arguments: argparse.Namespace) -> Settings:
         tokens=Tokens.load(arguments.token_file) if arguments.token_file else Tokens(),
         allow_origins=tuple(arguments.allow_origin),
         licence=arguments.licence,
+        services=tuple(arguments.allow_service),
         public=arguments.public,
         limits=Limits(query_seconds=arguments.timeout),
     )

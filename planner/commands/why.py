@@ -37,6 +37,9 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         default="tree",
         help="how to print it (ttl: SOSA and PROV-O; default: tree)",
     )
+    parser.add_argument(
+        "--json", action="store_const", const="json", dest="format", help="as --format json"
+    )
     parser.set_defaults(run=run)
 
 

@@ -39,6 +39,7 @@ def test_the_past_of_a_map(mapped: Path, prints: Prints) -> None:
     robot = json.loads(prints("log", mapped, "robot", "--json"))
     assert [entry["sequence"] for entry in robot][:2] == [1, 2]
     assert len(json.loads(prints("log", mapped, "robot", "--json", "--last", 3))) == 3
+    assert json.loads(prints("log", mapped, "robot", "--json", "--last", 0)) == []
     assert "frame kitchen/frame-000028" in prints("log", mapped, "robot")
     earlier = json.loads(prints("ask", mapped, "robot", "--format", "json", "--at", "#2"))
     timed = json.loads(prints("ask", mapped, "robot", "--format", "json", "--at", robot[1]["time"]))
@@ -58,6 +59,14 @@ def test_compacting_a_map(mapped: Path, prints: Prints, fails: Fails) -> None:
     assert prints("ask", mapped, "objects") == before
     assert "#8 to #8" in fails("ask", mapped, "objects", "--at", "#7")
     assert "no duration" in fails("compact", mapped, "--keep", "soon")
+
+
+def test_mapping_with_a_bounded_past(kitchen: Path, tmp_path: Path, fails: Fails) -> None:
+    into = tmp_path / "bounded.map"
+    assert "no duration 'soon'" in fails("map", kitchen, "--into", into, "--keep", "soon")
+    assert not into.exists()
+    assert main(["map", str(kitchen), "--into", str(into), "--keep", "0s"]) == 0
+    assert "#8 to #8" in fails("ask", into, "objects", "--at", "#1")
 
 
 def test_a_past_that_is_not_there(mapped: Path, fails: Fails) -> None:

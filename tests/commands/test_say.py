@@ -40,6 +40,36 @@ def test_what_is_said_is_believed_until_it_is_taken_back(den, prints, capsys):
     assert (row["category"], row["x"], row["y"]) == ("cup", 1.0, 2.0)
 
 
+def test_what_was_said_is_told_as_json(den, prints):
+    told = json.loads(
+        prints("assert", den, "object/1", "category", "bowl", "--by", "ann", "--json")
+    )
+    sequence = told.pop("sequence")
+    assert told == {
+        "thing": "http://m/object/1",
+        "property": "category",
+        "value": "https://w3id.org/hereabouts#Bowl",
+        "by": "ann",
+        "perceived": "https://w3id.org/hereabouts#Cup",
+        "contradicted": True,
+        "changed": True,
+    }
+    (reason,) = json.loads(prints("why", den, "object/1 a", "--json"))
+    assert reason["text"] == "object/1 rdf:type here:Bowl"
+    told = json.loads(prints("retract", den, "object/1", "category", "--by", "ann", "--json"))
+    assert told["changed"] and told["sequence"] == sequence + 1
+    (row,) = json.loads(prints("ask", den, "objects", "--json"))
+    assert row["category"] == "cup"
+
+
+def test_relative_iris_are_those_of_the_map(den, prints):
+    prints("update", den, "--by", "ann", "-e", "DELETE DATA { <object/1> a here:Bowl }")
+    ask = ("ask", den, "--json", "-e", "SELECT ?x { <object/1> here:x ?x }")
+    assert json.loads(prints(*ask)) == [{"x": 1.0}]
+    prints("update", den, "--by", "ann", "-e", "DELETE WHERE { <object/1> ?p ?o }")
+    assert json.loads(prints(*ask)) == []
+
+
 def test_an_update_is_applied_from_the_line_or_a_file(den, prints, tmp_path):
     text = "INSERT DATA { <http://m/object/2> a here:Chair ; here:x 0 ; here:y 0 }"
     done = json.loads(prints("update", den, "-e", text, "--by", "ann", "--json"))

@@ -9,6 +9,7 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -136,6 +137,39 @@ def test_what_was_written_is_there_after_a_signal_and_no_secret_was_told(
     assert beside(home) == []
     with SemanticMap.open(home) as semantic_map:
         assert semantic_map.ask_text("SELECT ?n { <urn:x> rdfs:comment ?n }").rows == (("sesame",),)
+
+
+def test_an_answer_that_is_not_ready_at_the_end_is_told_so(
+    serve: Callable[..., Process], home: Path
+) -> None:
+    process = serve(home, "--timeout", "300", "--verbose")
+    answers: list[requests.Response] = []
+    endless = {"query": "SELECT (COUNT(*) AS ?n) { ?a ?b ?c . ?d ?e ?f . ?g ?h ?i . ?j ?k ?l }"}
+    asking = threading.Thread(target=lambda: answers.append(process.get("sparql", **endless)))
+    asking.start()
+    while "hereabouts_query_workers_busy 1" not in process.get("metrics").text:
+        time.sleep(0.02)
+    assert process.end() == 0
+    asking.join()
+    assert (answers[0].status_code, answers[0].text.split(";")[0]) == (503, "the server is ending")
+    assert "Traceback" not in process.said.read_text()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--allow-origin", "example.org"), "no origin of web pages: 'example.org'"),
+        (("--allow-origin", "https://example.org/"), "no slash at the end"),
+        (("--allow-origin", "*"), "no origin of web pages: '*'"),
+        (("--licence", "not an IRI"), "no IRI: 'not an IRI'"),
+        (("--allow-service", "sparql"), "no IRI: 'sparql'"),
+    ],
+)
+def test_what_could_never_work_is_refused_at_once(
+    home: Path, words: tuple[str, str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["serve", str(home), "--port", "0", *words]) == 1
+    assert said in capsys.readouterr().err
 
 
 def test_a_recording_is_mapped_while_questions_are_answered(

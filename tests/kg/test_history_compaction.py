@@ -10,6 +10,7 @@ import pytest
 
 from kg import vocabulary as v
 from kg.errors import GraphError, HistoryError
+from kg.history import compaction
 from kg.history.past import members_at
 from kg.records import Evidence, MapUpdate, ObjectRecord, RecordingRecord, RobotRecord
 from kg.semantic_map import SemanticMap
@@ -112,3 +113,49 @@ def _ten_objects(base: str, number: int) -> MapUpdate:
         robot=RobotRecord(np.array([0.1 * number, 0.0, 1.2]), 0.5, 1e9 + number),
         recording=RecordingRecord("flat", number, f"frame-{number:06d}", np.eye(4)),
     )
+
+
+def test_a_map_that_runs_forgets_what_is_older_than_it_is_told_to_keep(
+    written: Written, frame: Callable[..., MapUpdate], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(compaction, "TRIM_WITHIN", 0)  # a little at each flush
+    with written(30) as semantic_map:
+        path, now = semantic_map._store.where, set(semantic_map.engine)
+        semantic_map.retain(0)
+        while semantic_map.history.floor < 30:
+            semantic_map.flush()
+        left = [commit.sequence for commit in semantic_map.history.commits(0, 30)]
+        assert 0 < len(left) < 30, "the rest goes at the next flushes"
+        with pytest.raises(HistoryError, match="there are #30 to #30"):
+            semantic_map.at(29)
+        with pytest.raises(HistoryError, match="not kept"):
+            list(semantic_map.changes(29))
+    with SemanticMap.open(path) as semantic_map:  # whole, although it ended midway
+        with semantic_map.at(30) as then:
+            assert set(then.engine) == now
+        semantic_map.retain(0)
+        sizes = []
+        for number in range(30, 60):
+            semantic_map.apply(frame(number))
+            while [*semantic_map.history.commits(0, number)]:
+                semantic_map.flush()
+            sizes.append(semantic_map.history.db.execute("PRAGMA page_count").fetchone()[0])
+        assert sizes[-1] <= sizes[9], "what is dropped is written anew"
+        semantic_map.retain(3600)
+        semantic_map.apply(frame(60))
+        with semantic_map.at(60) as then:
+            before = set(then.engine)
+        semantic_map.apply(frame(61))
+        with semantic_map.at(60) as then:
+            assert set(then.engine) == before
+        assert semantic_map.compact().dropped == 0
+
+
+def test_what_is_kept_cannot_be_less_than_nothing(written: Written) -> None:
+    with written(1) as semantic_map, pytest.raises(HistoryError, match="0 s or longer"):
+        semantic_map.retain(-1)
+    with (
+        SemanticMap.open(semantic_map._store.where, read_only=True) as reader,
+        pytest.raises(GraphError, match="reading only"),
+    ):
+        reader.retain(60)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 from pyoxigraph import Literal, NamedNode, Quad, RdfFormat, Triple, parse
@@ -92,6 +94,29 @@ def test_what_a_person_said_leads_to_the_person(written: Written) -> None:
         assert "ann" in _steps(whole, "person")
         (mapped,) = semantic_map.why("object/1 rdfs:label 'chair 1'")
         assert _steps(mapped, "person") == []
+
+
+def test_what_a_person_said_is_theirs_also_where_the_past_is_gone(
+    written: Written, tmp_path: Path
+) -> None:
+    with written(3) as semantic_map:
+        semantic_map.assert_("object/1", "category", "bowl", by="ann")
+        semantic_map.assert_("object/1", "position", (1, 2, 0.5), by="bob")
+        semantic_map.compact(keep=0)
+    (tmp_path / "flat.map" / "history.sqlite").rename(tmp_path / "away")
+    shutil.copytree(tmp_path / "flat.map", tmp_path / "bare.map")
+    (tmp_path / "away").rename(tmp_path / "flat.map" / "history.sqlite")
+    for name, written_when in (("flat", "before the history begins"), ("bare", "not known")):
+        with SemanticMap.open(tmp_path / f"{name}.map", read_only=True) as semantic_map:
+            (reason,) = semantic_map.why("object/1 a")
+            (where,) = semantic_map.why("object/1 here:inCell")
+            (label,) = semantic_map.why("object/1 here:confidence")
+        (said,) = _steps(reason, "fact")[1:]
+        assert said.startswith("category here:Bowl, said at 2")
+        assert _steps(reason, "person") == ["ann"] and _steps(where, "person") == ["bob"]
+        assert not _steps(reason, "rule") and _steps(label, "rule")
+        assert written_when in _steps(reason, "commit")[-1]
+        assert "prov:wasAttributedTo" in provenance(reason)
 
 
 def test_what_is_gone_says_why(written: Written, frame: Callable[..., MapUpdate]) -> None:

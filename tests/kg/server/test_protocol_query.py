@@ -12,6 +12,8 @@ import rdflib
 from pyoxigraph import Literal, NamedNode, RdfFormat, Triple, parse
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from conftest import Served
 
 ASK = "ASK {}"
@@ -256,6 +258,17 @@ def test_query_that_reaches_out_is_refused(served: Served, query: str) -> None:
     answer = served.get("sparql", params={"query": query})
     assert answer.status_code in (400, 403)
     assert "SERVICE" in answer.text
+
+
+def test_a_service_that_is_allowed_is_asked_and_no_other(serve: Callable[..., Served]) -> None:
+    far = serve()
+    near = serve(services=(far.url + "sparql",))
+    query = "SELECT ?cup {{ SERVICE <{}> {{ GRAPH graph:map {{ ?cup a here:Cup }} }} }}"
+    assert near.rows(query.format(far.url + "sparql")) == far.rows(CUPS) != []
+    refused = near.get("sparql", params={"query": query.format(far.url + "health")})
+    assert refused.status_code == 400 and f"allowed are: {far.url}sparql" in refused.text
+    assert "BasicFederatedQuery" in near.get("sparql").text
+    assert "BasicFederatedQuery" not in far.get("sparql").text
 
 
 def test_answer_names_the_state_of_the_map_it_is_about(served: Served) -> None:
