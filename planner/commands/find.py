@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from planner.search import Plan
 
 _RULES = ("viewpoints", "nearest-first", "brute-force")
+_SLOWEST, _FASTEST = 1e-3, 100.0  # [m/s] as of a robot (planner.executive.protocol)
+#: options that only plans of looks take
+_LOOKS_ONLY = ("budget", "range", "recall", "at", "explain", "picture")
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -44,7 +47,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser.add_argument(
         "--budget", type=_seconds, metavar="TIME", help="longest search, e.g. 300, 90s or 10min"
     )
-    parser.add_argument("--speed", type=positive, metavar="M/S", help="driving speed")
+    parser.add_argument("--speed", type=_speed, metavar="M/S", help="driving speed")
     parser.add_argument(
         "--range", type=_range, metavar="NEAR,FAR", help="what the camera sees [m] (0.8,4.6)"
     )
@@ -168,8 +171,12 @@ def _by_reference(semantic_map: SemanticMap, arguments: argparse.Namespace) -> i
             f"--rule {arguments.rule} searches for one object at a time, got "
             f"{len(arguments.object)}; --rule viewpoints takes several"
         )
-    if arguments.picture or arguments.explain:
-        raise QueryParameterError("--explain and --picture show plans of --rule viewpoints only")
+    given = [f"--{name}" for name in _LOOKS_ONLY if getattr(arguments, name)]
+    if given:
+        raise QueryParameterError(
+            f"{' and '.join(given)} would change nothing with --rule {arguments.rule}; "
+            "--rule viewpoints knows of it"
+        )
     target = arguments.object[0]
     travel = Travel(speed=arguments.speed) if arguments.speed else None
     x, y, _ = arguments.start or _robot(semantic_map)
@@ -236,8 +243,17 @@ def _range(text: str) -> tuple[float, float]:
     except ValueError:
         near, far = math.nan, math.nan
     if not 0 <= near < far <= 100:
-        raise argparse.ArgumentTypeError(f"needs NEAR,FAR in metres, 0.8,4.6 say, got {text!r}")
+        raise argparse.ArgumentTypeError(
+            f"needs NEAR,FAR in metres with 0 <= NEAR < FAR <= 100, 0.8,4.6 say, got {text!r}"
+        )
     return near, far
+
+
+def _speed(text: str) -> float:
+    value = positive(text)
+    if not _SLOWEST <= value <= _FASTEST:
+        raise argparse.ArgumentTypeError(f"needs {_SLOWEST:g} to {_FASTEST:g} m/s, got {text!r}")
+    return value
 
 
 def _share(text: str) -> float:

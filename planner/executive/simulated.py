@@ -50,6 +50,11 @@ class SimulatedHouseRobot:
         self._under_way: Iterator[Message] = iter(())
         self._pictures = 0
 
+    @property
+    def seconds(self) -> float:
+        """[s] it has been under way."""
+        return self._pose.seconds
+
     def send(self, command: Command) -> None:
         """Begin with `command`; what was under way is dropped."""
         if isinstance(command, Hello):

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from kg.errors import LayoutError
 from kg.records import MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
 from kg.semantic_map import SemanticMap
+from planner.commands import main
 from planner.demo import HIDDEN, layout_of
 from planner.executive.executive import search
 from planner.executive.simulated import simulated_robot
@@ -64,6 +67,19 @@ def test_the_apple_is_found_within_a_few_looks() -> None:
         robot_now = semantic_map.robot()
         assert robot_now is not None
         assert robot_now.p_map[2] == 1.25  # the protocol tells no height: it stays
+
+
+def test_what_is_written_is_timed_by_the_robots_clock(tmp_path: Path) -> None:
+    path = tmp_path / "house.map"
+    with SemanticMap.create(path) as semantic_map:
+        _mapped(semantic_map, furnished_house())
+    main(["search", str(path), "apple", "--robot", "sim"])
+    with SemanticMap.open(path, read_only=True) as semantic_map:
+        (record,) = semantic_map.searches()
+        assert record.started == START
+        assert record.ended is not None
+        assert record.ended - record.started == pytest.approx(record.seconds, abs=1.0)
+        assert record.seconds > 10
 
 
 def test_a_map_of_somewhere_else_is_refused() -> None:
