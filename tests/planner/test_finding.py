@@ -384,7 +384,7 @@ def test_the_thesis_rules_are_still_there(says: Said) -> None:
     [
         (["something to fly with"], "drink from"),
         (["cup", "bed", "--rule", "nearest-first"], "one object at a time"),
-        (["cup", "--rule", "brute-force", "--budget", "9", "--recall", "1"], "--budget and --recall"),
+        (["cup", "--rule", "brute-force", "--at", "now", "--recall", "1"], "--recall and --at"),
         (["cup", "--picture", "plan.doc"], ".png"),
         (["cup", "--at", "yesterday"], "moment"),
     ],
