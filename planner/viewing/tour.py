@@ -1,4 +1,4 @@
-"""The look to take next: the ratio rule with looks ahead, and a memory of looks already taken.
+"""The look to take next: the ratio rule with looks ahead.
 
 A look's worth is probability gained a second; so that a far room is judged by all that it offers
 and not by the first look in it, each room is followed greedily and rated by the best beginning.
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.viewing.looks import Looks
+from planner.viewing.memory import Memory
 from planner.viewing.sensor import angle_between
 
 
@@ -24,62 +25,14 @@ class Standing:
     stand: int | None = None
 
 
-class Memory:
-    """What has been looked at from where: a second look from there is worth less.
-
-    Looks from one square of `SQUARE` metres are looks from the same place.
-    """
-
-    def __init__(self, looks: Looks) -> None:
-        self._looks = looks
-        self._seen: dict[int, NDArray[np.bool_]] = {}  # by square: cells that were shown
-
-    def note(self, look: int) -> None:
-        """Remember that `look` was taken."""
-        self.note_from(self._looks.stands[self._looks.stand[look]], self._looks.chance[look])
-
-    def note_from(self, cell: int, chance: NDArray[np.float32]) -> None:
-        """Remember a look from floor cell `cell` that showed cells with `chance` (c,)."""
-        square = self._looks.square(cell)
-        shown = chance > 0
-        self._seen[square] = self._seen[square] | shown if square in self._seen else shown
-
-    def chance(self, look: int) -> NDArray[np.float32]:
-        """(c,) chance of `look` to detect what all looks before it have missed."""
-        return self.of(self._looks.stands[self._looks.stand[look]], self._looks.chance[look])
-
-    def of(self, cell: int, chance: NDArray[np.float32]) -> NDArray[np.float32]:
-        """(c,) what is left of `chance` (c,), of a look from floor cell `cell`."""
-        seen = self._seen.get(self._looks.square(cell))
-        less = np.array(chance)
-        if seen is not None:
-            less[seen] *= np.float32(1 - self._looks.sensor.rho)
-        return less
-
-    def gains(self, weight: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n,) probability that each look finds it, for what is left of the belief."""
-        looks = self._looks
-        left = weight.astype(np.float32)
-        gains = looks.chance @ left
-        for square, seen in self._seen.items():
-            rows = looks.from_square.get(square)
-            if rows is not None:
-                less = np.where(seen, left * np.float32(1 - looks.sensor.rho), left)
-                gains[rows] = looks.chance[rows] @ less
-        return np.asarray(gains, np.float64)
-
-
 class Tourist:
     """Chooses looks in one building for one belief after another."""
 
-    def __init__(
-        self, looks: Looks, *, ahead: int = 3, among: NDArray[np.intp] | None = None
-    ) -> None:
+    def __init__(self, looks: Looks, *, ahead: int = 3) -> None:
         self.looks = looks
         self._ahead = ahead
-        self._everything = np.arange(len(looks.stand)) if among is None else among
-        rooms = looks.space.room.reshape(-1)[looks.stands][looks.stand][self._everything]
-        self._of_room = [self._everything[rooms == room] for room in np.unique(rooms)]
+        rooms = looks.space.room.reshape(-1)[looks.stands][looks.stand]
+        self._of_room = [np.flatnonzero(rooms == room) for room in np.unique(rooms)]
         self._shown = [(looks.chance[rows] > 0).any(axis=0) for rows in self._of_room]
         self.seeable = (looks.chance > 0).any(axis=0)  # (c,) cells that some look shows
 
@@ -124,8 +77,7 @@ class Tourist:
         `weight` (c,) is the belief that is left, in any scale.
         """
         gains = (memory or Memory(self.looks)).gains(weight)
-        costs = np.full(len(self.looks.stand), np.inf)
-        costs[self._everything] = self.costs(at, self._everything)
+        costs = self.costs(at, np.arange(len(gains)))
         rate = gains / costs
         best = int(np.argmax(rate))
         rated = float(rate[best])
