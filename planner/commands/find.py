@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kg.errors import QueryParameterError
-from planner.commands.arguments import FARTHEST, add_json, add_map, positive
+from planner.commands.arguments import FARTHEST, add_json, add_map, positive, share, speed
 from planner.commands.console import heading, note, print_plan, print_table, write, write_json
 
 if TYPE_CHECKING:
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from planner.search import Plan
 
 _RULES = ("viewpoints", "nearest-first", "brute-force")
-_SLOWEST, _FASTEST = 1e-3, 100.0  # [m/s] as of a robot (planner.executive.protocol)
 #: options that only plans of looks take
 _LOOKS_ONLY = ("budget", "range", "recall", "at", "explain", "picture")
 
@@ -47,12 +46,12 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser.add_argument(
         "--budget", type=_seconds, metavar="TIME", help="longest search, e.g. 300, 90s or 10min"
     )
-    parser.add_argument("--speed", type=_speed, metavar="M/S", help="driving speed")
+    parser.add_argument("--speed", type=speed, metavar="M/S", help="driving speed")
     parser.add_argument(
         "--range", type=_range, metavar="NEAR,FAR", help="what the camera sees [m] (0.8,4.6)"
     )
     parser.add_argument(
-        "--recall", type=_share, metavar="R", help="chance that a look shows what is there (0.7)"
+        "--recall", type=share, metavar="R", help="chance that a look shows what is there (0.7)"
     )
     parser.add_argument(
         "--at", metavar="TIME", help="moment of the search, ISO 8601 or 'now' (default: the map's)"
@@ -247,20 +246,6 @@ def _range(text: str) -> tuple[float, float]:
             f"needs NEAR,FAR in metres with 0 <= NEAR < FAR <= 100, 0.8,4.6 say, got {text!r}"
         )
     return near, far
-
-
-def _speed(text: str) -> float:
-    value = positive(text)
-    if not _SLOWEST <= value <= _FASTEST:
-        raise argparse.ArgumentTypeError(f"needs {_SLOWEST:g} to {_FASTEST:g} m/s, got {text!r}")
-    return value
-
-
-def _share(text: str) -> float:
-    value = positive(text)
-    if value > 1:
-        raise argparse.ArgumentTypeError(f"needs a number above 0 and up to 1, got {text!r}")
-    return value
 
 
 def _moment(text: str | None) -> float | None:
