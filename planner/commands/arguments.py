@@ -14,6 +14,7 @@ from kg.errors import QueryParameterError
 MAP_HELP = "folder of the map, e.g. kitchen.map, or the address of a SPARQL server that holds it"
 #: [m] no map is larger than the Earth
 FARTHEST = 1e7
+_SLOWEST, _FASTEST = 1e-3, 100.0  # [m/s] as the line protocol has it
 # options whose value may begin with a minus sign, and what such a value looks like
 _SIGNED = ("--from", "--up")
 _NEGATIVE = re.compile(r"-(\.?\d.*|[xyz])", re.IGNORECASE)
@@ -81,6 +82,22 @@ def positive(text: str) -> float:
         value = math.nan
     if not (math.isfinite(value) and value > 0):
         raise argparse.ArgumentTypeError(f"needs a number above 0, got {text!r}")
+    return value
+
+
+def speed(text: str) -> float:
+    """Metres a second that a robot may drive."""
+    value = positive(text)
+    if not _SLOWEST <= value <= _FASTEST:
+        raise argparse.ArgumentTypeError(f"needs {_SLOWEST:g} to {_FASTEST:g} m/s, got {text!r}")
+    return value
+
+
+def share(text: str) -> float:
+    """A number above zero and at most one."""
+    value = positive(text)
+    if value > 1:
+        raise argparse.ArgumentTypeError(f"needs a number above 0 and up to 1, got {text!r}")
     return value
 
 

@@ -7,12 +7,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from planner.commands.arguments import add_json, count, positive
+from planner.commands.arguments import add_json, count, positive, share, speed
 from planner.commands.console import heading, note, print_table, progress, write_json
 
 if TYPE_CHECKING:
     from planner.trials.scores import Score
     from planner.trials.trial import Settings
+
+_FURTHEST = 100.0  # [m] that a camera may see
 
 
 def add(benches: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -37,11 +39,9 @@ def add(benches: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     )
     parser.add_argument("--queries", type=count, metavar="N", help="at most N of them, evenly")
     parser.add_argument("--seed", type=count, default=0, metavar="N", help="(default: 0)")
-    parser.add_argument("--recall", type=_share, default=0.7, metavar="P", help="(default: 0.7)")
+    parser.add_argument("--recall", type=share, default=0.7, metavar="P", help="(default: 0.7)")
     parser.add_argument("--far", type=positive, default=4.6, metavar="M", help="(default: 4.6)")
-    parser.add_argument(
-        "--speed", type=positive, metavar="M/S", help="of the robot (default: 0.2412)"
-    )
+    parser.add_argument("--speed", type=speed, metavar="M/S", help="of the robot (default: 0.2412)")
     parser.add_argument("--robustness", action="store_true", help="also with beliefs that mislead")
     parser.add_argument(
         "--processes", type=count, default=2, metavar="N", help="homes at a time (default: 2)"
@@ -83,8 +83,11 @@ def _settings(arguments: argparse.Namespace) -> Settings:
     from planner.trials.trial import Settings
     from planner.viewing.sensor import Motion, Sensor
 
-    if arguments.far <= Sensor().near:
-        arguments.usage_error(f"--far must be more than {Sensor().near:g} m, the nearest seen")
+    near = Sensor().near
+    if not near < arguments.far <= _FURTHEST:
+        arguments.usage_error(
+            f"--far must be more than {near:g} m, the nearest seen, and up to {_FURTHEST:g} m"
+        )
     if arguments.queries == 0 or arguments.processes == 0:
         arguments.usage_error("--queries and --processes must be 1 or more")
     return Settings(
@@ -129,10 +132,3 @@ def _print(scores: Mapping[str, Score]) -> None:
             for method, s in scores.items()
         ],
     )
-
-
-def _share(text: str) -> float:
-    value = positive(text)
-    if value > 1:
-        raise argparse.ArgumentTypeError(f"needs a share, above 0 and at most 1, got {text!r}")
-    return value

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kg.errors import QueryParameterError
-from planner.commands.arguments import FARTHEST, add_json, add_map, positive
+from planner.commands.arguments import FARTHEST, add_json, add_map, positive, share, speed
 from planner.commands.console import heading, note, print_looks, print_plan, write, write_json
 
 if TYPE_CHECKING:
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from planner.space.grid import FreeSpace
 
 _RULES = ("viewpoints", "nearest-first", "brute-force")
+#: options that only plans of looks take
+_LOOKS_ONLY = ("budget", "turn_rate", "range", "recall", "at", "grid", "explain", "picture")
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -45,13 +47,13 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser.add_argument(
         "--budget", type=_seconds, metavar="TIME", help="longest search, e.g. 300, 90s or 10min"
     )
-    parser.add_argument("--speed", type=positive, metavar="M/S", help="driving speed")
+    parser.add_argument("--speed", type=speed, metavar="M/S", help="driving speed")
     parser.add_argument("--turn-rate", type=positive, metavar="DEG/S", help="turning speed")
     parser.add_argument(
         "--range", type=_range, metavar="NEAR,FAR", help="what the camera sees [m] (0.8,4.6)"
     )
     parser.add_argument(
-        "--recall", type=_share, metavar="R", help="chance that a look shows what is there (0.7)"
+        "--recall", type=share, metavar="R", help="chance that a look shows what is there (0.7)"
     )
     parser.add_argument(
         "--at", metavar="TIME", help="moment of the search, ISO 8601 or 'now' (default: the map's)"
@@ -170,8 +172,12 @@ def _by_reference(semantic_map: SemanticMap, arguments: argparse.Namespace) -> i
             f"--rule {arguments.rule} searches for one object at a time, got "
             f"{len(arguments.object)}; --rule viewpoints takes several"
         )
-    if arguments.picture or arguments.explain:
-        raise QueryParameterError("--explain and --picture show plans of --rule viewpoints only")
+    given = [f"--{n.replace("_", "-")}" for n in _LOOKS_ONLY if getattr(arguments, n)]
+    if given:
+        raise QueryParameterError(
+            f"{' and '.join(given)} would change nothing with --rule {arguments.rule}; "
+            "--rule viewpoints knows of it"
+        )
     target = arguments.object[0]
     travel = Travel(speed=arguments.speed) if arguments.speed else None
     x, y, _ = arguments.start or _robot(semantic_map)
@@ -238,15 +244,10 @@ def _range(text: str) -> tuple[float, float]:
     except ValueError:
         near, far = math.nan, math.nan
     if not 0 <= near < far <= 100:
-        raise argparse.ArgumentTypeError(f"needs NEAR,FAR in metres, 0.8,4.6 say, got {text!r}")
+        raise argparse.ArgumentTypeError(
+            f"needs NEAR,FAR in metres with 0 <= NEAR < FAR <= 100, 0.8,4.6 say, got {text!r}"
+        )
     return near, far
-
-
-def _share(text: str) -> float:
-    value = positive(text)
-    if value > 1:
-        raise argparse.ArgumentTypeError(f"needs a number above 0 and up to 1, got {text!r}")
-    return value
 
 
 def _moment(text: str | None) -> float | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import signal
 import sys
 import time
@@ -12,7 +13,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Final
 
 from kg.errors import LayoutError, did_you_mean
-from planner.commands.arguments import add_map, count, positive
+from planner.commands.arguments import FARTHEST, add_map, count, positive
 from planner.commands.console import note, write
 
 if TYPE_CHECKING:
@@ -97,7 +98,7 @@ def run(arguments: argparse.Namespace) -> int:
             patience=arguments.patience,
             stopping=lambda: bool(caught),
             tell=_teller(arguments),
-            clock=_clock(arguments, semantic_map),
+            clock=_clock(robot, semantic_map),
         )
         outcome = search(semantic_map, arguments.object, robot, terms, resume=arguments.resume)
     if outcome.state == "stopped":
@@ -149,20 +150,24 @@ def _item(text: str) -> Item:
     try:
         x, y, z = (float(part) for part in where.split(","))
     except ValueError:
-        raise LayoutError(f"--hide needs LABEL@X,Y,Z in metres, got {text!r}") from None
+        x = y = z = math.nan
+    if not all(abs(value) <= FARTHEST for value in (x, y, z)):
+        raise LayoutError(f"--hide needs LABEL@X,Y,Z in metres, got {text!r}")
     if label not in OBJECTS:
         near = did_you_mean(label, OBJECTS) or f"; it has {', '.join(sorted(OBJECTS))}"
         raise LayoutError(f"the simulated house has no {label!r}{near}")
     return Item(label, x, y, z)
 
 
-def _clock(arguments: argparse.Namespace, semantic_map: SemanticMap) -> Callable[[], float]:
+def _clock(robot: Robot, semantic_map: SemanticMap) -> Callable[[], float]:
     """The time to write: now, or in the simulated house the time it is there."""
-    robot = semantic_map.robot() if arguments.robot == "sim" else None
-    if robot is None:
+    from planner.executive.simulated import SimulatedHouseRobot
+
+    mapped = semantic_map.robot()
+    if not isinstance(robot, SimulatedHouseRobot) or mapped is None:
         return time.time
-    ahead = robot.stamp - time.time()
-    return lambda: time.time() + ahead
+    begin = mapped.stamp
+    return lambda: begin + robot.seconds
 
 
 def _teller(arguments: argparse.Namespace) -> Callable[[Event], None]:

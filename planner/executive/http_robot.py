@@ -78,11 +78,12 @@ class HttpRobot:
         try:
             answer = json.loads(body)
         except (ValueError, RecursionError):
-            self._inbox.nonsense("not JSON")
+            self._waiting.append(self._inbox.nonsense("not JSON"))
             return
         messages, number = _content(answer)
         if messages is None or number is None or number < self._next:
-            self._inbox.nonsense('needs {"next": NUMBER, "messages": [...]}')
+            nonsense = self._inbox.nonsense('needs {"next": NUMBER, "messages": [...]}')
+            self._waiting.append(nonsense)
             return
         self._next = number
         for value in messages:

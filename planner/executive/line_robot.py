@@ -99,8 +99,8 @@ class LineRobot:
             if isinstance(line, EOFError):
                 raise RobotError(f"{self.name} has ended{self._how()}")
             if line is None:
-                self._inbox.nonsense(f"a line of more than {LONGEST_LINE} bytes")
-            elif line.strip() and (message := self._inbox.read(line)) is not None:
+                return self._inbox.nonsense(f"a line of more than {LONGEST_LINE} bytes")
+            if line.strip() and (message := self._inbox.read(line)) is not None:
                 return message
 
     def close(self) -> None:
@@ -120,6 +120,8 @@ class ChildRobot(LineRobot):
 
         Raises RobotError where there is no such program.
         """
+        if not command.strip():
+            raise RobotError("stdio: needs a command to start, 'stdio:python3 bridge.py' say")
         try:
             words = shlex.split(command)
             # a session of its own: Ctrl+C is ours to hear, and the robot is then told to stop
@@ -127,7 +129,7 @@ class ChildRobot(LineRobot):
                 words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
             )
         except (OSError, ValueError, IndexError) as error:
-            reason = getattr(error, "strerror", None) or error or "no command"
+            reason = getattr(error, "strerror", None) or error
             raise RobotError(f"cannot start the robot {command!r}: {reason}") from error
         assert self._process.stdin is not None
         assert self._process.stdout is not None

@@ -14,6 +14,7 @@ from planner.executive.protocol import (
     Command,
     Hello,
     Message,
+    Nonsense,
     RobotPose,
     Stop,
 )
@@ -40,6 +41,7 @@ class Listener:
         self._robot_time: float | None = None
         self._robot_seconds = 0.0
         self._last_pose: RobotPose | None = None
+        self._nonsense = ""  # what the robot has said since its last message, if none of it is one
 
     @property
     def pose(self) -> RobotPose:
@@ -99,10 +101,11 @@ class Listener:
             message = self._robot.receive(_POLL)
             if self._stopping():  # what came after is not acted on any more
                 raise SearchStopped("asked to stop")
-            if message is None:
+            if message is None or isinstance(message, Nonsense):
+                self._nonsense = message.why if message else self._nonsense
                 self._refuse_silence()
                 continue
-            self._heard = time.monotonic()
+            self._heard, self._nonsense = time.monotonic(), ""
             if isinstance(message, Aborted):
                 raise SearchStopped(f"{self._robot.name} ends the search: {message.reason}")
             if isinstance(message, RobotPose):
@@ -121,11 +124,17 @@ class Listener:
 
     def _refuse_silence(self) -> None:
         silent = time.monotonic() - self._heard
-        if silent > self._patience:
+        if silent <= self._patience:
+            return
+        if self._nonsense:
             raise RobotError(
-                f"{self._robot.name} has been silent for {silent:.0f} s; it must send its pose "
-                f"at least every {self._patience:g} s while it is busy (--patience)"
+                f"{self._robot.name} has sent nothing for {silent:.0f} s that is of the protocol, "
+                f"the last: {self._nonsense}; docs/ros.md has it"
             )
+        raise RobotError(
+            f"{self._robot.name} has been silent for {silent:.0f} s; it must send its pose "
+            f"at least every {self._patience:g} s while it is busy (--patience)"
+        )
 
     def _refuse_other_version(self, hello: Hello) -> None:
         if hello.protocol != VERSION:

@@ -132,7 +132,14 @@ class Aborted:
     reason: str
 
 
-Message = Hello | RobotPose | Arrived | Blocked | Detections | Failed | Aborted
+@dataclass(frozen=True, slots=True)
+class Nonsense:
+    """Stands for something a robot said that is no message of the protocol."""
+
+    why: str
+
+
+Message = Hello | RobotPose | Arrived | Blocked | Detections | Failed | Aborted | Nonsense
 
 _NAMES: Final[dict[type, str]] = {GoTo: "goto", LookAround: "look", Stop: "stop", Hello: "hello"}
 
@@ -154,7 +161,7 @@ def decoded(line: bytes | str) -> Message | None:
     Raises MalformedError for anything that is no message.
     """
     try:
-        value = json.loads(line)
+        value = json.loads(line if isinstance(line, str) else line.decode())
     except (ValueError, RecursionError) as error:
         raise MalformedError(f"not JSON: {error}") from None
     return message_of(value)

@@ -10,6 +10,7 @@ from planner.executive.protocol import (
     Command,
     MalformedError,
     Message,
+    Nonsense,
     cleaned,
     decoded,
     message_of,
@@ -35,14 +36,14 @@ class Robot(Protocol):
 
 
 class Inbox:
-    """Lines of a robot to messages; drops what makes no sense, up to a point."""
+    """Lines of a robot to messages; what makes no sense is said to be so, up to a point."""
 
     def __init__(self, name: str) -> None:
         self._name = name
         self._nonsense = 0
 
     def read(self, line: bytes | str) -> Message | None:
-        """The message in a line, None where it has none that counts.
+        """The message in a line, `Nonsense` where there is none; None for a type not known.
 
         Raises RobotError after `MOST_NONSENSE` lines in a row that were no messages.
         """
@@ -56,12 +57,12 @@ class Inbox:
         try:
             message = reader(said)
         except MalformedError as error:
-            self.nonsense(f"{error}: {cleaned(str(said)[:80])!r}")
-            return None
+            text = said.decode(errors="replace") if isinstance(said, bytes) else str(said)
+            return self.nonsense(f"{error}: {cleaned(text[:80])!r}")
         self._nonsense = 0
         return message
 
-    def nonsense(self, why: str) -> None:
+    def nonsense(self, why: str) -> Nonsense:
         """Count one message that makes no sense; raises RobotError once there are too many."""
         self._nonsense += 1
         if self._nonsense >= MOST_NONSENSE:
@@ -69,3 +70,4 @@ class Inbox:
                 f"{self._name} sent {self._nonsense} messages in a row that are not of the "
                 f"protocol, the last one: {cleaned(why)}; docs/ros.md has it"
             )
+        return Nonsense(cleaned(why))

@@ -2,7 +2,7 @@
 
 Looks that are over by t were taken from positions of which the furthest is D seconds of driving
 away, so that at most t - D seconds went into looking, at positions no further than D. They found at
-most what endless looking from all such positions finds (`Repeats`: the looks of one position have
+most what endless looking from all such positions finds (`Memory`: the looks of one position have
 a limit), and at most t - D times the best rate of a look from there, as what is left only shrinks.
 The best D bounds P(found by t). Of a plan that finds with probability F, F E[t | found] is the
 integral of F - P(found by t).

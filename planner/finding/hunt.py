@@ -20,7 +20,6 @@ from kg.semantic_map import SemanticMap
 from planner.finding.candidates import Candidate, Gatherer, all_places, map_time
 from planner.finding.ground import Ground, ground_of, ground_on
 from planner.finding.prospects import Prospects, prospects
-from planner.finding.repeats import Repeats
 from planner.finding.settings import BELIEF, MOST_ROOMS, Belief
 from planner.finding.targets import Target, resolve
 from planner.space.grid import FreeSpace
@@ -32,6 +31,7 @@ from planner.viewing.looks import (
     picture,
     standing_cells,
 )
+from planner.viewing.memory import Memory
 from planner.viewing.sensor import Motion, Sensor
 from planner.viewing.tour import Standing, Tourist
 
@@ -81,7 +81,7 @@ class Hunt:
     def _use(self, looks: Looks) -> None:
         self.looks = looks
         self.tourist = Tourist(looks)
-        self.memory = Repeats(looks, self._least)
+        self.memory = Memory(looks, self._least)
 
     @property
     def space(self) -> FreeSpace:
@@ -142,7 +142,7 @@ class Hunt:
         """The look to take next from `at`; None where no look is worth the way any more."""
         return self.choose(at, self.unseen, self.memory) if self.wanted else None
 
-    def choose(self, at: Standing, unseen: NDArray[np.float64], memory: Repeats) -> int | None:
+    def choose(self, at: Standing, unseen: NDArray[np.float64], memory: Memory) -> int | None:
         """As `next`, on trial: with other things `unseen` (c,) and remembered."""
         weight = self.weights(unseen)
         gains = memory.gains(weight)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +13,8 @@ from planner.travel import SearchModel, expected_seconds
 
 FloatArray = NDArray[np.floating]
 
+MOST: Final = 1e12  # of any number: sums and products of many stay finite
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OrderingProblem:
@@ -19,7 +22,7 @@ class OrderingProblem:
 
     `T` may be float32 where ten thousand places would not fit in memory otherwise; it need neither
     be symmetric nor obey the triangle inequality. Raises OrderingError where shapes differ, a
-    number is not finite or is negative, or the thing can be nowhere.
+    number is not finite, is negative or beyond `MOST`, or the thing can be nowhere.
     """
 
     p: FloatArray  # (n,) probabilities; in the model `any` each at most 1
@@ -84,3 +87,5 @@ def _check_range(name: str, array: FloatArray) -> None:
         raise OrderingError(f"{name} must be finite, got {low if np.isfinite(high) else high:g}")
     if low < 0:
         raise OrderingError(f"{name} must be 0 or more, got {low:g}")
+    if high > MOST:
+        raise OrderingError(f"{name} must be at most {MOST:g}, got {high:g}")

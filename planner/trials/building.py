@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -14,7 +15,6 @@ from planner.trials.homes import Home
 from planner.trials.robot import Robot
 from planner.viewing.looks import Looks, candidate_looks, room_covers
 from planner.viewing.sensor import Motion, Sensor
-from planner.viewing.tour import Tourist
 
 
 class Building:
@@ -31,7 +31,6 @@ class Building:
                 for f, dx in zip(floors, moved, strict=True)
             ]
         )
-        self._tourists: dict[bool, Tourist] = {}
         self._fields: dict[int, NDArray[np.float32]] = {}
 
     @cached_property
@@ -45,15 +44,22 @@ class Building:
 
     @cached_property
     def looks(self) -> Looks:
-        """The looks a tour chooses from."""
+        """The looks to choose from."""
         return candidate_looks(self.space, self.sensor, self.motion)
 
-    def tourist_of(self, whole_turns: bool) -> Tourist:
-        """Chooses among `looks`, or among the whole turns of them."""
-        if whole_turns not in self._tourists:
-            turns = np.flatnonzero(self.looks.extent >= 2 * np.pi - 1e-9)
-            self._tourists[whole_turns] = Tourist(self.looks, among=turns if whole_turns else None)
-        return self._tourists[whole_turns]
+    @cached_property
+    def whole_turns(self) -> Looks:
+        """The whole turns among `looks`."""
+        looks = self.looks
+        turns = np.flatnonzero(looks.extent >= 2 * np.pi - 1e-9)
+        return replace(
+            looks,
+            stand=looks.stand[turns],
+            heading=looks.heading[turns],
+            extent=looks.extent[turns],
+            seconds=looks.seconds[turns],
+            chance=looks.chance[turns],
+        )
 
     def field(self, stand: int) -> NDArray[np.float32]:
         """(nx, ny) [m] shortest ways to a position of `covers`."""

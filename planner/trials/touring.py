@@ -1,4 +1,4 @@
-"""Our way of searching: belief on cells, the look worth most next, an update after each."""
+"""Our way of searching: the hunt of `find` and `search`, on what is believed of rooms."""
 
 from __future__ import annotations
 
@@ -9,16 +9,19 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from planner.finding.ground import Ground
+from planner.finding.hunt import Hunt
+from planner.finding.prospects import Prospects
+from planner.finding.targets import Target
 from planner.trials.building import Building
 from planner.trials.hidden import Hidden
 from planner.trials.robot import Outcome
 from planner.viewing.belief import belief_from, room_weights
-from planner.viewing.looks import picture
-from planner.viewing.tour import Memory, Standing
+from planner.viewing.looks import Looks
+from planner.viewing.tour import Standing
 
-#: Probability that it is there at all, before the search, and below which the search is given up.
+#: Probability that it is there at all, before the search.
 PRESENT: Final = 0.9
-GIVE_UP: Final = 0.005
 _MOST: Final = 1000  # looks
 
 
@@ -34,30 +37,17 @@ class Manner:
 class Touring:
     """One search."""
 
-    def __init__(
-        self, building: Building, start: int, weights: NDArray[np.float64], manner: Manner
-    ) -> None:
-        self._building, self._manner = building, manner
-        self._looks, self._tourist = building.looks, building.tourist_of(manner.whole_turns)
+    def __init__(self, building: Building, start: int, hunt: Hunt, manner: Manner) -> None:
+        self._manner, self._hunt = manner, hunt
         self._robot = building.robot(start)
-        belief = belief_from(self._looks.cells, weights, 1 - PRESENT, everywhere=manner.everywhere)
-        self._weight, self._absent = belief.weight, belief.absent
-        self._memory = Memory(self._looks)
         self._stand: int | None = None
 
-    @property
-    def left(self) -> float:
-        """Probability that it is still to be found."""
-        mass = float(self._weight.sum())
-        return mass / (mass + self._absent)
-
     def search(self, hidden: Hidden) -> Outcome:
-        """Look until it is found or hardly likely to be there."""
+        """Look until it is found or no look is worth the way."""
         hidden.begin()
         robot = self._robot
-        while robot.looks < _MOST and self.left > GIVE_UP:
-            at = Standing(robot.cell, robot.heading, self._stand)
-            look = self._tourist.best(at, self._weight, self._memory)
+        while robot.looks < _MOST:
+            look = self._hunt.next(Standing(robot.cell, robot.heading, self._stand))
             if look is None:
                 break
             if self._gone(look, hidden) or self._looked(look, hidden):
@@ -65,27 +55,24 @@ class Touring:
         return robot.outcome(False)
 
     def _gone(self, look: int, hidden: Hidden) -> bool:
-        stand = int(self._looks.stand[look])
+        looks = self._hunt.looks
+        stand = int(looks.stand[look])
         watched = hidden if self._manner.on_the_way else None
-        if self._robot.drive(self._looks.fields[stand], watched, self._seen_nothing):
+        if self._robot.drive(looks.fields[stand], watched, self._seen_nothing):
             return True
         self._stand = stand
         return False
 
     def _looked(self, look: int, hidden: Hidden) -> bool:
-        if int(self._looks.stands[self._looks.stand[look]]) != self._robot.cell:
-            return False
-        heading, extent = float(self._looks.heading[look]), float(self._looks.extent[look])
+        looks = self._hunt.looks
+        heading, extent = float(looks.heading[look]), float(looks.extent[look])
         if self._robot.turn_and_look(hidden, heading, extent):
             return True
-        self._weight = self._weight * (1 - self._memory.chance(look))
-        self._memory.note(look)
+        self._hunt.missed(look)
         return False
 
     def _seen_nothing(self, cell: int, heading: float) -> bool:
-        chance = picture(self._looks, cell, heading)
-        self._weight = self._weight * (1 - self._memory.of(cell, chance))
-        self._memory.note_from(cell, chance)
+        self._hunt.missed_picture(cell, heading)
         return False
 
 
@@ -97,6 +84,16 @@ def ours(
     manner: Manner | None = None,
 ) -> Outcome:
     """Search with `chances` (rooms,) that a room holds it."""
-    looks = building.looks
+    manner = manner or Manner()
+    looks = building.whole_turns if manner.whole_turns else building.looks
     weights = room_weights(looks.space, looks.cells, chances)
-    return Touring(building, start, weights, manner or Manner()).search(hidden)
+    belief = belief_from(looks.cells, weights, 1 - PRESENT, everywhere=manner.everywhere)
+    return Touring(building, start, _hunt(looks, belief.weight), manner).search(hidden)
+
+
+def _hunt(looks: Looks, weight: NDArray[np.float64]) -> Hunt:
+    """A hunt for one thing that lies in each of the belief's cells with `weight` (c,)."""
+    thing = Target("it", "it", None, {}, {})
+    nameless = ("",) * (int(looks.space.room.max()) + 1)
+    known = Prospects(looks.cells, weight[np.newaxis], np.zeros(1, np.intp), ())
+    return Hunt((thing,), Ground(looks.space, nameless, nameless), looks, (), known)

@@ -6,7 +6,7 @@ the chance to detect what lies there; walls block it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -158,22 +158,14 @@ class Looks:
     chance: NDArray[np.float32]  # (n, c) chance to detect what lies in each cell
     fields: NDArray[np.float32]  # (s, nx, ny) [m] shortest ways to each position
     metres: NDArray[np.float64] = field(init=False)  # (s, s) [m] between positions
-    from_square: Mapping[int, NDArray[np.intp]] = field(init=False)  # looks from each `square`
 
     def __post_init__(self) -> None:
-        squares = np.array([self.square(int(cell)) for cell in self.stands], np.intp)[self.stand]
-        rows = {int(square): np.flatnonzero(squares == square) for square in np.unique(squares)}
-        object.__setattr__(self, "from_square", rows)
         between = self.fields.reshape(len(self.stands), -1)[:, self.stands].astype(np.float64)
         object.__setattr__(self, "metres", np.minimum(between, between.T))
 
     def metres_from(self, cell: int) -> NDArray[np.float64]:
         """(s,) [m] the shortest way from `cell` to each position."""
         return self.fields.reshape(len(self.stands), -1)[:, cell].astype(np.float64)
-
-    def square(self, cell: int) -> int:
-        """The number of the square of `SQUARE` metres that floor cell `cell` lies in."""
-        return square(self.space, cell)
 
     def starts(self, looks: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Headings [rad] at the two ends of each sweep; the robot begins at the nearer one."""

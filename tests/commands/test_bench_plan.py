@@ -83,6 +83,8 @@ def broken(change: Callable[[dict[str, Any]], object]) -> dict[str, Any]:
         (broken(lambda d: d["queries"][0].update(p=[0.5, float("nan"), 0.5])), "finite"),
         (broken(lambda d: d["queries"][0].update(t0=[1, -2, 3])), "0 or more"),
         (broken(lambda d: d["queries"][0].update(t0=[1, 2])), "shape"),
+        (broken(lambda d: d["queries"][0].update(t0=[1, 2, 1e308])), "at most 1e+12"),
+        (broken(lambda d: d["queries"][0].update(p=[1e308] * 3)), "at most 1e+12"),
         (broken(lambda d: d["queries"][0].update(model="most")), "'single' or 'any'"),
         (broken(lambda d: d["queries"][0].update(model=["any"])), "'single' or 'any'"),
         (broken(lambda d: d["queries"][1].update(p=[0.5, 2, 0.5])), "at most 1"),

@@ -128,12 +128,13 @@ def test_wrong_usage_is_2(path: Path, words: list[str]) -> None:
     ("words", "said"),
     [
         (["apple", "--robot", "stdio:no-such-program-here"], "cannot start the robot"),
-        (["apple", "--robot", "stdio:"], "cannot start the robot"),
+        (["apple", "--robot", "stdio:"], "needs a command to start"),
         (["apple", "--robot", "stdio:true"], "has ended with exit code 0"),
         (["apple", "--robot", "http://127.0.0.1:1"], "does not answer"),
         (["apple", "--resume", "--robot", "stdio:true"], "no unfinished search for apple"),
         (["aple", "--robot", "stdio:true"], "did you mean apple"),
         (["apple", "--robot", "sim", "--hide", "apple"], "LABEL@X,Y,Z"),
+        (["apple", "--robot", "sim", "--hide", "apple@nan,2,3"], "LABEL@X,Y,Z"),
         (["apple", "--robot", "sim", "--hide", "aple@1,2,3"], "did you mean apple"),
     ],
 )

@@ -13,6 +13,7 @@ from kg.semantic_map import SemanticMap
 from planner.executive.events import Event
 from planner.executive.executive import search
 from planner.executive.protocol import Command, Message, encoded, message_of
+from planner.executive.robots import Inbox
 from planner.executive.terms import Terms
 from tests.planner.point_robot import PointRobot
 from tests.planner.robots import APPLE, FAR_APPLE, START, ring, run
@@ -214,6 +215,33 @@ def test_a_robot_that_falls_silent_is_not_waited_for_for_ever(
     assert robot.sent[-1] == "closed"
     (record,) = semantic_map.searches()
     assert (record.state, len(semantic_map.looks(record.iri))) == ("stopped", 1)
+
+
+class _SaysWrongly(_FallsSilent):
+    """Says hello with a speed that is none, and nothing else."""
+
+    name = "the robot"
+
+    def __init__(self) -> None:
+        super().__init__(answers=0)
+        self._inbox = Inbox(self.name)
+
+    def receive(self, seconds: float) -> Message | None:
+        self.now += 1.0
+        if self.now > 5:
+            return None
+        return self._inbox.read(b'{"type":"hello","protocol":1,"speed":-1}')
+
+
+def test_a_robot_that_says_nothing_of_the_protocol_is_told_what_was_wrong(
+    semantic_map: SemanticMap, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot = _SaysWrongly()
+    clock = SimpleNamespace(monotonic=lambda: robot.now)
+    monkeypatch.setattr("planner.executive.listening.time", clock)
+    with pytest.raises(RobotError, match=r"of the protocol, the last: speed must lie in 0\.001"):
+        search(semantic_map, ["apple"], robot, Terms(patience=30.0, clock=lambda: START + 60))
+    assert semantic_map.searches() == ()
 
 
 def test_another_version_of_the_protocol_is_refused_and_nothing_is_begun(

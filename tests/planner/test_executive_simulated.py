@@ -71,6 +71,19 @@ def test_the_apple_is_found_within_a_few_looks() -> None:
         assert robot_now.p_map[2] == 1.25  # the protocol tells no height: it stays
 
 
+def test_what_is_written_is_timed_by_the_robots_clock(tmp_path: Path) -> None:
+    path = tmp_path / "house.map"
+    with SemanticMap.create(path) as semantic_map:
+        _mapped(semantic_map, furnished_house())
+    main(["search", str(path), "apple", "--robot", "sim"])
+    with SemanticMap.open(path, read_only=True) as semantic_map:
+        (record,) = semantic_map.searches()
+        assert record.started == START
+        assert record.ended is not None
+        assert record.ended - record.started == pytest.approx(record.seconds, abs=1.0)
+        assert record.seconds > 10
+
+
 def test_a_map_of_somewhere_else_is_refused() -> None:
     with SemanticMap.in_memory() as semantic_map:
         far = PlaceRecord(semantic_map.place_iri(1), "far", 100.0, 104.0, 0.0, 4.0)

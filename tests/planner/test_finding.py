@@ -425,6 +425,7 @@ def test_the_thesis_rules_are_still_there(says: Said) -> None:
     [
         (["something to fly with"], "drink from"),
         (["cup", "bed", "--rule", "nearest-first"], "one object at a time"),
+        (["cup", "--rule", "brute-force", "--at", "now", "--recall", "1"], "--recall and --at"),
         (["cup", "--picture", "plan.doc"], ".png"),
         (["cup", "--at", "yesterday"], "moment"),
         (["cup", "--grid", "nowhere.yaml"], "nowhere.yaml"),
@@ -441,7 +442,7 @@ def test_what_cannot_be_done_is_one_line(
 
 
 @pytest.mark.parametrize(
-    "words", [["--range", "4,1"], ["--recall", "2"], ["--budget", "soon"], ["--speed", "0"]]
+    "words", [["--range", "4,1"], ["--recall", "2"], ["--budget", "soon"], ["--speed", "1e-9"]]
 )
 def test_wrong_numbers_are_wrong_usage(flat_on_disk: Path, words: list[str]) -> None:
     with pytest.raises(SystemExit, match="2"):

@@ -212,7 +212,7 @@ def test_wrong_usage_and_missing_homes_are_told_in_one_line(
 ) -> None:
     assert main(["bench", "search", "--homes", str(tmp_path)]) == 1
     assert "no homes in" in capsys.readouterr().err
-    for wrong in (["--recall", "1.5"], ["--far", "0.5"], ["--queries", "0"]):
+    for wrong in (["--recall", "1.5"], ["--far", "0.5"], ["--far", "1e9"], ["--queries", "0"]):
         with pytest.raises(SystemExit) as left:
             main(["bench", "search", "--homes", str(tmp_path), *wrong])
         assert left.value.code == 2

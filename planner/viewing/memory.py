@@ -1,4 +1,4 @@
-"""What looks from one position have in common: a repeated look is worth less each time."""
+"""What has been looked at from where: a repeated look is worth less each time."""
 
 from __future__ import annotations
 
@@ -6,20 +6,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.viewing.looks import Looks
-from planner.viewing.tour import Memory
 
 Chances = NDArray[np.float32]
 
 
-class Repeats(Memory):
-    """As `Memory`, but what n looks from a position showed is worth (1 - rho)^n of the next one.
+class Memory:
+    """What n looks from a position showed is worth (1 - rho)^n of the next one from there.
 
     Most of what one look misses is hidden from there or not known to the detector, so that looking
     on and on from one spot never finds it.
     """
 
     def __init__(self, looks: Looks, least: float = 0.0) -> None:
-        super().__init__(looks)
+        self._looks = looks
         self._least = least  # looks that find less are taken to find nothing
         self._worth: dict[int, Chances] = {}  # by position: (c,) what is left of a look
 
@@ -52,8 +51,8 @@ class Repeats(Memory):
             gains[rows] = self._looks.chance[rows] @ (left * worth)
         return np.where(gains >= self._least, gains, 0.0).astype(np.float64)
 
-    def copy(self) -> Repeats:
+    def copy(self) -> Memory:
         """The same memory, to go on with on trial."""
-        other = Repeats(self._looks, self._least)
+        other = Memory(self._looks, self._least)
         other._worth = dict(self._worth)  # its arrays are replaced, never written to
         return other
