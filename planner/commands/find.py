@@ -172,7 +172,7 @@ def _by_reference(semantic_map: SemanticMap, arguments: argparse.Namespace) -> i
             f"--rule {arguments.rule} searches for one object at a time, got "
             f"{len(arguments.object)}; --rule viewpoints takes several"
         )
-    given = [f"--{n.replace("_", "-")}" for n in _LOOKS_ONLY if getattr(arguments, n)]
+    given = ["--" + n.replace("_", "-") for n in _LOOKS_ONLY if getattr(arguments, n)]
     if given:
         raise QueryParameterError(
             f"{' and '.join(given)} would change nothing with --rule {arguments.rule}; "
