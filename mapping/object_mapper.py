@@ -5,19 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from kg.assertions import Said, believed_object
 from kg.others import OthersWrites
 from kg.records import Evidence, ObjectRecord
 from kg.semantic_map import SemanticMap
 from mapping.association import Sighting, associate, most_confident
-from mapping.confidence import existence, lowered, mean_position, raised
+from mapping.confidence import existence, lowered
 from mapping.labels import LabelBook
 from mapping.labels_map import LabelsMap
 from mapping.localisation import localise, to_map
 from mapping.place_book import PlaceBook
 from mapping.settings import ReferenceSettings
+from mapping.sighted import first_seen, seen_again
 from mapping.visibility import missed
 from perception.frame import Detections, Frame
 
@@ -174,37 +173,15 @@ class ObjectMapper:
         ]
 
     def _seen(self, record: ObjectRecord, frame: Frame, sighting: Sighting) -> ObjectRecord:
-        s = self._settings
-        confidence = raised(record.confidence, sighting.score, s.phi, s.nu)
-        p_map = mean_position(record.p_map, record.observations, sighting.p_map)
-        if float(np.linalg.norm(sighting.p_map - record.p_map)) >= s.kappa:
-            p_map = sighting.p_map  # seen where somebody said it was moved to: a mean begins anew
         evidence = record.evidence
         if evidence is None or sighting.score > evidence.score:
             evidence = self._evidence(frame, sighting)
-        return replace(
-            record,
-            p_map=p_map,
-            confidence=confidence,
-            existence=existence(confidence, s.nu),
-            observations=record.observations + 1,
-            last_seen=max(record.last_seen, frame.stamp),
-            place=self._place(replace(record, p_map=p_map)),
-            evidence=evidence,
-        )
+        after = seen_again(record, sighting, frame.stamp, self._settings)
+        return replace(after, place=self._place(after), evidence=evidence)
 
     def _new(self, frame: Frame, sighting: Sighting) -> ObjectRecord:
-        s = self._settings
-        confidence = raised(0.0, sighting.score, s.phi, s.nu)
-        return ObjectRecord(
-            iri=self._map.new_object_iri(),
-            category=sighting.category,
-            p_map=sighting.p_map,
-            confidence=confidence,
-            existence=existence(confidence, s.nu),
-            observations=1,
-            first_seen=frame.stamp,
-            last_seen=frame.stamp,
+        return replace(
+            first_seen(self._map.new_object_iri(), sighting, frame.stamp, self._settings),
             place=self._places.at(sighting.p_map) if self._places else None,
             evidence=self._evidence(frame, sighting),
         )

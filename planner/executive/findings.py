@@ -15,8 +15,9 @@ from kg.others import OthersWrites
 from kg.records import ObjectRecord
 from kg.semantic_map import SemanticMap
 from mapping.association import Sighting, associate, most_confident
-from mapping.confidence import existence, lowered, mean_position, raised
+from mapping.confidence import existence, lowered
 from mapping.settings import ReferenceSettings
+from mapping.sighted import first_seen, seen_again
 from planner.executive.protocol import Detected
 
 _NO_BOX = (0.0, 0.0, 0.0, 0.0)  # a robot tells positions, not pixels
@@ -98,33 +99,12 @@ class Findings:
         return sightings, tuple(dict.fromkeys(unknown))
 
     def _again(self, iri: str, sighting: Sighting, stamp: float) -> ObjectRecord:
-        s, record = self._settings, self._objects[iri]
-        confidence = raised(record.confidence, sighting.score, s.phi, s.nu)
-        p_map = mean_position(record.p_map, record.observations, sighting.p_map)
-        return replace(
-            record,
-            p_map=p_map,
-            confidence=confidence,
-            existence=existence(confidence, s.nu),
-            observations=record.observations + 1,
-            last_seen=max(record.last_seen, stamp),
-            place=self._place(p_map),
-        )
+        after = seen_again(self._objects[iri], sighting, stamp, self._settings)
+        return replace(after, place=self._place(after.p_map))
 
     def _first(self, sighting: Sighting, stamp: float) -> ObjectRecord:
-        s = self._settings
-        confidence = raised(0.0, sighting.score, s.phi, s.nu)
-        return ObjectRecord(
-            iri=self._map.new_object_iri(),
-            category=sighting.category,
-            p_map=sighting.p_map,
-            confidence=confidence,
-            existence=existence(confidence, s.nu),
-            observations=1,
-            first_seen=stamp,
-            last_seen=stamp,
-            place=self._place(sighting.p_map),
-        )
+        record = first_seen(self._map.new_object_iri(), sighting, stamp, self._settings)
+        return replace(record, place=self._place(record.p_map))
 
     def _place(self, p_map: np.ndarray) -> str | None:
         x, y = float(p_map[0]), float(p_map[1])
