@@ -156,13 +156,13 @@ def _place_goals(rows: Iterable[Row]) -> Iterable[Goal]:
 
 
 def _why_known(row: Row) -> str:
-    return f"{_label(row)} is in the map (existence {_number(row, 'probability'):.2f}{_seen(row)})"
+    return f"{_label(row)} is in the map (existence {_number(row, 'probability'):.2f}{seen(row)})"
 
 
 def _why_nearby(row: Row) -> str:
     relation = _relation(row, "relationProbability")
     return (
-        f"{_label(row)} is in the map (existence {_number(row, 'existence'):.2f}{_seen(row)}), "
+        f"{_label(row)} is in the map (existence {_number(row, 'existence'):.2f}{seen(row)}), "
         f"and {row['wanted']} is found near {row['category']} {relation}"
     )
 
@@ -187,16 +187,20 @@ def _relation(row: Row, column: str) -> str:
     return f"({_number(row, column):g}{source})"
 
 
-def _seen(row: Row) -> str:
-    said = "" if row["observations"] is None else f", seen {_times(_number(row, 'observations'))}"
+def seen(row: Row, place: str = "place") -> str:
+    """How often, when, in which frame and where (column `place`) the object of a row was seen."""
+    said = ""
+    if row.get("observations") is not None:
+        said = f", seen {times(_number(row, 'observations'))}"
     if isinstance(row["lastSeen"], datetime):
         said += f", last {row['lastSeen']:%Y-%m-%d %H:%M:%S}"
     if row["frame"] is not None:
         said += f", best in {row['frame']}"
-    return said + (f", in {row['place']}" if row["place"] is not None else "")
+    return said + (f", in {row[place]}" if row[place] is not None else "")
 
 
-def _times(count: float) -> str:
+def times(count: float) -> str:
+    """A count in words: once, 2 times."""
     return "once" if count == 1 else f"{count:.0f} times"
 
 

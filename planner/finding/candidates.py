@@ -20,6 +20,7 @@ from kg.semantic_map import SemanticMap
 from planner.finding.mobility import holds, learned_half_life, listed_half_life
 from planner.finding.settings import Belief
 from planner.finding.targets import Target
+from planner.goals import seen, times
 
 Row = Mapping[str, Value]
 Kind = Literal["known", "nearby", "place"]
@@ -204,7 +205,7 @@ class Gatherer:
             missed = 1 - self._settings.noticed
             unseen = p * missed / (1 - p * self._settings.noticed)
             p += (unseen - p) * holds(min(life.values()), age)
-            facts = (*facts, f"viewed {_times(place.views)} with none more noticed: {p:.2f} left")
+            facts = (*facts, f"viewed {times(place.views)} with none more noticed: {p:.2f} left")
         centre = np.array([place.xmin + place.xmax, place.ymin + place.ymax]) / 2
         return Candidate(
             number_, "place", place.iri, place.label, centre, p, facts, place=place.iri
@@ -320,18 +321,7 @@ def _xy(row: Row) -> NDArray[np.float64]:
 
 
 def _seen(row: Row, existence: float) -> str:
-    said = f"existence {existence:.2f}"
-    if "observations" in row and row["observations"] is not None:
-        said += f", seen {_times(int(number(row, 'observations')))}"
-    if isinstance(row["lastSeen"], datetime):
-        said += f", last {row['lastSeen']:%Y-%m-%d %H:%M:%S}"
-    if row["frame"] is not None:
-        said += f", best in {row['frame']}"
-    return said + (f", in {row['placeLabel']}" if row["placeLabel"] is not None else "")
-
-
-def _times(count: int) -> str:
-    return "once" if count == 1 else f"{count} times"
+    return f"existence {existence:.2f}{seen(row, 'placeLabel')}"
 
 
 def span(seconds: float) -> str:
