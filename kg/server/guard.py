@@ -49,14 +49,23 @@ class Guard:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        started, status, begun = time.perf_counter(), 500, False
+        started, status, begun, counted = time.perf_counter(), 500, False, False
         headers = Headers(scope=scope)
+
+        def count() -> None:
+            nonlocal counted
+            if not counted:
+                counted = True
+                self._count(scope, status, time.perf_counter() - started)
 
         async def guarded(message: Message) -> None:
             nonlocal status, begun
             if message["type"] == "http.response.start":
                 status, begun = message["status"], True
                 self._add_headers(MutableHeaders(scope=message), headers.get("origin"))
+            elif not message.get("more_body", False):
+                # before its last part leaves: who has an answer finds it counted
+                count()
             await send(message)
 
         try:
@@ -67,7 +76,7 @@ class Guard:
             if not begun:
                 await _ENDING(scope, receive, guarded)
         finally:
-            self._count(scope, status, time.perf_counter() - started)
+            count()
 
     def _answer_early(self, scope: Scope, headers: Headers) -> Response | None:
         try:
