@@ -12,12 +12,14 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
-# the same examples in every run of CI: what it finds, anybody can find again; without it new ones
-settings.register_profile("ci", derandomize=True, deadline=None)
-settings.register_profile("local", deadline=None)
-settings.load_profile("ci" if os.environ.get("CI") else "local")
+# the same examples in every run, on a machine however slow: what one run finds, anybody finds again
+_PATIENT = [HealthCheck.too_slow]
+settings.register_profile("same", derandomize=True, deadline=None, suppress_health_check=_PATIENT)
+# new examples in every run, to look for faults with: HEREABOUTS_EXPLORE=1
+settings.register_profile("explore", deadline=None, suppress_health_check=_PATIENT)
+settings.load_profile("explore" if os.environ.get("HEREABOUTS_EXPLORE") else "same")
 
 ROOT = Path(__file__).resolve().parent.parent
 SHARED = Path(os.environ.get("HEREABOUTS_SHARED", ROOT.parent / "shared"))

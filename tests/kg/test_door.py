@@ -241,7 +241,9 @@ DELETES = st.builds("DELETE WHERE {{ <http://m/{}> {} }}".format, THINGS, PATTER
 
 
 @settings(
-    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=40,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 @given(st.lists(st.one_of(INSERTS, DELETES), min_size=1, max_size=3).map(" ; ".join))
 def test_the_door_lets_in_just_what_the_whole_map_passes_with(text: str) -> None:

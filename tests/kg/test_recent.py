@@ -126,7 +126,9 @@ def outcome(step: Step, chart: SemanticMap, first: int) -> object:
 
 
 @settings(
-    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=25,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 @given(steps=st.lists(STEPS, min_size=2, max_size=10))
 def test_what_is_remembered_makes_no_difference(

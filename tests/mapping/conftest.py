@@ -6,16 +6,11 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 import pytest
-from hypothesis import settings
 
 from kg.errors import RecordingError
 from kg.records import ObjectRecord
 from kg.semantic_map import SemanticMap
 from perception.frame import Detections, Frame, SceneScores
-
-# a busy machine must not fail a property
-settings.register_profile("steady", deadline=None)
-settings.load_profile("steady")
 
 #: camera -> map: looks along map x, image right is map -y, image down is map -z; 1 m above floor
 LOOK_ALONG_X = np.array(

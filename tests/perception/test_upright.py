@@ -73,7 +73,7 @@ def test_given_up_wins_over_the_gravity_file(shared):
 @settings(
     max_examples=8,
     deadline=None,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 @given(
     rotation=st.tuples(*[st.floats(-3, 3)] * 3),

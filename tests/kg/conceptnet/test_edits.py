@@ -266,7 +266,7 @@ TEXT = st.text(max_size=40) | st.sampled_from(
 @settings(
     max_examples=40,
     deadline=None,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 @given(surface=TEXT, term=TEXT, license=TEXT)
 def test_no_text_breaks_out_of_the_file(

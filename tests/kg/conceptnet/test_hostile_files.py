@@ -150,7 +150,7 @@ def test_no_file_or_a_folder_is_one_line(tmp_path: Path) -> None:
 @settings(
     max_examples=30,
     deadline=None,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 @given(noise=st.lists(st.binary(max_size=80), max_size=8), good=st.sampled_from([GOOD4, GOOD5]))
 def test_any_bytes_between_good_lines_do_no_harm(

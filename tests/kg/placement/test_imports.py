@@ -90,7 +90,10 @@ def test_a_missing_table_and_a_wrong_licence_are_refused(tmp_path: Path) -> None
     assert not (tmp_path / "new.map").exists()
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=25)
+@settings(
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+    max_examples=25,
+)
 @given(st.text(max_size=30), st.text(max_size=30), st.text(max_size=12))
 def test_names_of_any_kind_never_break_the_file(
     tmp_path: Path, room: str, source: str, number: str
