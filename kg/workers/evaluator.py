@@ -4,8 +4,9 @@ It is meant to be killed, and to kill itself: an alarm of the kernel ends it at 
 where its parent is gone, and its address space, files and processor time are limited. Messages both
 ways are a type byte, a length (4 bytes, little endian) and that many bytes:
 
-    >  Q  a request (JSON)                 <  H  {"media_type", "sequence"}
-    >  O  a snapshot to open (JSON)        <  D  a part of the answer
+    >  S  the settings (JSON), first       <  R  done with S or O
+    >  O  a snapshot to open (JSON)        <  H  {"media_type", "sequence"}
+    >  Q  a request (JSON)                 <  D  a part of the answer
                                            <  .  the end of the answer
                                            <  E  {"error": name of the exception, "message"}
 """
@@ -110,6 +111,10 @@ class Evaluator:
         line = " ".join(message.split())[:2000]
         self._send(b"E", json.dumps({"error": name, "message": line}).encode())
 
+    def ready(self) -> None:
+        """Say that the last message without an answer was taken in."""
+        self._send(b"R", b"")
+
     def _send(self, kind: bytes, payload: bytes | bytearray) -> None:
         self._out.write(HEAD.pack(kind, len(payload)) + payload)
         self._out.flush()
@@ -187,12 +192,14 @@ def main() -> None:
     os.nice(first[1]["nice"])
     _limit_process(first[1]["memory"])
     evaluator = Evaluator(first[1], answers)
+    evaluator.ready()
     while (message := _read(requests)) is not None:
         kind, request = message
         _limit_time(request["timeout"])
         if kind == b"O":
             with contextlib.suppress(OSError):  # the next request names it again, and reports it
                 evaluator.open(request["folder"])
+            evaluator.ready()
         else:
             evaluator.answer(request)
         _limit_time(0)

@@ -104,7 +104,7 @@ class QueryPool:
         """The serialised answer to a query, in the best format an Accept header asks for.
 
         The graphs override FROM and FROM NAMED (SPARQL 1.1 Protocol, section 2.1.4); without either
-        the default graph is the union of all. `timeout` [s] counts from when a worker is free, and
+        the default graph is the union of all. `timeout` [s] counts from when a worker is ready, and
         cannot exceed the pool's. The answer has seen transaction `at_least`.
 
         Raises QueryRefusedError, QueryTimeoutError, QueryTooLargeError, NotAcceptableError,
@@ -212,12 +212,14 @@ class QueryPool:
         return stack
 
     def _run(self, call: _Call) -> Answer:
-        try:
-            return self._try(call)
-        except WorkerDiedError:
-            if call.cancelled:
-                raise
-            return self._try(call)  # ended by somebody else: once more, on another worker
+        for _ in range(self._workers):
+            try:
+                return self._try(call)
+            except WorkerDiedError:  # ended by somebody else: once more, on another worker
+                if call.cancelled:
+                    raise
+        # all there were may have been killed together, before they were asked: this one is new
+        return self._try(call)
 
     def _try(self, call: _Call) -> Answer:
         self._last_query = time.monotonic()

@@ -27,6 +27,7 @@ _PATHS = list(
     dict.fromkeys(str(Path(str(m.__file__)).resolve().parent.parent) for m in (kg, pyoxigraph))
 )
 _READ = 1 << 20
+START_WITHIN = 60.0  # [s] that a worker has to start, or to open a snapshot
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +73,8 @@ class WorkerProcess:
         os.set_blocking(self._in, False)
         os.set_blocking(self._out, False)
         self._received = bytearray()
-        self._send(b"S", settings, time.monotonic() + 1)
+        self._unready = 0  # messages it has not yet said it is done with
+        self._tell(b"S", settings)
 
     @property
     def pid(self) -> int:
@@ -88,14 +90,15 @@ class WorkerProcess:
         """Have it open a snapshot while nobody waits; a failure shows at the next question."""
         request = {"folder": str(snapshot.folder), "timeout": timeout}
         with contextlib.suppress(QueryError):
-            self._send(b"O", request, time.monotonic() + 1)
+            self._tell(b"O", request)
 
     def ask(self, request: dict[str, Any], timeout: float) -> Answer:
-        """The answer to one request.
+        """The answer to one request; `timeout` counts from when the process is ready for it.
 
         Raises QueryTimeoutError, QueryTooLargeError or QueryError; the process is dead after a
         timeout or a crash, and can be asked again after any other error.
         """
+        self._be_ready()
         deadline = time.monotonic() + timeout
         self._send(b"Q", request | {"timeout": timeout}, deadline)
         head, body = {}, bytearray()
@@ -122,6 +125,17 @@ class WorkerProcess:
         for pipe in (self._process.stdin, self._process.stdout):
             if pipe is not None:
                 pipe.close()
+
+    def _tell(self, kind: bytes, message: dict[str, Any]) -> None:
+        self._send(kind, message, time.monotonic() + START_WITHIN)
+        self._unready += 1
+
+    def _be_ready(self) -> None:
+        # or a slow start of the process would be taken off the time of the first query
+        deadline = time.monotonic() + START_WITHIN
+        while self._unready:
+            self._message(deadline)
+            self._unready -= 1
 
     def _send(self, kind: bytes, message: dict[str, Any], deadline: float) -> None:
         payload = json.dumps(message).encode()

@@ -49,7 +49,7 @@ def live(tmp_path: Path) -> Iterator[SemanticMap]:
 
 @pytest.fixture
 def pool(live: SemanticMap) -> Iterator[QueryPool]:
-    with QueryPool(live, timeout=5) as made:
+    with QueryPool(live, timeout=60) as made:
         yield made
 
 
@@ -163,12 +163,20 @@ def test_snapshots_of_a_killed_server_are_removed_at_the_next_start(tmp_path: Pa
         pool.run("ASK {}")
         assert len(list(tmp_path.glob(".home.snapshots-*"))) == 1
     assert not list(tmp_path.glob(".home.snapshots-*"))
-    for _ in range(100):
-        left = [pid for pid in ran.stdout.split() if Path(f"/proc/{pid}/stat").exists()]
-        if not left:
-            break
-        time.sleep(0.05)
+    pids = ran.stdout.split()
+    assert len(pids) == 2
+    end = time.monotonic() + 60
+    while (left := [pid for pid in pids if _runs(pid)]) and time.monotonic() < end:
+        time.sleep(0.02)
     assert not left, "workers outlived the process that asked them"
+
+
+def _runs(pid: str) -> bool:
+    """Whether there is such a process; one that ended and that nobody asked after is none."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
 
 
 def test_many_threads_ask_at_once_and_each_gets_its_own_answer(pool: QueryPool) -> None:
@@ -186,10 +194,14 @@ def test_many_threads_ask_at_once_and_each_gets_its_own_answer(pool: QueryPool) 
 
 
 def test_a_full_queue_says_so_at_once(live: SemanticMap) -> None:
-    with QueryPool(live, workers=1, queue=1, timeout=0.7) as pool:
+    with QueryPool(live, workers=1, queue=1, timeout=60) as pool:
 
         async def crowd() -> list[object]:
-            asked = [pool.run_async(ENDLESS), pool.run_async("ASK {}"), pool.run_async("ASK {}")]
+            asked = [
+                pool.run_async(ENDLESS, timeout=0.7),
+                pool.run_async("ASK {}"),
+                pool.run_async("ASK {}"),
+            ]
             return await asyncio.gather(*asked, return_exceptions=True)
 
         first, second, third = asyncio.run(crowd())
@@ -205,7 +217,7 @@ def test_a_cancelled_query_is_killed_and_its_worker_free_again(live: SemanticMap
         async def give_up() -> None:
             with pytest.raises(TimeoutError):
                 await asyncio.wait_for(pool.run_async(ENDLESS), 0.3)
-            assert (await asyncio.wait_for(pool.run_async("ASK {}"), 20)).body
+            assert (await pool.run_async("ASK {}")).body
 
         asyncio.run(give_up())
 
@@ -237,7 +249,8 @@ def test_closing_ends_queries_that_still_run(live: SemanticMap) -> None:
 
     thread = threading.Thread(target=ask)
     thread.start()
-    time.sleep(0.3)
+    while not pool.busy:
+        time.sleep(0.005)
     pool.close()
-    thread.join(10)
+    thread.join()
     assert len(raised) == 1
