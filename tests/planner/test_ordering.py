@@ -138,7 +138,8 @@ def test_large_problems_keep_their_bound_and_improve_on_the_ratio_rule(model: st
     kernel = reduce_problem(problem)
     assert sorted(found.order) == list(range(80))
     assert 0 < found.lower_bound < found.expected_seconds
-    assert found.expected_seconds <= kernel.cost(by_ratio(kernel)) / kernel.norm
+    # of a machine so slow that nothing was improved, the same but for rounding
+    assert found.expected_seconds <= kernel.cost(by_ratio(kernel)) / kernel.norm * (1 + 1e-12)
     assert found.expected_seconds == problem.expected_seconds(found.order)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import time
 
 import numpy as np
 import pytest
@@ -119,7 +118,7 @@ def test_proofs_beyond_all_subsets_agree_with_all_subsets(model: str) -> None:
         walks = Walks(kernel, Tangent.of(kernel, start), 4, 8)
         values = raise_prices(walks, walks.known.cost, np.inf, 30)
         assert values is not None
-        better = prove(kernel, walks, values, time.perf_counter() + 1e6, walks.known.cost)
+        better = prove(kernel, walks, values, np.inf, walks.known.cost)
         assert better is not None
         found = kernel.cost(better if len(better) else start)
         assert found == pytest.approx(optimum, rel=1e-9)
