@@ -14,7 +14,7 @@ from kg.errors import ServerError
 from kg.server.connection import PatientConnection
 from kg.server.settings import Limits, Settings
 
-START_WITHIN = 10.0  # [s]
+START_WITHIN = 60.0  # [s]
 END_WITHIN = 3  # [s] that answers under way have when the server ends
 
 

@@ -20,6 +20,7 @@ from kg.server import Limits, MapServer, Settings, Tokens
 
 TOKEN = "a-token-of-the-tests-0123"
 BASE = "https://example.org/maps/flat/"
+PATIENCE = 120.0  # [s] for what comes at once, on a machine however slow
 
 
 class Stream:
@@ -27,7 +28,7 @@ class Stream:
 
     def __init__(self, url: str, headers: dict[str, str]) -> None:
         whole = urlsplit(url)
-        self._connection = http.client.HTTPConnection(whole.netloc, timeout=20)
+        self._connection = http.client.HTTPConnection(whole.netloc, timeout=PATIENCE)
         self._connection.request("GET", f"{whole.path}?{whole.query}", headers=headers)
         self._answer = self._connection.getresponse()
         assert self._answer.status == 200, self._answer.read()
@@ -73,7 +74,7 @@ class Served:
         return self.request("POST", path, **given)
 
     def request(self, method: str, path: str, **given: object) -> requests.Response:
-        given.setdefault("timeout", 20)
+        given.setdefault("timeout", PATIENCE)
         return requests.request(method, self.url + path, **given)  # type: ignore[arg-type]
 
     def write(self, update: str, **given: object) -> requests.Response:
@@ -142,7 +143,8 @@ def flat() -> Iterator[SemanticMap]:
 @pytest.fixture(scope="module")
 def lasting() -> Iterator[Served]:
     """A server that all tests of a module share, whose clients may write with `bearer()`."""
-    settings = Settings(port=0, tokens=Tokens((("ann", TOKEN.encode()),)))
+    limits = Limits(query_seconds=PATIENCE)
+    settings = Settings(port=0, tokens=Tokens((("ann", TOKEN.encode()),)), limits=limits)
     with furnished() as semantic_map, MapServer(semantic_map, settings) as server:
         yield Served(semantic_map, server)
 
@@ -154,7 +156,8 @@ def serve(flat: SemanticMap) -> Iterator[Callable[..., Served]]:
 
         def start(*, limits: Limits | None = None, **settings: object) -> Served:
             settings.setdefault("tokens", Tokens((("ann", TOKEN.encode()),)))
-            wanted = Settings(port=0, limits=limits or Limits(), **settings)  # type: ignore[arg-type]
+            limits = limits or Limits(query_seconds=PATIENCE)
+            wanted = Settings(port=0, limits=limits, **settings)  # type: ignore[arg-type]
             server = stack.enter_context(MapServer(flat, wanted))
             return Served(flat, server)
 

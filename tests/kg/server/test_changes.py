@@ -27,7 +27,7 @@ def quads(lines: object) -> set[object]:
     return set(parse("\n".join(lines), format=RdfFormat.N_QUADS))  # type: ignore[arg-type]
 
 
-def wait_for(condition: Callable[[], bool], seconds: float = 10.0) -> bool:
+def wait_for(condition: Callable[[], bool], seconds: float = 120.0) -> bool:
     end = time.monotonic() + seconds
     while not condition() and time.monotonic() < end:
         time.sleep(0.02)
@@ -149,27 +149,19 @@ def test_slow_follower_is_dropped_and_the_others_are_not(serve: Callable[..., Se
     feed = served.server.serving.feed
     slow = slow_reader(served)
     assert wait_for(lambda: feed.followers == 1)
-    long = "x" * 200_000
-    start = served.map.sequence
     with served.stream("changes") as quick:
-        got: list[int] = []
-
-        def read() -> None:
-            while len(got) < 100:
-                got.append(quick.next()[0])
-
-        reader = threading.Thread(target=read)
-        reader.start()
-        for step in range(100):
-            text = Literal(f"{step}{long}")
+        # more than the sockets' buffers hold, whatever the system gives them; then a few more
+        steps, more = iter(range(2000)), iter(range(3))
+        for step in steps:
+            text = Literal(f"{step}{'x' * 200_000}")
             quad = Quad(NamedNode(CUP), NamedNode(v.RDFS_COMMENT), text, NamedNode(v.MAP_GRAPH))
             served.map.store.commit([], [quad], Cause("import"))
-            time.sleep(0.01)
-        reader.join(20)
-        assert got == list(range(start + 1, start + 101))
+            assert quick.next()[0] == served.map.sequence
+            if feed.dropped and next(more, None) is None:
+                break
     assert feed.dropped == 1
     assert wait_for(lambda: feed.followers == 0)
-    slow.settimeout(10)
+    slow.settimeout(120)
     with pytest.raises((ConnectionResetError, EOFError)):
         while slow.recv(1 << 16):
             pass
@@ -180,8 +172,7 @@ def test_slow_follower_is_dropped_and_the_others_are_not(serve: Callable[..., Se
 def test_followers_end_when_the_server_ends(serve: Callable[..., Served]) -> None:
     served = serve()
     with served.stream("changes") as stream:
-        started = time.monotonic()
         served.server.stop()
-        with pytest.raises((EOFError, OSError, http.client.HTTPException)):
+        with pytest.raises((EOFError, OSError, http.client.HTTPException)) as ended:
             stream.next()
-        assert time.monotonic() - started < 10
+        assert not isinstance(ended.value, TimeoutError)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from kg.server import Limits
+from kg.server.standing import COALESCE
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -45,6 +46,7 @@ def test_bindings_that_come_and_go_are_told(served: Served) -> None:
 def test_commits_in_quick_succession_are_one_event(served: Served) -> None:
     with served.stream("subscribe", params={"query": CUPS}) as stream:
         stream.next()
+        begun = time.monotonic()
         for step in range(30):
             served.move(1, 2 + step / 10)
         seen, current, events = [], 1.0, 0
@@ -54,7 +56,8 @@ def test_commits_in_quick_succession_are_one_event(served: Served) -> None:
             (current,) = places(data["added"])
             seen.append(current)
             events += 1
-        assert events < 15
+        # however slow the commits were: an event waits so long for further ones
+        assert events <= (time.monotonic() - begun) / COALESCE
         assert seen == sorted(seen)
 
 
@@ -64,8 +67,7 @@ def test_commits_that_cannot_matter_are_skipped(served: Served) -> None:
         (dirty,) = served.server.serving.standing
         for number in range(5):
             served.write(f'INSERT DATA {{ GRAPH graph:map {{ {CUP} rdfs:comment "{number}" }} }}')
-        time.sleep(0.1)
-        assert dirty.skipped == 5
+        assert dirty.skipped == 5  # who is told of a commit finds it delivered
         served.move(1, 3.0)
         _, _, data = stream.next()
         assert places(data["added"]) == [3.0]
