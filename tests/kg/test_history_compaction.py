@@ -19,10 +19,14 @@ Written = Callable[[int], SemanticMap]
 
 
 def test_the_past_before_the_edge_goes_and_the_rest_stays(
-    written: Written, frame: Callable[..., MapUpdate]
+    written: Written, frame: Callable[..., MapUpdate], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with written(20) as semantic_map:
-        time.sleep(0.3)
+    with monkeypatch.context() as clock:
+        ago = time.time() - 3600
+        clock.setattr(time, "time", lambda: ago)
+        clock.setattr(time, "time_ns", lambda: int(ago * 1e9))
+        long_ago = written(20)
+    with long_ago as semantic_map:
         for number in range(20, 25):
             semantic_map.apply(frame(number, removed=(semantic_map.base + "object/2",)))
         later = {n: set(semantic_map.at(n).engine) for n in range(20, 26)}

@@ -72,7 +72,7 @@ def test_killed_between_log_and_store(written: Written, tmp_path: Path) -> None:
     path = tmp_path / "flat.map"
     written(3).close()
     process = _writer(path, "between")
-    out, err = process.communicate(timeout=60)
+    out, err = process.communicate(timeout=300)
     assert (process.returncode, out, err) == (-signal.SIGKILL, "", "")
     with MapStore.open(path) as store:
         assert store.sequence == 3
@@ -83,7 +83,7 @@ def test_killed_between_log_and_store(written: Written, tmp_path: Path) -> None:
 
 def test_a_reader_sees_what_the_crash_kept_from_the_store(written: Written, tmp_path: Path) -> None:
     written(3).close()
-    _writer(tmp_path / "flat.map", "between").communicate(timeout=60)
+    _writer(tmp_path / "flat.map", "between").communicate(timeout=300)
     with SemanticMap.open(tmp_path / "flat.map", read_only=True) as semantic_map:
         assert semantic_map.read_only
         assert semantic_map.sequence == 4
@@ -95,11 +95,11 @@ def test_readers_that_come_at_once_all_see_what_the_crash_kept_from_the_store(
 ) -> None:
     path = tmp_path / "flat.map"
     written(3).close()
-    _writer(path, "between").communicate(timeout=60)
+    _writer(path, "between").communicate(timeout=300)
     together = threading.Barrier(6)
 
     def read(_: int) -> int:
-        together.wait(timeout=60)
+        together.wait(timeout=300)
         with SemanticMap.open(path, read_only=True) as semantic_map:
             return semantic_map.sequence
 

@@ -184,9 +184,9 @@ def test_rdflib_needs_the_store_here(remote: SemanticMap) -> None:
 def test_nobody_listening_is_one_line_without_the_password() -> None:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    with pytest.raises(UnreachableError, match=f"127.0.0.1:{port} .*refused") as caught:
-        SemanticMap.open(f"http://someone:secret@127.0.0.1:{port}")
+        port = free.getsockname()[1]  # bound, so that nobody else listens there meanwhile
+        with pytest.raises(UnreachableError, match=f"127.0.0.1:{port} .*refused") as caught:
+            SemanticMap.open(f"http://someone:secret@127.0.0.1:{port}")
     assert "secret" not in str(caught.value)
 
 

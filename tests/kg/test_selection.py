@@ -177,7 +177,7 @@ class Heard:
         self._news.release()
 
     def wait(self) -> tuple[list[object], list[object]]:
-        assert self._news.acquire(timeout=20)
+        assert self._news.acquire(timeout=120)
         return self.told[-1]
 
 

@@ -64,7 +64,7 @@ def run(
     semantic_map: SemanticMap,
     *words: str,
     resume: bool = False,
-    patience: float = 20.0,
+    patience: float = 120.0,
     budget: float | None = None,
     tell: Callable[[Event], None] = lambda event: None,
     **settings: Any,

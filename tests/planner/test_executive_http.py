@@ -80,7 +80,7 @@ def test_a_robot_behind_an_address_finds(loses: bool) -> None:
     served = _point(objects=[APPLE], loses=loses)
     with SemanticMap.in_memory() as semantic_map, _serving(served) as url:
         ring(semantic_map)
-        outcome = search(semantic_map, ["apple"], HttpRobot(url), Terms(patience=20.0))
+        outcome = search(semantic_map, ["apple"], HttpRobot(url), Terms(patience=120.0))
     assert outcome.state == "found"
     assert served.asked[0] == "hello"
     assert "stop" in served.asked  # it is told to stand still at the end

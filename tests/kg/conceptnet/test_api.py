@@ -48,7 +48,7 @@ def test_the_stand_in_is_as_the_documentation_says(serve: Serve, as_edge: AsEdge
     service = serve(edges)
 
     def get(path: str, **headers: str) -> requests.Response:
-        return requests.get(service.address + path, headers=headers, timeout=10)
+        return requests.get(service.address + path, headers=headers, timeout=120)
 
     looked_up = get("/c/en/kitchen").json()
     assert len(looked_up["edges"]) == 20
