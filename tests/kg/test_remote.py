@@ -195,7 +195,8 @@ def test_an_answer_cut_off_by_a_time_limit_is_no_answer(
 ) -> None:
     hasty = start_server("hasty", "--timeout-s", "1")
     with SemanticMap.create(hasty, base=BASE) as semantic_map:
-        runaway = "SELECT ?a ?c ?e { ?a ?p ?b . ?c ?q ?d . ?e ?r ?f . FILTER(?a = ?f) }"
+        # rows from the first moment on: what such a server joins beforehand, it does not break off
+        runaway = "SELECT ?a ?c { ?a ?p ?b . ?c ?q ?d }"
         with pytest.raises(RemoteError, match="broke off its answer"):
             semantic_map.ask_text(runaway)
         assert semantic_map.ask("objects").rows == ()
