@@ -13,7 +13,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
@@ -28,12 +28,22 @@ ASK = {"query": "ASK { here:Cup a ?x }"}
 FLOOD = 10_000
 
 
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """What is started meanwhile hears of Ctrl+C, also where we run in a background that does not."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 class Process:
     """A running `hereabouts serve`; `url` is where it said it answers."""
 
     def __init__(self, folder: Path, *words: object) -> None:
         self.said = folder / "stderr.txt"
-        with self.said.open("wb") as stderr:
+        with self.said.open("wb") as stderr, interruptible():
             self.popen = subprocess.Popen(
                 [
                     sys.executable,

@@ -27,6 +27,7 @@ from kg.errors import (
     QueryTimeoutError,
 )
 from kg.semantic_map import SemanticMap
+from kg.workers import process
 from kg.workers.pool import QueryPool
 
 ENDLESS = "SELECT (SUM(STRLEN(STR(?a))) AS ?n) {?a ?b ?c. ?d ?e ?f. ?g ?h ?i. ?j ?k ?l}"
@@ -227,6 +228,14 @@ def test_a_shorter_time_limit_holds_and_a_longer_one_is_cut(live: SemanticMap) -
         for timeout in (0.1, 1000.0):
             with pytest.raises(QueryTimeoutError, match="time limit"):
                 pool.run(ENDLESS, timeout=timeout)
+
+
+def test_a_slow_start_of_a_worker_is_not_taken_off_a_querys_time(
+    live: SemanticMap, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(process, "_START", f"import time; time.sleep(3); {process._START}")
+    with QueryPool(live, workers=1) as pool:
+        assert pool.run("ASK {}", timeout=2).body
 
 
 def test_a_closed_pool_says_it_is_closed(live: SemanticMap) -> None:
