@@ -30,7 +30,7 @@ FLOOD = 10_000
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """What is started meanwhile hears of Ctrl+C, also where we run in a background that does not."""
+    """What is started meanwhile hears Ctrl+C, also where we run in a background that does not."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         yield
