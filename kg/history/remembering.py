@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Self
 
 from pyoxigraph import NamedNode, Quad
 
@@ -15,7 +14,7 @@ from kg.history.compaction import Compaction, compact, retain
 from kg.history.instants import Instant, sequence_of
 from kg.history.log import Log
 from kg.history.naming import statement, thing
-from kg.history.past import Difference, difference, state_of, store_at
+from kg.history.past import Difference, difference, state_of
 from kg.history.recovery import without_past
 from kg.history.telling import Entry, tell
 from kg.history.why import Explainer, Reason
@@ -65,14 +64,6 @@ class Remembering:
         if since < log.floor:
             raise HistoryError(f"changes up to #{log.floor} are not kept, asked since #{since}")
         return log.changes(since, self.sequence)
-
-    def at(self, when: Instant) -> Self:
-        """The map as believed at `when`, in memory and for reading only.
-
-        `when` is a sequence number (42 or "#42"), a datetime, or ISO 8601 text, by the clock of the
-        machine that wrote the map. Raises HistoryError where that past is not kept.
-        """
-        return type(self)(store_at(self.history, self.engine, sequence_of(self.history, when)))
 
     def state_of(self, iri: str, when: Instant) -> tuple[Quad, ...]:
         """All quads about one thing as of `when`, without building the whole map of then."""

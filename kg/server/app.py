@@ -18,6 +18,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from kg.errors import HereaboutsError
 from kg.server import metrics
+from kg.server.assertions import assertions
 from kg.server.changes import changes
 from kg.server.description import dataset_description
 from kg.server.front import Front
@@ -50,6 +51,7 @@ def application(serving: Serving) -> ASGIApp:
         ("/graphs/{name:path}", graph_store, write),
         ("/dump.{ending:str}", dump, get),
         ("/.well-known/void", dataset_description, get),
+        ("/assertions", assertions, ["GET", "POST", "DELETE"]),
         ("/changes", changes, get),
         ("/subscribe", subscribe, get),
         ("/health", _health, get),
