@@ -51,7 +51,7 @@ class ServedMap(SemanticMap):
 
     def at(self, when: Instant) -> SemanticMap:
         """The map as believed at `when`, asked of the server question by question."""
-        number = when if isinstance(when, int) else self._served.sequence_at(text_of(when))
+        number = self._served.sequence_at(text_of(when))
         store = MapStore(
             RemoteEngine(self._served.root, always=(("at", str(number)),)),
             where=f"#{number} of {self._served.where}",

@@ -24,6 +24,7 @@ from kg.server.description import dataset_description
 from kg.server.front import Front
 from kg.server.graphs import dump, graph_store
 from kg.server.guard import Guard
+from kg.server.past import diff, log, why
 from kg.server.problems import Problem, problem_of, problem_response
 from kg.server.protocol import sparql
 from kg.server.serving import Serving
@@ -52,6 +53,9 @@ def application(serving: Serving) -> ASGIApp:
         ("/dump.{ending:str}", dump, get),
         ("/.well-known/void", dataset_description, get),
         ("/assertions", assertions, ["GET", "POST", "DELETE"]),
+        ("/log", log, get),
+        ("/diff", diff, get),
+        ("/why", why, get),
         ("/changes", changes, get),
         ("/subscribe", subscribe, get),
         ("/health", _health, get),

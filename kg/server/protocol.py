@@ -17,6 +17,7 @@ from kg.server import bodies
 from kg.server.bodies import Parameters
 from kg.server.description import service_description
 from kg.server.event_stream import disconnected
+from kg.server.moments import sequence_at
 from kg.server.problems import Problem
 from kg.server.serving import Serving
 from kg.server.using import with_graphs
@@ -67,6 +68,8 @@ async def _form(serving: Serving, request: Request, url: Parameters) -> Response
 
 
 async def _query(serving: Serving, request: Request, given: Parameters) -> Response:
+    moment = given.one("at")
+    at = None if moment is None else await sequence_at(serving, moment)
     query = asyncio.ensure_future(
         serving.pool.run_async(
             with_base(given.one("query") or "", serving.semantic_map.base),
@@ -74,6 +77,7 @@ async def _query(serving: Serving, request: Request, given: Parameters) -> Respo
             default_graphs=graphs_of(given, "default-graph-uri"),
             named_graphs=graphs_of(given, "named-graph-uri"),
             at_least=serving.written,
+            at=at,
         )
     )
     answer = await unless_gone(request, query)
@@ -101,6 +105,8 @@ async def unless_gone(request: Request, query: asyncio.Future[T]) -> T:
 
 
 async def _update(serving: Serving, request: Request, given: Parameters, by: str) -> Response:
+    if "at" in given:
+        raise Problem(400, "the past cannot be written: leave out 'at'")
     text = with_graphs(
         given.one("update") or "",
         graphs_of(given, "using-graph-uri"),

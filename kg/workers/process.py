@@ -18,7 +18,7 @@ import pyoxigraph
 
 import kg
 from kg import errors
-from kg.errors import GraphError, QueryError, QueryTimeoutError, QueryTooLargeError
+from kg.errors import GraphError, HistoryError, QueryError, QueryTimeoutError, QueryTooLargeError
 from kg.workers.evaluator import HEAD
 from kg.workers.snapshots import Snapshot
 
@@ -90,14 +90,14 @@ class WorkerProcess:
         with contextlib.suppress(QueryError):
             self._send(b"O", request, time.monotonic() + 1)
 
-    def ask(self, request: dict[str, Any], timeout: float) -> Answer:
-        """The answer to one request.
+    def ask(self, request: dict[str, Any], timeout: float, kind: bytes = b"Q") -> Answer:
+        """The answer to one request (`kg.workers.evaluator` has the kinds).
 
-        Raises QueryTimeoutError, QueryTooLargeError or QueryError; the process is dead after a
-        timeout or a crash, and can be asked again after any other error.
+        Raises QueryTimeoutError, QueryTooLargeError, QueryError or HistoryError; the process is
+        dead after a timeout or a crash, and can be asked again after any other error.
         """
         deadline = time.monotonic() + timeout
-        self._send(b"Q", request | {"timeout": timeout}, deadline)
+        self._send(kind, request | {"timeout": timeout}, deadline)
         head, body = {}, bytearray()
         while True:
             kind, payload = self._message(deadline)
@@ -176,6 +176,7 @@ def _too_slow() -> QueryTimeoutError:
     return QueryTimeoutError("the query ran into its time limit; ask for less, or more narrowly")
 
 
-def _as_error(told: dict[str, str]) -> QueryError:
+def _as_error(told: dict[str, str]) -> QueryError | HistoryError:
     kind = getattr(errors, told["error"], QueryError)
-    return kind(told["message"]) if issubclass(kind, QueryError) else QueryError(told["message"])
+    known = issubclass(kind, QueryError | HistoryError)
+    return kind(told["message"]) if known else QueryError(told["message"])
