@@ -20,6 +20,7 @@ from kg.categories import Catalogue
 from kg.cells import cell_of
 from kg.engine import Engine
 from kg.errors import InvalidFactError
+from kg.history.naming import observation_of
 from kg.records import Evidence, ObjectRecord, PlaceRecord, RecordingRecord, RobotRecord
 from kg.remote import reading_ahead
 from kg.times import date_time, seconds
@@ -44,10 +45,7 @@ class Facts:
 
     def observation_iri(self, object_iri: str) -> str:
         """IRI of the observation that explains an object."""
-        kept = object_iri.removeprefix(self.base + "object/")
-        if kept == object_iri:
-            return object_iri + "/observation"
-        return f"{self.base}observation/{kept}"
+        return observation_of(object_iri, self.base)
 
     def recording_iri(self, name: str) -> str:
         """IRI of the recording called `name`."""
