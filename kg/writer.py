@@ -30,6 +30,7 @@ from kg.facts import Facts
 from kg.recent import RecentFacts
 from kg.records import MapUpdate, ObjectRecord, PlaceRecord
 from kg.remote import reading_ahead
+from kg.right_of_way import writing
 from kg.searches import OWN as OWN_OF_SEARCHES
 from kg.searches import facts_of, subjects_of
 from kg.store import MapStore
@@ -86,7 +87,7 @@ class Writer:
         """As `apply`; returns the transaction."""
         self._store.refuse_read_only()
         _refuse_contradictions(update)
-        with reading_ahead(self._store.engine, self._read_by(update)):
+        with writing(), reading_ahead(self._store.engine, self._read_by(update)):
             self._look()
             return self._change(update, cause)
 
