@@ -24,6 +24,11 @@ from kg.times import date_time, seconds
 #: cells along a side of a tile, at most: what is read may come from anywhere
 MOST_CELLS: Final = 1024
 
+#: What the writer keeps of a tile; what else people say of it stays.
+OWN: Final = {
+    *(v.RDF_TYPE, v.STOREY, v.X, v.Y, v.Z, v.CELL_SIZE, v.FLOOR_CELLS, v.SOSA_RESULT_TIME),
+}
+
 _MAP = NamedNode(v.MAP_GRAPH)
 _TYPE = NamedNode(v.RDF_TYPE)
 _KIND = NamedNode(v.FLOOR_TILE)

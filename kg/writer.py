@@ -27,6 +27,7 @@ from kg.assertions import (
 from kg.commits import Cause, ChangeSet
 from kg.errors import InvalidFactError
 from kg.facts import Facts
+from kg.floor import OWN as OWN_OF_TILES
 from kg.floor import facts_of_tile, iri_of
 from kg.recent import RecentFacts
 from kg.records import MapUpdate, ObjectRecord, PlaceRecord
@@ -116,7 +117,8 @@ class Writer:
             _put(stored, self._owned(iri, _DATASET))
         for tile in update.floor:
             _put(wanted, facts_of_tile(self._facts.base, tile))
-            stored |= self._recent.of(NamedNode(iri_of(self._facts.base, tile)))
+            held = self._recent.of(NamedNode(iri_of(self._facts.base, tile)))
+            _put(stored, (quad for quad in held if quad.predicate.value in OWN_OF_TILES))
         for iri in subjects_of(update):
             _put(stored, self._owned_of_search(iri))
         _put(wanted, facts_of(update))

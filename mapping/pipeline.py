@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from kg.errors import LayoutError
+from kg.errors import LayoutError, RecordingError
 from kg.records import MapUpdate, RecordingRecord, RobotRecord
 from kg.semantic_map import SemanticMap
 from mapping.floor.book import FloorBook
@@ -67,13 +67,17 @@ def map_recording(
     run = _Run(recording, semantic_map, detector, scene, layout, chosen, table, floor)
     start = 0 if again else min(run.applied, len(recording))
     views = 0
-    for index, frame in run.read(start):
-        report, seen, scores = run.frame(index, frame)
-        views += report.place is not None
-        if on_picture is not None:
-            on_picture(frame, seen, scores)
-        if on_frame is not None:
-            on_frame(report)
+    try:
+        for index, frame in run.read(start):
+            report, seen, scores = run.frame(index, frame)
+            views += report.place is not None
+            if on_picture is not None:
+                on_picture(frame, seen, scores)
+            if on_frame is not None:
+                on_frame(report)
+    except RecordingError:
+        run.finish()
+        raise
     run.finish()
     return run.report(start, views)
 

@@ -26,7 +26,7 @@ _Place = tuple[int, Key]  # storey and tile
 class _Page:
     """One tile: its evidence, and what the graph was last told."""
 
-    __slots__ = ("seen", "told", "tile", "written")
+    __slots__ = ("seen", "tile", "told", "written")
 
     def __init__(self, settings: FloorSettings, known: FloorTile | None) -> None:
         shape = (settings.side, settings.side)

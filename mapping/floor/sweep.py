@@ -3,8 +3,9 @@
 Each pixel is a point above the floor: on it, on something that stands in the way, or above both.
 Two neighbours in one column of the picture that both lie on the floor leave nothing between them,
 so that the floor between is free too; two on the same thing have it between them. Nothing else is
-concluded from what a ray passes, since a ray passes over tables. After Moravec and Elfes (ICRA 1985) and Thrun, Burgard and Fox (Probabilistic
-Robotics, 2005, chapter 9), with the picture in place of their sensor's cone.
+concluded from what a ray passes, since a ray passes over tables. After Moravec and Elfes (ICRA
+1985) and Thrun, Burgard and Fox (Probabilistic Robotics, 2005, chapter 9), with the picture in
+place of their sensor's cone.
 """
 
 from __future__ import annotations
@@ -67,7 +68,7 @@ def points_of(
 def sweep(points: Points, camera: Floats, floor: float, settings: FloorSettings) -> Sweep:
     """What `points` say, seen from `camera` (3,) [m], above a floor at height `floor` [m]."""
     s = settings
-    tile = (int(np.floor((camera[0] - s.far) / s.span)), int(np.floor((camera[1] - s.far) / s.span)))
+    first, second = (int(np.floor((c - s.far) / s.span)) for c in camera[:2])
     cells = s.side * (int(np.ceil(2 * s.far / s.span)) + 1)
     height = points.xyz[2] - floor
     level = s.level + s.level_growth * points.depth
@@ -75,7 +76,7 @@ def sweep(points: Points, camera: Floats, floor: float, settings: FloorSettings)
         on_floor = abs(height) <= level
         in_the_way = (height > level + s.clearance) & (height < s.top)
         above_eyes = in_the_way & (height > s.eye)
-    corner = np.array(tile) * s.span
+    corner = np.array([first, second]) * s.span
     xy = (points.xyz[:2] - corner[:, None, None]) / s.cell
     with np.errstate(invalid="ignore"):
         near = abs(np.diff(points.depth, axis=0)) <= s.thing
@@ -87,7 +88,7 @@ def sweep(points: Points, camera: Floats, floor: float, settings: FloorSettings)
     hit = things >= s.hits
     free = (count(on_floor, np.ones_like(near)) > 0) & (things == 0)
     tall = hit & (count(above_eyes, near) >= s.hits)
-    return Sweep(tile, free, hit, tall)
+    return Sweep((first, second), free, hit, tall)
 
 
 def _with_between(xy: Floats, chosen: NDArray[np.bool_], joined: NDArray[np.bool_]) -> Floats:
