@@ -173,9 +173,10 @@ def _without_islands(
     count: int,
     least: float,
 ) -> NDArray[np.int32]:
-    """`room` without floor that is cut off, unless `least` of it was seen, or it is most of a room.
+    """`room` without floor that is cut off, unless `least` of it was seen.
 
-    A rectangle drawn around a building holds what lies outside of its walls too.
+    A rectangle drawn around a building holds what lies outside of its walls too. Of a room of which
+    nothing was seen such floor stays, if it is most of that room.
     """
     floor = (room != NO_ROOM) & ~low
     number = parts(floor)
@@ -186,7 +187,8 @@ def _without_islands(
     keep = seen >= least
     keep[int(np.argmax(sizes if not seen.any() else seen))] = True
     whole = np.bincount(labels.ravel(), minlength=count + 1)
-    for k in range(count):
+    of_seen = np.bincount(labels[states == FREE], minlength=count + 1)
+    for k in np.flatnonzero(of_seen[:count] < least):
         of_room = np.bincount(number[floor & (labels == k)], minlength=len(sizes))
         keep |= of_room >= max(_WHOLE * int(whole[k]), 1)
     kept = np.where(floor & ~keep[number], NO_ROOM, room).astype(np.int32)
