@@ -27,6 +27,7 @@ from kg.errors import (
     QueryParameterError,
 )
 from kg.facts import Facts
+from kg.floor import tile_of, tiles_in
 from kg.history.instants import Instant, sequence_of
 from kg.history.log import Log
 from kg.history.past import store_at
@@ -49,6 +50,7 @@ from kg.questions import (
 )
 from kg.records import (
     Assertion,
+    FloorTile,
     LookRecord,
     MapUpdate,
     ObjectRecord,
@@ -258,6 +260,14 @@ class SemanticMap(Remembering):
     def robot(self) -> RobotRecord | None:
         """Where the robot was last, if it ever was."""
         return self._facts.robot(self.engine)
+
+    def floor(self) -> tuple[FloorTile, ...]:
+        """The floor as depth frames showed it, by storey, column and row; empty without any."""
+        return tiles_in(self.engine)
+
+    def floor_tile(self, iri: str) -> FloorTile | None:
+        """The tile of the floor with IRI `iri`, if there is one."""
+        return tile_of(self.engine, iri)
 
     def recordings(self) -> tuple[RecordingRecord, ...]:
         """How far each recording has been applied, by name."""
