@@ -116,7 +116,9 @@ class Gatherer:
         half = life[str(row["kind"])]
         kept = holds(half, self._age(row))
         fact = f"{name(row)} is in the map ({_seen(row, existence)})"
-        stays = f"a {row['category']} stays put for {span(half)} as often as not"
+        kind_of = str(row["category"])
+        article = "an" if kind_of[:1].lower() in "aeiou" else "a"
+        stays = f"{article} {kind_of} stays put for {span(half)} as often as not"
         after = f": {kept:.2f} after {span(self._age(row))}" if self._age(row) >= 1 else ""
         return Candidate(
             target=target,
