@@ -30,6 +30,7 @@ from kg import vocabulary as v
 from kg.endpoint import Solutions, Triples
 from kg.engine import Engine
 from kg.errors import QueryError
+from kg.right_of_way import give_way
 from kg.rows import Row, Value, rows_of, value_of
 from kg.sparql_text import has_word, refuse_reaching_out, refuse_update
 
@@ -110,6 +111,7 @@ def evaluate(engine: Engine, sparql: str, name: str = "query") -> Table:
     Prefixes of the vocabulary need no declaration; a FROM clause narrows the union. Raises
     QueryError, in one line, for what does not parse (saying where), writes, or reaches out.
     """
+    give_way()
     refuse_reaching_out(sparql)
     refuse_update(sparql)
     try:

@@ -79,18 +79,26 @@ def is_url(address: object) -> bool:
 class Endpoint:
     """A SPARQL server; found by `at`. Safe to use from several threads."""
 
-    def __init__(self, address: str, query_url: str, update_url: str) -> None:
+    def __init__(
+        self,
+        address: str,
+        query_url: str,
+        update_url: str,
+        always: Sequence[tuple[str, str]] = (),
+    ) -> None:
         self.where = without_secrets(address)
         self.query_url = query_url
         self.update_url = update_url
+        self._always = tuple(always)  # parameters of each query
         self.virtuoso = False  # until it has answered
         self._local = threading.local()
         self._sessions: list[requests.Session] = []
 
     @classmethod
-    def at(cls, address: str) -> Endpoint:
+    def at(cls, address: str, always: Sequence[tuple[str, str]] = ()) -> Endpoint:
         """The server at `address`, its query and update addresses found by asking.
 
+        Every query is sent with the parameters `always`.
         `HEREABOUTS_UPDATE_URL` names the address for updates where it is an unusual one. Raises
         RemoteError where nothing answers, or what answers does not speak SPARQL.
         """
@@ -100,7 +108,7 @@ class Endpoint:
             if update == "/statements" and "/repositories/" not in root:
                 continue
             updates = os.environ.get(UPDATE_VARIABLE) or root + update
-            endpoint = cls(address, root + query, updates)
+            endpoint = cls(address, root + query, updates, always)
             try:
                 if isinstance(endpoint.ask("ASK {}"), QueryBoolean):
                     return endpoint
@@ -121,7 +129,7 @@ class Endpoint:
         Raises SyntaxError with the server's words where it does not parse there, RemoteError for
         everything else that is not an answer, an answer cut short included.
         """
-        form = [("query", query), *parameters]
+        form = [("query", query), *self._always, *parameters]
         reply = self._post(self.query_url, form, self._accept(query))
         self.virtuoso = is_virtuoso(reply.headers.get("server"))
         kind = reply.headers.get("content-type", "").split(";")[0].strip()
@@ -143,7 +151,7 @@ class Endpoint:
         `most` bytes, and as `ask`. Whether it is whole shows when it is parsed.
         """
         deadline, body = time.monotonic() + seconds, bytearray()
-        form = [("query", query), *parameters]
+        form = [("query", query), *self._always, *parameters]
         accept = self._accept(query)
         with self._post(self.query_url, form, accept, seconds, stream=True) as reply:
             try:
@@ -230,8 +238,8 @@ class Endpoint:
         session: requests.Session | None = getattr(self._local, "session", None)
         if session is None:
             session = self._local.session = requests.Session()
-            if urlsplit(self.query_url).hostname in ("127.0.0.1", "localhost", "::1"):
-                session.trust_env = False  # a proxy would look for the server on itself
+            # a proxy would look for the server on itself
+            session.trust_env = not is_local(self.query_url)
             if token := os.environ.get(TOKEN_VARIABLE):
                 session.headers["Authorization"] = f"Bearer {token}"
             self._sessions.append(session)
@@ -263,6 +271,11 @@ class Endpoint:
             f"{self.where} broke off its answer, most likely at its time limit; ask for less, "
             "or raise the limit (oxigraph serve --timeout-s)"
         )
+
+
+def is_local(address: str) -> bool:
+    """Whether the address is one of this machine."""
+    return urlsplit(address).hostname in ("127.0.0.1", "localhost", "::1")
 
 
 def without_secrets(address: str) -> str:

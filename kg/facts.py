@@ -20,10 +20,13 @@ from kg.categories import Catalogue
 from kg.cells import cell_of
 from kg.engine import Engine
 from kg.errors import InvalidFactError
+from kg.history.naming import observation_of
 from kg.records import Evidence, ObjectRecord, PlaceRecord, RecordingRecord, RobotRecord
 from kg.remote import reading_ahead
+from kg.right_of_way import give_way
 from kg.times import date_time, seconds
 
+PIECE = 500  # quads read between two looks at whether a frame is being written
 LEAST_BELIEF = 0.005  # beliefs below it would be stored as zero
 
 _MAP = NamedNode(v.MAP_GRAPH)
@@ -44,10 +47,7 @@ class Facts:
 
     def observation_iri(self, object_iri: str) -> str:
         """IRI of the observation that explains an object."""
-        kept = object_iri.removeprefix(self.base + "object/")
-        if kept == object_iri:
-            return object_iri + "/observation"
-        return f"{self.base}observation/{kept}"
+        return observation_of(object_iri, self.base)
 
     def recording_iri(self, name: str) -> str:
         """IRI of the recording called `name`."""
@@ -398,13 +398,16 @@ def _time(stamp: float, what: str) -> Literal:
 
 def _by_subject(store: Engine, graph: NamedNode) -> dict[str, Properties]:
     subjects: dict[str, Properties] = {}
-    for quad in store.quads_for_pattern(None, None, None, graph):
+    for number, quad in enumerate(store.quads_for_pattern(None, None, None, graph)):
+        if not number % PIECE:
+            give_way()
         properties = subjects.setdefault(_text(quad.subject), {})
         properties.setdefault(quad.predicate.value, []).append(_text(quad.object))
     return subjects
 
 
 def _properties(store: Engine, subject: str, graph: NamedNode) -> Properties:
+    give_way()
     properties: Properties = {}
     for quad in store.quads_for_pattern(NamedNode(subject), None, None, graph):
         properties.setdefault(quad.predicate.value, []).append(_text(quad.object))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -143,6 +143,32 @@ class ObstacleRecord:
     reason: str
 
 
+#: what is known of a cell of the floor
+UNKNOWN: Final = 0  # nobody has seen it
+FREE: Final = 1
+LOW: Final = 2  # something stands there that a camera looks over: a table, a bed
+TALL: Final = 3  # something stands there that hides what is behind it: a wall, a cupboard
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FloorTile:
+    """A square of the floor of one storey, cell by cell."""
+
+    storey: int  # 0, 1, 2, ...; in the order in which they were met
+    column: int  # number of the tile along x, ...
+    row: int  # ... and along y
+    height: float  # [m] of the floor in the map frame
+    resolution: float  # [m] side of a cell
+    cells: NDArray[np.uint8]  # (n, n) cells (x, y): UNKNOWN, FREE, LOW or TALL
+    changed: float  # [s] stamp of the frame that it was last changed by
+
+    @property
+    def corner(self) -> tuple[float, float]:
+        """(x, y) [m] of the corner where both are least."""
+        span = len(self.cells) * self.resolution
+        return self.column * span, self.row * span
+
+
 @dataclass(frozen=True, slots=True)
 class MapUpdate:
     """One frame's worth of change, applied as one transaction or not at all.
@@ -159,3 +185,4 @@ class MapUpdate:
     search: SearchRecord | None = None
     looks: tuple[LookRecord, ...] = ()
     obstacles: tuple[ObstacleRecord, ...] = ()
+    floor: tuple[FloorTile, ...] = ()

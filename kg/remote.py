@@ -39,13 +39,21 @@ _ROOT = re.compile(r"BIND\s*\(\s*math:sqrt\((\?\w+)\)\s+AS\s+(\?\w+)\s*\)", re.I
 
 
 class RemoteEngine:
-    """The dataset of a SPARQL server, as `kg.engine.Engine`."""
+    """The dataset of a SPARQL server, as `kg.engine.Engine`.
 
-    def __init__(self, address: str) -> None:
-        self._endpoint = Endpoint.at(address)
+    Every query is sent with the parameters `always`.
+    """
+
+    def __init__(self, address: str, always: Sequence[tuple[str, str]] = ()) -> None:
+        self._endpoint = Endpoint.at(address, always)
         self.where = self._endpoint.where
         self._ahead = threading.local()
         self._union = self._how_to_unite()
+
+    @property
+    def query_url(self) -> str:
+        """The address that queries go to."""
+        return self._endpoint.query_url
 
     def close(self) -> None:
         """Let go of the connections."""

@@ -22,11 +22,12 @@ from pyoxigraph import (
 )
 
 from kg import vocabulary as v
+from kg.right_of_way import give_way
 
 Value = str | int | float | bool | datetime | None
 Row = tuple[Value, ...]
 
-PIECE = 200  # rows read between two rests
+PIECE = 100  # rows read between two rests
 REST = 1e-4  # [s] long enough for a waiting thread to take the lock, and no longer
 
 _FLOATS = {v.XSD + name for name in ("double", "float", "decimal")}
@@ -46,6 +47,7 @@ _ESCAPED = {"t": "\t", "n": "\n", "r": "\r", "b": "\b", "f": "\f"}
 def rows_of(solutions: QuerySolutions) -> tuple[Row, ...]:
     """All rows, evaluated and written down without the interpreter's lock."""
     text = solutions.serialize(format=QueryResultsFormat.TSV) or b""
+    give_way()
     lines = io.BytesIO(text)
     lines.readline()  # the variables
     if not solutions.variables:
@@ -61,6 +63,7 @@ def rows_of(solutions: QuerySolutions) -> tuple[Row, ...]:
                 row.append(known.setdefault(cell, _value_in(cell)))
         rows.append(tuple(row))
         if not len(rows) % PIECE:
+            give_way()
             time.sleep(REST)
     return tuple(rows)
 

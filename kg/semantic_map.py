@@ -27,8 +27,10 @@ from kg.errors import (
     QueryParameterError,
 )
 from kg.facts import Facts
-from kg.history.instants import Instant
+from kg.floor import tile_of, tiles_in
+from kg.history.instants import Instant, sequence_of
 from kg.history.log import Log
+from kg.history.past import store_at
 from kg.history.recovery import attach, look_into, one_reader_at_a_time
 from kg.history.remembering import Remembering
 from kg.identity import first_quads, identity
@@ -48,6 +50,7 @@ from kg.questions import (
 )
 from kg.records import (
     Assertion,
+    FloorTile,
     LookRecord,
     MapUpdate,
     ObjectRecord,
@@ -111,16 +114,19 @@ class SemanticMap(Remembering):
         return cls._with_history(store, path, power_safe)
 
     @classmethod
-    def open(cls, path: Path | str, *, read_only: bool = False, power_safe: bool = False) -> Self:
+    def open(
+        cls, path: Path | str, *, read_only: bool = False, power_safe: bool = False
+    ) -> SemanticMap:
         """The map in the folder, or on the SPARQL server, at `path` (``http://127.0.0.1:7878``).
 
         What a crash kept from the store is applied from its history first; `power_safe` is as for
         `create`. Raises MapNotFoundError (creating nothing) or MapBusyError: a folder has one
         writer at a time and no reader beside it; readers share. Raises RemoteError where no server
-        answers.
+        answers. Of a running `hereabouts serve` it is a `kg.served_map.ServedMap`: the past can be
+        asked for, and all that is written goes through the server.
         """
         if is_url(path):
-            return cls._without_history(MapStore.connect(str(path), read_only=read_only))
+            return cls._on_server(MapStore.connect(str(path), read_only=read_only))
         path = Path(path)
         if not read_only:
             return cls._with_history(MapStore.open(path), path, power_safe)
@@ -140,7 +146,7 @@ class SemanticMap(Remembering):
         title: str | None = None,
         base: str | None = None,
         power_safe: bool = False,
-    ) -> Self:
+    ) -> SemanticMap:
         """The map at `path` for writing, created with `title` and `base` where there is none."""
         if is_url(path):
             try:
@@ -237,14 +243,31 @@ class SemanticMap(Remembering):
             raise QueryParameterError(f"near must be a distance above 0 m, got {near!r}")
         return network(self.objects(), self.places(), self.catalogue, near)
 
-    def snapshot(self) -> Self:
+    def at(self, when: Instant) -> SemanticMap:
+        """The map as believed at `when`, for reading only; in memory, but that of a server.
+
+        `when` is a sequence number (42 or "#42"), a datetime, or ISO 8601 text, by the clock of the
+        machine that wrote the map. Raises HistoryError where that past is not kept.
+        """
+        log = self.history
+        return SemanticMap(store_at(log, self.engine, sequence_of(log, when)))
+
+    def snapshot(self) -> SemanticMap:
         """A copy in memory for reading only: the map as it is now, whatever happens to it then."""
         with self._guard:
-            return type(self)(MapStore.in_memory(self.engine, read_only=True))
+            return SemanticMap(MapStore.in_memory(self.engine, read_only=True))
 
     def robot(self) -> RobotRecord | None:
         """Where the robot was last, if it ever was."""
         return self._facts.robot(self.engine)
+
+    def floor(self) -> tuple[FloorTile, ...]:
+        """The floor as depth frames showed it, by storey, column and row; empty without any."""
+        return tiles_in(self.engine)
+
+    def floor_tile(self, iri: str) -> FloorTile | None:
+        """The tile of the floor with IRI `iri`, if there is one."""
+        return tile_of(self.engine, iri)
 
     def recordings(self) -> tuple[RecordingRecord, ...]:
         """How far each recording has been applied, by name."""
@@ -490,9 +513,11 @@ class SemanticMap(Remembering):
         return found
 
     @classmethod
-    def _without_history(cls, store: MapStore) -> Self:
+    def _on_server(cls, store: MapStore) -> SemanticMap:
+        from kg.served_map import ServedMap  # which is a SemanticMap itself
+
         try:
-            return cls(store)
+            return ServedMap.found_at(store) or cls(store)
         except BaseException:
             store.close()
             raise

@@ -209,7 +209,7 @@ class MapStore:
     def sequence(self) -> int:
         """The number of the last transaction; 0 before the first."""
         if self._sequence is None or self.shared:
-            self._sequence = _stored_sequence(self.engine)
+            self._sequence = stored_sequence(self.engine)
         return self._sequence
 
     @contextlib.contextmanager
@@ -348,7 +348,8 @@ def sequence_quad(number: int) -> Quad:
     return Quad(graph, NamedNode(v.SEQUENCE), Literal(number), graph)
 
 
-def _stored_sequence(engine: Engine) -> int:
+def stored_sequence(engine: Engine) -> int:
+    """The number of the last transaction that a store holds; 0 before the first."""
     graph = NamedNode(v.DATASET_GRAPH)
     quads = engine.quads_for_pattern(graph, NamedNode(v.SEQUENCE), None, graph)
     return max((int(q.object.value) for q in quads if isinstance(q.object, Literal)), default=0)

@@ -129,6 +129,12 @@ EXTENT: Final = HERE + "extent"
 GLIMPSES: Final = HERE + "glimpses"
 REASON: Final = HERE + "reason"
 
+# the floor as depth frames show it (graph:map)
+FLOOR_TILE: Final = HERE + "FloorTile"
+STOREY: Final = HERE + "storey"
+CELL_SIZE: Final = HERE + "cellSize"
+FLOOR_CELLS: Final = HERE + "floorCells"
+
 # the map itself and what was fed to it (graph:dataset)
 NEXT_OBJECT: Final = HERE + "nextObject"
 SEQUENCE: Final = HERE + "sequence"  # of the last transaction; stated of graph:dataset
@@ -164,6 +170,7 @@ GEO_GEOMETRY: Final = "http://www.opengis.net/ont/geosparql#Geometry"
 GEO_WKT_LITERAL: Final = "http://www.opengis.net/ont/geosparql#wktLiteral"
 MATH_SQRT: Final = "http://www.w3.org/2005/xpath-functions/math#sqrt"
 XSD_DOUBLE: Final = XSD + "double"
+XSD_BASE64: Final = XSD + "base64Binary"
 OWL_THING: Final = "http://www.w3.org/2002/07/owl#Thing"
 OWL_VERSION_INFO: Final = "http://www.w3.org/2002/07/owl#versionInfo"
 OWL_ONTOLOGY: Final = "http://www.w3.org/2002/07/owl#Ontology"

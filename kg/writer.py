@@ -27,9 +27,12 @@ from kg.assertions import (
 from kg.commits import Cause, ChangeSet
 from kg.errors import InvalidFactError
 from kg.facts import Facts
+from kg.floor import OWN as OWN_OF_TILES
+from kg.floor import facts_of_tile, iri_of
 from kg.recent import RecentFacts
 from kg.records import MapUpdate, ObjectRecord, PlaceRecord
 from kg.remote import reading_ahead
+from kg.right_of_way import writing
 from kg.searches import OWN as OWN_OF_SEARCHES
 from kg.searches import facts_of, subjects_of
 from kg.store import MapStore
@@ -40,7 +43,10 @@ _TYPE = NamedNode(v.RDF_TYPE)
 _LABEL = NamedNode(v.RDFS_LABEL)
 _HAS_BELIEF = NamedNode(v.HAS_BELIEF)
 _NEXT = NamedNode(v.NEXT_OBJECT)
-_STRUCTURAL = {v.PLACE, v.BOT_SPACE, v.ROBOT, v.PLACE_BELIEF, v.SOSA_OBSERVATION, v.RECORDING}
+_STRUCTURAL = {
+    *(v.PLACE, v.BOT_SPACE, v.ROBOT, v.PLACE_BELIEF, v.SOSA_OBSERVATION, v.RECORDING),
+    v.FLOOR_TILE,
+}
 _OWN = {
     *(v.RDF_TYPE, v.RDFS_LABEL, v.X, v.Y, v.Z, v.HEADING, v.IN_CELL, v.IN_PLACE),
     *(v.X_MIN, v.X_MAX, v.Y_MIN, v.Y_MAX, v.VIEW_COUNT, v.HAS_BELIEF, v.OF_CATEGORY, v.BELIEF),
@@ -48,6 +54,7 @@ _OWN = {
     *(v.CONFIDENCE, v.EXISTENCE, v.OBSERVATION_COUNT, v.FIRST_SEEN, v.LAST_SEEN, v.EXPLAINED_BY),
     *(v.SOSA_FEATURE, v.SOSA_RESULT_TIME, v.FRAME, v.FROM_RECORDING, v.BOX, v.SCORE, v.MODEL),
     *(v.FRAMES_APPLIED, v.LAST_FRAME, v.TRANSFORM, v.SCENE_MODEL),
+    *(v.STOREY, v.CELL_SIZE, v.FLOOR_CELLS),
 }
 
 
@@ -86,7 +93,7 @@ class Writer:
         """As `apply`; returns the transaction."""
         self._store.refuse_read_only()
         _refuse_contradictions(update)
-        with reading_ahead(self._store.engine, self._read_by(update)):
+        with writing(), reading_ahead(self._store.engine, self._read_by(update)):
             self._look()
             return self._change(update, cause)
 
@@ -109,6 +116,10 @@ class Writer:
             _put(wanted, self._facts.of_recording(update.recording))
             iri = self._facts.recording_iri(update.recording.name)
             _put(stored, self._owned(iri, _DATASET))
+        for tile in update.floor:
+            _put(wanted, facts_of_tile(self._facts.base, tile))
+            held = self._recent.of(NamedNode(iri_of(self._facts.base, tile)))
+            _put(stored, (quad for quad in held if quad.predicate.value in OWN_OF_TILES))
         for iri in subjects_of(update):
             _put(stored, self._owned_of_search(iri))
         _put(wanted, facts_of(update))
@@ -149,6 +160,7 @@ class Writer:
         yield from (_node(self._facts.observation_iri(iri)) for iri in objects)
         yield from (_node(place.iri) for place in update.places)
         yield from map(_node, subjects_of(update))
+        yield from (NamedNode(iri_of(self._facts.base, tile)) for tile in update.floor)
         yield NamedNode(self._facts.base)
         if update.robot is not None:
             yield NamedNode(self._facts.base + "robot")

@@ -7,9 +7,10 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from kg.errors import LayoutError
+from kg.errors import LayoutError, RecordingError
 from kg.records import MapUpdate, RecordingRecord, RobotRecord
 from kg.semantic_map import SemanticMap
+from mapping.floor.book import FloorBook
 from mapping.labels_map import LabelsMap
 from mapping.layout import Layout
 from mapping.object_mapper import ObjectChanges, ObjectMapper
@@ -46,6 +47,7 @@ def map_recording(
     on_picture: OnPicture | None = None,
     again: bool = False,
     labels: LabelsMap | None = None,
+    floor: bool = True,
 ) -> MappingReport:
     """Map the frames of `recording` that `semantic_map` does not hold yet; all of them if `again`.
 
@@ -53,7 +55,8 @@ def map_recording(
     whole frames, and the same call goes on behind them. `on_frame` hears of each frame once it is
     in the graph; `on_picture` gets each frame with its detections and, where the scene classifier
     was asked, its scores. Without a `layout` the recording gets one place that grows with what is
-    seen. `labels` is a person's table of what the networks' labels mean.
+    seen. `labels` is a person's table of what the networks' labels mean. With `floor` the depth
+    also goes into an occupancy grid of the floor (docs/floor.md).
 
     Raises RecordingError at the first unreadable frame, LayoutError where the layout contradicts
     the ontology or the recording already lies in the map by another transform, LabelsError where
@@ -61,16 +64,21 @@ def map_recording(
     """
     chosen, table = settings or ReferenceSettings(), labels or LabelsMap()
     table.refuse_unknown(semantic_map.catalogue)
-    run = _Run(recording, semantic_map, detector, scene, layout, chosen, table)
+    run = _Run(recording, semantic_map, detector, scene, layout, chosen, table, floor)
     start = 0 if again else min(run.applied, len(recording))
     views = 0
-    for index, frame in run.read(start):
-        report, seen, scores = run.frame(index, frame)
-        views += report.place is not None
-        if on_picture is not None:
-            on_picture(frame, seen, scores)
-        if on_frame is not None:
-            on_frame(report)
+    try:
+        for index, frame in run.read(start):
+            report, seen, scores = run.frame(index, frame)
+            views += report.place is not None
+            if on_picture is not None:
+                on_picture(frame, seen, scores)
+            if on_frame is not None:
+                on_frame(report)
+    except RecordingError:
+        run.finish()
+        raise
+    run.finish()
     return run.report(start, views)
 
 
@@ -86,6 +94,7 @@ class _Run:
         layout: Layout | None,
         settings: ReferenceSettings,
         labels: LabelsMap,
+        floor: bool,
     ) -> None:
         self.clock = StageClock()
         self._done = 0
@@ -108,6 +117,7 @@ class _Run:
             model=detector.name,
             labels=labels,
         )
+        self._floor = FloorBook(semantic_map) if floor else None
         self._told = (
             PlacesFromObjects(semantic_map, self._places, settings)
             if settings.places_from_objects
@@ -137,6 +147,10 @@ class _Run:
         with self.clock.stage("detect"):
             detections = self._detector.detect(frame)
         place, scores = self._view(frame)
+        if self._floor is not None:
+            with self.clock.stage("floor"):
+                self._floor.refresh()
+                self._floor.add(frame)
         with self._map.hold():  # nobody writes between what is read and what follows from it
             with self.clock.stage("map"):
                 self._places.refresh()
@@ -158,6 +172,13 @@ class _Run:
             frames_per_second=self._done / self.clock.elapsed(),
         )
         return report, detections, scores
+
+    def finish(self) -> None:
+        """Write what of the floor no frame was to write any more."""
+        rest = () if self._floor is None else self._floor.take_rest()
+        if rest:
+            with self.clock.stage("graph"):
+                self._map.apply(MapUpdate(recording=self._progress, floor=rest))
 
     def _view(self, frame: Frame) -> tuple[str | None, SceneScores | None]:
         """The place this frame was used for, and its scores; the cheap rule goes first."""
@@ -190,6 +211,7 @@ class _Run:
             places=self._places.take_changed(),
             robot=robot_at(frame),
             recording=self._progress,
+            floor=() if self._floor is None else self._floor.take_changed(frame.stamp),
         )
 
     def report(self, skipped: int, views: int) -> MappingReport:

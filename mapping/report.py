@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Final
 
-STAGES: Final = ("read", "detect", "scene", "map", "graph")
+STAGES: Final = ("read", "detect", "scene", "map", "floor", "graph")
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,9 +15,8 @@ from kg.semantic_map import SemanticMap
 from planner.executive.events import Event
 from planner.executive.executive import search
 from planner.executive.guide import motion_of, sensor_of
-from planner.executive.narration import percent
 from planner.executive.simulated import SimulatedHouseRobot
-from planner.executive.terms import Outcome, Terms
+from planner.executive.terms import Outcome, Terms, percent
 from planner.finding.alternatives import Alternative, rated, turns_at
 from planner.finding.hunt import Hunt, prepare
 from planner.finding.plan import FindPlan, plan

@@ -7,7 +7,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from pyoxigraph import Quad
+
 from kg.categories import Catalogue
+from kg.facts import Facts
 from kg.records import Evidence, MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
 from kg.semantic_map import SemanticMap
 
@@ -70,6 +73,13 @@ class Building:
         """A point inside, in the middle of a room [m]."""
         column, row = divmod(math.ceil(self.size / A_ROOM) // 2, self._side)
         return ROOM * (column + 0.5), ROOM * (row + 0.5)
+
+    def quads(self, facts: Facts) -> Iterator[Quad]:
+        """Everything as the writer of a map would store it, the next number counted up."""
+        for place in self.places():
+            yield from facts.of_place(place)
+        for record in self.objects(range(self.size)):
+            yield from facts.of_object(record)
 
     def furnish(self, semantic_map: SemanticMap, *, batch: int = 5000) -> None:
         """Put everything into a map, by its own writer."""

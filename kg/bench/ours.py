@@ -154,20 +154,21 @@ def flatness(
         if number % 10 == 0:
             ask()
             lookup = time.perf_counter() - middle
-            rows.append((middle - start, lookup, _resident(), _on_disk(folder)))
+            rows.append((middle - start, lookup, resident(), on_disk(folder)))
     table = np.array(rows)
     tenth = max(1, len(table) // 10)
     first, last = np.median(table[:tenth], axis=0), np.median(table[-tenth:], axis=0)
     return Flatness(frames, *(float(ratio) for ratio in last / first))
 
 
-def _resident() -> float:
-    """Resident memory of this process [pages]; 1 where the system does not tell."""
+def resident() -> float:
+    """Resident memory of this process [bytes]; 1 where the system does not tell."""
     status = Path("/proc/self/statm")
-    return float(status.read_text().split()[1]) if status.exists() else 1.0
+    return 4096.0 * float(status.read_text().split()[1]) if status.exists() else 1.0
 
 
-def _on_disk(folder: Path) -> float:
+def on_disk(folder: Path) -> float:
+    """What the files of a folder take [bytes]."""
     total = 1
     for path in folder.rglob("*"):
         try:

@@ -15,6 +15,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import Final, Self
 
@@ -102,13 +103,15 @@ class Log:
         return self._meta("floor") is not None
 
     def begin(self, sequence: int, time: float, quads: Iterable[Quad]) -> None:
-        """Lay the floor: what the map says at `sequence`, as of `time` [s]."""
-        nodes: dict[int, list[Coded]] = {}
+        """Lay the floor: what the map says at `sequence`, as of `time` [s].
+
+        `quads` come one subject of a graph after the other, as an engine lists them: what a million
+        objects are said to be need not be held in memory.
+        """
         with self.transaction():
-            for quad in quads:
-                node = self.terms.node(quad.graph_name, quad.subject)
-                nodes.setdefault(node, []).append(self.terms.code(quad.predicate, quad.object))
-            for node, facts in nodes.items():
+            for (graph, subject), about in groupby(quads, key=_graph_and_subject):
+                node = self.terms.node(graph, subject)
+                facts = [self.terms.code(quad.predicate, quad.object) for quad in about]
                 self._note_classes(node, facts)
                 self.put_state(node, sequence, facts)
             self.set_floor(sequence, time)
@@ -367,6 +370,10 @@ class Log:
                 f"the history at {self.file} is that of {self._meta('base')}, the map is {base}; "
                 "put the right file there, or move it away to begin a new one"
             )
+
+
+def _graph_and_subject(quad: Quad) -> tuple[Term, Term]:
+    return quad.graph_name, quad.subject
 
 
 def _split(cause: Cause) -> tuple[str, str]:

@@ -67,6 +67,12 @@ def _value(text: str, base: str) -> Term:
     return thing(text, base)
 
 
+def observation_of(iri: str, base: str) -> str:
+    """IRI of the observation that explains an object best."""
+    kept = iri.removeprefix(base + "object/")
+    return iri + "/observation" if kept == iri else f"{base}observation/{kept}"
+
+
 def short(term: Term, base: str) -> str:
     """A term as people read it: ``object/17``, ``here:Chair``, ``1.23``."""
     if isinstance(term, Literal):

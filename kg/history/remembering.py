@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Self
 
-from pyoxigraph import NamedNode, Quad
+from pyoxigraph import Quad
 
 from kg.commits import ChangeSet
 from kg.engine import Engine
 from kg.errors import HistoryError
-from kg.facts import Facts
 from kg.history.compaction import Compaction, compact, retain
 from kg.history.instants import Instant, sequence_of
 from kg.history.log import Log
-from kg.history.naming import statement, thing
-from kg.history.past import Difference, difference, state_of, store_at
+from kg.history.naming import thing
+from kg.history.past import Difference, difference, state_of
 from kg.history.recovery import without_past
 from kg.history.telling import Entry, tell
-from kg.history.why import Explainer, Reason
+from kg.history.why import Reason, explain
 from kg.store import MapStore
 
 
@@ -27,7 +25,6 @@ class Remembering:
 
     base: str
     _store: MapStore
-    _facts: Facts
     _history: Log | None
 
     def __init__(self, store: MapStore) -> None:
@@ -66,14 +63,6 @@ class Remembering:
             raise HistoryError(f"changes up to #{log.floor} are not kept, asked since #{since}")
         return log.changes(since, self.sequence)
 
-    def at(self, when: Instant) -> Self:
-        """The map as believed at `when`, in memory and for reading only.
-
-        `when` is a sequence number (42 or "#42"), a datetime, or ISO 8601 text, by the clock of the
-        machine that wrote the map. Raises HistoryError where that past is not kept.
-        """
-        return type(self)(store_at(self.history, self.engine, sequence_of(self.history, when)))
-
     def state_of(self, iri: str, when: Instant) -> tuple[Quad, ...]:
         """All quads about one thing as of `when`, without building the whole map of then."""
         return state_of(self.history, iri, sequence_of(self.history, when))
@@ -85,9 +74,7 @@ class Remembering:
 
     def log(self, iri: str) -> Iterator[Entry]:
         """Each transaction that changed one thing, in words; `iri` may be short (object/17)."""
-        node = thing(iri, self.base)
-        observation = NamedNode(self._facts.observation_iri(node.value))
-        return tell(self.history, node, observation, self.base)
+        return tell(self.history, thing(iri, self.base), self.base)
 
     def why(self, what: str) -> tuple[Reason, ...]:
         """Why the map says so: of a thing (object/17), or of a fact ("object/17 here:inPlace").
@@ -95,13 +82,8 @@ class Remembering:
         Terms may be short (`kg.history.naming`). A map without a history explains what it can.
         Raises QueryParameterError for what the map never said.
         """
-        subject, predicate, value = statement(what, self.base)
         log = self._history or without_past(self._store, self.base)
-        recorded = self._history is not None
-        explainer = Explainer(self.engine, log, self.base, recorded=recorded)
-        if predicate is None:
-            return (explainer.thing(subject),)
-        return explainer.facts(subject, predicate, value)
+        return explain(self.engine, log, self.base, what, recorded=self._history is not None)
 
     def compact(self, keep: float | None = None) -> Compaction:
         """Drop the past more than `keep` seconds back (None: keep all), and pack the history."""

@@ -12,7 +12,7 @@ from kg.commits import Cause
 from kg.errors import QueryParameterError
 from kg.history.coding import Coded, Delta, Term, decode_delta
 from kg.history.log import Log
-from kg.history.naming import short, word
+from kg.history.naming import observation_of, short, word
 
 _TYPE = NamedNode(v.RDF_TYPE)
 
@@ -32,15 +32,15 @@ class Entry:
         return ", ".join(self.changes)
 
 
-def tell(log: Log, iri: NamedNode, observation: NamedNode, base: str) -> Iterator[Entry]:
-    """Each transaction that changed `iri`, its `observation` or its beliefs; oldest first.
+def tell(log: Log, iri: NamedNode, base: str) -> Iterator[Entry]:
+    """Each transaction that changed `iri`, its observation or its beliefs; oldest first.
 
     Raises QueryParameterError for what the history never heard of.
     """
     with log.lock:
         nodes = [
             *log.terms.nodes_of(iri),
-            *log.terms.nodes_of(observation),
+            *log.terms.nodes_of(NamedNode(observation_of(iri.value, base))),
             *log.terms.nodes_under(iri.value + "/belief/"),
         ]
     if not nodes:

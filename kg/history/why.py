@@ -19,7 +19,7 @@ from kg.errors import QueryParameterError
 from kg.history.coding import Term, decode_delta
 from kg.history.instants import iso
 from kg.history.log import BACKGROUND, Commit, Log
-from kg.history.naming import short
+from kg.history.naming import short, statement
 from kg.history.rules import EVIDENT, REMOVAL, RULES, TOLD, rule_of
 
 Kind = (
@@ -354,6 +354,17 @@ class Explainer:
         label = f" ({said[v.RDFS_LABEL]})" if v.RDFS_LABEL in said else ""
         where = f" at ({said[v.X]}, {said[v.Y]}) m" if v.X in said and v.Y in said else ""
         return f"{short(iri, self._base)}{label}{where}"
+
+
+def explain(
+    engine: Engine, log: Log, base: str, what: str, *, recorded: bool = True
+) -> tuple[Reason, ...]:
+    """Why the map says `what`: a thing (object/17), or a fact ("object/17 here:inPlace")."""
+    subject, predicate, value = statement(what, base)
+    explainer = Explainer(engine, log, base, recorded=recorded)
+    if predicate is None:
+        return (explainer.thing(subject),)
+    return explainer.facts(subject, predicate, value)
 
 
 def _tells(quad: Quad) -> bool:

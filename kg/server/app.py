@@ -18,11 +18,13 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from kg.errors import HereaboutsError
 from kg.server import metrics
+from kg.server.assertions import assertions
 from kg.server.changes import changes
 from kg.server.description import dataset_description
 from kg.server.front import Front
 from kg.server.graphs import dump, graph_store
 from kg.server.guard import Guard
+from kg.server.past import diff, log, why
 from kg.server.problems import Problem, problem_of, problem_response
 from kg.server.protocol import sparql
 from kg.server.serving import Serving
@@ -50,6 +52,10 @@ def application(serving: Serving) -> ASGIApp:
         ("/graphs/{name:path}", graph_store, write),
         ("/dump.{ending:str}", dump, get),
         ("/.well-known/void", dataset_description, get),
+        ("/assertions", assertions, ["GET", "POST", "DELETE"]),
+        ("/log", log, get),
+        ("/diff", diff, get),
+        ("/why", why, get),
         ("/changes", changes, get),
         ("/subscribe", subscribe, get),
         ("/health", _health, get),

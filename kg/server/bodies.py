@@ -32,6 +32,13 @@ class Parameters:
             raise Problem(400, f"{name!r} is given {len(values)} times; give one")
         return values[0] if values else None
 
+    def flag(self, name: str) -> bool:
+        """Whether that parameter is set; Problem 400 where it is neither 1 nor 0."""
+        value = self.one(name)
+        if value not in (None, "0", "1", "false", "true"):
+            raise Problem(400, f"{name} is 1 or 0, got {value[:40]!r}")
+        return value in ("1", "true")
+
     def __contains__(self, name: str) -> bool:
         return any(key == name for key, _ in self.pairs)
 

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Iterable
-from datetime import UTC, datetime
 from functools import partial
 
-from pyoxigraph import Quad
 from starlette.concurrency import iterate_in_threadpool
 from starlette.requests import Request
 from starlette.types import ASGIApp
@@ -18,6 +16,7 @@ from kg.server.feed import Queue
 from kg.server.media_types import EVENTS
 from kg.server.problems import Problem
 from kg.server.serving import Serving
+from kg.wire import change_to_json
 from kg.workers.formats import negotiate
 
 
@@ -40,31 +39,16 @@ async def changes(serving: Serving, request: Request) -> ASGIApp:
     return EventStream(events, queue.ended, partial(feed.remove, queue))
 
 
-def to_json(change: ChangeSet) -> dict[str, object]:
-    """A change set as JSON: quads as N-Quads, a line each."""
-    return {
-        "sequence": change.sequence,
-        "time": datetime.fromtimestamp(change.time, UTC).isoformat(timespec="milliseconds"),
-        "cause": {"kind": change.cause.kind, "by": change.cause.by, "note": change.cause.note},
-        "removed": _lines(change.removed),
-        "added": _lines(change.added),
-    }
-
-
 async def _events(queue: Queue, past: Iterable[ChangeSet], sent: int) -> AsyncIterator[bytes]:
     async for change in iterate_in_threadpool(past):
         sent = change.sequence
-        yield event(sent, "change", to_json(change))
+        yield event(sent, "change", change_to_json(change))
     while True:
         change = await queue.take()
         # what was committed while the past was read is in both
         if change.sequence > sent:
             sent = change.sequence
-            yield event(sent, "change", to_json(change))
-
-
-def _lines(quads: Iterable[Quad]) -> list[str]:
-    return [f"{quad} ." for quad in quads]
+            yield event(sent, "change", change_to_json(change))
 
 
 def _since(request: Request) -> int | None:

@@ -54,19 +54,21 @@ async def graph_store(serving: Serving, request: Request) -> Response:
     if request.method == "DELETE":
         if not existed:
             raise _unknown(target)
-        return await write(serving, f"CLEAR SILENT GRAPH {target}", by)
+        return await write(serving, request, f"CLEAR SILENT GRAPH {target}", by)
     triples = await _body(serving, request, target)
     if request.method == "PUT" and target == _ONTOLOGY:
-        return await _take_ontology(serving, triples, by)
+        return await _take_ontology(serving, request, triples, by)
     update = f"INSERT DATA {{ GRAPH {target} {{\n{_lines(triples)}}} }}"
     if request.method == "PUT":
         update = f"CLEAR SILENT GRAPH {target} ;\n{update}"
-    answer = await write(serving, update, by)
+    answer = await write(serving, request, update, by)
     answer.status_code = 200 if existed else 201
     return answer
 
 
-async def _take_ontology(serving: Serving, triples: list[Triple], by: str) -> Response:
+async def _take_ontology(
+    serving: Serving, request: Request, triples: list[Triple], by: str
+) -> Response:
     """Have the map take an ontology in; the answer tells the change in words too."""
     quads = [Quad(t.subject, t.predicate, t.object, _ONTOLOGY) for t in triples]
     taken = await asyncio.shield(
@@ -75,6 +77,7 @@ async def _take_ontology(serving: Serving, triples: list[Triple], by: str) -> Re
     return written(
         serving,
         taken.commit,
+        request,
         changes=[asdict(change) for change in taken.changes],
         kept=list(taken.kept),
     )

@@ -28,7 +28,10 @@ _SAFE = {
     "frame-ancestors 'none'",
 }
 _ROUTES = frozenset(
-    ("sparql", "graphs", "changes", "subscribe", "health", "metrics", "files", ".well-known")
+    (
+        *("sparql", "graphs", "assertions", "changes", "subscribe", "log", "diff", "why"),
+        *("timemap", "health", "metrics", "files", ".well-known"),
+    )
 )
 _METHODS = frozenset(("GET", "HEAD", "POST", "PUT", "DELETE", "OPTIONS", "PATCH"))
 
@@ -112,10 +115,16 @@ class Guard:
         answer["Access-Control-Allow-Origin"] = origin
         answer["Access-Control-Allow-Methods"] = "GET, HEAD, POST, PUT, DELETE"
         answer["Access-Control-Allow-Headers"] = _join(
-            ("Authorization", "Content-Type", "Accept", "Last-Event-ID", "If-None-Match")
+            (
+                *("Authorization", "Content-Type", "Accept", "Accept-Datetime", "Prefer"),
+                *("Last-Event-ID", "If-Match", "If-None-Match"),
+            )
         )
         answer["Access-Control-Expose-Headers"] = _join(
-            ("Here-Sequence", "Here-Missing", "Retry-After", "ETag")
+            (
+                *("Here-Sequence", "Here-Missing", "Retry-After", "ETag", "Link", "Location"),
+                *("Memento-Datetime", "Preference-Applied"),
+            )
         )
         answer["Access-Control-Max-Age"] = "600"
         answer["Cross-Origin-Resource-Policy"] = "cross-origin"

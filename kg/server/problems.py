@@ -11,6 +11,7 @@ from starlette.responses import Response
 from kg.errors import (
     GraphError,
     HereaboutsError,
+    HistoryError,
     InvalidFactError,
     NotAcceptableError,
     OntologyError,
@@ -33,6 +34,7 @@ _STATUS: tuple[tuple[type[HereaboutsError], int], ...] = (
     (ProtectedError, 403),
     (InvalidFactError, 422),
     (OntologyError, 422),
+    (HistoryError, 404),
     (GraphError, 503),
 )
 
@@ -43,10 +45,18 @@ _PASSING = (PoolBusyError, GraphError)  # what may work a moment later
 class Problem(ServerError):  # noqa: N818  RFC 9457 calls it so
     """A request that is refused, with its HTTP status."""
 
-    def __init__(self, status: int, message: str, headers: Mapping[str, str] | None = None) -> None:
+    def __init__(
+        self,
+        status: int,
+        message: str,
+        headers: Mapping[str, str] | None = None,
+        *,
+        kind: str | None = None,
+    ) -> None:
         super().__init__(message)
         self.status = status
         self.headers = dict(headers or {})
+        self.kind = kind  # the error of `kg.errors` it comes from, for who wants to raise it anew
 
 
 def problem_of(error: HereaboutsError) -> Problem:
@@ -54,9 +64,9 @@ def problem_of(error: HereaboutsError) -> Problem:
     if isinstance(error, Problem):
         return error
     status = next((status for kind, status in _STATUS if isinstance(error, kind)), 500)
-    return Problem(
-        status, str(error), {"Retry-After": "1"} if isinstance(error, _PASSING) else None
-    )
+    passing = isinstance(error, _PASSING) and status == 503
+    headers = {"Retry-After": "1"} if passing else None
+    return Problem(status, str(error), headers, kind=type(error).__name__)
 
 
 def problem_response(problem: Problem, accept: str | None) -> Response:
@@ -67,6 +77,7 @@ def problem_response(problem: Problem, accept: str | None) -> Response:
             "title": http.HTTPStatus(problem.status).phrase,
             "status": problem.status,
             "detail": message,
+            **({} if problem.kind is None else {"error": problem.kind}),
         }
         return Response(
             json.dumps(body, ensure_ascii=False) + "\n",

@@ -17,10 +17,12 @@ from kg.server import bodies
 from kg.server.bodies import Parameters
 from kg.server.description import service_description
 from kg.server.event_stream import disconnected
+from kg.server.moments import sequence_at
 from kg.server.problems import Problem
 from kg.server.serving import Serving
 from kg.server.using import with_graphs
 from kg.sparql_text import with_base
+from kg.wire import change_to_json
 
 QUERY: Final = "application/sparql-query"
 UPDATE: Final = "application/sparql-update"
@@ -48,7 +50,7 @@ async def sparql(serving: Serving, request: Request) -> Response:
         _refuse_in_url(url, "update")
         by = _writer(serving, request)
         body = bodies.text(await bodies.read_body(request, serving.settings.limits))
-        return await _update(serving, Parameters((("update", body),)) + url, by)
+        return await _update(serving, request, Parameters((("update", body),)) + url, by)
     raise Problem(
         415, f"a body of type {kind[:100] or '(none)'}; use {QUERY}, {UPDATE} or {bodies.FORM}"
     )
@@ -62,10 +64,12 @@ async def _form(serving: Serving, request: Request, url: Parameters) -> Response
     _refuse_in_url(url, "update")
     if "query" in form:
         return await _query(serving, request, form + url)
-    return await _update(serving, form + url, _writer(serving, request))
+    return await _update(serving, request, form + url, _writer(serving, request))
 
 
 async def _query(serving: Serving, request: Request, given: Parameters) -> Response:
+    moment = given.one("at")
+    at = None if moment is None else await sequence_at(serving, moment)
     query = asyncio.ensure_future(
         serving.pool.run_async(
             with_base(given.one("query") or "", serving.semantic_map.base),
@@ -73,6 +77,7 @@ async def _query(serving: Serving, request: Request, given: Parameters) -> Respo
             default_graphs=graphs_of(given, "default-graph-uri"),
             named_graphs=graphs_of(given, "named-graph-uri"),
             at_least=serving.written,
+            at=at,
         )
     )
     answer = await unless_gone(request, query)
@@ -99,37 +104,47 @@ async def unless_gone(request: Request, query: asyncio.Future[T]) -> T:
         query.cancel()
 
 
-async def _update(serving: Serving, given: Parameters, by: str) -> Response:
+async def _update(serving: Serving, request: Request, given: Parameters, by: str) -> Response:
+    if "at" in given:
+        raise Problem(400, "the past cannot be written: leave out 'at'")
     text = with_graphs(
         given.one("update") or "",
         graphs_of(given, "using-graph-uri"),
         graphs_of(given, "using-named-graph-uri"),
     )
-    return await write(serving, text, by)
+    return await write(serving, request, text, by)
 
 
-async def write(serving: Serving, update: str, by: str) -> Response:
+async def write(serving: Serving, request: Request, update: str, by: str) -> Response:
     """Carry out an update; the answer says what it changed, and under which number."""
     # a client that leaves meanwhile must not leave half of a decision behind
     change = await asyncio.shield(
         run_in_threadpool(partial(serving.semantic_map.update, update, by=by))
     )
-    return written(serving, change)
+    return written(serving, change, request)
 
 
-def written(serving: Serving, change: ChangeSet | None, **more: object) -> Response:
-    """The answer to a request that wrote `change`: counts, its number, and what else there is."""
+def written(
+    serving: Serving, change: ChangeSet | None, request: Request, **more: object
+) -> Response:
+    """The answer to a request that wrote `change`: counts, its number, and what else there is.
+
+    Who prefers `return=representation` (RFC 7240) is told the change set itself as well.
+    """
     sequence = change.sequence if change else serving.semantic_map.sequence
     serving.written = max(serving.written, sequence)
+    headers = {SEQUENCE: str(sequence)}
+    if "return=representation" in request.headers.get("prefer", "").replace(" ", ""):
+        more["change"] = change_to_json(change) if change else None
+        headers["Preference-Applied"] = "return=representation"
     done = {
         "sequence": sequence,
         "added": len(change.added) if change else 0,
         "removed": len(change.removed) if change else 0,
         **more,
     }
-    return Response(
-        json.dumps(done) + "\n", media_type="application/json", headers={SEQUENCE: str(sequence)}
-    )
+    body = json.dumps(done, ensure_ascii=False) + "\n"
+    return Response(body, media_type="application/json", headers=headers)
 
 
 def _writer(serving: Serving, request: Request) -> str:

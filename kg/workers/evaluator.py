@@ -6,9 +6,9 @@ ways are a type byte, a length (4 bytes, little endian) and that many bytes:
 
     >  S  the settings (JSON), first       <  R  done with S or O
     >  O  a snapshot to open (JSON)        <  H  {"media_type", "sequence"}
-    >  Q  a request (JSON)                 <  D  a part of the answer
-                                           <  .  the end of the answer
-                                           <  E  {"error": name of the exception, "message"}
+    >  Q  a query (JSON)                   <  D  a part of the answer
+    >  T  what to tell of the past         <  .  the end of the answer
+    >  P  a past state to make             <  E  {"error": name of the exception, "message"}
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from typing import IO, Any, BinaryIO, cast
 
 from pyoxigraph import Literal, NamedNode, QueryResultsFormat, QueryTriples, RdfFormat, Store
 
-from kg.errors import NotAcceptableError, QueryError, QueryTooLargeError
+from kg.errors import HistoryError, NotAcceptableError, QueryError, QueryTooLargeError
 from kg.workers.vetting import reads_chosen_graphs, refuse_other_graph, vet
 
 HEAD = struct.Struct("<cI")
@@ -58,13 +58,19 @@ class Evaluator:
         numbers = [int(q.object.value) for q in quads if isinstance(q.object, Literal)]
         self._store, self._folder, self._sequence = store, folder, max(numbers, default=0)
 
-    def answer(self, request: Request) -> None:
+    def answer(self, kind: bytes, request: Request) -> None:
         """Write the whole answer to a request, or one error."""
         try:
+            if kind == b"P":
+                self._make_past(request)
+                return
             self.open(request["folder"])
-            self._vet(request)
-            self._write(request)
-        except QueryError as error:
+            if kind == b"T":
+                self._tell(request)
+            else:
+                self._vet(request)
+                self._write(request)
+        except (QueryError, HistoryError) as error:
             self._fail(type(error).__name__, str(error))
         except MemoryError:
             self._fail("QueryTooLargeError", "the query needs more memory than it may have")
@@ -88,6 +94,31 @@ class Evaluator:
         )
         for iri in (*request["default_graphs"], *request["named_graphs"]):
             refuse_other_graph(iri, self.is_graph)
+
+    def _make_past(self, request: Request) -> None:
+        from kg.workers.past import make_past  # few workers are ever asked of the past
+
+        _limit_files(resource.RLIM_INFINITY)
+        try:
+            make_past(Store(request["folder"]), request)
+        finally:
+            gc.collect()
+            _limit_files(0)
+        self._send_all("", b"", request)
+
+    def _tell(self, request: Request) -> None:
+        from kg.workers.past import tell_of_past  # as above
+
+        told = tell_of_past(self._store, request)
+        self._send_all(request["media_type"], told.encode(), request)
+
+    def _send_all(self, media_type: str, body: bytes, request: Request) -> None:
+        sink = _Sink(self._send, request["max_bytes"])
+        head = {"media_type": media_type, "sequence": self._sequence}
+        self._send(b"H", json.dumps(head).encode())
+        sink.write(body)
+        sink.flush()
+        self._send(b".", b"")
 
     def _write(self, request: Request) -> None:
         results = self._store.query(
@@ -164,7 +195,12 @@ def _limit_process(memory: int) -> None:
         most = now * os.sysconf("SC_PAGE_SIZE") + memory
         resource.setrlimit(resource.RLIMIT_AS, (most, most))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+    _limit_files(0)
+
+
+def _limit_files(size: int) -> None:
+    """How long a file may become that this process writes."""
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
 
 
 def _limit_time(seconds: float) -> None:
@@ -201,5 +237,5 @@ def main() -> None:
                 evaluator.open(request["folder"])
             evaluator.ready()
         else:
-            evaluator.answer(request)
+            evaluator.answer(kind, request)
         _limit_time(0)

@@ -13,10 +13,11 @@ from contextlib import ExitStack
 from typing import Any, Self
 
 from kg import vocabulary as v
-from kg.errors import GraphError, NotAcceptableError, PoolBusyError, QueryError
+from kg.errors import GraphError, HistoryError, NotAcceptableError, PoolBusyError, QueryError
 from kg.semantic_map import SemanticMap
 from kg.store import MapStore
 from kg.workers.formats import Form, choose_format
+from kg.workers.pasts import Pasts
 from kg.workers.process import Answer, WorkerDiedError, WorkerProcess
 from kg.workers.snapshots import Snapshot, Snapshots
 from kg.workers.vetting import MAX_LENGTH, refuse_length
@@ -69,6 +70,7 @@ class QueryPool:
         self._closed = threading.Event()
         store = source if isinstance(source, MapStore) else source.store
         self._snapshots = Snapshots(store, refresh=refresh)
+        self._pasts = None if isinstance(source, MapStore) else _pasts_of(source)
         self._threads = ThreadPoolExecutor(workers + queue, thread_name_prefix="query")
         for _ in range(workers):
             self._start_worker()
@@ -100,19 +102,23 @@ class QueryPool:
         named_graphs: Sequence[str] = (),
         timeout: float | None = None,
         at_least: int = 0,
+        at: int | None = None,
     ) -> Answer:
         """The serialised answer to a query, in the best format an Accept header asks for.
 
         The graphs override FROM and FROM NAMED (SPARQL 1.1 Protocol, section 2.1.4); without either
         the default graph is the union of all. `timeout` [s] counts from when a worker is ready, and
-        cannot exceed the pool's. The answer has seen transaction `at_least`.
+        cannot exceed the pool's. The answer has seen transaction `at_least`; with `at` it is that
+        of the map right after that transaction, for which it may have to be made first, within as
+        much time again.
 
         Raises QueryRefusedError, QueryTimeoutError, QueryTooLargeError, NotAcceptableError,
-        PoolBusyError, QueryError for what does not parse, GraphError where the pool is closed.
+        PoolBusyError, QueryError for what does not parse, HistoryError for a past that is not kept,
+        GraphError where the pool is closed.
         """
         request = self._request(sparql, accept, default_graphs, named_graphs)
         with self._place():
-            return self._run(_Call(request, self._limit(timeout), at_least))
+            return self._run(_Call(request, self._limit(timeout), at_least, at))
 
     async def run_async(
         self,
@@ -123,10 +129,28 @@ class QueryPool:
         named_graphs: Sequence[str] = (),
         timeout: float | None = None,
         at_least: int = 0,
+        at: int | None = None,
     ) -> Answer:
         """`run` without blocking the event loop; cancelling it kills the query."""
         request = self._request(sparql, accept, default_graphs, named_graphs)
-        call = _Call(request, self._limit(timeout), at_least)
+        return await self._in_thread(_Call(request, self._limit(timeout), at_least, at))
+
+    async def tell_async(
+        self, what: str, media_type: str, *, at_least: int = 0, **asked: object
+    ) -> Answer:
+        """What a worker tells of the past: "log", "diff" or "why" (`kg.workers.past`).
+
+        Raises as `run_async`; HistoryError where the map keeps no history.
+        """
+        request = {
+            "what": what,
+            "media_type": media_type,
+            "max_bytes": self.max_result_bytes,
+            **asked,
+        }
+        return await self._in_thread(_Call(request, self.timeout, at_least, None, b"T"))
+
+    async def _in_thread(self, call: _Call) -> Answer:
         place = self._place()
 
         def evaluate() -> Answer:
@@ -162,6 +186,8 @@ class QueryPool:
             self._all.clear()
             self._idle.clear()
         self._snapshots.close()
+        if self._pasts is not None:
+            self._pasts.close()
 
     def __enter__(self) -> Self:
         return self
@@ -226,13 +252,30 @@ class QueryPool:
         worker = self._take()
         try:
             call.begin(worker)
-            snapshot = self._snapshots.lease(call.at_least)
+            snapshot = self._state(worker, call)
             self._reads(worker, snapshot)
             request = call.request | {"folder": str(snapshot.folder)}
-            return worker.ask(request, call.timeout)
+            if call.kind == b"T":
+                request |= self._past_of_map().history()
+            return worker.ask(request, call.timeout, call.kind)
         finally:
             call.end()
             self._give_back(worker)
+
+    def _state(self, worker: WorkerProcess, call: _Call) -> Snapshot:
+        """The state of the map that the call is about, leased."""
+        if call.at is None:
+            return self._snapshots.lease(call.at_least)
+
+        def make(request: dict[str, Any]) -> None:
+            worker.ask(request | {"max_bytes": 0}, call.timeout, b"P")
+
+        return self._past_of_map().lease(call.at, make)
+
+    def _past_of_map(self) -> Pasts:
+        if self._pasts is None:
+            raise HistoryError("this map keeps no history")
+        return self._pasts
 
     def _take(self) -> WorkerProcess:
         deadline = time.monotonic() + 2 * self.timeout  # one that runs into its limit is outlasted
@@ -270,7 +313,7 @@ class QueryPool:
     def _bury(self, worker: WorkerProcess) -> None:
         worker.close()
         if worker.snapshot is not None:
-            self._snapshots.release(worker.snapshot)
+            self._release(worker.snapshot)
         with self._changed:
             self._all.discard(worker)
             self._changed.notify_all()
@@ -310,7 +353,12 @@ class QueryPool:
     def _reads(self, worker: WorkerProcess, snapshot: Snapshot) -> None:
         worker.snapshot, before = snapshot, worker.snapshot
         if before is not None:
-            self._snapshots.release(before)
+            self._release(before)
+
+    def _release(self, snapshot: Snapshot) -> None:
+        self._snapshots.release(snapshot)
+        if self._pasts is not None:
+            self._pasts.release(snapshot)
 
     def _refuse_closed(self) -> None:
         if self._closed.is_set():
@@ -320,8 +368,16 @@ class QueryPool:
 class _Call:
     """One query on its way through the pool, which another thread may cancel."""
 
-    def __init__(self, request: dict[str, Any], timeout: float, at_least: int) -> None:
+    def __init__(
+        self,
+        request: dict[str, Any],
+        timeout: float,
+        at_least: int,
+        at: int | None = None,
+        kind: bytes = b"Q",
+    ) -> None:
         self.request, self.timeout, self.at_least = request, timeout, at_least
+        self.at, self.kind = at, kind
         self.cancelled = False
         self._worker: WorkerProcess | None = None
         self._guard = threading.Lock()
@@ -352,6 +408,13 @@ def _keep_fresh(reference: weakref.ref[QueryPool], closed: threading.Event, refr
         with contextlib.suppress(GraphError):  # the next question reports it
             pool.freshen()
         del pool
+
+
+def _pasts_of(semantic_map: SemanticMap) -> Pasts | None:
+    try:
+        return Pasts(semantic_map.store, semantic_map.history, semantic_map.base)
+    except HistoryError:
+        return None
 
 
 def _settings(memory_mb: int, services: Collection[str]) -> dict[str, Any]:

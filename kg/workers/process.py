@@ -18,7 +18,7 @@ import pyoxigraph
 
 import kg
 from kg import errors
-from kg.errors import GraphError, QueryError, QueryTimeoutError, QueryTooLargeError
+from kg.errors import GraphError, HistoryError, QueryError, QueryTimeoutError, QueryTooLargeError
 from kg.workers.evaluator import HEAD
 from kg.workers.snapshots import Snapshot
 
@@ -92,15 +92,17 @@ class WorkerProcess:
         with contextlib.suppress(QueryError):
             self._tell(b"O", request)
 
-    def ask(self, request: dict[str, Any], timeout: float) -> Answer:
-        """The answer to one request; `timeout` counts from when the process is ready for it.
+    def ask(self, request: dict[str, Any], timeout: float, kind: bytes = b"Q") -> Answer:
+        """The answer to one request (`kg.workers.evaluator` has the kinds).
 
-        Raises QueryTimeoutError, QueryTooLargeError or QueryError; the process is dead after a
-        timeout or a crash, and can be asked again after any other error.
+        `timeout` counts from when the process is ready for it.
+
+        Raises QueryTimeoutError, QueryTooLargeError, QueryError or HistoryError; the process is
+        dead after a timeout or a crash, and can be asked again after any other error.
         """
         self._be_ready()
         deadline = time.monotonic() + timeout
-        self._send(b"Q", request | {"timeout": timeout}, deadline)
+        self._send(kind, request | {"timeout": timeout}, deadline)
         head, body = {}, bytearray()
         while True:
             kind, payload = self._message(deadline)
@@ -190,6 +192,7 @@ def _too_slow() -> QueryTimeoutError:
     return QueryTimeoutError("the query ran into its time limit; ask for less, or more narrowly")
 
 
-def _as_error(told: dict[str, str]) -> QueryError:
+def _as_error(told: dict[str, str]) -> QueryError | HistoryError:
     kind = getattr(errors, told["error"], QueryError)
-    return kind(told["message"]) if issubclass(kind, QueryError) else QueryError(told["message"])
+    known = issubclass(kind, QueryError | HistoryError)
+    return kind(told["message"]) if known else QueryError(told["message"])

@@ -49,8 +49,8 @@ class Snapshots:
         self._home: Path | None = None
         self._closed: weakref.finalize[..., Snapshots] | None = None
         if not (store.read_only and store.path):
-            self._home, lock = _make_home(store.path)
-            self._closed = weakref.finalize(self, _remove_home, self._home, lock)
+            self._home, lock = make_home(store.path)
+            self._closed = weakref.finalize(self, remove_home, self._home, lock)
 
     def lease(self, at_least: int = 0) -> Snapshot:
         """The newest snapshot, kept until `release`.
@@ -97,10 +97,7 @@ class Snapshots:
             return Snapshot(folder, sequence, made, False)
         folder = self._home / str(uuid.uuid4())
         try:
-            if self._store.path is None:
-                _copy(self._store.native, folder)
-            else:
-                self._store.native.backup(str(folder))
+            copy_store(self._store, folder)
         except OSError as error:
             raise GraphError(f"cannot make a snapshot at {folder}: {error}") from error
         return Snapshot(folder, sequence, made, True)
@@ -113,13 +110,17 @@ class Snapshots:
                     shutil.rmtree(snapshot.folder, ignore_errors=True)
 
 
-def _copy(engine: Store, folder: Path) -> None:
+def copy_store(store: MapStore, folder: Path) -> None:
+    """The map as it is now, in a folder of its own: by hard links where it lies on disk."""
+    if store.path is not None:
+        store.native.backup(str(folder))
+        return
     copy = Store(str(folder))
-    copy.bulk_extend(engine)
+    copy.bulk_extend(store.native)
     copy.flush()
 
 
-def _make_home(path: Path | None) -> tuple[Path, int]:
+def make_home(path: Path | None) -> tuple[Path, int]:
     """A locked folder for snapshots, beside the map since hard links cross no file system."""
     beside = path.resolve() if path else Path(tempfile.gettempdir()) / "hereabouts"
     remove_abandoned(beside, "snapshots")
@@ -136,6 +137,7 @@ def _make_home(path: Path | None) -> tuple[Path, int]:
     return home, lock
 
 
-def _remove_home(home: Path, lock: int) -> None:
+def remove_home(home: Path, lock: int) -> None:
+    """Remove a folder that `make_home` made."""
     shutil.rmtree(home, ignore_errors=True)
     os.close(lock)

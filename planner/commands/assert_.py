@@ -26,9 +26,11 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         metavar="VALUE",
         help="a category's name or IRI; X Y Z in metres; present or absent; a label",
     )
-    parser.add_argument("--by", required=True, metavar="NAME", help="who says so")
+    parser.add_argument(
+        "--by", metavar="NAME", help="who says so (a server that runs goes by its token)"
+    )
     add_json(parser)
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, usage_error=parser.error)
 
 
 def add_what(parser: argparse.ArgumentParser) -> None:
@@ -43,11 +45,14 @@ def add_what(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Assert, in one transaction."""
+    from kg.endpoint import is_url
     from kg.semantic_map import SemanticMap
 
-    value = " ".join(arguments.value)
+    if arguments.by is None and not is_url(arguments.map):
+        arguments.usage_error("who says so? --by NAME")
+    value, by = " ".join(arguments.value), arguments.by or ""
     with SemanticMap.open(arguments.map) as semantic_map:
-        change = semantic_map.assert_(arguments.thing, arguments.property, value, by=arguments.by)
+        change = semantic_map.assert_(arguments.thing, arguments.property, value, by=by)
         (said,) = (
             a for a in semantic_map.assertions(arguments.thing) if a.property == arguments.property
         )

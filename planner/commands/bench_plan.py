@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from kg.errors import OrderingError
 from planner.commands.arguments import add_json, count, positive
-from planner.commands.console import err, note, progress, write_json
+from planner.commands.console import err, note, progress, write, write_json
 
 if TYPE_CHECKING:
     from planner.ordering.solve import Ordering
@@ -26,13 +26,15 @@ def add(benches: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         epilog="example: hereabouts bench plan problems.json -o plans.json",
     )
     plan.add_argument("problems", metavar="PROBLEMS", help="JSON file of worlds and queries")
-    plan.add_argument("-o", "--output", required=True, metavar="PLANS", help="JSON file to write")
+    plan.add_argument(
+        "-o", "--output", required=True, metavar="PLANS", help="JSON file to write; - is stdout"
+    )
     plan.add_argument(
         "--time-limit", type=positive, default=1.0, metavar="S", help="a query (default: 1)"
     )
     plan.add_argument("--seed", type=count, default=0, metavar="N", help="(default: 0)")
     add_json(plan)
-    plan.set_defaults(run=run)
+    plan.set_defaults(run=run, usage_error=plan.error)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -40,7 +42,8 @@ def run(arguments: argparse.Namespace) -> int:
     from planner.ordering.solve import solve
     from planner.search_problems import read_problems
 
-    output = Path(arguments.output)
+    if arguments.output == "-" and arguments.json:
+        arguments.usage_error("-o - and --json both want stdout; give -o a file")
     problems = read_problems(Path(arguments.problems))
     solved: list[tuple[SearchProblem, Ordering]] = []
     with progress() as bar:
@@ -50,10 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
             solved.append((entry, solve(entry.problem, arguments.time_limit, arguments.seed)))
             bar.advance(task)
     plans = {entry.id: _plan(entry, ordering) for entry, ordering in solved}
-    try:
-        output.write_text(json.dumps(plans, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise OrderingError(f"cannot write {output}: {error.strerror}") from error
+    _write(json.dumps(plans, indent=1, allow_nan=False) + "\n", arguments.output)
     hopeless = sum(not entry.possible for entry, _ in solved)
     if hopeless:
         note(f"{hopeless} with p 0 everywhere: ordered as if p were equal, without a time to find")
@@ -62,6 +62,16 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         write_json(summary)
     return 0
+
+
+def _write(text: str, output: str) -> None:
+    if output == "-":
+        write(text)
+        return
+    try:
+        Path(output).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise OrderingError(f"cannot write {output}: {error.strerror}") from error
 
 
 def _plan(entry: SearchProblem, ordering: Ordering) -> dict[str, Any]:

@@ -104,7 +104,7 @@ def _hunt(semantic_map: SemanticMap, arguments: argparse.Namespace) -> Hunt | No
 
 
 def _floor(semantic_map: SemanticMap, grid: Path) -> FreeSpace:
-    from planner.finding.candidates import all_places
+    from planner.finding.places import all_places
     from planner.space.grid import Room
     from planner.space.map_server import space_of_grid
 

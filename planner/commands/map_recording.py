@@ -115,6 +115,7 @@ def map_with_progress(
             on_picture=on_picture,
             again=again,
             labels=inputs.labels,
+            floor=inputs.floor,
         )
 
 

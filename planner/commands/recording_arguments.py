@@ -26,6 +26,7 @@ class Inputs:
     layout: Layout | None
     settings: ReferenceSettings
     labels: LabelsMap | None
+    floor: bool  # whether depth also goes into the floor
 
 
 def add_recording_options(parser: argparse.ArgumentParser) -> None:
@@ -105,6 +106,12 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="objects count in what a place is believed to be, beside the scene classifier",
     )
+    places.add_argument(
+        "--floor",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="map free floor, walls and furniture from depth (default: yes)",
+    )
 
 
 def open_inputs(arguments: argparse.Namespace) -> Inputs:
@@ -139,6 +146,7 @@ def open_inputs(arguments: argparse.Namespace) -> Inputs:
         layout=load_layout(Path(arguments.places)) if arguments.places else None,
         settings=_settings(arguments),
         labels=load_labels_map(Path(arguments.labels_map)) if arguments.labels_map else None,
+        floor=arguments.floor,
     )
 
 

@@ -20,7 +20,9 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     )
     add_map(parser)
     add_what(parser)
-    parser.add_argument("--by", metavar="NAME", help="who takes it back")
+    parser.add_argument(
+        "--by", metavar="NAME", help="who takes it back (a server that runs goes by its token)"
+    )
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -37,7 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
             {
                 "thing": arguments.thing,
                 "property": arguments.property,
-                "by": arguments.by,
+                "by": change.cause.by if change else arguments.by,
                 "changed": change is not None,
                 "sequence": sequence,
             }

@@ -42,8 +42,9 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "search",
         help="search with a robot: drive, look, re-plan, until found or given up",
         description="Search for all OBJECTs with a robot. Looks and findings are written to the "
-        "map as they happen; Ctrl+C stops the robot, and --resume goes on later. Exit code 0: "
-        "found, 3: given up, 4: the robot ended it, 130: stopped.",
+        "map as they happen; Ctrl+C stops the robot, and --resume goes on later. What happens is "
+        "told on stderr, how it ended on stdout (with --robot stdio, which is the robot's, on "
+        "stderr alone). Exit code 0: found, 3: given up, 4: the robot ended it, 130: stopped.",
         epilog="example: hereabouts search demo.map apple --robot sim",
     )
     add_map(parser)
@@ -75,7 +76,8 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "--hide",
         action="append",
         metavar="LABEL@X,Y,Z",
-        help="sim: what stands in the house since it was mapped (default: the demo's apple)",
+        help="sim: what stands in the house since it was mapped (default: apple, which alone needs "
+        "no place: it is the demo's)",
     )
     parser.add_argument(
         "--seed", type=count, default=0, metavar="N", help="sim: what the senses get wrong"
@@ -101,6 +103,8 @@ def run(arguments: argparse.Namespace) -> int:
             clock=_clock(robot, semantic_map),
         )
         outcome = search(semantic_map, arguments.object, robot, terms, resume=arguments.resume)
+    if not arguments.json and arguments.robot != "stdio":
+        write(outcome.line)
     if outcome.state == "stopped":
         return STOPPED + caught[0] if caught else ABORTED
     return FOUND if outcome.state == "found" else GIVEN_UP
@@ -138,7 +142,8 @@ def _house(arguments: argparse.Namespace) -> House:
     from planner.demo import HIDDEN
     from planner.simulation.house import furnished_house
 
-    items = [HIDDEN] if arguments.hide is None else [_item(text) for text in arguments.hide]
+    own = {HIDDEN.label: HIDDEN}
+    items = [own.get(text) or _item(text) for text in arguments.hide or own]
     return furnished_house().with_objects(items)
 
 
@@ -152,7 +157,9 @@ def _item(text: str) -> Item:
     except ValueError:
         x = y = z = math.nan
     if not all(abs(value) <= FARTHEST for value in (x, y, z)):
-        raise LayoutError(f"--hide needs LABEL@X,Y,Z in metres, got {text!r}")
+        raise LayoutError(
+            f"--hide needs LABEL@X,Y,Z in metres, e.g. {label or 'apple'}@7,8.3,0.85, got {text!r}"
+        )
     if label not in OBJECTS:
         near = did_you_mean(label, OBJECTS) or f"; it has {', '.join(sorted(OBJECTS))}"
         raise LayoutError(f"the simulated house has no {label!r}{near}")

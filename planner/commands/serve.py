@@ -228,6 +228,7 @@ class _Mapper:
             layout=inputs.layout,
             settings=inputs.settings,
             on_frame=on_frame,
+            floor=inputs.floor,
         )
         self._told[name] = f"done: {report.frames} frames mapped, {report.skipped} were there"
         note(f"{name}: {report.frames} frames mapped, {report.objects} objects")

@@ -72,24 +72,11 @@ def _tree(reason: Reason) -> Tree:
 def _grow(tree: Tree, reason: Reason) -> None:
     from rich.text import Text
 
+    from kg.history.outline import WORDS
+
     for behind in reason.because:
-        label = "" if behind.kind in ("fact", "thing", "was") else f"{_WORDS[behind.kind]}: "
+        label = f"{WORDS[behind.kind]}: " if behind.kind in WORDS else ""
         _grow(tree.add(Text.assemble((label, "dim"), behind.text)), behind)
-
-
-_WORDS = {
-    "observation": "evidence",
-    "pose": "pose",
-    "model": "model",
-    "rule": "rule",
-    "commit": "written",
-    "change": "last change",
-    "person": "by",
-    "belief": "belief",
-    "view": "views",
-    "relation": "relation",
-    "source": "source",
-}
 
 
 def _record(reason: Reason) -> dict[str, object]:

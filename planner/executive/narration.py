@@ -10,7 +10,7 @@ from planner.executive.events import Event, Tell
 from planner.executive.guide import Proposal
 from planner.executive.protocol import Detected, RobotPose
 from planner.executive.sightings import Sighting
-from planner.executive.terms import Outcome
+from planner.executive.terms import Outcome, percent
 
 
 class Narrator:
@@ -88,19 +88,7 @@ class Narrator:
 
     def end(self, outcome: Outcome) -> None:
         """The run is over."""
-        if outcome.state == "found":
-            said = f"found after {outcome.seconds:.0f} s and {outcome.looks} looks"
-        else:
-            said = (
-                f"{outcome.state} after {outcome.seconds:.0f} s and {outcome.looks} looks: "
-                f"{outcome.reason}; {percent(outcome.left)} left that it is there"
-            )
-        self._tell("end", said, **outcome.to_json())
+        self._tell("end", outcome.line, **outcome.to_json())
 
     def _tell(self, kind: str, text: str, **data: Any) -> None:
         self._to(Event(kind, text, {"seconds": round(self._seconds(), 1), **data}))
-
-
-def percent(share: float) -> str:
-    """A share for people: ``12 %``, ``3.4 %``."""
-    return f"{100 * share:.0f} %" if share >= 0.095 else f"{100 * share:.1f} %"

@@ -11,6 +11,11 @@ from kg.records import SearchState
 from planner.executive.events import Tell
 
 
+def percent(share: float) -> str:
+    """A share for people: ``12 %``, ``3.4 %``."""
+    return f"{100 * share:.0f} %" if share >= 0.095 else f"{100 * share:.1f} %"
+
+
 @dataclass(frozen=True, slots=True)
 class Outcome:
     """How a run of a search ended."""
@@ -22,6 +27,14 @@ class Outcome:
     left: float  # probability that what is still wanted is there to be found
     seconds: float  # [s] by the robot's clock, over all runs
     looks: int  # over all runs
+
+    @property
+    def line(self) -> str:
+        """For people."""
+        after = f"after {self.seconds:.0f} s and {self.looks} looks"
+        if self.state == "found":
+            return f"found {after}"
+        return f"{self.state} {after}: {self.reason}; {percent(self.left)} left that it is there"
 
     def to_json(self) -> dict[str, Any]:
         """Plain values."""

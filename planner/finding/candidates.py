@@ -7,7 +7,7 @@ carries its chain of facts.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import datetime
 from typing import Literal
 
@@ -17,32 +17,18 @@ from numpy.typing import NDArray
 from kg.placement.table import PlacementTable
 from kg.questions import Value
 from kg.semantic_map import SemanticMap
+from planner.finding.ground import Ground, Unexplored
 from planner.finding.mobility import holds, learned_half_life, listed_half_life
+from planner.finding.places import Place, Row, number
 from planner.finding.settings import Belief
 from planner.finding.targets import Target
 from planner.goals import seen, times
 
-Row = Mapping[str, Value]
-Kind = Literal["known", "nearby", "place"]
+Kind = Literal["known", "nearby", "place", "frontier"]
 
+_ALL_SEEN = 0.95  # share of a floor that is called all of it
 #: how the table words a reason that is a statement of the ontology
 _STATEMENTS = ("listed", "stated", "weight")
-
-
-@dataclass(frozen=True, slots=True)
-class Place:
-    """A place as the search sees it."""
-
-    iri: str
-    label: str
-    xmin: float  # [m]
-    xmax: float
-    ymin: float
-    ymax: float
-    views: int = 0
-    beliefs: dict[str, float] = field(default_factory=dict)  # category IRI -> belief
-    names: dict[str, str] = field(default_factory=dict)  # category IRI -> label
-    last_seen: float | None = None  # [s] when something in it was last seen
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,37 +44,7 @@ class Candidate:
     facts: tuple[str, ...]  # the chain that leads there
     existence: float = 1.0  # of a known object, when it was last seen
     place: str | None = None  # IRI of the place it is in, or is
-
-
-def all_places(semantic_map: SemanticMap) -> tuple[Place, ...]:
-    """Every place of the map with its beliefs."""
-    seen = {
-        str(row["place"]): row["lastSeen"].timestamp()
-        for row in semantic_map.ask("goals-last-seen").records()
-        if isinstance(row["lastSeen"], datetime)
-    }
-    found: dict[str, Place] = {}
-    for row in semantic_map.ask("goals-rooms").records():
-        iri = str(row["iri"])
-        if iri not in found:
-            found[iri] = _empty(row, seen.get(iri))
-        if row["kind"] is not None:
-            found[iri].beliefs[str(row["kind"])] = number(row, "belief")
-            found[iri].names[str(row["kind"])] = str(row["category"])
-    return tuple(found.values())
-
-
-def _empty(row: Row, last_seen: float | None) -> Place:
-    return Place(
-        iri=str(row["iri"]),
-        label=str(row["label"] or row["iri"]),
-        xmin=number(row, "xmin"),
-        xmax=number(row, "xmax"),
-        ymin=number(row, "ymin"),
-        ymax=number(row, "ymax"),
-        views=int(number(row, "views")),
-        last_seen=last_seen,
-    )
+    noticed: float = 0.0  # of a place: chance that it would be known of, lay it where was seen
 
 
 def map_time(semantic_map: SemanticMap) -> float:
@@ -117,16 +73,26 @@ class Gatherer:
         self._now, self._settings = now, settings
         self._labels = {place.iri: place.label for place in places}
 
-    def candidates(self, number_: int, target: Target) -> tuple[Candidate, ...]:
-        """All of one target: objects remembered, objects it is found near, and every place."""
-        known = [row for iri in target.asked for row in self._ask("goals-remembered", iri)]
+    def things(self, number_: int, target: Target) -> tuple[Candidate, ...]:
+        """Of one target: objects remembered, and objects it is found near."""
+        known = self._remembered(target)
         life = self._half_lives(target, known)
-        rooms = _Rooms(self._table, target, self._expected(target))
         return (
             *(self._known(number_, row, life) for row in _each(known)),
             *self._nearby(number_, target),
-            *(self._place(number_, target, place, rooms, life) for place in self._places),
         )
+
+    def places(self, number_: int, target: Target, ground: Ground) -> tuple[Candidate, ...]:
+        """Of one target: every place, and what lies beyond the frontiers of the ground."""
+        life = self._half_lives(target, self._remembered(target))
+        rooms = _Rooms(self._table, target, self._expected(target))
+        return (
+            *(self._place(number_, target, p, rooms, life, ground) for p in self._places),
+            *(self._beyond(number_, target, one, rooms) for one in ground.unexplored),
+        )
+
+    def _remembered(self, target: Target) -> list[Row]:
+        return [row for iri in target.asked for row in self._ask("goals-remembered", iri)]
 
     def _ask(self, question: str, category: str) -> list[dict[str, Value]]:
         return self._map.ask(question, category=category).records()
@@ -150,7 +116,9 @@ class Gatherer:
         half = life[str(row["kind"])]
         kept = holds(half, self._age(row))
         fact = f"{name(row)} is in the map ({_seen(row, existence)})"
-        stays = f"a {row['category']} stays put for {span(half)} as often as not"
+        kind_of = str(row["category"])
+        article = "an" if kind_of[:1].lower() in "aeiou" else "a"
+        stays = f"{article} {kind_of} stays put for {span(half)} as often as not"
         after = f": {kept:.2f} after {span(self._age(row))}" if self._age(row) >= 1 else ""
         return Candidate(
             target=target,
@@ -197,18 +165,56 @@ class Gatherer:
         )
 
     def _place(
-        self, number_: int, target: Target, place: Place, rooms: _Rooms, life: Mapping[str, float]
+        self,
+        number_: int,
+        target: Target,
+        place: Place,
+        rooms: _Rooms,
+        life: Mapping[str, float],
+        ground: Ground,
     ) -> Candidate:
         p, facts = rooms.of(place)
+        noticed = 0.0
         if place.views > 0:
             age = self._now - (place.last_seen if place.last_seen is not None else self._now)
-            missed = 1 - self._settings.noticed
-            unseen = p * missed / (1 - p * self._settings.noticed)
-            p += (unseen - p) * holds(min(life.values()), age)
-            facts = (*facts, f"viewed {times(place.views)} with none more noticed: {p:.2f} left")
-        centre = np.array([place.xmin + place.xmax, place.ymin + place.ymax]) / 2
+            kept = holds(min(life.values()), age)
+            noticed = self._settings.noticed * kept
+            share = ground.seen_share(place.iri)
+            would = self._settings.noticed * share
+            p += (p * (1 - would) / (1 - p * would) - p) * kept
+            part = f", {share:.0%} of its floor seen" if share < _ALL_SEEN else ""
+            said = f"viewed {times(place.views)}{part} with none more noticed: {p:.2f} left"
+            facts = (*facts, said)
         return Candidate(
-            number_, "place", place.iri, place.label, centre, p, facts, place=place.iri
+            target=number_,
+            kind="place",
+            iri=place.iri,
+            label=place.label,
+            p_map=np.array([place.xmin + place.xmax, place.ymin + place.ymax]) / 2,
+            probability=p,
+            facts=facts,
+            place=place.iri,
+            noticed=noticed,
+        )
+
+    def _beyond(self, number_: int, target: Target, one: Unexplored, rooms: _Rooms) -> Candidate:
+        """What a room beyond a frontier may hold, if there is one."""
+        room, mean = self._settings.frontier, rooms.mean
+        x, y = (float(c) for c in one.p_map)
+        return Candidate(
+            target=number_,
+            kind="frontier",
+            iri=one.iri,
+            label=one.label,
+            p_map=one.p_map,
+            probability=room * mean,
+            facts=(
+                f"nobody has seen what lies beyond ({x:.1f}, {y:.1f}), where {one.width:.1f} m of "
+                "free floor end",
+                f"a room begins there with {room:.2f}, and any kind of place holds "
+                f"{target.label} with {mean:.2f}",
+            ),
+            place=one.iri,
         )
 
     def _age(self, row: Row) -> float:
@@ -228,7 +234,8 @@ class _Rooms:
             if kind not in self._rows or _product(row) > _product(self._rows[kind]):
                 self._rows[kind] = row
         kinds = table.places
-        self._mean = float(np.mean([self._in(kind) for kind in kinds])) if kinds else 0.0
+        #: p(any kind of place holds it)
+        self.mean = float(np.mean([self._in(kind) for kind in kinds])) if kinds else 0.0
 
     def _in(self, kind: str) -> float:
         if kind not in self._of_kind:
@@ -255,10 +262,10 @@ class _Rooms:
         share = {kind: belief / total for kind, belief in place.beliefs.items()}
         unknown = max(0.0, 1.0 - sum(share.values()))
         parts = {kind: belief * self._in(kind) for kind, belief in share.items()}
-        p = sum(parts.values()) + unknown * self._mean
+        p = sum(parts.values()) + unknown * self.mean
         if not place.views or not parts:
             said = f"nobody has seen what kind of place {place.label} is"
-            return p, (said, f"any kind of place holds {self._target.label} with {self._mean:.2f}")
+            return p, (said, f"any kind of place holds {self._target.label} with {self.mean:.2f}")
         return p, self._facts(place, max(parts, key=lambda kind: (parts[kind], kind)))
 
     def _facts(self, place: Place, kind: str) -> tuple[str, ...]:
@@ -306,14 +313,6 @@ def _each(rows: Iterable[Row]) -> Iterator[Row]:
 def name(row: Row) -> str:
     """What people call the thing of a row."""
     return str(row["label"] or row["category"])
-
-
-def number(row: Row, column: str) -> float:
-    """A number of a row; TypeError where the graph holds none there."""
-    value = row[column]
-    if not isinstance(value, int | float):
-        raise TypeError(f"column {column} must be a number, got {value!r}")
-    return float(value)
 
 
 def _xy(row: Row) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""The floor of a map: its places as free space, and some floor around what is in no place."""
+"""The floor of a map: free space as it was seen, its places, and floor around what is in none."""
 
 from __future__ import annotations
 
@@ -8,14 +8,29 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.finding.candidates import Place
+from kg.floor import tile_iri
+from kg.records import UNKNOWN
+from planner.finding.places import Place
 from planner.finding.settings import Belief
 from planner.space.building import free_space
+from planner.space.frontier import BEHIND, Frontier, with_frontiers
 from planner.space.grid import CELL, NO_ROOM, FreeSpace, Room
+from planner.space.mapped import MappedFloor, seen_space
 
 _LEAST: float = 0.3  # [m] side of a rectangle that is floor
 _MOST_CELLS: float = 4e5  # of a grid; larger buildings get larger cells
 _MOST_YARDS: int = 40
+_MARGIN: float = BEHIND + 0.2  # [m] of grid around what was seen
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Unexplored:
+    """Floor that is assumed beyond a frontier."""
+
+    iri: str  # of the part of a floor tile where what was seen ends
+    label: str
+    p_map: NDArray[np.float64]  # (2,) [m] where what was seen ends
+    width: float  # [m] of that edge
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,6 +40,8 @@ class Ground:
     space: FreeSpace
     rooms: tuple[str, ...]  # place IRI by number of room; "" where a room is no place
     names: tuple[str, ...]  # what people call each room
+    seen: NDArray[np.bool_] | None = None  # (nx, ny) what depth showed; None: not known
+    unexplored: tuple[Unexplored, ...] = ()
 
     def room_at(self, p_map: NDArray[np.float64], place: str | None = None) -> int:
         """The room of a position, which is that of its place where it has one."""
@@ -32,23 +49,63 @@ class Ground:
             return self.rooms.index(place)
         return int(self.space.room.reshape(-1)[self.space.nearest(p_map)])
 
+    def seen_share(self, place: str) -> float:
+        """Share of a place that was seen, 0..1; 1 where nobody knows."""
+        if self.seen is None or place not in self.rooms:
+            return 1.0
+        return float(self.seen.reshape(-1)[self.space.inside(self.rooms.index(place))].mean())
+
 
 def ground_of(
-    places: Sequence[Place], spots: Iterable[NDArray[np.float64]], settings: Belief
+    places: Sequence[Place],
+    spots: Iterable[NDArray[np.float64]],
+    settings: Belief,
+    floor: MappedFloor | None = None,
+    base: str = "",
 ) -> Ground | None:
     """The floor of `places` and around those `spots` (2,) [m] that are in none of them.
 
-    None where neither has any area.
+    Where the `floor` was seen it is as it was seen, and goes on beyond its frontiers. `base` is the
+    IRI of the map. None where there is no floor at all.
     """
     with_area = [p for p in places if min(p.xmax - p.xmin, p.ymax - p.ymin) >= _LEAST]
     rooms = [Room(p.xmin, p.xmax, p.ymin, p.ymax) for p in with_area]
     yards = _yards(rooms, spots, settings.outside)
     if not rooms and not yards:
         return None
-    floor = [*rooms, *yards]
-    space = free_space(floor, cell=_cell(floor))
+    parts = [*rooms, *yards]
+    space = free_space(parts, cell=_cell(parts))
     iris = (*(p.iri for p in with_area), *("" for _ in yards))
-    return Ground(space, iris, (*(p.label for p in with_area), *("open floor" for _ in yards)))
+    names = (*(p.label for p in with_area), *("open floor" for _ in yards))
+    if floor is None:
+        return Ground(space, iris, names)
+    return _as_seen(Ground(space, iris, names), parts, floor, base)
+
+
+def _as_seen(assumed: Ground, rooms: Sequence[Room], floor: MappedFloor, base: str) -> Ground:
+    seen, frontiers = with_frontiers(seen_space(assumed.space, rooms, floor, margin=_MARGIN))
+    beyond = _unexplored(frontiers, floor, base)
+    return Ground(
+        seen.space,
+        (*assumed.rooms, "", *(one.iri for one in beyond)),
+        (*assumed.names, "open floor", *(one.label for one in beyond)),
+        seen.states != UNKNOWN,
+        beyond,
+    )
+
+
+def _unexplored(
+    frontiers: Iterable[Frontier], floor: MappedFloor, base: str
+) -> tuple[Unexplored, ...]:
+    found = list[Unexplored]()
+    for frontier in frontiers:
+        tile = tile_iri(base, floor.storey, *floor.tile_at(frontier.p_map))
+        number = sum(one.iri.startswith(f"{tile}#") for one in found) + 1
+        x, y = (float(c) for c in frontier.p_map)
+        label = f"unexplored floor beyond ({x:.1f}, {y:.1f})"
+        iri = f"{tile}#frontier-{number}"
+        found.append(Unexplored(iri, label, frontier.p_map, frontier.width))
+    return tuple(found)
 
 
 def ground_on(space: FreeSpace, places: Sequence[Place]) -> Ground:

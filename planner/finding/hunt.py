@@ -10,19 +10,21 @@ A `Hunt` is changed in place by what happens; it never writes to the map.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kg.placement.table import placement_table
 from kg.semantic_map import SemanticMap
-from planner.finding.candidates import Candidate, Gatherer, all_places, map_time
+from planner.finding.candidates import Candidate, Gatherer, map_time
 from planner.finding.ground import Ground, ground_of, ground_on
+from planner.finding.places import Place, all_places
 from planner.finding.prospects import Prospects, prospects
 from planner.finding.settings import BELIEF, MOST_ROOMS, Belief
 from planner.finding.targets import Target, resolve
 from planner.space.grid import FreeSpace
+from planner.space.mapped import mapped_floor
 from planner.viewing.belief import CellBelief
 from planner.viewing.looks import (
     Looks,
@@ -194,7 +196,7 @@ class Hunt:
         old = self.looks
         space = self.space.without(cells)
         kept = old.stands[space.free.reshape(-1)[old.stands]]
-        self._ground = Ground(space, self._ground.rooms, self._ground.names)
+        self._ground = replace(self._ground, space=space)
         self._use(candidate_looks(space, old.sensor, old.motion, cells=old.cells, stands=kept))
         new = self.looks
         for cell, heading, extent in self._taken:
@@ -243,28 +245,47 @@ def prepare(
     """A hunt for `targets` (labels, synonyms, supercategories, needs; all are wanted).
 
     `at` [s since 1970] is the moment to search at, which tells how old memories are; by default the
-    latest one the map knows of. `space` is the floor where it is known better than by the map's
-    rectangles. None where the map has neither places with an area nor objects to look around.
+    latest one the map knows of. `space` is the floor where it is known better than by the map,
+    which has what depth showed and, beyond that, the rectangles of its places. None where the map
+    has neither places with an area nor objects to look around.
     Raises UnknownCategoryError for what is no target.
     """
     wanted = resolve(semantic_map, targets)
     places = all_places(semantic_map)
     now = map_time(semantic_map) if at is None else at
     gatherer = Gatherer(semantic_map, places, placement_table(semantic_map), now, settings)
-    found = tuple(c for i, one in enumerate(wanted) for c in gatherer.candidates(i, one))
+    things = [gatherer.things(i, one) for i, one in enumerate(wanted)]
     if space is not None:
         ground: Ground | None = ground_on(space, places)
     else:
-        spots = [c.p_map for c in found if c.kind != "place" and c.probability > 0]
-        ground = ground_of(places, spots, settings)
+        spots = [c.p_map for of_one in things for c in of_one if c.probability > 0]
+        ground = _ground(semantic_map, places, spots, settings)
     if ground is None:
         return None
+    found = tuple(
+        candidate
+        for i, (one, of_one) in enumerate(zip(wanted, things, strict=True))
+        for candidate in (*of_one, *gatherer.places(i, one, ground))
+    )
     sensor = sensor or Sensor()
     cells = belief_cells(ground.space)
     known = prospects(ground, cells, found, settings)
     stands = _stands(ground, known, sensor)
     looks = candidate_looks(ground.space, sensor, motion, cells=cells, stands=stands)
     return Hunt(wanted, ground, looks, found, known, settings)
+
+
+def _ground(
+    semantic_map: SemanticMap,
+    places: Sequence[Place],
+    spots: Sequence[NDArray[np.float64]],
+    settings: Belief,
+) -> Ground | None:
+    """The floor as the map has seen it, on the storey where its robot is."""
+    robot = semantic_map.robot()
+    height = None if robot is None else float(robot.p_map[2])
+    floor = mapped_floor(semantic_map.floor(), height)
+    return ground_of(places, spots, settings, floor, semantic_map.base)
 
 
 def _stands(ground: Ground, known: Prospects, sensor: Sensor) -> NDArray[np.intp]:

@@ -168,6 +168,6 @@ def _visited(hunt: Hunt, steps: Iterable[FindStep]) -> tuple[VisitedCandidate, .
 
 
 def _gets_to(step: FindStep, candidate: Candidate, chance: float) -> bool:
-    if candidate.kind == "place":
+    if candidate.kind in ("place", "frontier"):
         return step.place == candidate.iri
     return chance > 0

@@ -111,9 +111,10 @@ class _Instances:
         nearby = [c for c in of["nearby"] if c.probability > 0]
         for near in sorted(nearby, key=lambda c: (-c.probability, c.iri))[:_MOST_NEARBY]:
             self._nearby[ground.room_at(near.p_map, near.place)].append(near)
-        places = {c.iri: c for c in candidates if c.kind == "place"}
+        places = {c.iri: c for c in candidates if c.kind in ("place", "frontier")}
         self._places = {room: places[iri] for room, iri in enumerate(ground.rooms) if iri in places}
         self._room = ground.space.room.reshape(-1)[cells]
+        self._seen = np.zeros(len(cells)) if ground.seen is None else ground.seen.reshape(-1)[cells]
         self._even = np.full(len(cells), 1.0 / len(cells))
 
     def made(self) -> list[_Made]:
@@ -127,6 +128,11 @@ class _Instances:
     def _all_over(self, room: int) -> Weights:
         inside = self._room == room
         return np.asarray(inside / max(int(inside.sum()), 1))
+
+    def _overlooked(self, room: int, noticed: float) -> Weights:
+        """As `_all_over`, less where it was seen and would have been noticed."""
+        weight = (self._room == room) * (1.0 - noticed * self._seen)
+        return np.asarray(weight / max(float(weight.sum()), 1e-12))
 
     def _mixed(self, weight: Weights) -> Weights:
         """`weight` with a share of it spread over the whole floor, where nothing is ruled out."""
@@ -160,7 +166,8 @@ class _Instances:
         total = sum(c.probability for c in near)
         made: _Made = []
         if place is not None:
-            made.append((place, self._mixed((1 - beside) * p * self._all_over(room))))
+            spread = self._overlooked(room, place.noticed)
+            made.append((place, self._mixed((1 - beside) * p * spread)))
         for one in near:
             sigma = self._settings.beside_sigma
             site = site_weights(self._ground.space, self._cells, one.p_map, sigma)

@@ -38,6 +38,7 @@ class Belief:
     beside_sigma: float = 0.8  # [m] around an object it is found near
     even: float = 0.05  # share of every candidate's belief that is spread over the whole floor
     outside: float = 1.5  # [m] of floor assumed around an object that is in no place
+    frontier: float = 0.3  # chance that a room begins where seen floor ends at unseen floor
     give_up: float = 0.005  # a look that finds less than this share of all is worth no way
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -39,7 +40,7 @@ def free_space(
     for a, b in pairs:
         _join(walled, flat, (a, b), cell, passages)
     space = FreeSpace(origin, cell, walled, tuple(passages))
-    return _joined(space, flat)
+    return joined(space, [room.height for room in flat])
 
 
 def shifts(rooms: Sequence[Room]) -> NDArray[np.float64]:
@@ -124,21 +125,21 @@ def _cut(labels: NDArray[np.int32], a: NDArray[np.intp], b: NDArray[np.intp], ce
     part[opened] = np.where(along[opened] < 0.5, labels[tuple(a)], labels[tuple(b)])
 
 
-def _joined(space: FreeSpace, rooms: Sequence[Room]) -> FreeSpace:
-    """`space` with passages to whatever nothing led to."""
+def joined(space: FreeSpace, heights: Sequence[float]) -> FreeSpace:
+    """`space` with passages to whatever nothing led to; `heights` [m] of its rooms' floors."""
     passages = list(space.passages)
     while True:
-        space = FreeSpace(space.origin, space.cell, space.room, tuple(passages))
+        space = replace(space, passages=tuple(passages))
         floor = space.floor()
         reached = space.reachable(int(floor[0])).reshape(-1)
         inside, outside = floor[reached[floor]], floor[~reached[floor]]
         if not len(outside):
             return space
-        passages.append(_shortest_link(space, rooms, inside, outside))
+        passages.append(_shortest_link(space, heights, inside, outside))
 
 
 def _shortest_link(
-    space: FreeSpace, rooms: Sequence[Room], inside: NDArray[np.intp], outside: NDArray[np.intp]
+    space: FreeSpace, heights: Sequence[float], inside: NDArray[np.intp], outside: NDArray[np.intp]
 ) -> Passage:
     best, rated = None, np.inf
     p_in = space.centres(inside)
@@ -148,5 +149,5 @@ def _shortest_link(
         if metres[i] < rated:
             best, rated = (int(inside[i]), int(cell)), float(metres[i])
     assert best is not None, "there is a cell on both sides"
-    heights = [rooms[int(space.room.reshape(-1)[cell])].height for cell in best]
-    return Passage(*best, min(rated, 5.0) + CLIMB * abs(heights[0] - heights[1]))
+    a, b = (heights[int(space.room.reshape(-1)[cell])] for cell in best)
+    return Passage(*best, min(rated, 5.0) + CLIMB * abs(a - b))

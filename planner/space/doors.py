@@ -51,7 +51,7 @@ def _sills(space: FreeSpace) -> dict[tuple[int, int], set[int]]:
     ny = space.shape[1]
     found: dict[tuple[int, int], set[int]] = {}
     for dx, dy in ((1, 0), (0, 1), (1, 1), (1, -1)):
-        for x, y in _borders(space.room, dx, dy).tolist():
+        for x, y in _borders(np.where(space.free, space.room, NO_ROOM), dx, dy).tolist():
             if not (space.free[x + dx, y] or space.free[x, y + dy]):
                 continue
             near, far = int(space.room[x, y]), int(space.room[x + dx, y + dy])

@@ -35,20 +35,25 @@ class Passage:
 class FreeSpace:
     """The floor of a building, cut into square cells.
 
-    Raises LayoutError where there is no floor at all.
+    `low` marks cells that belong to a room, and can be looked over and at, but not stood on: tables
+    and beds. Raises LayoutError where there is no floor at all.
     """
 
     origin: NDArray[np.float64]  # (2,) [m] in the map frame: the corner of cell (0, 0)
     cell: float  # [m]
     room: NDArray[np.int32]  # (nx, ny) number of the room, NO_ROOM where there is no floor
     passages: tuple[Passage, ...] = ()
+    low: NDArray[np.bool_] | None = None  # (nx, ny); None: there are no such cells
     free: NDArray[np.bool_] = field(init=False, repr=False)  # (nx, ny) where one can stand
+    open: NDArray[np.bool_] = field(init=False, repr=False)  # (nx, ny) what hides nothing
 
     def __post_init__(self) -> None:
-        free = self.room != NO_ROOM
+        is_open = self.room != NO_ROOM
+        free = is_open if self.low is None else is_open & ~self.low
         if not free.any():
             raise LayoutError("the layout has no free floor; its rooms need an area")
         object.__setattr__(self, "free", free)
+        object.__setattr__(self, "open", is_open)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -57,7 +62,11 @@ class FreeSpace:
 
     def floor(self, room: int | None = None) -> Cells:
         """The floor cells of a room, or of the whole building; ascending."""
-        return np.flatnonzero(self.free if room is None else self.room == room)
+        return np.flatnonzero(self.free if room is None else self.free & (self.room == room))
+
+    def inside(self, room: int | None = None) -> Cells:
+        """The cells of a room, or of the whole building, in which something may lie; ascending."""
+        return np.flatnonzero(self.open if room is None else self.room == room)
 
     def centres(self, cells: ArrayLike) -> NDArray[np.float64]:
         """(n, 2) [m] middles of `cells` in the map frame."""
@@ -74,7 +83,7 @@ class FreeSpace:
         """The same floor with `cells` blocked: a closed door, a path that proved not to be free."""
         room = self.room.copy()
         room.reshape(-1)[np.asarray(cells, np.intp)] = NO_ROOM
-        return FreeSpace(self.origin, self.cell, room, self.passages)
+        return FreeSpace(self.origin, self.cell, room, self.passages, self.low)
 
     def within(self, p_map: ArrayLike, radius: float) -> Cells:
         """Floor cells whose middle is at most `radius` metres from `p_map` (2,) [m]."""

@@ -31,10 +31,10 @@ def _lines(cells: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
 
 def visible(space: FreeSpace, cell: int, reach: float) -> tuple[Cells, NDArray[np.float64]]:
-    """Floor cells seen from the middle of `cell` within `reach` metres, and the offsets to them.
+    """Cells seen from the middle of `cell` within `reach` metres, and the offsets to them.
 
     The offsets are (n, 2) [m]. Every line of sight is sampled twice a cell; what it meets between
-    its ends must be floor.
+    its ends must hide nothing (`FreeSpace.open`).
     """
     radius = int(np.floor(reach / space.cell + 1e-9))
     offsets, between = _lines(radius)
@@ -43,9 +43,9 @@ def visible(space: FreeSpace, cell: int, reach: float) -> tuple[Cells, NDArray[n
     target = at + offsets
     inside = (target >= 0).all(axis=1) & (target[:, 0] < nx) & (target[:, 1] < ny)
     offsets, between, target = offsets[inside], between[inside], target[inside]
-    inside_floor = space.free[target[:, 0], target[:, 1]]
+    inside_floor = space.open[target[:, 0], target[:, 1]]
     offsets, between, target = offsets[inside_floor], between[inside_floor], target[inside_floor]
     path = at + between
-    clear = space.free[path[..., 0], path[..., 1]].all(axis=1)
+    clear = space.open[path[..., 0], path[..., 1]].all(axis=1)
     cells = target[clear, 0] * ny + target[clear, 1]
     return np.asarray(cells, np.intp), np.asarray(offsets[clear] * space.cell, np.float64)

@@ -26,18 +26,18 @@ EXTENTS: Final = (0.0, 2 * np.pi / 3, 2 * np.pi)
 
 
 def belief_cells(space: FreeSpace, most: int = 3000) -> Cells:
-    """The floor cells that belief is kept on: all, or a regular sample of at most about `most`.
+    """The cells that belief is kept on: all, or a regular sample of at most about `most`.
 
     Every room keeps at least one.
     """
-    floor = space.floor()
+    floor = space.inside()
     step = int(np.ceil(np.sqrt(len(floor) / most)))
     if step <= 1:
         return floor
     ix, iy = np.divmod(floor, space.shape[1])
     kept = set(floor[(ix % step == 0) & (iy % step == 0)].tolist())
-    for room in np.unique(space.room[space.free]):
-        cells = space.floor(int(room))
+    for room in np.unique(space.room[space.open]):
+        cells = space.inside(int(room))
         if kept.isdisjoint(cells.tolist()):
             kept.add(int(cells[len(cells) // 2]))
     return np.array(sorted(kept), np.intp)
@@ -90,7 +90,7 @@ def room_covers(
     taken: set[int] = set()
     found: dict[int, Cells] = {}
     for room in lattice:
-        inside = seen[:, space.floor(room)]
+        inside = seen[:, space.inside(room)]
         chosen: list[int] = []
         for _ in range(covers):
             unseen = np.ones(inside.shape[1], np.bool_)

@@ -41,6 +41,15 @@ def test_plans_are_written_and_summed_up(tmp_path: Path, prints: Callable[..., s
     assert (row["places"], row["queries"], row["proven"]) == (3, 2, 2)
 
 
+def test_a_hyphen_is_stdout(
+    tmp_path: Path, prints: Callable[..., str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    problems = write(tmp_path, document())
+    assert set(json.loads(prints("bench", "plan", problems, "-o", "-"))) == {"single", "any"}
+    assert list(tmp_path.iterdir()) == [problems]
+
+
 def test_the_reference_problems_are_all_answered(
     tmp_path: Path, shared: Callable[[str], Path], prints: Callable[..., str]
 ) -> None:

@@ -60,10 +60,19 @@ def test_given_up_is_3_and_says_what_is_left(
     robot = f"stdio:{command()}"
     assert main(["search", str(path), "apple", "--robot", robot]) == 3
     out, err = capsys.readouterr()
-    assert out == ""
-    assert "left that it is there" in err.splitlines()[-1]
+    assert out.startswith("given up after ")
+    assert out.endswith("left that it is there\n")
+    assert err.splitlines()[-1].endswith(out.strip())
     assert main(["ask", str(path), "searches"]) == 0
     assert "given up" in capsys.readouterr().out
+
+
+def test_the_simulated_house_has_a_place_for_its_apple(
+    path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["--robot", "sim", "--hide", "apple", "--budget", "0.001"]
+    assert main(["search", str(path), "apple", *words]) == 3
+    assert "the time budget is used up" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -133,7 +142,7 @@ def test_wrong_usage_is_2(path: Path, words: list[str]) -> None:
         (["apple", "--robot", "http://127.0.0.1:1"], "does not answer"),
         (["apple", "--resume", "--robot", "stdio:true"], "no unfinished search for apple"),
         (["aple", "--robot", "stdio:true"], "did you mean apple"),
-        (["apple", "--robot", "sim", "--hide", "apple"], "LABEL@X,Y,Z"),
+        (["apple", "--robot", "sim", "--hide", "cup"], "LABEL@X,Y,Z in metres, e.g. cup@"),
         (["apple", "--robot", "sim", "--hide", "apple@nan,2,3"], "LABEL@X,Y,Z"),
         (["apple", "--robot", "sim", "--hide", "aple@1,2,3"], "did you mean apple"),
     ],

@@ -22,7 +22,7 @@ from kg.server import bodies, metrics
 from kg.server.app import file, not_this_way
 from kg.server.fleet import pages
 from kg.server.fleet.members import Asked, Member, ask_all, lines
-from kg.server.fleet.queries import FleetServing, flag, missing, sparql
+from kg.server.fleet.queries import FleetServing, missing, sparql
 from kg.server.guard import Guard
 from kg.server.media_types import GRAPH_FORMATS, HTML, document
 from kg.server.pages import thing_page
@@ -136,7 +136,7 @@ async def _resource(fleet: FleetServing, request: Request) -> Response:
     media_type = negotiate(request.headers.get("accept"), (*GRAPH_FORMATS, HTML))
     found, errors = await _facts(fleet, iri)
     # who does not know the thing has answered: only those that could not be asked are missing
-    headers = {"Vary": "Accept", **missing(errors, found, partly=flag(given, "partial"))}
+    headers = {"Vary": "Accept", **missing(errors, found, partly=given.flag("partial"))}
     things = [thing for thing in found.values() if thing is not None]
     if not things:
         raise Problem(404, f"no map of this fleet knows of {iri[:200]}")

@@ -102,7 +102,7 @@ def _only_reads() -> Problem:
 async def _answer(fleet: FleetServing, given: Parameters, accept: str | None) -> Response:
     plan = await _plan(fleet, given, accept)
     answers, errors = await ask_all(fleet.members, lambda member: member.ask(plan.asked))
-    headers = missing(errors, answers, partly=flag(given, "partial"))
+    headers = missing(errors, answers, partly=given.flag("partial"))
     fleet.partial_answers += bool(errors)
     body = await run_in_threadpool(partial(_gathered, fleet, plan, answers))
     return Response(body, media_type=plan.media_type, headers={"Vary": "Accept", **headers})
@@ -119,7 +119,7 @@ async def _plan(fleet: FleetServing, given: Parameters, accept: str | None) -> _
     form = "ask" if "boolean" in told else "select" if told else "construct"
     columns = tuple(told.get("head", {}).get("vars", ()))
     tail = tail_of(text)
-    totals = totals_of(text) if flag(given, "total") else None
+    totals = totals_of(text) if given.flag("total") else None
     if totals is None:
         _refuse_what_cannot_be_gathered(form, columns, tail)
     return _Plan(
@@ -173,11 +173,3 @@ def missing(
     status = problems.pop() if len(problems) == 1 and not answers else 502
     headers = {"Retry-After": "1"} if status in (502, 503) else None
     raise Problem(status, told + hint, headers)
-
-
-def flag(given: Parameters, name: str) -> bool:
-    """Whether a parameter is set; Problem 400 where it is neither 1 nor 0."""
-    value = given.one(name)
-    if value not in (None, "0", "1", "false", "true"):
-        raise Problem(400, f"{name} is 1 or 0, got {value[:40]!r}")
-    return value in ("1", "true")

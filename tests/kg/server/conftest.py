@@ -5,8 +5,9 @@ from __future__ import annotations
 import http.client
 import json
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from urllib.parse import urlencode, urlsplit
 
 import numpy as np
@@ -168,3 +169,20 @@ def serve(flat: SemanticMap) -> Iterator[Callable[..., Served]]:
 def served(serve: Callable[..., Served]) -> Served:
     """A running server whose clients may write with `bearer()`."""
     return serve()
+
+
+@pytest.fixture
+def on_disk() -> Callable[..., AbstractContextManager[Served]]:
+    """Callable: folder of a map, settings by name -> its server, in a `with` statement."""
+
+    @contextmanager
+    def start(folder: Path, *, read_only: bool = False, **settings: object) -> Iterator[Served]:
+        settings.setdefault("tokens", Tokens((("ann", TOKEN.encode()),)))
+        wanted = Settings(port=0, **settings)  # type: ignore[arg-type]
+        with (
+            SemanticMap.open(folder, read_only=read_only) as semantic_map,
+            MapServer(semantic_map, wanted) as server,
+        ):
+            yield Served(semantic_map, server)
+
+    return start

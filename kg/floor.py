@@ -1,0 +1,143 @@
+"""The floor as facts of graph:map, and back: one thing for each tile, its cells in one literal."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import math
+import zlib
+from collections import defaultdict
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from pyoxigraph import Literal, NamedNode, Quad
+
+from kg import vocabulary as v
+from kg.engine import Engine
+from kg.errors import InvalidFactError
+from kg.records import TALL, FloorTile
+from kg.remote import reading_ahead
+from kg.times import date_time, seconds
+
+#: cells along a side of a tile, at most: what is read may come from anywhere
+MOST_CELLS: Final = 1024
+
+#: What the writer keeps of a tile; what else people say of it stays.
+OWN: Final = {
+    *(v.RDF_TYPE, v.STOREY, v.X, v.Y, v.Z, v.CELL_SIZE, v.FLOOR_CELLS, v.SOSA_RESULT_TIME),
+}
+
+_MAP = NamedNode(v.MAP_GRAPH)
+_TYPE = NamedNode(v.RDF_TYPE)
+_KIND = NamedNode(v.FLOOR_TILE)
+_BASE64 = NamedNode(v.XSD_BASE64)
+
+
+def tile_iri(base: str, storey: int, column: int, row: int) -> str:
+    """IRI of a tile in the map with IRI `base`."""
+    return f"{base}floor/{storey}/{column}_{row}"
+
+
+def iri_of(base: str, tile: FloorTile) -> str:
+    """IRI of `tile` in the map with IRI `base`."""
+    return tile_iri(base, tile.storey, tile.column, tile.row)
+
+
+def facts_of_tile(base: str, tile: FloorTile) -> list[Quad]:
+    """Facts of a tile; raises InvalidFactError for one that is not square or has no size."""
+    iri = iri_of(base, tile)
+    sides = tile.cells.shape
+    if len(sides) != 2 or sides[0] != sides[1] or not 0 < sides[0] <= MOST_CELLS:
+        raise InvalidFactError(
+            f"{iri}: cells must be (n, n), n up to {MOST_CELLS}, got {tile.cells.shape}"
+        )
+    if tile.cells.max() > TALL or tile.storey < 0 or not 0 < tile.resolution < math.inf:
+        raise InvalidFactError(
+            f"{iri}: cells must be 0 to {TALL}, the storey 0 or more and the resolution above 0 m"
+        )
+    x, y = tile.corner
+    facts: list[tuple[str, NamedNode | Literal]] = [
+        (v.RDF_TYPE, _KIND),
+        (v.STOREY, Literal(tile.storey)),
+        (v.X, _metres(x, iri)),
+        (v.Y, _metres(y, iri)),
+        (v.Z, _metres(tile.height, iri)),
+        (v.CELL_SIZE, Literal(float(tile.resolution))),
+        (v.FLOOR_CELLS, Literal(encoded(tile.cells), datatype=_BASE64)),
+        (v.SOSA_RESULT_TIME, _time(tile.changed, iri)),
+    ]
+    node = NamedNode(iri)
+    return [Quad(node, NamedNode(predicate), value, _MAP) for predicate, value in facts]
+
+
+def tiles_in(engine: Engine) -> tuple[FloorTile, ...]:
+    """All tiles of the map, by storey, column and row; what is no tile for lack of facts is not."""
+    quads = engine.quads_for_pattern(None, _TYPE, _KIND, _MAP)
+    nodes = [quad.subject for quad in quads if isinstance(quad.subject, NamedNode)]
+    with reading_ahead(engine, nodes):
+        read = [tile_of(engine, node.value) for node in nodes]
+    found = [tile for tile in read if tile is not None]
+    return tuple(sorted(found, key=lambda tile: (tile.storey, tile.column, tile.row)))
+
+
+def tile_of(engine: Engine, iri: str) -> FloorTile | None:
+    """The tile with that IRI, if it is one."""
+    held: dict[str, list[str]] = defaultdict(list)
+    for quad in engine.quads_for_pattern(NamedNode(iri), None, None, _MAP):
+        held[quad.predicate.value].append(str(getattr(quad.object, "value", quad.object)))
+    return _tile(held)
+
+
+def encoded(cells: NDArray[np.uint8]) -> str:
+    """Cells (n, n) as here:floorCells has them."""
+    packed = zlib.compress(np.ascontiguousarray(cells, np.uint8).tobytes(), 9)
+    return base64.b64encode(packed).decode("ascii")
+
+
+def decoded(text: str) -> NDArray[np.uint8] | None:
+    """Cells (n, n) of a here:floorCells; None where it holds none."""
+    unpack = zlib.decompressobj()
+    try:
+        data = unpack.decompress(base64.b64decode(text, validate=True), MOST_CELLS**2 + 1)
+    except (binascii.Error, ValueError, zlib.error):
+        return None
+    side = math.isqrt(len(data))
+    if not data or side * side != len(data) or side > MOST_CELLS or not unpack.eof:
+        return None
+    cells = np.frombuffer(data, np.uint8).reshape(side, side)
+    return cells if cells.max() <= TALL else None
+
+
+def _tile(held: Mapping[str, list[str]]) -> FloorTile | None:
+    """A tile of its facts as texts; None where they are not those of one."""
+    cells = decoded(min(held.get(v.FLOOR_CELLS, ("",))))
+    try:
+        x, y, z, size = (float(min(held[p])) for p in (v.X, v.Y, v.Z, v.CELL_SIZE))
+        storey = int(min(held[v.STOREY]))
+        changed = seconds(min(held[v.SOSA_RESULT_TIME]))
+        if cells is None or storey < 0 or not all(map(math.isfinite, (x, y, z, size))):
+            return None
+        span = size * len(cells)
+        column, row = round(x / span), round(y / span)
+    except (KeyError, ValueError, ZeroDivisionError, OverflowError):
+        return None
+    if size <= 0 or max(abs(x - column * span), abs(y - row * span)) > 0.01:
+        return None  # no tile of this grid
+    return FloorTile(storey, column, row, z, size, cells, changed)
+
+
+def _metres(value: float, iri: str) -> Literal:
+    if not math.isfinite(value):
+        raise InvalidFactError(f"{iri}: positions must be finite numbers, got {value}")
+    return Literal(round(float(value), 2) + 0.0)
+
+
+def _time(stamp: float, iri: str) -> Literal:
+    try:
+        return date_time(stamp)
+    except (ValueError, OverflowError, OSError) as error:
+        raise InvalidFactError(
+            f"{iri}: times must be seconds since 1970 within years 1 to 9999, got {stamp}"
+        ) from error

@@ -1,0 +1,149 @@
+"""A running `hereabouts serve`, asked for what plain SPARQL servers do not have: who said what, the
+past, and why.
+"""
+
+from __future__ import annotations
+
+import os
+from typing import Any, Final
+
+import requests
+
+from kg import errors
+from kg.commits import ChangeSet
+from kg.endpoint import ANSWER_WITHIN, CONNECT_WITHIN, TOKEN_VARIABLE, is_local, without_secrets
+from kg.errors import HereaboutsError, RemoteError, UnreachableError
+from kg.history.past import Difference
+from kg.history.telling import Entry
+from kg.history.why import Reason
+from kg.records import Assertion
+from kg.wire import Json, assertion_of, change_of, difference_of, entry_of, reason_of
+
+_JSON: Final = "application/json"
+_UPDATE: Final = "application/sparql-update"
+#: has an answer to a write hold the change set (RFC 7240)
+_WHOLE: Final = {"Prefer": "return=representation"}
+
+
+class Served:
+    """The server at `root`; writes with the token in the environment. Raises RemoteError.
+
+    What the server refuses comes as the error it is there: HistoryError, InvalidFactError, ...
+    """
+
+    def __init__(self, root: str) -> None:
+        self.root = root.rstrip("/")
+        self.where = without_secrets(root)
+
+    @classmethod
+    def at(cls, root: str) -> Served | None:
+        """The server whose paths lie under `root`; None where another kind of server answers."""
+        served = cls(root)
+        try:
+            told = served._ask("GET", "health")
+        except HereaboutsError:
+            told = None
+        if isinstance(told, dict) and {"base", "sequence"} <= told.keys():
+            return served
+        return None
+
+    @property
+    def sequence(self) -> int:
+        """The number of the map's last transaction."""
+        return int(self._ask("GET", "health")["sequence"])
+
+    def assertions(self, iri: str | None) -> tuple[Assertion, ...]:
+        """What people said, of one thing or of all."""
+        told = self._ask("GET", "assertions", {} if iri is None else {"iri": iri})
+        return tuple(assertion_of(one) for one in told["assertions"])
+
+    def assert_(self, iri: str, prop: str, value: object) -> ChangeSet | None:
+        """Have something be as said; who says so is the holder of the token."""
+        given = value if isinstance(value, str) else _plain(value)
+        body = {"thing": iri, "property": prop, "value": given}
+        return _change(self._ask("POST", "assertions", json=body, headers=_WHOLE))
+
+    def retract(self, iri: str, prop: str) -> ChangeSet | None:
+        """Take back what was said."""
+        params = {"iri": iri, "property": prop}
+        return _change(self._ask("DELETE", "assertions", params, headers=_WHOLE))
+
+    def update(self, sparql: str) -> ChangeSet | None:
+        """Carry out a SPARQL update."""
+        headers = {"Content-Type": _UPDATE, **_WHOLE}
+        return _change(self._ask("POST", "sparql", data=sparql.encode(), headers=headers))
+
+    def sequence_at(self, when: str) -> int:
+        """The number of the last transaction at or before a moment."""
+        return int(self._ask("GET", "diff", {"from": when, "to": when})["after"])
+
+    def log(self, iri: str) -> tuple[Entry, ...]:
+        """Each transaction that changed one thing."""
+        return tuple(map(entry_of, self._ask("GET", "log", {"iri": iri})))
+
+    def diff(self, before: str, after: str) -> Difference:
+        """What the map says at one moment and not at another."""
+        return difference_of(self._ask("GET", "diff", {"from": before, "to": after}))
+
+    def why(self, what: str) -> tuple[Reason, ...]:
+        """Why the map says so, of a thing or of a fact."""
+        return tuple(map(reason_of, self._ask("GET", "why", {"what": what})))
+
+    def _ask(
+        self,
+        method: str,
+        path: str,
+        params: dict[str, str] | None = None,
+        *,
+        headers: dict[str, str] | None = None,
+        **body: Any,
+    ) -> Any:
+        given = {"Accept": _JSON, **(headers or {})}
+        if (token := os.environ.get(TOKEN_VARIABLE)) and method != "GET":
+            given["Authorization"] = f"Bearer {token}"
+        try:
+            with requests.Session() as session:
+                # a proxy would look for the server on itself
+                session.trust_env = not is_local(self.root)
+                reply = session.request(
+                    method,
+                    f"{self.root}/{path}",
+                    params=params,
+                    headers=given,
+                    timeout=(CONNECT_WITHIN, ANSWER_WITHIN),
+                    **body,
+                )
+        except requests.RequestException as error:
+            reason = type(error).__name__
+            raise UnreachableError(f"{self.where} does not answer ({reason})") from error
+        try:
+            told = reply.json()
+        except ValueError as error:
+            status = reply.status_code
+            raise RemoteError(f"{self.where} answered no JSON, with status {status}") from error
+        if not reply.ok:
+            raise _refusal(self.where, reply.status_code, told)
+        return told
+
+
+def _plain(value: object) -> object:
+    """A position as numbers, whatever holds them; anything else as text."""
+    try:
+        return [float(number) for number in value]  # type: ignore[attr-defined]
+    except (TypeError, ValueError):
+        return str(value)
+
+
+def _change(told: Json) -> ChangeSet | None:
+    return None if told["change"] is None else change_of(told["change"])
+
+
+def _refusal(where: str, status: int, told: Any) -> HereaboutsError:
+    """The error that the server met, where it says which."""
+    told = told if isinstance(told, dict) else {}
+    detail = str(told.get("detail", f"it answered {status}"))
+    kind = getattr(errors, str(told.get("error", "")), None)
+    if isinstance(kind, type) and issubclass(kind, HereaboutsError):
+        return kind(detail)
+    hint = f"; a token of its goes into {TOKEN_VARIABLE}" if status == 401 else ""
+    return RemoteError(f"{where} refused ({status}): {detail}{hint}")

@@ -1,0 +1,183 @@
+"""`/assertions`: what people say of things, over HTTP: listed, said, and taken back.
+
+GET lists it, POST with a JSON object says it, DELETE takes it back. What is said goes through the
+one writer, on the account of the token's holder.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+from typing import Any, Final, TypeVar
+
+from pyoxigraph import NamedNode, Quad
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import Response
+
+from kg import vocabulary as v
+from kg.assertions import PROPERTIES, Assertions
+from kg.commits import ChangeSet
+from kg.records import Assertion
+from kg.server import bodies
+from kg.server.conditions import state_of
+from kg.server.media_types import GRAPH_FORMATS, document, prefixes_of
+from kg.server.problems import Problem
+from kg.server.protocol import written
+from kg.server.serving import Serving
+from kg.server.things import local_path
+from kg.wire import assertion_to_json
+from kg.workers.formats import negotiate
+
+JSON: Final = "application/json"
+_GRAPH: Final = NamedNode(v.ASSERTIONS_GRAPH)
+_KIND: Final = NamedNode(v.ASSERTION)
+_AGENT: Final = NamedNode(v.PROV_ATTRIBUTED_TO)
+_MEMBERS: Final = ("thing", "property", "value")
+T = TypeVar("T")
+
+
+async def assertions(serving: Serving, request: Request) -> Response:
+    """List what was said, say something, or take it back."""
+    if request.method in ("GET", "HEAD"):
+        return await _list(serving, request)
+    by = serving.settings.tokens.holder(request.headers.get("authorization"))
+    if request.method == "POST":
+        return await _say(serving, request, by)
+    return await _take_back(serving, request, by)
+
+
+async def _list(serving: Serving, request: Request) -> Response:
+    media_type = negotiate(request.headers.get("accept"), (JSON, *GRAPH_FORMATS))
+    given = bodies.query_parameters(request)
+    iri, conflicts = given.one("iri"), given.flag("conflicts")
+    if iri is not None:
+        iri = _full(serving, iri)
+    state = state_of(serving.semantic_map)
+    headers = {"Vary": "Accept", **state.headers}
+    if state.is_known_to(request):
+        return Response(status_code=304, headers=headers)
+    body = await run_in_threadpool(partial(_listed, serving, iri, conflicts, media_type))
+    return Response(body, media_type=media_type, headers=headers)
+
+
+def _listed(serving: Serving, iri: str | None, conflicts: bool, media_type: str) -> bytes:
+    semantic_map = serving.semantic_map
+    found = [a for a in semantic_map.assertions(iri) if not conflicts or a.since is not None]
+    if media_type == JSON:
+        told = [assertion_to_json(said) for said in found]
+        return _text({"sequence": semantic_map.sequence, "assertions": told}).encode()
+    triples = dict.fromkeys(quad.triple for quad in _facts(serving, found))
+    return document(triples, media_type, prefixes_of(semantic_map.base))
+
+
+def _facts(serving: Serving, found: Iterable[Assertion]) -> Iterable[Quad]:
+    """All that graph:assertions holds of these, and of who made them."""
+    engine, ours = serving.semantic_map.engine, Assertions(serving.semantic_map.base)
+    for said in found:
+        node = ours.iri(said.subject, said.property)
+        for quad in ours.stored(engine, said.subject):
+            about = getattr(quad.subject, "value", "")
+            if about == node or about.startswith(f"{node}/"):
+                yield quad
+            if about == node and quad.predicate == _AGENT and isinstance(quad.object, NamedNode):
+                yield from engine.quads_for_pattern(quad.object, None, None, _GRAPH)
+
+
+async def _say(serving: Serving, request: Request, by: str) -> Response:
+    kind = bodies.media_type(request)
+    if kind != JSON:
+        raise Problem(415, f"a body of type {kind[:100] or '(none)'}; what is said is {JSON}")
+    told = _object(await bodies.read_body(request, serving.settings.limits))
+    thing, prop = _full(serving, _word(told, "thing")), _property(_word(told, "property"))
+    value = _value(told["value"])
+
+    def say() -> tuple[ChangeSet | None, Assertion]:
+        semantic_map = serving.semantic_map
+        with semantic_map.hold():
+            change = semantic_map.assert_(thing, prop, value, by=by)
+            said = {a.property: a for a in semantic_map.assertions(thing)}
+            return change, said[prop]
+
+    change, said = await _shielded(say)
+    answer = written(serving, change, request, assertion=assertion_to_json(said))
+    if change is not None and any(quad.object == _KIND for quad in change.added):
+        answer.status_code = 201
+        ours = Assertions(serving.semantic_map.base)
+        path = local_path(serving.semantic_map.base, ours.iri(said.subject, prop))
+        answer.headers["Location"] = path
+    return answer
+
+
+async def _take_back(serving: Serving, request: Request, by: str) -> Response:
+    given = bodies.query_parameters(request)
+    iri, prop = given.one("iri"), given.one("property")
+    if not iri or not prop:
+        raise Problem(400, "taking back needs ?iri= and &property=, as in iri=object/17")
+    thing = _full(serving, iri)
+    _property(prop)
+    change = await _shielded(partial(serving.semantic_map.retract, thing, prop, by=by))
+    return written(serving, change, request)
+
+
+async def _shielded(act: Callable[[], T]) -> T:
+    # a client that leaves meanwhile must not leave half of a decision behind
+    return await asyncio.shield(run_in_threadpool(act))
+
+
+def _object(body: bytes) -> Mapping[str, Any]:
+    try:
+        told = json.loads(body)
+    except (ValueError, RecursionError) as error:
+        raise Problem(400, f"the body is no JSON: {str(error)[:200]}") from error
+    if not isinstance(told, dict) or set(told) != set(_MEMBERS):
+        raise Problem(400, f"the body must be a JSON object of {', '.join(_MEMBERS)}")
+    return told
+
+
+def _word(told: Mapping[str, Any], name: str) -> str:
+    value = told[name]
+    if not isinstance(value, str) or not value.strip():
+        raise Problem(400, f"{name!r} must be a text, got {str(value)[:100]!r}")
+    return value.strip()
+
+
+def _property(name: str) -> str:
+    if name not in PROPERTIES:
+        raise Problem(422, f"{name[:100]!r} cannot be said; these can: {', '.join(PROPERTIES)}")
+    return name
+
+
+def _value(value: object) -> object:
+    """A text, or three numbers; Problem 400 for anything else."""
+    if isinstance(value, str) and _is_unicode(value):
+        return value
+    if isinstance(value, list) and len(value) == 3 and all(map(_is_number, value)):
+        return value
+    raise Problem(400, f"'value' must be a text, or [x, y, z] in metres, got {str(value)[:100]!r}")
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _is_unicode(text: str) -> bool:
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
+def _full(serving: Serving, iri: str) -> str:
+    """``object/17`` as the IRI it is short for; Problem 400 for what is none."""
+    try:
+        return NamedNode(iri if ":" in iri else serving.semantic_map.base + iri).value
+    except ValueError as error:
+        raise Problem(400, f"no thing {iri[:200]!r}; write object/17 or its IRI") from error
+
+
+def _text(told: object) -> str:
+    return json.dumps(told, ensure_ascii=False) + "\n"

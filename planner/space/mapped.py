@@ -1,0 +1,206 @@
+"""Free space from the floor that the map holds: real walls, doors and furniture, as far as seen.
+
+What depth showed counts: free floor, what stands on it and can be looked over, what hides the rest.
+Where nobody has looked the rectangles of the places do: inside them is floor, between them walls
+with doors assumed. So planning never fails for lack of depth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kg.records import FREE, LOW, TALL, UNKNOWN, FloorTile
+from planner.space.building import joined
+from planner.space.grid import NO_ROOM, FreeSpace, Passage, Room, room_labels
+from planner.space.parts import parts
+
+FEW: Final = 2  # fine cells with something in them that close a cell; fewer are noise
+_HIGHEST_CAMERA: Final = 2.4  # [m] above its floor
+_ISLAND: Final = 1.0  # [m^2] less floor than this, cut off from the rest, is noise
+_WHOLE: Final = 0.5  # share of a room that nothing leads to, and is believed in all the same
+
+States = NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MappedFloor:
+    """What is known of one storey, cell by cell."""
+
+    origin: NDArray[np.float64]  # (2,) [m] in the map frame: the corner of cell (0, 0)
+    resolution: float  # [m] side of a cell
+    states: States  # (nx, ny) UNKNOWN, FREE, LOW or TALL
+    storey: int = 0
+    span: float = 3.2  # [m] side of a tile
+
+    def tile_at(self, p_map: NDArray[np.float64]) -> tuple[int, int]:
+        """Column and row of the tile that holds `p_map` (2,) [m]."""
+        column, row = (int(n) for n in np.floor(np.asarray(p_map)[:2] / self.span + 1e-9))
+        return column, row
+
+
+def mapped_floor(tiles: Iterable[FloorTile], height: float | None = None) -> MappedFloor | None:
+    """The storey of a camera at `height` [m]; without one, that with most free floor.
+
+    None where no tile says that anything is free.
+    """
+    storeys: dict[int, list[FloorTile]] = {}
+    for tile in tiles:
+        storeys.setdefault(tile.storey, []).append(tile)
+    area = {n: sum(int((t.cells == FREE).sum()) for t in held) for n, held in storeys.items()}
+    known = [n for n in storeys if area[n]]
+    if not known:
+        return None
+    above = {n: (height or 0.0) - storeys[n][0].height for n in known}
+    near = [n for n in known if height is not None and 0 <= above[n] <= _HIGHEST_CAMERA]
+    chosen = min(near, key=lambda n: (above[n], n)) if near else max(known, key=lambda n: area[n])
+    return _put_together(storeys[chosen])
+
+
+def _put_together(tiles: Sequence[FloorTile]) -> MappedFloor:
+    """One array of the tiles that are cut alike (as the first one is)."""
+    first = tiles[0]
+    side, size = len(first.cells), first.resolution
+    alike = [t for t in tiles if len(t.cells) == side and t.resolution == size]
+    low = np.min([(t.column, t.row) for t in alike], axis=0)
+    high = np.max([(t.column, t.row) for t in alike], axis=0)
+    states = np.full(tuple((high - low + 1) * side), UNKNOWN, np.uint8)
+    for tile in alike:
+        i, j = (np.array([tile.column, tile.row]) - low) * side
+        states[i : i + side, j : j + side] = tile.cells
+    return MappedFloor(low * side * size, size, states, first.storey, side * size)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenSpace:
+    """Free space, and which of it was seen."""
+
+    space: FreeSpace
+    rooms: int  # how many there are that were given; this one is floor in none of them
+    states: States  # (nx, ny) what was seen of each cell
+    within: NDArray[np.bool_]  # (nx, ny) whether it lies in a rectangle
+
+
+def seen_space(
+    assumed: FreeSpace, rooms: Sequence[Room], floor: MappedFloor, *, margin: float = 0.0
+) -> SeenSpace:
+    """`assumed` free space of `rooms`, with what the `floor` says of it where it says anything.
+
+    Room len(rooms) is floor that is in none of them. The grid reaches `margin` [m] beyond what is
+    known. Storeys side by side, as `planner.space.building` has them, are not told apart here.
+    """
+    space = _widened(assumed, floor, margin)
+    states = _coarse(space, floor)
+    labels = _labels(space, rooms)
+    room = np.where(space.free, space.room, NO_ROOM)
+    known = (states == FREE) | (states == LOW)
+    room[known] = np.where(space.room[known] != NO_ROOM, space.room[known], labels[known])
+    room[states == TALL] = NO_ROOM
+    low = states == LOW
+    least = _ISLAND / space.cell**2
+    room = _without_islands(room, low, states, labels, len(rooms), least)
+    mixed = FreeSpace(space.origin, space.cell, room, _valid(space, room, low), low)
+    heights = [*(r.height for r in rooms), 0.0]
+    return SeenSpace(joined(mixed, heights), len(rooms), states, labels != len(rooms))
+
+
+def _widened(space: FreeSpace, floor: MappedFloor, margin: float) -> FreeSpace:
+    """The same floor on a grid that also covers what is known of `floor`."""
+    at = np.argwhere(floor.states != UNKNOWN)
+    low = floor.origin + at.min(axis=0) * floor.resolution - margin
+    high = floor.origin + (at.max(axis=0) + 1) * floor.resolution + margin
+    size = np.array(space.shape) * space.cell
+    before = np.maximum(np.ceil((space.origin - low) / space.cell - 1e-9), 0).astype(int)
+    after = np.maximum(np.ceil((high - space.origin - size) / space.cell - 1e-9), 0).astype(int)
+    pad = list(zip(before, after, strict=True))
+    room = np.pad(space.room, pad, constant_values=NO_ROOM)
+
+    def moved(cell: int) -> int:
+        i, j = divmod(cell, space.shape[1])
+        return int((i + before[0]) * room.shape[1] + j + before[1])
+
+    passages = tuple(replace(p, a=moved(p.a), b=moved(p.b)) for p in space.passages)
+    return FreeSpace(space.origin - before * space.cell, space.cell, room, passages)
+
+
+def _coarse(space: FreeSpace, floor: MappedFloor) -> States:
+    """(nx, ny) what is known of the cells of `space`.
+
+    One is closed by two fine cells with something in them; free when half of what it covers is.
+    """
+    nx, ny = space.shape
+    size, fine = space.cell, floor.resolution
+    first = floor.origin - space.origin
+    x, y = (
+        np.floor((low + (np.arange(n) + 0.5) * fine) / size)
+        for low, n in zip(first, floor.states.shape, strict=True)
+    )
+    number = (x[:, None] * ny + y[None, :]).astype(np.intp)
+    inside = ((x >= 0) & (x < nx))[:, None] & ((y >= 0) & (y < ny))[None, :]
+
+    def count(*states: int) -> NDArray[np.intp]:
+        chosen = number[np.isin(floor.states, states) & inside]
+        return np.bincount(chosen, minlength=nx * ny).reshape(nx, ny)
+
+    found = np.full((nx, ny), UNKNOWN, np.uint8)
+    found[count(FREE) >= (size / fine) ** 2 / 2] = FREE
+    found[count(LOW, TALL) >= FEW] = LOW
+    found[count(TALL) >= FEW] = TALL
+    return found
+
+
+def _labels(space: FreeSpace, rooms: Sequence[Room]) -> NDArray[np.int32]:
+    """(nx, ny) the rectangle that each cell lies in, the smaller of two; len(rooms) for none."""
+    labels = np.full(space.shape, len(rooms), np.int32)
+    if not rooms:
+        return labels
+    found, corner = room_labels(rooms, space.cell)
+    i, j = (int(n) for n in np.rint((corner - space.origin) / space.cell))
+    part = labels[i : i + found.shape[0], j : j + found.shape[1]]
+    part[found != NO_ROOM] = found[found != NO_ROOM]
+    return labels
+
+
+def _without_islands(
+    room: NDArray[np.int32],
+    low: NDArray[np.bool_],
+    states: States,
+    labels: NDArray[np.int32],
+    count: int,
+    least: float,
+) -> NDArray[np.int32]:
+    """`room` without floor that is cut off, unless `least` of it was seen.
+
+    A rectangle drawn around a building holds what lies outside of its walls too. Of a room of which
+    nothing was seen such floor stays, if it is most of that room.
+    """
+    floor = (room != NO_ROOM) & ~low
+    number = parts(floor)
+    sizes = np.bincount(number[floor], minlength=1)
+    if not sizes.any():
+        return room
+    seen = np.bincount(number[floor & (states == FREE)], minlength=len(sizes))
+    keep = seen >= least
+    keep[int(np.argmax(sizes if not seen.any() else seen))] = True
+    whole = np.bincount(labels.ravel(), minlength=count + 1)
+    of_seen = np.bincount(labels[states == FREE], minlength=count + 1)
+    for k in np.flatnonzero(of_seen[:count] < least):
+        of_room = np.bincount(number[floor & (labels == k)], minlength=len(sizes))
+        keep |= of_room >= max(_WHOLE * int(whole[k]), 1)
+    kept = np.where(floor & ~keep[number], NO_ROOM, room).astype(np.int32)
+    number = parts(kept != NO_ROOM)
+    lonely = ~np.isin(number, np.unique(number[(kept != NO_ROOM) & ~low]))  # specks in the walls
+    kept[lonely] = NO_ROOM
+    return kept
+
+
+def _valid(
+    space: FreeSpace, room: NDArray[np.int32], low: NDArray[np.bool_]
+) -> tuple[Passage, ...]:
+    """The passages of `space` whose both ends are still floor."""
+    floor = ((room != NO_ROOM) & ~low).reshape(-1)
+    return tuple(p for p in space.passages if floor[p.a] and floor[p.b])

@@ -1,0 +1,265 @@
+"""The past of a map that is being served: asked, compared, told, explained."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+import rdflib
+from pyoxigraph import Quad
+
+from kg import vocabulary as v
+from kg.errors import HistoryError, QueryParameterError
+from kg.history.instants import iso
+from kg.history.outline import difference_text, log_text, reasons_text
+from kg.records import MapUpdate
+from kg.semantic_map import SemanticMap
+from kg.server import Limits
+from kg.workers.pasts import KEPT
+from planner.commands import main
+
+if TYPE_CHECKING:
+    from conftest import Served
+
+CUP, CHAIR = (f"https://example.org/maps/flat/object/{n}" for n in (1, 2))
+OnDisk = Callable[..., AbstractContextManager["Served"]]
+X = f"SELECT ?x {{ <{CUP}> <{v.X}> ?x }}"
+
+
+def xs(served: Served, at: object, **more: object) -> list[float]:
+    answer = served.get("sparql", params={"query": X, "at": at}, **more)
+    assert answer.status_code == 200, answer.text
+    return [float(row["x"]["value"]) for row in answer.json()["results"]["bindings"]]
+
+
+@pytest.fixture
+def moved(served: Served) -> Served:
+    """The cup stood at 1 m, then at 2, 3 and 4 m; the chair left with the last."""
+    for x in (2.0, 3.0):
+        served.move(1, x)
+    served.map.apply(MapUpdate(removed=(CHAIR,)))
+    served.move(1, 4.0)
+    return served
+
+
+def test_a_query_is_answered_as_it_was(moved: Served) -> None:
+    assert moved.map.sequence == 5
+    assert [xs(moved, at) for at in range(6)] == [[], [1.0], [2.0], [3.0], [3.0], [4.0]]
+    answer = moved.get("sparql", params={"query": X, "at": "#2"})
+    assert answer.headers["Here-Sequence"] == "2"
+
+
+def test_the_past_may_be_named_by_time_and_in_a_form(moved: Served) -> None:
+    times = {change.sequence: change.time for change in moved.map.changes()}
+    for number in (2, 3, 5):
+        same = max(n for n, time in times.items() if time == times[number])
+        with moved.map.at(same) as then:
+            (x,) = (float(o.p_map[0]) for o in then.objects() if o.iri == CUP)
+        assert xs(moved, iso(times[number])) == [x]
+    assert xs(moved, "2100-01-01") == [4.0]
+    form = moved.post("sparql", data={"query": X, "at": "3"})
+    assert [row["x"]["value"] for row in form.json()["results"]["bindings"]] == ["3"]
+
+
+@pytest.mark.parametrize(
+    ("at", "status", "says"),
+    [
+        ("yesterday", 400, "no moment"),
+        ("-1", 400, "no moment"),
+        ("9" * 30, 400, "no moment"),
+        ("0001-01-01T00:00:00+23:00", 400, "no moment"),
+        ("2001-01-01", 404, "not kept"),
+        ("99", 404, "there are #0 to #1"),
+    ],
+)
+def test_moments_that_cannot_be_asked_for(
+    lasting: Served, at: str, status: int, says: str
+) -> None:
+    for path, params in (("sparql", {"query": X, "at": at}), ("diff", {"from": "0", "to": at})):
+        answer = lasting.get(path, params=params, headers={"Accept": "application/json"})
+        assert answer.status_code == status, answer.text
+        assert says in answer.json()["detail"]
+
+
+def test_the_past_cannot_be_written(moved: Served) -> None:
+    headers = {"Content-Type": "application/sparql-update", **moved.bearer()}
+    update = "DELETE WHERE { <object/1> ?p ?o }"
+    assert moved.post("sparql?at=2", data=update, headers=headers).status_code == 400
+    form = {"update": update, "at": "2"}
+    assert moved.post("sparql", data=form, headers=moved.bearer()).status_code == 400
+    assert moved.map.sequence == 5
+
+
+def test_limits_hold_in_the_past(moved: Served, serve: Callable[..., Served]) -> None:
+    bomb = "SELECT (COUNT(*) AS ?n) { ?a ?b ?c . ?d ?e ?f . ?g ?h ?i . ?j ?k ?l }"
+    short = serve(limits=Limits(query_seconds=3.0, result=200))
+    assert xs(short, 2) == [2.0]
+    assert short.get("sparql", params={"query": bomb, "at": 2}).status_code == 504
+    everything = {"query": "SELECT * { ?s ?p ?o }", "at": 2}
+    assert short.get("sparql", params=everything).status_code == 503
+    assert short.get("log", params={"iri": "object/1"}).status_code == 503
+    outside = "SELECT * { SERVICE <http://127.0.0.1:1/> { ?s ?p ?o } }"
+    assert short.get("sparql", params={"query": outside, "at": 2}).status_code == 400
+    assert xs(short, 3) == [3.0]
+
+
+def test_only_the_last_few_states_are_kept_on_disk(moved: Served) -> None:
+    pasts = moved.server.serving.pool._pasts
+    assert pasts is not None
+    for at in (0, 1, 2, 3, 4, 5, 0, 2):
+        xs(moved, at)
+    home = pasts._home
+    assert home is not None
+    # a worker may still have one open that is no longer among them
+    workers = moved.server.settings.limits.workers
+    assert KEPT <= sum(path.is_dir() for path in home.iterdir()) <= KEPT + workers
+    moved.server.stop()
+    assert not home.exists()
+
+
+@pytest.mark.parametrize("read_only", [False, True])
+def test_every_moment_of_a_map_on_disk_is_as_its_folder_has_it(
+    written: Callable[[int], SemanticMap],
+    frame: Callable[..., MapUpdate],
+    on_disk: OnDisk,
+    read_only: bool,
+) -> None:
+    with written(12) as semantic_map:
+        base, folder = semantic_map.base, Path(semantic_map.store.where)
+        semantic_map.update("INSERT DATA { GRAPH graph:commonsense { here:Cup here:isA here:Chair } }",
+                            allow=("commonsense",))
+        semantic_map.apply(frame(12, removed=(f"{base}object/2",)))
+        states = {n: set(semantic_map.at(n).engine) for n in (0, 1, 7, 12, 13, 14)}
+    with on_disk(folder, read_only=read_only) as served, SemanticMap.open(served.url) as far:
+        for number, quads in states.items():
+            with far.at(number) as then:
+                assert set(then.engine) == quads, number
+        assert list(far.log("object/2")) == list(served.map.log("object/2"))
+        assert set(far.diff(3, 13).added) == set(served.map.diff(3, 13).added)
+
+
+def test_a_past_that_is_dropped_meanwhile_is_not_half_told(
+    written: Callable[[int], SemanticMap], on_disk: OnDisk
+) -> None:
+    with written(6) as semantic_map:
+        folder = Path(semantic_map.store.where)
+    with on_disk(folder, read_only=False) as served:
+        pool = served.server.serving.pool
+        assert pool.run("ASK {}", at=2).sequence == 2
+        served.map.compact(keep=0.0)
+        with pytest.raises(HistoryError, match="no longer kept"):
+            pool.run("ASK {}", at=3)
+        answer = served.get("sparql?query=ASK{}&at=2")
+        assert (answer.status_code, "#6 to #6" in answer.text) == (404, True)
+
+
+def test_a_things_history_is_told(moved: Served) -> None:
+    here = list(moved.map.log("object/1"))
+    told = moved.get("log", params={"iri": "object/1"}).json()
+    assert [entry["sequence"] for entry in told] == [1, 2, 3, 5]
+    assert told[-1]["changes"] == list(here[-1].changes)
+    assert told[0]["kind"] == "frame"
+    last = moved.get("log", params={"iri": CUP, "last": 2}, headers={"Accept": "text/plain"})
+    assert last.text == log_text(here[-2:])
+    assert "x 3 -> 4" in last.text
+    for params, status in (
+        ({}, 400),
+        ({"iri": "object/77"}, 400),
+        ({"iri": "a b"}, 400),
+        ({"iri": "object/1", "last": "x"}, 400),
+    ):
+        assert moved.get("log", params=params).status_code == status
+    assert moved.get("log?iri=robot", headers={"Accept": "image/png"}).status_code == 406
+
+
+def test_two_moments_are_compared(moved: Served) -> None:
+    here = moved.map.diff(2, 5)
+    told = moved.get("diff", params={"from": "2", "to": "#5"}).json()
+    assert (told["before"], told["after"]) == (2, 5)
+    assert {line for line in told["added"]} == {f"{quad} ." for quad in here.added}
+    assert [tuple(row.values()) for row in told["changes"]] == here.rows(moved.map.base)
+    text = moved.get("diff?from=2&to=5", headers={"Accept": "text/plain"}).text
+    assert text == difference_text(here, moved.map.base)
+    back = moved.get("diff?from=5&to=2").json()
+    assert set(back["removed"]) == set(told["added"])
+    assert moved.get("diff?from=2").status_code == 400
+
+
+def test_a_fact_is_explained(moved: Served) -> None:
+    params = {"what": "object/1 here:x"}
+    (reason,) = moved.get("why", params=params).json()
+    assert reason["text"] == "object/1 here:x 4"
+    assert reason["fact"][0] == f"<{CUP}>"
+    text = moved.get("why", params=params, headers={"Accept": "text/plain"}).text
+    assert text == reasons_text(moved.map.why("object/1 here:x"))
+    assert "written: transaction #5" in text
+    gone = moved.get("why", params={"iri": "object/2"}).json()
+    assert gone[0]["text"] == "object/2 is no longer in the map"
+    turtle = moved.get("why", params=params, headers={"Accept": "text/turtle"}).text
+    graph = rdflib.Graph().parse(data=turtle, format="turtle")
+    assert rdflib.URIRef(v.PROV_ACTIVITY) in set(graph.objects(None, rdflib.RDF.type))
+    for wrong in ({}, {"iri": "object/1", "what": "robot"}, {"iri": "object/77"}):
+        assert moved.get("why", params=wrong).status_code == 400
+
+
+def test_the_past_is_asked_from_python_as_that_of_a_folder(moved: Served) -> None:
+    with SemanticMap.open(moved.url) as far:
+        for at in (1, "#3", datetime.now(UTC)):
+            here, there = moved.map.objects(at=at), far.objects(at=at)
+            assert [o.iri for o in there] == [o.iri for o in here]
+            assert np.array_equal([o.p_map for o in there], [o.p_map for o in here])
+        assert [p.label for p in far.places(at=0)] == []
+        with far.at("#2") as then:
+            assert then.ask("summary").rows == moved.map.at(2).ask("summary").rows
+            assert then.sequence == 2
+        assert far.state_of(CUP, 2) == moved.map.state_of(CUP, 2)
+        assert list(far.log("object/2")) == list(moved.map.log("object/2"))
+        assert far.why("object/2") == moved.map.why("object/2")
+        assert far.why("object/1 here:x") == moved.map.why("object/1 here:x")
+        assert set_of(far.diff(2, "#5").removed) == set_of(moved.map.diff(2, 5).removed)
+        with pytest.raises(HistoryError, match="there are #0 to #5"):
+            far.at(6)
+        with pytest.raises(QueryParameterError, match="knows nothing"):
+            list(far.log("object/77"))
+
+
+def set_of(quads: tuple[Quad, ...]) -> set[Quad]:
+    assert len(set(quads)) == len(quads)
+    return set(quads)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["log", "MAP", "object/2"],
+        ["log", "MAP", "object/1", "--last", "1", "--json"],
+        ["diff", "MAP", "#2", "#5"],
+        ["diff", "MAP", "#2", "#5", "--json"],
+        ["why", "MAP", "object/1 here:x"],
+        ["why", "MAP", "object/2", "--format", "ttl"],
+        ["ask", "MAP", "objects", "--at", "#3", "--format", "csv"],
+    ],
+)
+def test_commands_on_the_past_take_a_server_for_a_folder(
+    written: Callable[[int], SemanticMap],
+    frame: Callable[..., MapUpdate],
+    on_disk: OnDisk,
+    words: list[str],
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with written(5) as semantic_map:
+        base, folder = semantic_map.base, Path(semantic_map.store.where)
+        semantic_map.apply(frame(5, removed=(f"{base}object/2",)))
+    assert main([str(folder) if word == "MAP" else word for word in words]) == 0
+    here = capsys.readouterr()
+    with on_disk(folder, read_only=True) as served:
+        assert main([served.url if word == "MAP" else word for word in words]) == 0
+    there = capsys.readouterr()
+    assert (there.out, there.err) == (here.out, here.err)
+    assert here.out if "--json" not in words else json.loads(here.out)
