@@ -124,16 +124,18 @@ def make_home(path: Path | None) -> tuple[Path, int]:
     """A locked folder for snapshots, beside the map since hard links cross no file system."""
     beside = path.resolve() if path else Path(tempfile.gettempdir()) / "hereabouts"
     remove_abandoned(beside, "snapshots")
-    home = beside.parent / f".{beside.name}.snapshots-{uuid.uuid4().hex}"
+    name = uuid.uuid4().hex
+    home, making = (beside.parent / f".{beside.name}.{k}-{name}" for k in ("snapshots", "making"))
     try:
-        home.mkdir(mode=0o700)
-        lock = os.open(home / "lock", os.O_RDWR | os.O_CREAT, 0o600)
+        making.mkdir(mode=0o700)
+        lock = os.open(making / "lock", os.O_RDWR | os.O_CREAT, 0o600)
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        making.rename(home)  # nobody meets it unlocked, and takes it for abandoned
     except OSError as error:
         raise GraphError(
             f"cannot make {home} for snapshots: {error.strerror}; queries of others are answered "
             "from snapshots beside the map, so its parent folder must be writable"
         ) from error
-    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     return home, lock
 
 

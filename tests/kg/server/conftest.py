@@ -178,7 +178,8 @@ def on_disk() -> Callable[..., AbstractContextManager[Served]]:
     @contextmanager
     def start(folder: Path, *, read_only: bool = False, **settings: object) -> Iterator[Served]:
         settings.setdefault("tokens", Tokens((("ann", TOKEN.encode()),)))
-        wanted = Settings(port=0, **settings)  # type: ignore[arg-type]
+        limits = Limits(query_seconds=PATIENCE)
+        wanted = Settings(port=0, limits=limits, **settings)  # type: ignore[arg-type]
         with (
             SemanticMap.open(folder, read_only=read_only) as semantic_map,
             MapServer(semantic_map, wanted) as server,
