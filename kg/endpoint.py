@@ -10,8 +10,9 @@ import os
 import re
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 from urllib.parse import urlsplit, urlunsplit
 
@@ -26,6 +27,7 @@ from pyoxigraph import (
     parse,
     parse_query_results,
 )
+from urllib3.exceptions import ProtocolError
 
 from kg.errors import QueryTimeoutError, QueryTooLargeError, RemoteError, UnreachableError
 from kg.virtuoso import complaint, gives_triples, is_virtuoso, plain, readable
@@ -74,6 +76,19 @@ Answer = Solutions | QueryBoolean | Triples
 def is_url(address: object) -> bool:
     """Whether an address of a map names a server rather than a folder."""
     return isinstance(address, str) and address.lower().startswith(("http://", "https://"))
+
+
+def _sent(send: Callable[[], requests.Response], again: bool) -> requests.Response:
+    """The reply; asked for again, if allowed, where the server hung up instead of replying.
+
+    It may have closed a connection it kept for us just as we asked on it.
+    """
+    try:
+        return send()
+    except requests.ConnectionError as error:
+        if again and error.args and isinstance(error.args[0], ProtocolError):
+            return send()
+        raise
 
 
 class Endpoint:
@@ -176,7 +191,7 @@ class Endpoint:
     def update(self, update: str) -> None:
         """Run an update; raises RemoteError where the server did not do it."""
         try:
-            self._post(self.update_url, [("update", update)], _RESULTS)
+            self._post(self.update_url, [("update", update)], _RESULTS, again=False)
         except SyntaxError as error:
             raise RemoteError(f"{self.where} refused an update: {error}") from error
 
@@ -208,18 +223,20 @@ class Endpoint:
         seconds: float = ANSWER_WITHIN,
         *,
         stream: bool = False,
+        again: bool = True,
     ) -> requests.Response:
         # as a form, of the protocol's three ways the one that every server takes: Virtuoso 7.2
         # never answers to a query that is itself the body
-        headers = {"Accept": accept}
+        send = partial(
+            self._session().post,
+            url,
+            data=list(form),
+            headers={"Accept": accept},
+            timeout=(min(CONNECT_WITHIN, seconds), seconds),
+            stream=stream,
+        )
         try:
-            reply = self._session().post(
-                url,
-                data=list(form),
-                headers=headers,
-                timeout=(min(CONNECT_WITHIN, seconds), seconds),
-                stream=stream,
-            )
+            reply = _sent(send, again)
         except (requests.ConnectTimeout, requests.exceptions.InvalidURL) as error:
             raise UnreachableError(self._unreachable("no answer in time")) from error
         except requests.exceptions.ChunkedEncodingError as error:
