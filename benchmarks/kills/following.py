@@ -155,7 +155,7 @@ class _Copy:
 
 def _events(url: str, since: int) -> Iterator[tuple[int, set[Quad], set[Quad]]]:
     """Changes after `since` as they come; an event that a kill cut off is not one."""
-    connection = http.client.HTTPConnection(urlsplit(url).netloc, timeout=60)
+    connection = http.client.HTTPConnection(urlsplit(url).netloc, timeout=120)
     try:
         connection.request("GET", "/changes", headers={"Last-Event-ID": str(since)})
         answer = connection.getresponse()
@@ -174,7 +174,7 @@ def _events(url: str, since: int) -> Iterator[tuple[int, set[Quad], set[Quad]]]:
 
 
 def _get(url: str, path: str, accept: str) -> bytes:
-    connection = http.client.HTTPConnection(urlsplit(url).netloc, timeout=60)
+    connection = http.client.HTTPConnection(urlsplit(url).netloc, timeout=120)
     try:
         connection.request("GET", f"/{path}", headers={"Accept": accept})
         answer = connection.getresponse()

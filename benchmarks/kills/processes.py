@@ -47,7 +47,7 @@ class Child:
         """Whole messages until its end; what a kill cut off is not one."""
         while True:
             try:
-                yield self.hear(60.0)
+                yield self.hear(120.0)
             except EOFError:
                 return
 

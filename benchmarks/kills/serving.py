@@ -30,7 +30,7 @@ from kg.server import Limits, MapServer, Settings, Tokens
 LONGEST = 0.7  # [s] from when the server answers to the kill
 A_MAP = 50  # kills of one map and one follower
 TOKEN = "the-token-of-the-killed-servers"
-WITHIN = 60.0  # [s] a server may take to start, a follower to catch up
+WITHIN = 120.0  # [s] a server may take to start, a follower to catch up
 PAUSE = 0.01  # [s] between two frames
 Told = Callable[[Any], None]
 
