@@ -166,22 +166,24 @@ def _order(quad: Quad, rank: dict[str, int]) -> tuple[object, ...]:
     )
 
 
-def write_atomically(path: Path, text: str) -> None:
-    """Put `text` at `path` by way of a file beside it; raises GraphError where that fails.
+def write_atomically(path: Path, text: str | bytes) -> None:
+    """Put `text` (as UTF-8, where it is no bytes) at `path` by way of a file beside it.
 
+    Raises GraphError where that fails.
     A device or pipe (/dev/stdout) is written to, never replaced by a file, and a link stays one.
     """
+    data = text if isinstance(text, bytes) else text.encode("utf-8")
     try:
         if path.exists() and not path.is_file() and not path.is_dir():
-            path.write_text(text, encoding="utf-8", newline="\n")
+            path.write_bytes(data)
             return
         path = path.resolve()
     except OSError as error:
         raise GraphError(f"cannot write {path}: {error.strerror or error}") from error
     beside = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
     try:
-        with beside.open("w", encoding="utf-8", newline="\n") as out:
-            out.write(text)
+        with beside.open("wb") as out:
+            out.write(data)
             out.flush()
             os.fsync(out.fileno())
         beside.replace(path)

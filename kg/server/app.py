@@ -24,6 +24,7 @@ from kg.server.description import dataset_description
 from kg.server.front import Front
 from kg.server.graphs import dump, graph_store
 from kg.server.guard import Guard
+from kg.server.memento import timemap
 from kg.server.past import diff, log, why
 from kg.server.problems import Problem, problem_of, problem_response
 from kg.server.protocol import sparql
@@ -56,6 +57,7 @@ def application(serving: Serving) -> ASGIApp:
         ("/log", log, get),
         ("/diff", diff, get),
         ("/why", why, get),
+        ("/timemap", timemap, get),
         ("/changes", changes, get),
         ("/subscribe", subscribe, get),
         ("/health", _health, get),

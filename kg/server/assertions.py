@@ -27,7 +27,7 @@ from kg.server.media_types import GRAPH_FORMATS, document, prefixes_of
 from kg.server.problems import Problem
 from kg.server.protocol import written
 from kg.server.serving import Serving
-from kg.server.things import local_path
+from kg.server.thing import local_path
 from kg.wire import assertion_to_json
 from kg.workers.formats import negotiate
 

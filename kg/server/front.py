@@ -18,7 +18,7 @@ from kg.server.floor import Spot, floor_plan
 from kg.server.media_types import GRAPH_FORMATS, HTML
 from kg.server.pages import front_page
 from kg.server.serving import Serving
-from kg.server.things import local_path
+from kg.server.thing import local_path
 from kg.vocabulary import MAP_GRAPH
 from kg.workers.formats import negotiate
 

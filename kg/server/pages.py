@@ -15,7 +15,7 @@ from kg import vocabulary as v
 from kg.answers import Value
 
 if TYPE_CHECKING:
-    from kg.server.things import Thing
+    from kg.server.thing import Thing
 
 #: An IRI -> where this server shows it, and what it is called.
 Link = Callable[[str], tuple[str, str]]

@@ -25,7 +25,9 @@ _TYPES: Final = ("application/json", "text/plain")
 async def log(serving: Serving, request: Request) -> Response:
     """Each transaction that changed the thing ``?iri=``; of those the ``&last=`` ones."""
     given = query_parameters(request)
-    return await _told(serving, request, "log", _TYPES, iri=_needed(given, "iri"), last=_last(given))
+    return await _told(
+        serving, request, "log", _TYPES, iri=_needed(given, "iri"), last=_last(given)
+    )
 
 
 async def diff(serving: Serving, request: Request) -> Response:

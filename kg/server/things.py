@@ -5,38 +5,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from itertools import islice
-from typing import Final
-from urllib.parse import quote
-
-from pyoxigraph import BlankNode, Literal, NamedNode, Quad
+from pyoxigraph import Literal
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
 
 from kg import vocabulary as v
-from kg.engine import Engine
 from kg.server import bodies
 from kg.server.conditions import state_of
 from kg.server.media_types import GRAPH_FORMATS, HTML, document, prefixes_of
+from kg.server.memento import VARY, links, memento
 from kg.server.pages import compact, thing_page
 from kg.server.problems import Problem
 from kg.server.serving import Serving
+from kg.server.thing import Thing, local_path, look_up
 from kg.workers.formats import negotiate
-
-MOST_OUT: Final = 1000  # facts of one thing that are shown
-MOST_IN: Final = 200  # and facts that point at it
-_SAFE_PATH: Final = "/:@!$&'()*+,;=-._~%"
-
-
-@dataclass(frozen=True, slots=True)
-class Thing:
-    """A thing and the facts it stands in; `about` holds those of blank nodes it names as well."""
-
-    iri: str
-    about: tuple[Quad, ...]
-    pointing: tuple[Quad, ...]
 
 
 async def thing_at_path(serving: Serving, request: Request) -> Response:
@@ -54,46 +37,38 @@ async def resource(serving: Serving, request: Request) -> Response:
     return await _answer(serving, request, iri)
 
 
-def look_up(engine: Engine, iri: str) -> Thing:
-    """What the graph says of `iri`; Problem 404 where it says nothing."""
-    try:
-        node = NamedNode(iri)
-    except ValueError as error:
-        raise Problem(404, f"{iri[:200]!r} is no IRI this map could know") from error
-    about = list(islice(engine.quads_for_pattern(node, None, None), MOST_OUT))
-    for quad in about:
-        if isinstance(quad.object, BlankNode) and len(about) < MOST_OUT:
-            about += islice(engine.quads_for_pattern(quad.object, None, None), MOST_OUT)
-    pointing = tuple(islice(engine.quads_for_pattern(None, None, node), MOST_IN))
-    if not about and not pointing:
-        raise Problem(404, f"this map knows of no {iri[:200]}")
-    return Thing(iri, tuple(about), pointing)
-
-
-def local_path(base: str, iri: str) -> str:
-    """Where this server shows an IRI."""
-    if iri.startswith(base):
-        return "/" + quote(iri.removeprefix(base), safe=_SAFE_PATH)
-    return "/resource?iri=" + quote(iri, safe="")
-
-
 async def _answer(serving: Serving, request: Request, iri: str) -> Response:
     media_type = negotiate(request.headers.get("accept"), (*GRAPH_FORMATS, HTML))
+    then = await memento(serving, request, iri)
+    if then is not None:
+        return await _written(serving, then.thing, media_type, then.headers)
     # before anything is read: a commit meanwhile makes the tag too old, never the answer
     state = state_of(serving.semantic_map)
-    thing = await run_in_threadpool(look_up, serving.semantic_map.engine, iri)
-    headers = {"Vary": "Accept", **state.headers}
+    headers = {"Vary": VARY, **links(serving, request, iri)}
+    try:
+        thing = await run_in_threadpool(look_up, serving.semantic_map.engine, iri)
+    except Problem as problem:
+        problem.headers |= headers  # what is gone may have been there
+        raise
+    headers |= state.headers
     if state.is_known_to(request):
         return Response(status_code=304, headers=headers)
+    return await _written(serving, thing, media_type, headers)
+
+
+async def _written(
+    serving: Serving, thing: Thing, media_type: str, headers: dict[str, str]
+) -> Response:
     if media_type == HTML:
-        page = await run_in_threadpool(_page, serving, thing)
+        then = headers.get("Memento-Datetime", "")
+        page = await run_in_threadpool(_page, serving, thing, then and f" on {then}")
         return Response(page, media_type=HTML, headers=headers)
     triples = dict.fromkeys(quad.triple for quad in (*thing.about, *thing.pointing))
     body = document(triples, media_type, prefixes_of(serving.semantic_map.base))
     return Response(body, media_type=media_type, headers=headers)
 
 
-def _page(serving: Serving, thing: Thing) -> str:
+def _page(serving: Serving, thing: Thing, when: str) -> str:
     base, catalogue = serving.semantic_map.base, serving.semantic_map.catalogue
     labels = [
         quad.object.value
@@ -105,4 +80,4 @@ def _page(serving: Serving, thing: Thing) -> str:
         known = catalogue.by_iri(iri)
         return local_path(base, iri), known.label if known else compact(iri, base)
 
-    return thing_page(thing, min(labels, default=compact(thing.iri, base)), link)
+    return thing_page(thing, min(labels, default=compact(thing.iri, base)) + when, link)

@@ -32,6 +32,7 @@ COMMANDS = (
     "retract",
     "update",
     "plot",
+    "floor",
     "serve",
     "export",
     "import_maps",

@@ -13,10 +13,11 @@ from matplotlib.patches import Polygon, Rectangle
 from matplotlib.text import Text
 from numpy.typing import NDArray
 
-from kg.records import ObjectRecord, PlaceRecord, RobotRecord
+from kg.records import FREE, LOW, TALL, ObjectRecord, PlaceRecord, RobotRecord
 from planner.goals import Goal
-from planner.picture.palette import FOUND, INK, OUTLINE, ROUTE, TRUE_SPOT, WALL, Group
+from planner.picture.palette import FOUND, FURNITURE, INK, OUTLINE, ROUTE, TRUE_SPOT, WALL, Group
 from planner.simulation.house import House, Item
+from planner.space.mapped import MappedFloor
 
 
 def draw_place(axes: Axes, place: PlaceRecord, colour: str | None) -> None:
@@ -92,6 +93,20 @@ def draw_shade(axes: Axes, shade: Shade) -> None:
     image[..., 3] = shade.strength.T
     box = (float(shade.corner[0]), float(far[0]), float(shade.corner[1]), float(far[1]))
     axes.imshow(image, extent=box, origin="lower", interpolation="bilinear", zorder=1.2)
+    axes.set_aspect("equal")
+
+
+def draw_floor(axes: Axes, floor: MappedFloor) -> None:
+    """What depth showed of the floor: seen floor lighter, furniture grey, walls dark."""
+    nx, ny = floor.states.shape
+    far = floor.origin + np.array([nx, ny]) * floor.resolution
+    tints = np.zeros((4, 4), np.uint8)
+    tints[FREE] = (255, 255, 255, 140)
+    for state, colour, strength in ((LOW, FURNITURE, 110), (TALL, WALL, 230)):
+        tints[state] = (*(round(255 * c) for c in to_rgb(colour)), strength)
+    box = (float(floor.origin[0]), float(far[0]), float(floor.origin[1]), float(far[1]))
+    image = tints[floor.states.T]
+    axes.imshow(image, extent=box, origin="lower", interpolation="nearest", zorder=1.1)
     axes.set_aspect("equal")
 
 

@@ -23,6 +23,7 @@ from planner.goals import Goal
 from planner.picture.drawing import (
     Shade,
     draw_find,
+    draw_floor,
     draw_goal,
     draw_house,
     draw_object,
@@ -36,10 +37,12 @@ from planner.picture.label_placement import Box, Label, place_labels
 from planner.picture.palette import (
     FAINT,
     FOUND,
+    FURNITURE,
     HALO,
     INK,
     ROUTE,
     TRUE_SPOT,
+    WALL,
     object_groups,
     place_colours,
     top_category,
@@ -47,6 +50,7 @@ from planner.picture.palette import (
 from planner.picture.paper import Extent, Sheet
 from planner.picture.place_names import calm_spot, fit_name
 from planner.simulation.house import House
+from planner.space.mapped import mapped_floor
 
 FORMATS: Final = (".png", ".svg", ".pdf")
 
@@ -76,7 +80,8 @@ def plot_map(
     `route` is a polyline (n, 2) [m] in the map frame, `goals` are numbered in the order given or as
     `numbers` says, `shades` tint the floor, `finds` ((2,) or (3,) [m] each) get a star, and `truth`
     adds a house's walls and furniture, with a small cross where each object truly is. The fainter
-    an object, the less probable its existence. Labels that find no room are left out.
+    an object, the less probable its existence. Without a `truth`, what depth showed of the floor is
+    drawn over the places. Labels that find no room are left out.
     Raises PictureError for another ending or a path that cannot be written.
     """
     path = Path(path)
@@ -120,6 +125,8 @@ class _Picture:
         self._places = semantic_map.places()
         self._robot = semantic_map.robot()
         self._route, self._goals, self._truth = route, goals, truth
+        height = None if self._robot is None else float(self._robot.p_map[2])
+        self._floor = None if truth else mapped_floor(semantic_map.floor(), height)
         self._groups = object_groups(semantic_map, self._objects)
         self._colours = place_colours(self._places)
         self._busy = self._spots()
@@ -135,6 +142,8 @@ class _Picture:
         """Everything, from the floor up."""
         for place in self._places:
             self._draw_place(place)
+        if self._floor is not None:
+            draw_floor(self._axes, self._floor)
         for shade in self.shades:
             draw_shade(self._axes, shade)
         if self._truth is not None:
@@ -167,6 +176,8 @@ class _Picture:
         if self._truth is not None:
             xmin, xmax, ymin, ymax = self._truth.extent
             corners += [(xmin, ymin), (xmax, ymax)]
+        if self._floor is not None:
+            corners += list(self._floor.bounds)
         return np.array(corners, np.float64).reshape(-1, 2)
 
     def _draw_place(self, place: PlaceRecord) -> None:
@@ -197,6 +208,9 @@ class _Picture:
         marks += [mark("s", s.label, mfc=s.colour, mec="none", alpha=0.45) for s in self.shades]
         if self.finds:
             marks.append(mark("*", "found", mfc=FOUND, mec=INK, mew=0.7))
+        if self._floor is not None:
+            marks.append(mark("s", "wall", mfc=WALL, mec="none"))
+            marks.append(mark("s", "furniture", mfc=FURNITURE, mec="none", alpha=0.45))
         if self._truth is not None:
             marks.append(mark("+", "truth", mec=TRUE_SPOT))
         if not marks:

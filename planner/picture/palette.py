@@ -15,6 +15,7 @@ from kg.semantic_map import SemanticMap
 INK: Final = "#23272e"
 FAINT: Final = "#7a828e"
 WALL: Final = "#4a505a"
+FURNITURE: Final = "#8a7f72"
 OUTLINE: Final = "#c3c7ce"
 TRUE_SPOT: Final = "#8b929c"
 ROUTE: Final = "#c2255c"

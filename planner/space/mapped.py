@@ -37,17 +37,33 @@ class MappedFloor:
     storey: int = 0
     span: float = 3.2  # [m] side of a tile
 
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """(2, 2) [m] the least and the greatest corner of what is known."""
+        at = np.argwhere(self.states != UNKNOWN)
+        return self.origin + np.array([at.min(axis=0), at.max(axis=0) + 1]) * self.resolution
+
+    @property
+    def areas(self) -> tuple[float, float]:
+        """[m^2] of free and of occupied floor."""
+        cell = self.resolution**2
+        free = int((self.states == FREE).sum()) * cell
+        return free, int(np.isin(self.states, (LOW, TALL)).sum()) * cell
+
     def tile_at(self, p_map: NDArray[np.float64]) -> tuple[int, int]:
         """Column and row of the tile that holds `p_map` (2,) [m]."""
         column, row = (int(n) for n in np.floor(np.asarray(p_map)[:2] / self.span + 1e-9))
         return column, row
 
 
-def mapped_floor(tiles: Iterable[FloorTile], height: float | None = None) -> MappedFloor | None:
-    """The storey of a camera at `height` [m]; without one, that with most free floor.
+def mapped_floor(
+    tiles: Iterable[FloorTile], height: float | None = None, *, storey: int | None = None
+) -> MappedFloor | None:
+    """A `storey`; by default that of a camera at `height` [m], without one that with most floor.
 
-    None where no tile says that anything is free.
+    None where no tile says that anything is free there.
     """
+    tiles = [tile for tile in tiles if storey in (None, tile.storey)]
     storeys: dict[int, list[FloorTile]] = {}
     for tile in tiles:
         storeys.setdefault(tile.storey, []).append(tile)
@@ -110,9 +126,7 @@ def seen_space(
 
 def _widened(space: FreeSpace, floor: MappedFloor, margin: float) -> FreeSpace:
     """The same floor on a grid that also covers what is known of `floor`."""
-    at = np.argwhere(floor.states != UNKNOWN)
-    low = floor.origin + at.min(axis=0) * floor.resolution - margin
-    high = floor.origin + (at.max(axis=0) + 1) * floor.resolution + margin
+    low, high = floor.bounds + np.array([[-margin], [margin]])
     size = np.array(space.shape) * space.cell
     before = np.maximum(np.ceil((space.origin - low) / space.cell - 1e-9), 0).astype(int)
     after = np.maximum(np.ceil((high - space.origin - size) / space.cell - 1e-9), 0).astype(int)

@@ -184,7 +184,8 @@ def test_bench_map_counts_what_the_map_holds(kitchen: Path, prints: Prints, shar
         )
     )
     assert score["frames"] == 8
-    assert set(score["milliseconds_per_frame"]) == {"read", "detect", "scene", "map", "graph"}
+    stages = {"read", "detect", "scene", "floor", "map", "graph"}
+    assert set(score["milliseconds_per_frame"]) == stages
     assert 0 < score["recall"] <= 1
     matched = sum(row["matched"] for row in score["per_class"].values())
     assert score["recall"] == pytest.approx(matched / 14)

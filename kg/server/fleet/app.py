@@ -27,7 +27,7 @@ from kg.server.guard import Guard
 from kg.server.media_types import GRAPH_FORMATS, HTML, document
 from kg.server.pages import thing_page
 from kg.server.problems import Problem, problem_of, problem_response
-from kg.server.things import Thing, look_up
+from kg.server.thing import Thing, look_up
 from kg.workers.formats import negotiate
 
 Answer = Callable[[FleetServing, Request], Awaitable[Response]]

@@ -1,0 +1,93 @@
+"""The versions of a thing: at which transactions what is said of it became another.
+
+Ontology and common sense have no versions here: nothing is kept of how they began.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import groupby
+from typing import Final
+
+from pyoxigraph import NamedNode
+
+from kg.history.coding import Coded, decode_delta
+from kg.history.log import BACKGROUND, Log
+
+_PAGE: Final = """
+SELECT DISTINCT sequence FROM change
+WHERE node IN (SELECT value FROM json_each(?)) AND sequence > ? AND sequence <= ?
+ORDER BY sequence DESC LIMIT ?
+"""
+_ROWS: Final = """
+SELECT sequence, node, data FROM change
+WHERE node IN (SELECT value FROM json_each(?)) AND sequence >= ? AND sequence <= ?
+ORDER BY sequence
+"""
+_FIRST: Final = """
+SELECT min(sequence) FROM change
+WHERE node IN (SELECT value FROM json_each(?)) AND sequence > ?
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Version:
+    """What was said of a thing from one transaction on, until the next that changed it."""
+
+    sequence: int
+    time: float  # [s] since 1970-01-01 UTC
+    empty: bool = False  # nothing was said: it had left
+
+
+def version_at(log: Log, iri: str, sequence: int) -> Version | None:
+    """The version right after a transaction; None where the log never heard of it so far."""
+    found = versions(log, iri, until=sequence, most=1)
+    return found[0] if found else None
+
+
+def first_version(log: Log, iri: str) -> Version | None:
+    """The oldest version that is kept, and not empty."""
+    with log.lock:
+        nodes = _nodes(log, iri)
+        if any(log.facts(node, log.floor) for node in nodes):
+            return Version(log.floor, log.floor_time)
+        (first,) = log.db.execute(_FIRST, (_json(nodes), log.floor)).fetchone()
+    return None if first is None else version_at(log, iri, int(first))
+
+
+def versions(log: Log, iri: str, *, until: int | None = None, most: int = 1000) -> list[Version]:
+    """The last versions up to the transaction `until`, the latest first; at most that many."""
+    until = log.last if until is None else until
+    with log.lock:
+        nodes = _nodes(log, iri)
+        page = (_json(nodes), log.floor, until, most)
+        changed = [row[0] for row in log.db.execute(_PAGE, page)]
+        found = _told(log, nodes, changed) if changed else []
+        if len(changed) < most and any(log.facts(node, log.floor) for node in nodes):
+            found.append(Version(log.floor, log.floor_time))
+    return found
+
+
+def _told(log: Log, nodes: list[int], changed: list[int]) -> list[Version]:
+    """A version for each of the transactions, which are the latest first."""
+    oldest, newest = changed[-1], changed[0]
+    said: dict[int, set[Coded]] = {node: log.facts(node, oldest - 1) for node in nodes}
+    rows = log.db.execute(_ROWS, (_json(nodes), oldest, newest)).fetchall()
+    times = {commit.sequence: commit.time for commit in log.commits(oldest - 1, newest)}
+    found = []
+    for sequence, some in groupby(rows, key=lambda row: int(row[0])):
+        for _, node, data in some:
+            delta = decode_delta(data)
+            said[node].difference_update(delta.removed)
+            said[node].update(delta.added)
+        found.append(Version(sequence, times[sequence], not any(said.values())))
+    return found[::-1]
+
+
+def _nodes(log: Log, iri: str) -> list[int]:
+    nodes = log.terms.nodes_of(NamedNode(iri))
+    return [node for node in nodes if log.terms.pair(node)[0] not in BACKGROUND]
+
+
+def _json(nodes: list[int]) -> str:
+    return f"[{', '.join(map(str, nodes))}]"
