@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-
 from pyoxigraph import Quad
 
 from kg.categories import Catalogue
