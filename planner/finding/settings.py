@@ -39,6 +39,7 @@ class Belief:
     even: float = 0.05  # share of every candidate's belief that is spread over the whole floor
     outside: float = 1.5  # [m] of floor assumed around an object that is in no place
     give_up: float = 0.005  # a look that finds less than this share of all is worth no way
+    rest: float = 0.01  # with less than this share of all left to be found, a search is over
 
 
 BELIEF: Final = Belief()
@@ -48,5 +49,7 @@ ENOUGH: Final = 0.97
 MOST_LOOKS: Final = 80
 #: rooms that are planned for, at most; the others count as left over
 MOST_ROOMS: Final = 48
+#: times that a search in vain takes fresh positions, and is then content with looks half as good
+MOST_ROUNDS: Final = 4
 #: orders tried beyond the first, at most
 TRIALS: Final = 60
