@@ -75,13 +75,13 @@ class Hunt:
         self.unseen = np.ones(len(looks.cells))  # (c,) chance that all looks missed what lies there
         self._ground = ground
         self._first = known.left(self.unseen, range(len(targets)))
-        self._rounds = 0  # how often fresh positions were taken
+        self.rounds = 0  # how often fresh positions were taken
         self.looks, self.tourist = looks, Tourist(looks)
         self.memory = Memory(looks, settings.give_up * self._first)
 
     def _use(self, looks: Looks) -> None:
         """Go on with other looks over the same cells."""
-        least = self.settings.give_up * self._first / 2**self._rounds
+        least = self.settings.give_up * self._first / 2**self.rounds
         self.memory = self.memory.moved_to(looks, least)
         self.looks, self.tourist = looks, Tourist(looks)
 
@@ -155,9 +155,9 @@ class Hunt:
 
     def _refreshed(self) -> bool:
         """Take fresh positions, and be content with looks that find half as much; False at last."""
-        if self._rounds == MOST_ROUNDS or self.left <= self.settings.rest * self._first:
+        if self.rounds == MOST_ROUNDS or self.left <= self.settings.rest * self._first:
             return False
-        self._rounds += 1
+        self.rounds += 1
         old = self.looks
         unseen = self.prospects.expected(self.unseen, np.ones(len(self.targets)))
         fresh = _stands(self._ground, old.cells, unseen, old.sensor, old.stands)

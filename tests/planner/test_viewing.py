@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from planner.space.building import free_space
 from planner.space.grid import FreeSpace, Room
 from planner.space.sight import visible
-from planner.viewing.belief import belief_from, room_weights, site_weights
+from planner.viewing.belief import belief_from, room_weights
 from planner.viewing.covers import room_covers
 from planner.viewing.looks import Looks, candidate_looks, picture
 from planner.viewing.memory import Memory
