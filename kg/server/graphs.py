@@ -57,7 +57,8 @@ async def graph_store(serving: Serving, request: Request) -> Response:
         return await write(serving, f"CLEAR SILENT GRAPH {target}", by)
     triples = await _body(serving, request, target)
     if request.method == "PUT" and target == _ONTOLOGY:
-        return await _take_ontology(serving, triples, by)
+        whole = "whole" in bodies.query_parameters(request)
+        return await _take_ontology(serving, triples, by, whole)
     update = f"INSERT DATA {{ GRAPH {target} {{\n{_lines(triples)}}} }}"
     if request.method == "PUT":
         update = f"CLEAR SILENT GRAPH {target} ;\n{update}"
@@ -66,11 +67,15 @@ async def graph_store(serving: Serving, request: Request) -> Response:
     return answer
 
 
-async def _take_ontology(serving: Serving, triples: list[Triple], by: str) -> Response:
+async def _take_ontology(
+    serving: Serving, triples: list[Triple], by: str, whole: bool
+) -> Response:
     """Have the map take an ontology in; the answer tells the change in words too."""
     quads = [Quad(t.subject, t.predicate, t.object, _ONTOLOGY) for t in triples]
     taken = await asyncio.shield(
-        run_in_threadpool(partial(serving.semantic_map.take_ontology, quads, by=by))
+        run_in_threadpool(
+            partial(serving.semantic_map.take_ontology, quads, by=by, whole=whole)
+        )
     )
     return written(
         serving,
@@ -156,7 +161,7 @@ def _graph(request: Request) -> NamedNode | None:
     given = bodies.query_parameters(request)
     iri = given.one("graph")
     if path:
-        if given.pairs:
+        if any(key != "whole" for key, _ in given.pairs):
             raise Problem(400, "the path names the graph; leave out ?graph and ?default")
         iri = v.GRAPH + path
     elif (iri is None) == ("default" not in given):
