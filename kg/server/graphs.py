@@ -73,11 +73,12 @@ async def _take_ontology(
 ) -> Response:
     """Have the map take an ontology in; the answer tells the change in words too."""
     quads = [Quad(t.subject, t.predicate, t.object, _ONTOLOGY) for t in triples]
+    whole = "whole" in bodies.query_parameters(request)
 
     def take() -> Taken:
         with serving.semantic_map.hold():
             check()
-            return serving.semantic_map.take_ontology(quads, by=by)
+            return serving.semantic_map.take_ontology(quads, by=by, whole=whole)
 
     taken = await asyncio.shield(run_in_threadpool(take))
     return written(
@@ -178,7 +179,7 @@ def _graph(request: Request) -> NamedNode | None:
     given = bodies.query_parameters(request)
     iri = given.one("graph")
     if path:
-        if given.pairs:
+        if any(key != "whole" for key, _ in given.pairs):
             raise Problem(400, "the path names the graph; leave out ?graph and ?default")
         iri = v.GRAPH + path
     elif (iri is None) == ("default" not in given):
