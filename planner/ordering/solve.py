@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.errors import OrderingError
+from planner.ordering.compiled import fast
 from planner.ordering.improve import MANY, by_ratio, improve
 from planner.ordering.kernel import Ints, Kernel, reduce_problem
 from planner.ordering.potentials import best_split, quick_bound
@@ -34,6 +35,8 @@ _ON_SPLITS = 0.08
 _ON_TREES, _TREES = 0.25, 700
 #: up to so many places a second walks bound; they remember so many others, more before a proof
 _WALKED, _MEMORY, _LONG_MEMORY = 85, 3, 6
+#: up to so many places compiled walks bound, where they are at hand
+_COMPILED = 700
 #: gap beyond which a proof takes too long to be tried
 _HOPELESS = 0.07
 #: places that a walk reaches with its memory kept
@@ -96,6 +99,11 @@ def _anytime(kernel: Kernel, begin: float, limit: float, seed: int) -> tuple[Int
     walked = kernel.size <= _WALKED * max(1.0, limit)
     share = _ON_FEW if few else _ON_ORDERS if walked else _ON_MANY
     order, cost = improve(kernel, order, now + (end - now) * share, seed)
+    native = fast()
+    if native is not None and kernel.size <= _COMPILED:
+        bound = _without_walks(kernel, cost, end, _ON_SPLITS)
+        order, walked_bound = native.bounded(kernel, order, end)
+        return order, max(bound, walked_bound)
     known = Tangent.of(kernel, order)
     if not walked or not fits(kernel, known, _MEMORY):
         return order, _without_walks(kernel, cost, end, 1.0)
