@@ -15,12 +15,13 @@ from planner.ordering.shares import ShareWalks
 from planner.ordering.tangent import Tangent
 from planner.ordering.timed import TimedWalks
 
-__all__ = ["bounded"]
+__all__ = ["MOST_PLACES", "bounded"]
 
 #: few places: what walks in time remember, and the share of the time left for their prices
 _TIMED_MEMORY, _ON_TIMED = 4, 0.15
-#: then rounds of memory, units, and the shares of what is left then for prices and exhaustion
-_ROUNDS = ((4, 400, 0.25, 0.25), (6, 1000, 0.4, 0.4), (8, 1000, 0.6, 1.0))
+#: then rounds: memory, share of the cost that counting in units may lose, and the shares of what
+#: is left then for prices and for exhaustion
+_ROUNDS = ((4, 0.01, 0.3, 0.3), (6, 0.006, 0.4, 0.5), (8, 0.004, 0.5, 1.0))
 #: steps end at this share of a full one before a proof is tried
 _SHORT = 0.04
 #: many places: memories to choose from, how many steps the prices of a memory need at least, and
@@ -52,7 +53,8 @@ def _few(kernel: Kernel, known: Tangent, order: Ints, end: float) -> tuple[Ints,
             walks, prices.price, weight, known.cost, _part(end, _ON_TIMED), least=_SHORT
         )
         best = prices.bound
-    for memory, units, on_prices, on_proof in _ROUNDS:
+    for memory, loss, on_prices, on_proof in _ROUNDS:
+        units = shares.units_for(kernel, order, known, loss)
         if _steps(shares.seconds_a_table(kernel.size, memory, units), end) < 2:
             break
         share_walks = ShareWalks(kernel, known, Memories.nearest(kernel, memory), units)

@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from planner.ordering.compiled import compiled
-from planner.ordering.kernel import Kernel
+from planner.ordering.kernel import Ints, Kernel
 from planner.ordering.memories import Array, Memories, States, Whole
 from planner.ordering.tangent import Tangent
 
@@ -23,6 +23,8 @@ from planner.ordering.tangent import Tangent
 _SURE = 3.0
 #: in `any`: what a certain place leaves, as `tangent` has it
 _LEFT = 1e-12
+#: how many units there may be in all
+_UNITS = (250, 400, 600, 1000, 1500, 2500)
 #: a value beyond this is of what cannot be
 NEVER, _BARRED = 1e29, 1e30
 
@@ -31,17 +33,11 @@ class ShareWalks:
     """Walks that count units of probability, about `units` in all."""
 
     def __init__(self, kernel: Kernel, known: Tangent, memories: Memories, units: int) -> None:
-        m, a = kernel.size, known.a
+        m = kernel.size
         self.kernel, self.memories = kernel, memories
-        sized = np.minimum(a, _SURE) if kernel.any else a
-        self.units = np.maximum(1, np.rint(sized / sized.sum() * units)).astype(np.int64)
-        total = int(self.units.sum())
-        least = np.full(total + 1, np.inf)
-        _knapsack(self.units, a.astype(np.float64), least)
-        fits = np.isfinite(least)
-        left = np.exp(-a.sum()) * np.expm1(np.minimum(least, 700.0)) if kernel.any else least
-        #: (units + 1,) what at least is left when so many units are; below 0 where none are so many
-        self.left: Array = np.where(fits, left, -1.0)
+        #: (m,); (units + 1,) what at least is left when so many are, below 0 where none are so many
+        self.units, self.left = counted(kernel, known, units)
+        total = len(self.left) - 1
         self.legs = np.ascontiguousarray(kernel.D, dtype=np.float64)
         self._onto = np.where(memories.free, self.legs[:m], _BARRED).T.copy()
         #: (units + 1, states) what is still paid and earned from there on
@@ -73,6 +69,31 @@ class ShareWalks:
             memories.map, memories.after, memories.first, self._price, self.onward, visits,
         )  # fmt: skip
         return visits
+
+
+def units_for(kernel: Kernel, order: Ints, known: Tangent, loss: float) -> int:
+    """So many units that counting them costs `order` (m,) at most a share of `loss` of its cost.
+
+    Fewer lose more, as they tell weights less well apart; more take longer.
+    """
+    for units in _UNITS:
+        sizes, left = counted(kernel, known, units)
+        after = len(left) - 1 - np.append(0, np.cumsum(sizes[order])[:-1])
+        legs = kernel.D[np.append(kernel.root, order[:-1]), order]
+        if float(legs @ left[after]) >= (1.0 - loss) * known.cost:
+            return units
+    return _UNITS[-1]
+
+
+def counted(kernel: Kernel, known: Tangent, units: int) -> tuple[Whole, Array]:
+    """(m,) units of each place; what at least is left when so many are, below 0 where never."""
+    a = known.a
+    sized = np.minimum(a, _SURE) if kernel.any else a
+    sizes = np.maximum(1, np.rint(sized / sized.sum() * units)).astype(np.int64)
+    least = np.full(int(sizes.sum()) + 1, np.inf)
+    _knapsack(sizes, a.astype(np.float64), least)
+    left = np.exp(-a.sum()) * np.expm1(np.minimum(least, 700.0)) if kernel.any else least
+    return sizes, np.where(np.isfinite(least), left, -1.0)
 
 
 def seconds_a_table(size: int, memory: int, units: int) -> float:
