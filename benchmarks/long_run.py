@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from kg.bench.loading import furnished
-from kg.bench.ours import LOOKUPS, asking, on_disk, parameters_for, resident
+from kg.bench.ours import FLAT, asking, on_disk, parameters_for, resident
 from kg.history.recovery import FILE
 from kg.pauses import settled
 from kg.questions import find_question
@@ -42,7 +42,7 @@ def main() -> None:
 def drive(path: Path, frames: int, objects: int, keep: float | None) -> None:
     """Write all frames; tell of each tenth."""
     semantic_map, building = furnished(path, objects)
-    question = find_question(LOOKUPS[0])
+    question = find_question(FLAT)
     ask = asking(semantic_map, question, parameters_for(question, building) or {})
     row("|".join(f" {name} " for name in COLUMNS))
     row("|".join(["---"] * len(COLUMNS)))

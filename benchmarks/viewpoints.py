@@ -28,7 +28,7 @@ from planner.space.grid import FreeSpace, Room
 from planner.space.sight import visible
 from planner.space.sweep import FAR, UNIT, StepCosts
 from planner.trials.homes import read_homes
-from planner.viewing.looks import room_covers
+from planner.viewing.covers import room_covers
 from planner.viewing.sensor import Sensor
 
 _Pairs = tuple[tuple[int, int], ...]

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from typing import Final
 
 LEFT: Final = 500_000  # objects that may outlive their collections before one goes through all
+ROUNDS: Final = 100  # collections between two looks at how many those are
 
 
 @contextmanager
@@ -47,6 +48,6 @@ class _Housekeeping:
         self._rounds += 1
         if self._thorough:
             self._thorough, self._spared = False, gc.get_freeze_count()
-        elif self._rounds % 100 == 0 and gc.get_freeze_count() > self._spared + LEFT:
+        elif self._rounds % ROUNDS == 0 and gc.get_freeze_count() > self._spared + LEFT:
             self._thorough = True
             gc.unfreeze()

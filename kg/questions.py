@@ -5,13 +5,15 @@
     #+   x (double): of the point [m]
     #+   radius (double = 2.0): distance [m]
     #+ columns: object, category, x, y, z
+    #+ answer: lookup
     #+ cells: disc x y radius
     SELECT ?object ... WHERE { GRAPH graph:map { ?object here:inCell ?cell ... } ... }
 
 `$name` is a parameter, `?name` a variable, two things even where spelt alike. A ``cells`` line
 (``disc x y radius`` or ``box xmin xmax ymin ymax``, naming parameters) makes the loader start
 the pattern with ``VALUES ?cell {...}``, the cells that the area touches; the answer is the same
-without it, only later.
+without it, only later. `answer` says what an answer costs: a ``lookup`` what was asked for, however
+large the map; a ``listing`` as much as there is of it; a ``survey`` goes through all for few rows.
 """
 
 from __future__ import annotations
@@ -51,6 +53,7 @@ __all__ = [
 #: parameter type, given text -> IRI; raises HereaboutsError for what the map does not know
 Resolver = Callable[[str, str], str]
 
+ANSWERS = ("lookup", "listing", "survey")
 _TYPES = ("category", "place", "iri", "string", "double", "integer")
 LIKE_AN_IRI = re.compile(r"(https?://|urn:)\S+$")
 _HEADER = re.compile(
@@ -122,6 +125,7 @@ class Question:
     columns: tuple[str, ...]
     cells: tuple[str, ...]  # area and its parameters, e.g. ("disc", "x", "y", "radius"); or empty
     sparql: str
+    answer: str = ""  # lookup, listing or survey; empty where the header does not say
 
     def bind(self, values: Mapping[str, object], resolve: Resolver) -> str:
         """The query text with its parameters put in as RDF terms.
@@ -202,6 +206,7 @@ def parse_question(text: str, name: str) -> Question:
         columns=tuple(column.strip() for column in fields.get("columns", "").split(",") if column),
         cells=tuple(fields.get("cells", "").split()),
         sparql=text,
+        answer=fields.get("answer", ""),
     )
     _refuse_disagreement(question)
     return question
@@ -295,6 +300,11 @@ def _refuse_disagreement(question: Question) -> None:
         )
     for name in sorted(declared - used):
         raise QueryError(f"{question.name}: the parameter {name} is declared but ${name} not used")
+    if question.answer not in ("", *ANSWERS):
+        raise QueryError(
+            f"{question.name}: an answer is a {', a '.join(ANSWERS[:-1])} or a {ANSWERS[-1]}, "
+            f"got {question.answer!r}"
+        )
     if question.cells:
         area, *names = question.cells
         if area not in _AREAS or len(names) != _AREAS[area][1] or not declared.issuperset(names):

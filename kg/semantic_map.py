@@ -327,17 +327,20 @@ class SemanticMap(Remembering):
                 self.reread_ontology()
             return change
 
-    def take_ontology(self, quads: Iterable[Quad], *, by: str | None = None) -> Taken:
+    def take_ontology(
+        self, quads: Iterable[Quad], *, by: str | None = None, whole: bool = False
+    ) -> Taken:
         """Make the quads this map's ontology, in one transaction, while it is in use.
 
         What was written into graph:commonsense by other means stays. Raises OntologyError, with
-        nothing changed, where they are not well made or lack what the map speaks of; `kg.editing`
-        reads and checks files.
+        nothing changed, where they are not well made, lack what the map speaks of, or leave out
+        ontologies of the map and are not said to be the `whole`; `kg.editing` reads and checks
+        files.
         """
         ontology = Ontology(tuple(anonymous(quads)), ())
         refuse_malformed(ontology)
         with self._guard:
-            taken = take_in(self._store, ontology.quads, by)
+            taken = take_in(self._store, ontology.quads, by, whole=whole)
             if taken.commit is not None:
                 self.reread_ontology()
             return taken

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from kg.bench import ours, rivals
-from kg.bench.building import BASE, Building
+from kg.bench.loading import furnished
 from kg.bench.ours import Flatness, LiveRun
 from kg.bench.timing import Timing
-from kg.semantic_map import SemanticMap
 
 RIVALS_MOST = 10_000  # objects; beyond it a rival's load alone takes minutes
 
@@ -32,12 +31,19 @@ class GraphBench:
         low, high = min(updates, key=_size), max(updates, key=_size)
         return None if low is high else high.median / low.median
 
+    def slowest_lookup(self) -> Timing:
+        """At the largest size, of the shipped lookups the one with the longest tail."""
+        largest = max(timing.objects for timing in self.timings)
+        asked = [t for t in self.timings if t.operation in ours.LOOKUPS and t.objects == largest]
+        return max(asked, key=lambda t: t.p99)
+
     def to_json(self) -> dict[str, object]:
         """As a JSON object."""
         live, flat = self.live, self.flatness
         return {
             "timings": [timing.to_json() for timing in self.timings],
             "updateRatio": self.update_ratio(),
+            "slowestLookup": self.slowest_lookup().to_json(),
             "live": live
             and {
                 "frames": live.frames,
@@ -75,9 +81,8 @@ def bench_graph(
         with tempfile.TemporaryDirectory(prefix="hereabouts-bench-") as name:
             folder = Path(name)
             say(f"furnishing {size:,} objects")
-            with SemanticMap.create(folder / "bench.map", base=BASE) as semantic_map:
-                building = Building(size, semantic_map.catalogue)
-                building.furnish(semantic_map)
+            semantic_map, building = furnished(folder / "bench.map", size)
+            with semantic_map:
                 say(f"measuring {size:,} objects")
                 if size > ours.EXPORT_MOST:
                     say(f"leaving out the export: measured up to {ours.EXPORT_MOST:,} objects")

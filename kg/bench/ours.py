@@ -18,7 +18,8 @@ from kg.questions import Question, shipped_questions
 from kg.semantic_map import SemanticMap
 
 STORE = "hereabouts on disk"
-LOOKUPS = ("objects-within-radius", "objects-in-box", "why-object", "robot", "goals-relations")
+LOOKUPS = tuple(q.name for q in shipped_questions() if q.answer == "lookup")
+FLAT = "objects-within-radius"  # asked now and then in a long run
 EXPORT_MOST = 10_000  # objects; an export is made whole in memory
 
 
@@ -143,7 +144,7 @@ def flatness(
     semantic_map: SemanticMap, building: Building, folder: Path, *, frames: int
 ) -> Flatness:
     """Apply `frames` frames, one after the other, over a map that stays as large as it is."""
-    question = next(q for q in shipped_questions() if q.name == LOOKUPS[0])
+    question = next(q for q in shipped_questions() if q.name == FLAT)
     ask = asking(semantic_map, question, parameters_for(question, building) or {})
     rows = []
     for number in range(frames):

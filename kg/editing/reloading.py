@@ -15,7 +15,7 @@ from kg.editing.changes import Change, changes
 from kg.editing.imports import load_with_imports
 from kg.editing.inspection import refuse_malformed
 from kg.editing.sources import ontology_of_map
-from kg.editing.taking_in import left_out
+from kg.editing.taking_in import refuse_partial
 from kg.endpoint import TOKEN_VARIABLE, is_url
 from kg.errors import OntologyError, RemoteError, UnreachableError
 from kg.ontology import Ontology
@@ -56,14 +56,15 @@ def reload(
     """
     ontology = load_with_imports(source)
     warnings = tuple(refuse_malformed(ontology, reason=reason))
-    present = ontology_of_map(address)
-    _refuse_partial(source, present, ontology, whole)
+    whole = whole or source.is_dir()
     if dry:
+        present = ontology_of_map(address)
+        refuse_partial(present.quads, ontology.quads, whole=whole)
         return Reloaded(tuple(changes(present.quads, ontology.quads)), warnings=warnings)
     if is_url(address) and is_served(address):
-        return _put(address, ontology, warnings)
+        return _put(address, ontology, warnings, whole)
     with SemanticMap.open(address) as semantic_map:
-        taken = semantic_map.take_ontology(ontology.quads, by=by)
+        taken = semantic_map.take_ontology(ontology.quads, by=by, whole=whole)
         commit, sequence = taken.commit, semantic_map.sequence
     counts = (len(commit.added), len(commit.removed)) if commit else (0, 0)
     return Reloaded(taken.changes, taken.kept, warnings, sequence, *counts)
@@ -79,17 +80,7 @@ def is_served(url: str) -> bool:
     return isinstance(told, dict) and {"base", "sequence"} <= told.keys()
 
 
-def _refuse_partial(source: Path, present: Ontology, new: Ontology, whole: bool) -> None:
-    missing = () if whole or source.is_dir() else left_out(present.quads, new.quads)
-    if missing:
-        names = ", ".join(f"<{iri}>" for iri in missing)
-        raise OntologyError(
-            f"the ontology is refused: {source} leaves out {names} of the map; give the folder, "
-            "a file that imports them, or say --whole if they are to go"
-        )
-
-
-def _put(url: str, ontology: Ontology, warnings: tuple[Finding, ...]) -> Reloaded:
+def _put(url: str, ontology: Ontology, warnings: tuple[Finding, ...], whole: bool) -> Reloaded:
     body = serialize([q.triple for q in ontology.quads], format=RdfFormat.N_TRIPLES) or b""
     headers = {"Content-Type": _N_TRIPLES, "Accept": "application/json"}
     if token := os.environ.get(TOKEN_VARIABLE):
@@ -97,7 +88,10 @@ def _put(url: str, ontology: Ontology, warnings: tuple[Finding, ...]) -> Reloade
     name = v.ONTOLOGY_GRAPH.removeprefix(v.GRAPH)
     try:
         answer = requests.put(
-            f"{url.rstrip('/')}/graphs/{name}", data=body, headers=headers, timeout=_WITHIN
+            f"{url.rstrip('/')}/graphs/{name}{'?whole=true' if whole else ''}",
+            data=body,
+            headers=headers,
+            timeout=_WITHIN,
         )
         told = answer.json()
     except requests.RequestException as error:

@@ -45,12 +45,16 @@ class Taken:
     commit: ChangeSet | None
 
 
-def take_in(store: MapStore, quads: Iterable[Quad], by: str | None) -> Taken:
+def take_in(
+    store: MapStore, quads: Iterable[Quad], by: str | None, *, whole: bool = False
+) -> Taken:
     """Make the quads, found well made before, the ontology of the map in `store`.
 
     Provisional categories that the map speaks of stay, whether the quads have them or not.
 
-    Raises OntologyError where the map uses terms that they do not declare; nothing is written then.
+    Raises OntologyError where the map uses terms that they do not declare, or where they leave out
+    ontologies that the map's is made of and are not said to be the `whole`; nothing is written
+    then.
     """
     new = named(Quad(q.subject, q.predicate, q.object, _ONTOLOGY) for q in quads)
     stored = tuple(store.engine.quads_for_pattern(None, None, None, _ONTOLOGY))
@@ -60,6 +64,7 @@ def take_in(store: MapStore, quads: Iterable[Quad], by: str | None) -> Taken:
     present = set(store.engine.quads_for_pattern(None, None, None, _COMMONSENSE))
     before = set(compile_commonsense(old))
     _refuse_missing(old, new)
+    refuse_partial(old, new, whole=whole)
     _refuse_lost(store, old, new, present - before)
     delete, insert, kept = _recompiled(present, before, set(compiled))
     told = tuple(changes(old, new))
@@ -73,6 +78,17 @@ def take_in(store: MapStore, quads: Iterable[Quad], by: str | None) -> Taken:
         Cause("ontology", by, note),
     )
     return Taken(told, kept, commit)
+
+
+def refuse_partial(old: Iterable[Quad], new: Iterable[Quad], *, whole: bool) -> None:
+    """Raise OntologyError where `new` leaves out ontologies of `old` and is not the `whole`."""
+    missing = () if whole else left_out(old, new)
+    if missing:
+        names = ", ".join(f"<{iri}>" for iri in missing)
+        raise OntologyError(
+            f"the ontology is refused: it leaves out {names} of the map; give the folder, a file "
+            "that imports them, or say that it is the whole (--whole) if they are to go"
+        )
 
 
 def left_out(old: Iterable[Quad], new: Iterable[Quad]) -> tuple[str, ...]:

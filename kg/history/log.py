@@ -105,13 +105,17 @@ class Log:
     def begin(self, sequence: int, time: float, quads: Iterable[Quad]) -> None:
         """Lay the floor: what the map says at `sequence`, as of `time` [s].
 
-        `quads` come one subject of a graph after the other, as an engine lists them: what a million
-        objects are said to be need not be held in memory.
+        Best one subject of a graph after the other, as an engine lists them: what is said of a
+        million objects is not held in memory.
         """
+        highest = 0
         with self.transaction():
             for (graph, subject), about in groupby(quads, key=_graph_and_subject):
                 node = self.terms.node(graph, subject)
-                facts = [self.terms.code(quad.predicate, quad.object) for quad in about]
+                facts = {self.terms.code(quad.predicate, quad.object) for quad in about}
+                if node <= highest:  # numbers are given out in order: there were quads of it before
+                    facts |= self.facts(node, sequence)
+                highest = max(highest, node)
                 self._note_classes(node, facts)
                 self.put_state(node, sequence, facts)
             self.set_floor(sequence, time)

@@ -158,7 +158,7 @@ def _measure(serving: Serving) -> None:
         "Worker processes with a query.",
         lambda: serving.pool.busy,
     )
-    gauge("hereabouts_objects", "gauge", "Objects in the map.", lambda: _objects(serving))
+    gauge("hereabouts_objects", "gauge", "Objects in the map.", lambda: serving.tally.objects)
     gauge(
         "hereabouts_feed_clients",
         "gauge",
@@ -177,7 +177,3 @@ def _measure(serving: Serving) -> None:
         "Queries that are followed.",
         lambda: len(serving.standing),
     )
-
-
-def _objects(serving: Serving) -> int:
-    return sum(int(str(row["count"])) for row in serving.semantic_map.ask("summary").records())

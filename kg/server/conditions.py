@@ -1,8 +1,13 @@
-"""Conditional requests (RFC 9110, section 13): a client that has what it asks for is told so."""
+"""Conditional requests (RFC 9110, section 13).
+
+A client that has what it asks for is told so; one that would write over what it has not seen is
+refused.
+"""
 
 from __future__ import annotations
 
 import math
+import re
 import time
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -12,6 +17,7 @@ from starlette.requests import Request
 
 from kg.errors import HistoryError
 from kg.semantic_map import SemanticMap
+from kg.server.problems import Problem
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,11 +26,12 @@ class State:
 
     sequence: int
     modified: int | None  # [s] since 1970, from which on nothing had changed; None: not told
+    form: str = ""  # in which format, where the answers of a state in one format are all the same
 
     @property
     def tag(self) -> str:
-        """Its entity tag; weak, for an answer in another format has the same."""
-        return f'W/"{self.sequence}"'
+        """Its entity tag; weak where an answer in another format has the same."""
+        return f'"{self.sequence}-{self.form}"' if self.form else f'W/"{self.sequence}"'
 
     @property
     def headers(self) -> dict[str, str]:
@@ -39,10 +46,43 @@ class State:
         """Whether the client has this state already; tags outrank dates."""
         tags = request.headers.get("if-none-match")
         if tags is not None:
-            given = {tag.strip().removeprefix("W/") for tag in tags.split(",")}
+            given = {tag.removeprefix("W/") for tag in _tags(tags)}
             return "*" in given or self.tag.removeprefix("W/") in given
         since = _moment(request.headers.get("if-modified-since"))
         return since is not None and self.modified is not None and self.modified <= since
+
+
+def refuse_unforeseen(request: Request, state: State, *, exists: bool) -> None:
+    """Raises Problem 412 where a client that writes says it saw another state than this.
+
+    The format in which it saw it does not matter. A weak tag never matches in If-Match.
+    """
+    match = request.headers.get("if-match")
+    if match is not None:
+        seen = exists and any(_is_of(tag, state) for tag in _tags(match))
+        _refuse_unless(seen, f"it is at {state.sequence}, not as If-Match has it; read it anew")
+    elif request.headers.get("if-unmodified-since"):
+        since = _moment(request.headers["if-unmodified-since"])
+        seen = since is None or (state.modified is not None and state.modified <= since)
+        _refuse_unless(seen, "it was changed since; read it anew")
+    none = request.headers.get("if-none-match")
+    if none is not None:
+        tags = [tag.removeprefix("W/") for tag in _tags(none)]
+        unseen = not (exists and any(_is_of(tag, state) for tag in tags))
+        _refuse_unless(unseen, "it is there, as If-None-Match has it")
+
+
+def _refuse_unless(holds: bool, why: str) -> None:
+    if not holds:
+        raise Problem(412, why)
+
+
+def _is_of(tag: str, state: State) -> bool:
+    return tag == "*" or re.fullmatch(rf'"{state.sequence}(-\w+)?"', tag) is not None
+
+
+def _tags(header: str) -> list[str]:
+    return [tag.strip() for tag in header.split(",")]
 
 
 def state_of(semantic_map: SemanticMap) -> State:

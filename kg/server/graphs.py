@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import io
-from collections.abc import Generator, Iterable
+from collections.abc import Callable, Generator, Iterable
 from contextlib import closing
 from dataclasses import asdict
 from functools import partial
@@ -22,8 +22,9 @@ from starlette.responses import Response
 
 from kg import vocabulary as v
 from kg.blank_nodes import anonymous_triple
+from kg.editing.taking_in import Taken
 from kg.server import bodies
-from kg.server.conditions import state_of
+from kg.server.conditions import State, refuse_unforeseen, state_of
 from kg.server.media_types import GRAPH_FORMATS, prefixes_of
 from kg.server.problems import Problem
 from kg.server.protocol import SEQUENCE, write, written
@@ -51,29 +52,35 @@ async def graph_store(serving: Serving, request: Request) -> Response:
         raise Problem(403, "the default graph is the union of all: name the graph to change")
     target = graph or NamedNode(v.MAP_GRAPH)
     existed = _has(serving, target)
+    check = partial(_refuse_unforeseen, serving, request, graph)
     if request.method == "DELETE":
         if not existed:
             raise _unknown(target)
-        return await write(serving, request, f"CLEAR SILENT GRAPH {target}", by)
+        return await write(serving, request, f"CLEAR SILENT GRAPH {target}", by, check)
     triples = await _body(serving, request, target)
     if request.method == "PUT" and target == _ONTOLOGY:
-        return await _take_ontology(serving, request, triples, by)
+        return await _take_ontology(serving, request, triples, by, check)
     update = f"INSERT DATA {{ GRAPH {target} {{\n{_lines(triples)}}} }}"
     if request.method == "PUT":
         update = f"CLEAR SILENT GRAPH {target} ;\n{update}"
-    answer = await write(serving, request, update, by)
+    answer = await write(serving, request, update, by, check)
     answer.status_code = 200 if existed else 201
     return answer
 
 
 async def _take_ontology(
-    serving: Serving, request: Request, triples: list[Triple], by: str
+    serving: Serving, request: Request, triples: list[Triple], by: str, check: Callable[[], None]
 ) -> Response:
     """Have the map take an ontology in; the answer tells the change in words too."""
     quads = [Quad(t.subject, t.predicate, t.object, _ONTOLOGY) for t in triples]
-    taken = await asyncio.shield(
-        run_in_threadpool(partial(serving.semantic_map.take_ontology, quads, by=by))
-    )
+    whole = "whole" in bodies.query_parameters(request)
+
+    def take() -> Taken:
+        with serving.semantic_map.hold():
+            check()
+            return serving.semantic_map.take_ontology(quads, by=by, whole=whole)
+
+    taken = await asyncio.shield(run_in_threadpool(take))
     return written(
         serving,
         taken.commit,
@@ -94,13 +101,26 @@ async def _read(serving: Serving, request: Request, graph: NamedNode | None) -> 
     media_type = negotiate(request.headers.get("accept"), tuple(_FORMATS))
     if graph is not None and not _has(serving, graph):
         raise _unknown(graph)
-    state = state_of(serving.semantic_map)
-    headers = {"Vary": "Accept", SEQUENCE: str(state.sequence), **state.headers}
+    sequence = serving.semantic_map.sequence
+    state = _state(serving, graph, _FORMATS[media_type].file_extension)
+    headers = {"Vary": "Accept", SEQUENCE: str(sequence), **state.headers}
     if state.is_known_to(request):
         return Response(status_code=304, headers=headers)
     triples = _triples(serving, graph)
     body = await run_in_threadpool(partial(_serialised, serving, triples, _FORMATS[media_type]))
     return Response(body, media_type=media_type, headers=headers)
+
+
+def _state(serving: Serving, graph: NamedNode | None, form: str) -> State:
+    """Which state a graph is in: the last transaction that changed it, or any of them."""
+    state = state_of(serving.semantic_map)
+    number = state.sequence if graph is None else serving.tally.changed(graph)
+    return State(number, state.modified, form)
+
+
+def _refuse_unforeseen(serving: Serving, request: Request, graph: NamedNode | None) -> None:
+    exists = graph is None or _has(serving, graph)
+    refuse_unforeseen(request, _state(serving, graph, ""), exists=exists)
 
 
 def _triples(serving: Serving, graph: NamedNode | None) -> _Triples:
@@ -159,7 +179,7 @@ def _graph(request: Request) -> NamedNode | None:
     given = bodies.query_parameters(request)
     iri = given.one("graph")
     if path:
-        if given.pairs:
+        if any(key != "whole" for key, _ in given.pairs):
             raise Problem(400, "the path names the graph; leave out ?graph and ?default")
         iri = v.GRAPH + path
     elif (iri is None) == ("default" not in given):

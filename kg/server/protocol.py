@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from functools import partial
+from collections.abc import Callable
 from typing import Any, Final, TypeVar
 
 from pyoxigraph import NamedNode
@@ -115,13 +115,26 @@ async def _update(serving: Serving, request: Request, given: Parameters, by: str
     return await write(serving, request, text, by)
 
 
-async def write(serving: Serving, request: Request, update: str, by: str) -> Response:
-    """Carry out an update; the answer says what it changed, and under which number."""
+async def write(
+    serving: Serving,
+    request: Request,
+    update: str,
+    by: str,
+    check: Callable[[], None] | None = None,
+) -> Response:
+    """Carry out an update; the answer says what it changed, and under which number.
+
+    `check` may refuse it, right before: nobody writes in between.
+    """
+
+    def act() -> ChangeSet | None:
+        with serving.semantic_map.hold():
+            if check is not None:
+                check()
+            return serving.semantic_map.update(update, by=by)
+
     # a client that leaves meanwhile must not leave half of a decision behind
-    change = await asyncio.shield(
-        run_in_threadpool(partial(serving.semantic_map.update, update, by=by))
-    )
-    return written(serving, change, request)
+    return written(serving, await asyncio.shield(run_in_threadpool(act)), request)
 
 
 def written(

@@ -8,6 +8,7 @@ from kg.server.feed import Feed
 from kg.server.listening import Listening
 from kg.server.serving import Serving, Status
 from kg.server.settings import Settings
+from kg.server.tally import Tally
 from kg.workers.pool import QueryPool
 
 
@@ -39,10 +40,12 @@ class MapServer(Listening):
                 services=self.settings.services,
             ),
             Feed(semantic_map, limits),
+            Tally(semantic_map),
             status=status,
         )
         self._answer_with(application(self.serving), self.serving.feed.stop)
 
     def _close(self) -> None:
+        self.serving.tally.stop()
         self.serving.pool.close()
         super()._close()

@@ -9,6 +9,7 @@ from kg.semantic_map import SemanticMap
 from kg.server.feed import Feed, Follower
 from kg.server.metrics import Metrics
 from kg.server.settings import Settings
+from kg.server.tally import Tally
 from kg.workers.pool import QueryPool
 
 #: What else runs beside the server, for `/health`: name -> how it is.
@@ -23,6 +24,7 @@ class Serving:
     settings: Settings
     pool: QueryPool
     feed: Feed
+    tally: Tally
     metrics: Metrics = field(default_factory=Metrics)
     standing: set[Follower] = field(default_factory=set)  # the standing queries among followers
     status: Status = dict

@@ -165,6 +165,11 @@ def run_graph(arguments: argparse.Namespace) -> int:
 def _note_graph(result: GraphBench) -> None:
     if (ratio := result.update_ratio()) is not None:
         note(f"an update of the largest map costs {ratio:.2f} times one of the smallest")
+    slowest = result.slowest_lookup()
+    note(
+        f"slowest of the lookups at {slowest.objects:,} objects: {slowest.operation}, "
+        f"p99 {slowest.p99:.1f} ms"
+    )
     if (live := result.live) is not None:
         note(f"{live.late} of {live.frames} frames late at 30 a second; {live.reads} reads beside")
     if (flat := result.flatness) is not None:

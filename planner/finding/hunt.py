@@ -21,17 +21,17 @@ from planner.finding.candidates import Candidate, Gatherer, map_time
 from planner.finding.ground import Ground, ground_of, ground_on
 from planner.finding.places import Place, all_places
 from planner.finding.prospects import Prospects, prospects
-from planner.finding.settings import BELIEF, MOST_ROOMS, Belief
+from planner.finding.settings import BELIEF, MOST_ROOMS, MOST_ROUNDS, Belief
 from planner.finding.targets import Target, resolve
-from planner.space.grid import FreeSpace
+from planner.space.grid import Cells, FreeSpace
 from planner.space.mapped import mapped_floor
 from planner.viewing.belief import CellBelief
+from planner.viewing.covers import standing_cells
 from planner.viewing.looks import (
     Looks,
     belief_cells,
     candidate_looks,
     picture,
-    standing_cells,
 )
 from planner.viewing.memory import Memory
 from planner.viewing.sensor import Motion, Sensor
@@ -75,15 +75,17 @@ class Hunt:
         self.settings = settings
         self.finds: list[Find] = []
         self.unseen = np.ones(len(looks.cells))  # (c,) chance that all looks missed what lies there
-        self._taken: list[tuple[int, float, float]] = []  # cell, heading, extent of looks taken
         self._ground = ground
-        self._least = settings.give_up * known.left(self.unseen, range(len(targets)))
-        self._use(looks)
+        self._first = known.left(self.unseen, range(len(targets)))
+        self.rounds = 0  # how often fresh positions were taken
+        self.looks, self.tourist = looks, Tourist(looks)
+        self.memory = Memory(looks, settings.give_up * self._first)
 
     def _use(self, looks: Looks) -> None:
-        self.looks = looks
-        self.tourist = Tourist(looks)
-        self.memory = Memory(looks, self._least)
+        """Go on with other looks over the same cells."""
+        least = self.settings.give_up * self._first / 2**self.rounds
+        self.memory = self.memory.moved_to(looks, least)
+        self.looks, self.tourist = looks, Tourist(looks)
 
     @property
     def space(self) -> FreeSpace:
@@ -141,8 +143,28 @@ class Hunt:
         return self.prospects.expected(unseen, of)
 
     def next(self, at: Standing) -> int | None:
-        """The look to take next from `at`; None where no look is worth the way any more."""
-        return self.choose(at, self.unseen, self.memory) if self.wanted else None
+        """The look to take next from `at`; None where no look is worth the way any more.
+
+        Where none is, and too much is left to be found, the hunt goes on with fresh positions,
+        which see round what hid it from the old ones.
+        """
+        look = None
+        while self.wanted and look is None:
+            look = self.choose(at, self.unseen, self.memory)
+            if look is None and not self._refreshed():
+                break
+        return look
+
+    def _refreshed(self) -> bool:
+        """Take fresh positions, and be content with looks that find half as much; False at last."""
+        if self.rounds == MOST_ROUNDS or self.left <= self.settings.rest * self._first:
+            return False
+        self.rounds += 1
+        old = self.looks
+        unseen = self.prospects.expected(self.unseen, np.ones(len(self.targets)))
+        fresh = _stands(self._ground, old.cells, unseen, old.sensor, old.stands)
+        self._use(old.with_stands(self.space, np.union1d(old.stands, fresh)))
+        return True
 
     def choose(self, at: Standing, unseen: NDArray[np.float64], memory: Memory) -> int | None:
         """As `next`, on trial: with other things `unseen` (c,) and remembered."""
@@ -160,13 +182,7 @@ class Hunt:
     def missed(self, look: int) -> None:
         """Learn that `look` was taken and showed nothing that is wanted."""
         self.unseen = self.unseen * (1.0 - self.memory.chance(look))
-        self._note(look)
-
-    def _note(self, look: int) -> None:
-        looks = self.looks
         self.memory.note(look)
-        cell = int(looks.stands[looks.stand[look]])
-        self._taken.append((cell, float(looks.heading[look]), float(looks.extent[look])))
 
     def missed_picture(self, cell: int, heading: float) -> None:
         """Learn from one picture taken from floor `cell` towards `heading` [rad], on the way, say.
@@ -197,12 +213,7 @@ class Hunt:
         space = self.space.without(cells)
         kept = old.stands[space.free.reshape(-1)[old.stands]]
         self._ground = replace(self._ground, space=space)
-        self._use(candidate_looks(space, old.sensor, old.motion, cells=old.cells, stands=kept))
-        new = self.looks
-        for cell, heading, extent in self._taken:
-            same = (new.stands[new.stand] == cell) & (new.heading == heading)
-            for look in np.flatnonzero(same & (new.extent == extent)):
-                self.memory.note(int(look))
+        self._use(old.with_stands(space, kept))
 
     def why(self, look: int, unseen: NDArray[np.float64] | None = None) -> tuple[Reason, ...]:
         """What makes a look worth while, the weightiest first; less than a hundredth of it is out.
@@ -270,7 +281,7 @@ def prepare(
     sensor = sensor or Sensor()
     cells = belief_cells(ground.space)
     known = prospects(ground, cells, found, settings)
-    stands = _stands(ground, known, sensor)
+    stands = _stands(ground, cells, known.weight.sum(axis=0), sensor)
     looks = candidate_looks(ground.space, sensor, motion, cells=cells, stands=stands)
     return Hunt(wanted, ground, looks, found, known, settings)
 
@@ -288,14 +299,24 @@ def _ground(
     return ground_of(places, spots, settings, floor, semantic_map.base)
 
 
-def _stands(ground: Ground, known: Prospects, sensor: Sensor) -> NDArray[np.intp]:
-    """Positions in every room, or in those that hold most where there are very many rooms."""
+def _stands(
+    ground: Ground,
+    cells: Cells,
+    weight: NDArray[np.float64],
+    sensor: Sensor,
+    besides: ArrayLike = (),
+) -> Cells:
+    """Positions in every room, or in those that hold most of `weight` (c,) where rooms are many.
+
+    Two covers, or one more where there are positions `besides`.
+    """
     space = ground.space
-    of_cell = space.room.reshape(-1)[known.cells]
-    if len(ground.rooms) <= MOST_ROOMS:
-        return standing_cells(space, sensor.far)
-    mass = np.bincount(of_cell, known.weight.sum(axis=0), minlength=len(ground.rooms))
-    size = np.bincount(of_cell, minlength=len(ground.rooms))
-    best = np.argsort(-mass / np.sqrt(np.maximum(size, 1)), kind="stable")[:MOST_ROOMS]
-    elsewhere = space.floor()[~np.isin(space.room.reshape(-1)[space.floor()], best)]
-    return standing_cells(space.without(elsewhere), sensor.far)
+    covers = 1 if len(np.asarray(besides)) else 2
+    if len(ground.rooms) > MOST_ROOMS:
+        of_cell = space.room.reshape(-1)[cells]
+        mass = np.bincount(of_cell, weight, minlength=len(ground.rooms))
+        size = np.bincount(of_cell, minlength=len(ground.rooms))
+        best = np.argsort(-mass / np.sqrt(np.maximum(size, 1)), kind="stable")[:MOST_ROOMS]
+        floor = space.floor()
+        space = space.without(floor[~np.isin(space.room.reshape(-1)[floor], best)])
+    return standing_cells(space, sensor.far, near=sensor.near, covers=covers, besides=besides)

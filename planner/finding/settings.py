@@ -40,6 +40,7 @@ class Belief:
     outside: float = 1.5  # [m] of floor assumed around an object that is in no place
     frontier: float = 0.3  # chance that a room begins where seen floor ends at unseen floor
     give_up: float = 0.005  # a look that finds less than this share of all is worth no way
+    rest: float = 0.01  # with less than this share of all left to be found, a search is over
 
 
 BELIEF: Final = Belief()
@@ -49,5 +50,7 @@ ENOUGH: Final = 0.97
 MOST_LOOKS: Final = 80
 #: rooms that are planned for, at most; the others count as left over
 MOST_ROOMS: Final = 48
+#: times that a search in vain takes fresh positions, and is then content with looks half as good
+MOST_ROUNDS: Final = 4
 #: orders tried beyond the first, at most
 TRIALS: Final = 60

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.errors import OrderingError
+from planner.ordering.compiled import fast
 from planner.ordering.improve import MANY, by_ratio, improve
 from planner.ordering.kernel import Ints, Kernel, reduce_problem
 from planner.ordering.potentials import best_split, quick_bound
@@ -34,6 +35,10 @@ _ON_SPLITS = 0.08
 _ON_TREES, _TREES = 0.25, 700
 #: up to so many places a second walks bound; they remember so many others, more before a proof
 _WALKED, _MEMORY, _LONG_MEMORY = 85, 3, 6
+#: up to so many places compiled walks bound, where they are at hand
+_COMPILED = 700
+#: and the share of the time spent on orders of few places then, and of what is left on split legs
+_ON_PROVEN, _ON_FIRST = 0.15, 0.02
 #: gap beyond which a proof takes too long to be tried
 _HOPELESS = 0.07
 #: places that a walk reaches with its memory kept
@@ -95,7 +100,14 @@ def _anytime(kernel: Kernel, begin: float, limit: float, seed: int) -> tuple[Int
     now = time.perf_counter()
     walked = kernel.size <= _WALKED * max(1.0, limit)
     share = _ON_FEW if few else _ON_ORDERS if walked else _ON_MANY
+    native = fast() if kernel.size <= _COMPILED else None
+    if native is not None and kernel.size <= native.MOST_PLACES:
+        share = _ON_PROVEN
     order, cost = improve(kernel, order, now + (end - now) * share, seed)
+    if native is not None:
+        bound = _without_walks(kernel, cost, end, _ON_FIRST)
+        order, walked_bound = native.bounded(kernel, order, end)
+        return order, max(bound, walked_bound)
     known = Tangent.of(kernel, order)
     if not walked or not fits(kernel, known, _MEMORY):
         return order, _without_walks(kernel, cost, end, 1.0)

@@ -13,7 +13,8 @@ from planner.space.geodesic import distance_fields
 from planner.space.grid import Cells, FreeSpace
 from planner.trials.homes import Home
 from planner.trials.robot import Robot
-from planner.viewing.looks import Looks, candidate_looks, room_covers
+from planner.viewing.covers import room_covers
+from planner.viewing.looks import Looks, candidate_looks
 from planner.viewing.sensor import Motion, Sensor
 
 

@@ -1,4 +1,4 @@
-"""Where something may be: weights on cells of the floor, and what a failed look teaches.
+"""Where something may be: weights on cells of the floor.
 
 One belief for everything that is known: a remembered site and the room around it are the same
 cells, so that looking at the site in vain lowers the room, and nothing is counted twice.
@@ -7,7 +7,7 @@ cells, so that looking at the site in vain lowers the room, and nothing is count
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,14 +35,6 @@ class CellBelief:
     def present(self) -> float:
         """Probability that it is on this floor."""
         return 1.0 - self.absent
-
-    def after_miss(self, chance: ArrayLike) -> CellBelief:
-        """Bayes' rule after a look that would have shown each cell with `chance` (c,), in vain."""
-        left = self.weight * (1.0 - np.asarray(chance, np.float64))
-        total = float(left.sum()) + self.absent
-        if total <= 0.0:  # a look that cannot fail has failed: nothing is left but absence
-            return replace(self, weight=np.zeros_like(self.weight), absent=1.0)
-        return replace(self, weight=left / total, absent=self.absent / total)
 
     def of_room(self, space: FreeSpace, room: int) -> float:
         """Probability that it is in `room`."""

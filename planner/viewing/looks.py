@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from planner.space.geodesic import distance_fields
 from planner.space.grid import Cells, FreeSpace
 from planner.space.sight import visible
+from planner.viewing.covers import standing_cells
 from planner.viewing.sensor import Motion, Sensor, angle_between
 
 HEADINGS: Final = 8
@@ -50,98 +51,6 @@ def square(space: FreeSpace, cell: int) -> int:
     return (ix // side) * space.shape[1] + iy // side
 
 
-def standing_cells(
-    space: FreeSpace,
-    reach: float,
-    *,
-    near: float = 0.0,
-    spacing: float = 1.0,
-    cover: float = 0.995,
-    covers: int = 2,
-) -> Cells:
-    """Positions to look from that together see at least `cover` of every room, several times over.
-
-    The `covers` covers of `room_covers` have no position in common, so that what one look missed
-    can be looked at from elsewhere.
-    """
-    found = room_covers(space, reach, near=near, spacing=spacing, cover=cover, covers=covers)
-    return np.array(sorted({int(cell) for cells in found.values() for cell in cells}), np.intp)
-
-
-def room_covers(
-    space: FreeSpace,
-    reach: float,
-    *,
-    near: float = 0.0,
-    spacing: float = 1.0,
-    cover: float = 0.98,
-    covers: int = 1,
-) -> dict[int, Cells]:
-    """For each room, cells from which whole turns see at least `cover` of it, `covers` times.
-
-    Candidates stand on a lattice of `spacing` metres, every room's middle among them. The ones that
-    see most of what is unseen are taken first (greedy cover): of the room's own, and where these do
-    not suffice, of its neighbours'. What is nearer than `near` metres is not seen.
-    """
-    lattice = {room: _lattice(space, space.floor(room), spacing) for room in _rooms(space)}
-    every = np.concatenate(list(lattice.values()))
-    seen = _seen_from(space, every, near, reach)
-    owner = np.repeat(list(lattice), [len(cells) for cells in lattice.values()])
-    taken: set[int] = set()
-    found: dict[int, Cells] = {}
-    for room in lattice:
-        inside = seen[:, space.inside(room)]
-        chosen: list[int] = []
-        for _ in range(covers):
-            unseen = np.ones(inside.shape[1], np.bool_)
-            for among in (owner == room, owner != room):
-                left = [int(i) for i in np.flatnonzero(among) if i not in taken]
-                picked = _greedy_cover(inside, left, unseen, cover)
-                chosen += picked
-                taken.update(picked)
-        found[room] = every[chosen]
-    return found
-
-
-def _rooms(space: FreeSpace) -> list[int]:
-    return [int(room) for room in np.unique(space.room[space.free])]
-
-
-def _seen_from(space: FreeSpace, stands: Cells, near: float, reach: float) -> NDArray[np.bool_]:
-    """(n, nx * ny) which cells each of `stands` sees."""
-    seen = np.zeros((len(stands), space.room.size), np.bool_)
-    for row, stand in zip(seen, stands, strict=True):
-        cells, offset = visible(space, int(stand), reach)
-        row[cells[(offset**2).sum(axis=1) >= near**2]] = True
-    return seen
-
-
-def _lattice(space: FreeSpace, cells: Cells, spacing: float) -> Cells:
-    step = max(1, round(spacing / space.cell))
-    ix, iy = np.divmod(cells, space.shape[1])
-    on = cells[((ix - ix.min()) % step == step // 2) & ((iy - iy.min()) % step == step // 2)]
-    middle = space.centres(cells).mean(axis=0)
-    offset = space.centres(cells) - middle
-    centre = cells[int(np.argmin((offset**2).sum(axis=1)))]
-    return np.unique(np.append(on, centre))
-
-
-def _greedy_cover(
-    seen: NDArray[np.bool_], left: Sequence[int], unseen: NDArray[np.bool_], cover: float
-) -> list[int]:
-    """Rows of `seen` (n, c), of those in `left`, that leave little unseen; updates `unseen`."""
-    rows = seen[list(left)]
-    taken: list[int] = []
-    while len(rows) and unseen.mean() > 1 - cover:
-        gains = (rows & unseen).sum(axis=1)
-        best = int(np.argmax(gains))
-        if not gains[best]:
-            break
-        taken.append(left[best])
-        unseen &= ~rows[best]
-    return taken
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Looks:
     """All candidate looks of a building, by number."""
@@ -167,6 +76,14 @@ class Looks:
         """(s,) [m] the shortest way from `cell` to each position."""
         return self.fields.reshape(len(self.stands), -1)[:, cell].astype(np.float64)
 
+    def with_stands(self, space: FreeSpace, stands: Cells) -> Looks:
+        """Such looks over the same cells from other `stands`, on a floor that may have changed."""
+        one = self.stand == self.stand[0]
+        kinds = list(zip(self.heading[one].tolist(), self.extent[one].tolist(), strict=True))
+        return candidate_looks(
+            space, self.sensor, self.motion, cells=self.cells, stands=stands, kinds=kinds
+        )
+
     def starts(self, looks: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Headings [rad] at the two ends of each sweep; the robot begins at the nearer one."""
         number = np.asarray(looks, np.intp)
@@ -181,13 +98,17 @@ def candidate_looks(
     *,
     cells: Cells | None = None,
     stands: Cells | None = None,
+    kinds: Sequence[tuple[float, float]] | None = None,
 ) -> Looks:
-    """Looks from `stands` (default: `standing_cells`): pictures and sweeps in eight headings."""
+    """Looks from `stands` (default: `standing_cells`): pictures and sweeps in eight headings.
+
+    Or of other `kinds`: (heading, extent) [rad] of the looks from every position.
+    """
     sensor, motion = sensor or Sensor(), motion or Motion()
     cells = belief_cells(space) if cells is None else cells
     if stands is None:
         stands = standing_cells(space, sensor.far, near=sensor.near)
-    kinds = _kinds(sensor.field_of_view)
+    kinds = kinds or _kinds(sensor.field_of_view)
     chance = np.zeros((len(stands) * len(kinds), len(cells)), np.float32)
     for number, stand in enumerate(stands):
         rows = chance[number * len(kinds) : (number + 1) * len(kinds)]

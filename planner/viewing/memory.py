@@ -51,6 +51,16 @@ class Memory:
             gains[rows] = self._looks.chance[rows] @ (left * worth)
         return np.where(gains >= self._least, gains, 0.0).astype(np.float64)
 
+    def moved_to(self, looks: Looks, least: float) -> Memory:
+        """The same memory for other `looks` over the same cells, of the positions that remain."""
+        other = Memory(looks, least)
+        now = {int(cell): stand for stand, cell in enumerate(looks.stands)}
+        for stand, worth in self._worth.items():
+            cell = int(self._looks.stands[stand])
+            if cell in now:
+                other._worth[now[cell]] = worth
+        return other
+
     def copy(self) -> Memory:
         """The same memory, to go on with on trial."""
         other = Memory(self._looks, self._least)

@@ -7,9 +7,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from pyoxigraph import NamedNode, Quad
 
+from kg import vocabulary as v
 from kg.bench import rivals
 from kg.bench.building import BASE, Building
+from kg.bench.loading import furnished
+from kg.bench.ours import LOOKUPS
 from kg.questions import shipped_questions
 from kg.semantic_map import SemanticMap
 from planner.commands import main
@@ -34,7 +38,28 @@ def test_every_store_and_question_is_measured(prints: Callable[..., str]) -> Non
     assert result["live"]["frames"] == 9
     assert result["live"]["reads"] > 0
     assert result["updateRatio"] > 0
+    slowest = result["slowestLookup"]
+    assert (slowest["objects"], slowest["operation"] in LOOKUPS) == (200, True)
     assert set(result["lastTenthOverFirst"]) >= {"update", "lookup", "memory", "disk"}
+
+
+def test_a_map_loaded_whole_says_what_the_writer_writes(tmp_path: Path) -> None:
+    with SemanticMap.create(tmp_path / "written", base=BASE) as written:
+        building = Building(230, written.catalogue)
+        building.furnish(written)
+        loaded, same = furnished(tmp_path / "loaded", 230)
+        with loaded:
+            assert _says(loaded) == _says(written)
+            for semantic_map, of in ((written, building), (loaded, same)):
+                semantic_map.apply(of.frame(0))
+            assert _says(loaded) == _says(written)
+            assert loaded.new_object_iri() == written.new_object_iri()
+            assert len(loaded.at(0).objects()) == 230  # its history begins with all of it
+
+
+def _says(semantic_map: SemanticMap) -> set[Quad]:
+    apart = {NamedNode(iri) for iri in (v.SEQUENCE, v.DCT_CREATED, v.DCT_TITLE)}
+    return {quad for quad in semantic_map.engine if quad.predicate not in apart}
 
 
 def test_the_stores_agree_on_every_answer(tmp_path: Path) -> None:

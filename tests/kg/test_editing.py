@@ -35,6 +35,7 @@ MUG = """here:Mug a owl:Class ; rdfs:subClassOf here:Cup ; rdfs:label "mug" ;
 [] a owl:Axiom ; owl:annotatedSource here:Mug ; owl:annotatedProperty here:locatedAt ;
     owl:annotatedTarget here:Office ; here:probability 0.6e0 ; dct:source "us" .
 """
+ONTOLOGIES = v.CORE_ONTOLOGY.rpartition("/")[0]
 SHIPPED = load_ontologies().quads
 BY_HAND = """INSERT DATA { GRAPH graph:commonsense {
     <https://w3id.org/hereabouts/relation/locatedAt/Cup/HomeOffice> a here:LocatedAtRelation ;
@@ -282,7 +283,7 @@ def test_a_probability_edited_twice_stands_once(tmp_path: Path) -> None:
             turtle = MUG.replace("0.6e0", probability)
             semantic_map.take_ontology(load_with_imports(written(tmp_path, turtle)).quads)
             assert rows(semantic_map, "mug") == {"office": float(probability)}
-        semantic_map.take_ontology(SHIPPED)
+        semantic_map.take_ontology(SHIPPED, whole=True)
         assert semantic_map.catalogue.get("becher") is None
         fresh = {q for q in SemanticMap.in_memory().engine if "dataset" not in str(q.graph_name)}
         assert {q for q in semantic_map.engine if "dataset" not in str(q.graph_name)} == fresh
@@ -318,6 +319,22 @@ def test_categories_the_map_speaks_of_and_terms_it_is_written_in_must_stay() -> 
         with pytest.raises(OntologyError, match="lacks here:heading, which maps are written in"):
             semantic_map.take_ontology(q for q in SHIPPED if "#heading>" not in str(q.subject))
         assert set(semantic_map.engine) == before
+
+
+def test_an_ontology_without_what_the_map_is_made_of_is_refused_unless_it_is_the_whole(
+    mine: Path,
+) -> None:
+    named_parts = "> , <".join(f"{ONTOLOGIES}/{part}" for part in ("objects", "places"))
+    commonsense = f"{ONTOLOGIES}/commonsense"
+    mine.write_text(mine.read_text().replace(commonsense, named_parts))
+    lacking = load_with_imports(mine).quads
+    with SemanticMap.in_memory() as semantic_map:
+        before = set(semantic_map.engine)
+        with pytest.raises(OntologyError, match=r"leaves out <.*/commonsense> of the map"):
+            semantic_map.take_ontology(lacking)
+        assert set(semantic_map.engine) == before
+        semantic_map.take_ontology(lacking, whole=True)
+        assert rows(semantic_map, "banana") == {}
 
 
 def test_a_map_made_when_ontologies_had_blank_nodes_takes_one_in(mine: Path) -> None:

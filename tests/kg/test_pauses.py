@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import gc
+import sys
+import weakref
 
 import pytest
 
+from kg import pauses
 from kg.pauses import settled
 
 
@@ -17,3 +20,33 @@ def test_what_is_loaded_is_spared_for_the_length_of_the_block() -> None:
         assert all(found is not mine for found in gc.get_objects())
         raise KeyError
     assert any(found is mine for found in gc.get_objects())
+
+
+def test_what_came_since_is_spared_too_once_it_has_lasted() -> None:
+    with settled():
+        mine = [[]]
+        gc.collect(1)
+        assert all(found is not mine for found in gc.get_objects())
+    assert any(found is mine for found in gc.get_objects())
+
+
+def test_rings_that_stayed_behind_are_collected_when_they_are_many(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(pauses, "LEFT", -sys.maxsize)
+    with settled():
+        rings = [_Ring() for _ in range(1000)]
+        last = weakref.ref(rings[-1])
+        gc.collect(1)
+        rings.clear()
+        gc.collect()
+        assert last() is not None  # spared: nobody goes through those
+        for _ in range(pauses.ROUNDS):
+            gc.collect(1)
+        gc.collect()
+        assert last() is None
+
+
+class _Ring:
+    def __init__(self) -> None:
+        self.me = self

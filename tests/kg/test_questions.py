@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kg.errors import QueryError, QueryParameterError, UnknownCategoryError, UnknownQueryError
-from kg.questions import find_question, parse_question, shipped_questions
+from kg.questions import ANSWERS, find_question, parse_question, shipped_questions
 from kg.records import Evidence, MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
 from kg.semantic_map import SemanticMap
 
@@ -61,6 +61,7 @@ def test_every_shipped_question_says_what_it_is_and_gives_the_columns_it_promise
     for question in shipped_questions():
         assert question.summary
         assert question.columns
+        assert question.answer in ANSWERS
         assert "ORDER BY" in question.sparql
         values = {**given_values, **numbers}
         named = {p.name: values[p.name] for p in question.parameters if p.default is None}
@@ -282,6 +283,7 @@ def test_a_query_file_of_ones_own(tmp_path: Path) -> None:
         ("#+ parameters:\n#+   o (iri): x\nSELECT ?s WHERE { ?s ?p ?o }", "declared but"),
         ("#+ parameters:\n#+   o (number): x\nSELECT ?s WHERE { ?s ?p $o }", "no type 'number'"),
         ("#+ nonsense\nSELECT ?s WHERE { ?s ?p ?o }", "line 1 is no header line"),
+        ("#+ answer: quick\nSELECT ?s WHERE { ?s ?p ?o }", "a lookup, a listing or a survey"),
         ("#+ cells: disc x y r\nSELECT ?s WHERE { ?s ?p ?o }", "cells must be"),
     ],
 )

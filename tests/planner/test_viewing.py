@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from planner.space.building import free_space
 from planner.space.grid import FreeSpace, Room
 from planner.space.sight import visible
-from planner.viewing.belief import belief_from, room_weights, site_weights
-from planner.viewing.looks import Looks, candidate_looks, picture, room_covers
+from planner.viewing.belief import belief_from, room_weights
+from planner.viewing.covers import room_covers
+from planner.viewing.looks import Looks, candidate_looks, picture
 from planner.viewing.memory import Memory
 from planner.viewing.sensor import Motion, Sensor
 from planner.viewing.tour import Standing, Tourist
@@ -34,40 +35,6 @@ def looks() -> Looks:
 weights = st.integers(0, 10**6).map(
     lambda seed: np.random.default_rng(seed).random(len(looks().cells)) ** 4
 )
-
-
-@quick
-@given(weights, st.floats(0.0, 0.9), st.data())
-def test_belief_keeps_its_mass_through_failed_looks(
-    weight: np.ndarray, absent: float, data: st.DataObject
-) -> None:
-    belief = belief_from(looks().cells, weight, absent)
-    taken = st.lists(st.integers(0, len(looks().stand) - 1), max_size=6)
-    for look in data.draw(taken):
-        shown = looks().chance[look] > 0
-        after = belief.after_miss(looks().chance[look])
-        assert after.weight.sum() + after.absent == pytest.approx(1)
-        assert after.absent >= belief.absent - 1e-12
-        assert (after.weight[~shown] >= belief.weight[~shown] - 1e-12).all()
-        if belief.weight.sum() > 0:
-            assert after.weight[shown].sum() <= belief.weight[shown].sum() + 1e-12
-        belief = after
-
-
-def test_a_look_that_cannot_fail_leaves_absence_only() -> None:
-    belief = belief_from(looks().cells, np.ones(len(looks().cells)), 0.0)
-    after = belief.after_miss(np.ones(len(looks().cells)))
-    assert (after.present, after.weight.sum()) == (0.0, 0.0)
-
-
-def test_a_remembered_site_and_its_room_are_one_belief() -> None:
-    cells = looks().cells
-    site = site_weights(home(), cells, (1.0, 1.0), 0.3)
-    belief = belief_from(cells, site + room_weights(home(), cells, {0: 1.0}), 0.0)
-    near = site > site.max() / 10
-    after = belief.after_miss(np.where(near, 0.9, 0.0))
-    assert after.of_room(home(), 0) < belief.of_room(home(), 0)
-    assert after.of_room(home(), 1) > belief.of_room(home(), 1)
 
 
 def test_what_looks_show_is_in_range_in_view_and_behind_no_wall() -> None:

@@ -22,7 +22,7 @@ from kg.server import bodies, metrics
 from kg.server.app import file, not_this_way
 from kg.server.fleet import pages
 from kg.server.fleet.members import Asked, Member, ask_all, lines
-from kg.server.fleet.queries import FleetServing, missing, sparql
+from kg.server.fleet.queries import FleetServing, missing, refuse_past, sparql
 from kg.server.guard import Guard
 from kg.server.media_types import GRAPH_FORMATS, HTML, document
 from kg.server.pages import thing_page
@@ -31,6 +31,8 @@ from kg.server.thing import Thing, look_up
 from kg.workers.formats import negotiate
 
 Answer = Callable[[FleetServing, Request], Awaitable[Response]]
+#: what each map has and a fleet of them has not
+_MEMBERS_OWN = ("/assertions", "/log", "/diff", "/why", "/timemap", "/changes", "/subscribe")
 
 
 def fleet_application(fleet: FleetServing) -> ASGIApp:
@@ -45,6 +47,7 @@ def fleet_application(fleet: FleetServing) -> ASGIApp:
         ("/metrics", _metrics, ["GET"]),
         ("/files/{name:str}", _file, ["GET"]),
         ("/resource", _resource, ["GET"]),
+        *((path, _members_own, ["GET", "POST", "DELETE"]) for path in _MEMBERS_OWN),
     ]
     routes = [Route(path, _endpoint(fleet, answer), methods=how) for path, answer, how in table]
 
@@ -127,12 +130,21 @@ async def _file(fleet: FleetServing, request: Request) -> Response:
     return file(request)
 
 
+async def _members_own(fleet: FleetServing, request: Request) -> Response:
+    """Refused: what people said, what was, why and what changes is for each map to tell."""
+    if request.method in ("POST", "DELETE"):
+        raise Problem(403, "a fleet only reads: write to the member it is for")
+    names = ", ".join(member.name for member in fleet.members)
+    raise Problem(404, f"a fleet has no {request.url.path}: ask the map it is about ({names})")
+
+
 async def _resource(fleet: FleetServing, request: Request) -> Response:
     """Anything a member knows: the one whose map the IRI begins with is asked, else all are."""
     given = bodies.query_parameters(request)
     iri = given.one("iri")
     if not iri:
         raise Problem(400, "needs ?iri=, an absolute IRI")
+    refuse_past(given)
     media_type = negotiate(request.headers.get("accept"), (*GRAPH_FORMATS, HTML))
     found, errors = await _facts(fleet, iri)
     # who does not know the thing has answered: only those that could not be asked are missing

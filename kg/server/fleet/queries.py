@@ -95,6 +95,12 @@ async def _parameters(fleet: FleetServing, request: Request) -> Parameters | Non
     return form + url
 
 
+def refuse_past(given: Parameters) -> None:
+    """Raises Problem 400 where a moment is asked for: each map has a past of its own."""
+    if "at" in given:
+        raise Problem(400, "a fleet is asked as it is now: leave out 'at', or ask one map")
+
+
 def _only_reads() -> Problem:
     return Problem(403, "a fleet only reads: send updates to the member they are for")
 
@@ -111,6 +117,7 @@ async def _answer(fleet: FleetServing, given: Parameters, accept: str | None) ->
 async def _plan(fleet: FleetServing, given: Parameters, accept: str | None) -> _Plan:
     text = given.one("query") or ""
     refuse_length(text)
+    refuse_past(given)
     default, named = graphs_of(given, "default-graph-uri"), graphs_of(given, "named-graph-uri")
     tried = await fleet.scribe.run_async(
         text, accept=ACCEPT, default_graphs=default, named_graphs=named

@@ -250,6 +250,22 @@ def test_a_fleet_only_reads(fleet: Fleet) -> None:
     )
 
 
+@pytest.mark.parametrize("path", ["assertions", "log", "diff", "why", "timemap", "changes"])
+def test_what_each_map_has_of_its_own_is_not_a_fleets(fleet: Fleet, path: str) -> None:
+    answer = fleet.get(path, iri="object/1")
+    assert answer.status_code == 404
+    assert f"ask the map it is about ({', '.join(fleet.members)})" in answer.text
+
+
+def test_a_fleet_is_asked_as_it_is_now_and_told_nothing(fleet: Fleet) -> None:
+    said = {"thing": "object/1", "property": "category", "value": "bowl"}
+    refused = requests.post(fleet.server.url + "assertions", json=said, timeout=30)
+    assert (refused.status_code, "write to the member" in refused.text) == (403, True)
+    for path, given in (("sparql", {"query": E}), ("resource", {"iri": f"{BASE}north/object/1"})):
+        answer = fleet.get(path, at="1", **given)
+        assert (answer.status_code, "one map" in answer.text) == (400, True)
+
+
 def test_a_member_that_is_away_is_no_silently_short_answer(
     members: list[str], start: Callable[..., Fleet]
 ) -> None:

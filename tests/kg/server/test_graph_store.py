@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
 import pytest
@@ -135,3 +136,68 @@ def test_other_formats_are_taken(served: Served, kind: str, body: str) -> None:
 def test_dump_is_the_whole_map(served: Served, ending: str, form: RdfFormat) -> None:
     answer = served.get(f"dump.{ending}")
     assert set(parse(answer.content, format=form)) == set(served.map.engine)
+
+
+def written(served: Served, method: str, path: str, **headers: str) -> int:
+    given = {name.replace("_", "-"): value for name, value in headers.items()}
+    body = None if method == "DELETE" else note("new")
+    headers = {**TURTLE, **served.bearer(), **given}
+    return served.request(method, path, data=body, headers=headers).status_code
+
+
+@pytest.mark.parametrize("method", ["PUT", "POST", "DELETE"])
+def test_nobody_writes_over_what_they_have_not_seen(served: Served, method: str) -> None:
+    written(served, "PUT", NOTES)
+    seen = served.get(NOTES).headers["ETag"]
+    assert not seen.startswith("W/"), "If-Match takes no weak tags"
+    other = served.get(NOTES, headers={"Accept": "application/n-triples"}).headers["ETag"]
+    assert other != seen
+    served.post(NOTES, data=note("another's"), headers={**TURTLE, **served.bearer()})
+    before = served.map.sequence
+    for tag in (seen, other, f'"x", {seen}', "W/" + served.get(NOTES).headers["ETag"]):
+        assert written(served, method, NOTES, If_Match=tag) == 412
+    assert served.map.sequence == before
+    served.move(1, 2.5)  # another graph's business
+    now = served.get(NOTES).headers["ETag"]
+    assert written(served, method, NOTES, If_Match=f'"x", {now}') == 200
+    assert served.map.sequence > before
+
+
+def test_a_graph_is_made_only_where_there_is_none(served: Served) -> None:
+    assert written(served, "PUT", NOTES, If_Match="*") == 412
+    assert written(served, "PUT", NOTES, If_None_Match="*") == 201
+    assert written(served, "PUT", NOTES, If_None_Match="*") == 412
+    tag = served.get(NOTES).headers["ETag"]
+    assert written(served, "POST", NOTES, If_None_Match=tag) == 412
+    assert written(served, "POST", NOTES, If_None_Match='"1-ttl"') == 200
+    assert written(served, "PUT", NOTES, If_Match="*") == 200
+    assert written(served, "DELETE", "graphs/nowhere", If_Match="*") == 404
+
+
+def test_a_write_may_be_held_to_a_date_and_to_the_whole_map(
+    served: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    last = served.map.history.last_time
+    monkeypatch.setattr("kg.server.conditions.time.time", lambda: last + 5)
+    date = served.get("graphs/map").headers["Last-Modified"]
+    tag = served.get("graphs?default").headers["ETag"]
+    assert written(served, "POST", "graphs?default", If_Match=tag) == 200
+    assert written(served, "POST", "graphs?default", If_Match=tag) == 412
+    assert written(served, "PUT", NOTES, If_Unmodified_Since=date) == 412
+    assert written(served, "PUT", NOTES, If_Unmodified_Since="Sat, 01 Jan 2101 00:00:00 GMT") == 201
+
+
+def test_of_many_that_write_at_once_over_one_state_one_does(served: Served) -> None:
+    written(served, "PUT", NOTES)
+    seen = served.get(NOTES).headers["ETag"]
+    with ThreadPoolExecutor(8) as writers:
+        told = list(
+            writers.map(lambda n: put(served, f"of {n}", seen), range(8)),
+        )
+    assert sorted(told) == [200] + [412] * 7
+    assert notes(served) == {f"of {told.index(200)}"}
+
+
+def put(served: Served, text: str, tag: str) -> int:
+    headers = {**TURTLE, **served.bearer(), "If-Match": tag}
+    return served.request("PUT", NOTES, data=note(text), headers=headers).status_code

@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING
 
 import pytest
 import rdflib
+from pyoxigraph import RdfFormat, serialize
 
 from kg.editing.reloading import is_served, reload
 from kg.editing.sources import ontology_at
 from kg.errors import OntologyError, RemoteError
+from kg.ontology import load_ontologies
 from kg.vocabulary import HERE, OWL_AXIOM, PREFIXES
 
 if TYPE_CHECKING:
@@ -73,6 +75,22 @@ def test_a_refused_ontology_leaves_a_served_map_as_it_is(served: Served, mine: P
     answer = served.request("PUT", "graphs/ontology", data=mine.read_bytes(), headers=headers)
     assert answer.status_code == 422
     assert set(served.map.engine) == before
+
+
+@pytest.mark.usefixtures("token")
+def test_a_server_refuses_what_leaves_out_relations_unless_it_is_the_whole(
+    served: Served, mine: Path
+) -> None:
+    reload(served.url, mine)
+    shipped = serialize([q.triple for q in load_ontologies().quads], format=RdfFormat.N_TRIPLES)
+    headers = {"Content-Type": "application/n-triples", **served.bearer()}
+    answer = served.request("PUT", "graphs/ontology", data=shipped, headers=headers)
+    assert answer.status_code == 422
+    assert "leaves out <urn:mine> of the map" in answer.text
+    assert [float(row["p"]) for row in served.rows(QUERY)] == [0.6]
+    answer = served.request("PUT", "graphs/ontology?whole=true", data=shipped, headers=headers)
+    assert answer.status_code == 200
+    assert served.rows(QUERY) == []
 
 
 def test_a_server_wants_a_token(

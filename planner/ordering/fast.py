@@ -1,0 +1,94 @@
+"""Bounds and proofs with compiled steps; loaded by `compiled.warm_up` alone."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from planner.ordering import shares, timed
+from planner.ordering.ascent import Prices, ascend
+from planner.ordering.exhaust import MOST_PLACES, exhaust
+from planner.ordering.kernel import Ints, Kernel
+from planner.ordering.memories import Array, Memories
+from planner.ordering.shares import ShareWalks
+from planner.ordering.tangent import Tangent
+from planner.ordering.timed import TimedWalks
+
+__all__ = ["MOST_PLACES", "bounded"]
+
+#: few places: what walks in time remember, and the share of the time left for their prices
+_TIMED_MEMORY, _ON_TIMED = 4, 0.15
+#: then rounds: memory, share of the cost that counting in units may lose, and the shares of what
+#: is left then for prices and for exhaustion
+_ROUNDS = ((4, 0.01, 0.3, 0.3), (6, 0.006, 0.4, 0.5), (8, 0.004, 0.5, 1.0))
+#: steps end at this share of a full one before a proof is tried
+_SHORT = 0.04
+#: many places: memories to choose from, how many steps the prices of a memory need at least, and
+#: the share of the time for those of the memory before
+_MEMORIES, _STEPS, _ON_FIRST = (0, 1, 2, 3, 4, 5, 6), 25, 0.4
+#: the share of a full step to begin with at prices of less memory
+_CLOSE = 0.5
+
+
+def bounded(kernel: Kernel, order: Ints, end: float) -> tuple[Ints, float]:
+    """`order` (m,) or a better one, and what every order costs at least; infinite where proven.
+
+    Until `end` (of time.perf_counter).
+    """
+    known = Tangent.of(kernel, order)
+    if timed.shortest(kernel) <= 0:
+        return order, -np.inf
+    if kernel.size <= MOST_PLACES:
+        return _few(kernel, known, order, end)
+    return order, _many(kernel, known, end)
+
+
+def _few(kernel: Kernel, known: Tangent, order: Ints, end: float) -> tuple[Ints, float]:
+    weight = _weight(known)
+    prices, best = Prices(-np.inf, known.marginal), -np.inf
+    if _steps(timed.seconds_a_table(kernel, known, _TIMED_MEMORY), end) > _STEPS:
+        walks = TimedWalks(kernel, known, Memories.nearest(kernel, _TIMED_MEMORY))
+        prices = ascend(
+            walks, prices.price, weight, known.cost, _part(end, _ON_TIMED), least=_SHORT
+        )
+        best = prices.bound
+    for memory, loss, on_prices, on_proof in _ROUNDS:
+        units = shares.units_for(kernel, order, known, loss)
+        if _steps(shares.seconds_a_table(kernel.size, memory, units), end) < 2:
+            break
+        share_walks = ShareWalks(kernel, known, Memories.nearest(kernel, memory), units)
+        until = _part(end, on_prices)
+        prices = ascend(
+            share_walks, prices.price, weight, known.cost, until, scale=_CLOSE, least=_SHORT
+        )
+        best = max(best, share_walks.bound(prices.price))
+        found = exhaust(share_walks, prices.price, known.cost, _part(end, on_proof))
+        if found is not None:
+            return (found if len(found) else order), np.inf
+    return order, best
+
+
+def _many(kernel: Kernel, known: Tangent, end: float) -> float:
+    """The bound of walks that remember as much as there is time for."""
+    took = [timed.seconds_a_table(kernel, known, memory) for memory in _MEMORIES]
+    fit = [memory for memory, each in zip(_MEMORIES, took, strict=True) if _steps(each, end) > 1]
+    best, start, scale = -np.inf, known.marginal, 1.0
+    for memory in fit:
+        pass
+    return best
+
+
+def _weight(known: Tangent) -> Array:
+    usual = np.abs(known.marginal)
+    return usual + 1e-6 * float(usual.max())
+
+
+def _part(end: float, share: float) -> float:
+    now = time.perf_counter()
+    return now + (end - now) * share
+
+
+def _steps(seconds: float, end: float) -> float:
+    """How many tables of so many `seconds` can be made until `end`."""
+    return (end - time.perf_counter()) / seconds if seconds > 0 else np.inf

@@ -1,0 +1,143 @@
+"""Positions to look from: few that together see every room, and fresh ones where those are worn."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from planner.space.grid import Cells, FreeSpace
+from planner.space.sight import visible
+
+_Seen = NDArray[np.bool_]
+
+
+def standing_cells(
+    space: FreeSpace,
+    reach: float,
+    *,
+    near: float = 0.0,
+    spacing: float = 1.0,
+    cover: float = 0.995,
+    covers: int = 2,
+    besides: ArrayLike = (),
+) -> Cells:
+    """Positions to look from that together see at least `cover` of every room, several times over.
+
+    The `covers` covers of `room_covers` have no position in common, with `besides` neither, so that
+    what one look missed can be looked at from elsewhere. Where they leave more of a room unseen
+    than that, a closet say, any of the floor that sees it is a position too.
+    """
+    found = room_covers(
+        space, reach, near=near, spacing=spacing, cover=cover, covers=covers, besides=besides
+    )
+    chosen = {int(cell) for cells in found.values() for cell in cells}
+    known = chosen.union(np.asarray(besides, np.intp).tolist())
+    chosen.update(_peepholes(space, sorted(known), near, reach, cover))
+    return np.array(sorted(chosen), np.intp)
+
+
+def room_covers(
+    space: FreeSpace,
+    reach: float,
+    *,
+    near: float = 0.0,
+    spacing: float = 1.0,
+    cover: float = 0.98,
+    covers: int = 1,
+    besides: ArrayLike = (),
+) -> dict[int, Cells]:
+    """For each room, cells from which whole turns see at least `cover` of it, `covers` times.
+
+    Candidates stand on a lattice of `spacing` metres, every room's middle among them. The ones that
+    see most of what is unseen are taken first (greedy cover): of the room's own, and where these do
+    not suffice, of its neighbours'. What is nearer than `near` metres is not seen. The positions
+    `besides` are not taken.
+    """
+    lattice = {room: _lattice(space, space.floor(room), spacing) for room in _rooms(space)}
+    every = np.concatenate(list(lattice.values()))
+    seen = _seen_from(space, every, near, reach)
+    owner = np.repeat(list(lattice), [len(cells) for cells in lattice.values()])
+    taken = set(np.flatnonzero(np.isin(every, np.asarray(besides, np.intp))).tolist())
+    found: dict[int, Cells] = {}
+    for room in lattice:
+        inside = seen[:, space.inside(room)]
+        chosen: list[int] = []
+        for _ in range(covers):
+            unseen = np.ones(inside.shape[1], np.bool_)
+            for among in (owner == room, owner != room):
+                left = [int(i) for i in np.flatnonzero(among) if i not in taken]
+                picked = _greedy_cover(inside, left, unseen, cover)
+                chosen += picked
+                taken.update(picked)
+        found[room] = every[chosen]
+    return found
+
+
+def _peepholes(
+    space: FreeSpace, stands: Sequence[int], near: float, reach: float, cover: float
+) -> list[int]:
+    """Floor that sees what `stands` leave unseen of rooms of which they see less than `cover`."""
+    unseen = np.zeros(space.room.size, np.bool_)
+    unseen[space.inside()] = True
+    standing = space.free.reshape(-1)
+    for stand in stands:
+        unseen[_shown(space, stand, near, reach)] = False
+    taken: list[int] = []
+    for room in _rooms(space):
+        floor = space.inside(room)
+        if unseen[floor].mean() <= 1 - cover:
+            continue
+        views = {int(cell): _shown(space, int(cell), near, reach) for cell in floor[unseen[floor]]}
+        while unseen[floor].mean() > 1 - cover:
+            left = [views[int(cell)] for cell in floor[unseen[floor]]]
+            count = np.bincount(np.concatenate(left), minlength=unseen.size) * standing
+            best = int(np.argmax(count))  # sight is the same in both directions
+            if not count[best]:
+                break
+            taken.append(best)
+            unseen[_shown(space, best, near, reach)] = False
+    return taken
+
+
+def _shown(space: FreeSpace, stand: int, near: float, reach: float) -> Cells:
+    """The floor cells seen from `stand`, none nearer than `near` [m]."""
+    cells, offset = visible(space, stand, reach)
+    return cells[(offset**2).sum(axis=1) >= near**2]
+
+
+def _rooms(space: FreeSpace) -> list[int]:
+    return [int(room) for room in np.unique(space.room[space.free])]
+
+
+def _seen_from(space: FreeSpace, stands: Cells, near: float, reach: float) -> _Seen:
+    """(n, nx * ny) which cells each of `stands` sees."""
+    seen = np.zeros((len(stands), space.room.size), np.bool_)
+    for row, stand in zip(seen, stands, strict=True):
+        row[_shown(space, int(stand), near, reach)] = True
+    return seen
+
+
+def _lattice(space: FreeSpace, cells: Cells, spacing: float) -> Cells:
+    step = max(1, round(spacing / space.cell))
+    ix, iy = np.divmod(cells, space.shape[1])
+    on = cells[((ix - ix.min()) % step == step // 2) & ((iy - iy.min()) % step == step // 2)]
+    middle = space.centres(cells).mean(axis=0)
+    offset = space.centres(cells) - middle
+    centre = cells[int(np.argmin((offset**2).sum(axis=1)))]
+    return np.unique(np.append(on, centre))
+
+
+def _greedy_cover(seen: _Seen, left: Sequence[int], unseen: _Seen, cover: float) -> list[int]:
+    """Rows of `seen` (n, c), of those in `left`, that leave little unseen; updates `unseen`."""
+    rows = seen[list(left)]
+    taken: list[int] = []
+    while len(rows) and unseen.mean() > 1 - cover:
+        gains = (rows & unseen).sum(axis=1)
+        best = int(np.argmax(gains))
+        if not gains[best]:
+            break
+        taken.append(left[best])
+        unseen &= ~rows[best]
+    return taken

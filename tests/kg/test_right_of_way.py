@@ -1,0 +1,96 @@
+"""Readers of a process give way to its writer, and neither ever waits for good."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from kg import right_of_way
+from kg.records import MapUpdate, PlaceRecord, RobotRecord
+from kg.right_of_way import give_way, writing
+from kg.semantic_map import SemanticMap
+
+LONG = 600.0  # [s] what no test lasts
+
+
+def _beside(act: Callable[[], object]) -> threading.Thread:
+    thread = threading.Thread(target=act, daemon=True)
+    thread.start()
+    return thread
+
+
+def _ended(thread: threading.Thread) -> bool:
+    thread.join(30)
+    return not thread.is_alive()
+
+
+def _held(thread: threading.Thread) -> bool:
+    thread.join(0.1)
+    return thread.is_alive()
+
+
+def test_a_reader_waits_until_the_frame_is_written(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(right_of_way, "MOST", LONG)
+    with writing():
+        reader = _beside(give_way)
+        assert _held(reader)
+    assert _ended(reader)
+
+
+def test_a_reader_passes_where_nothing_is_written(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(right_of_way, "MOST", LONG)
+    with pytest.raises(KeyError), writing():
+        raise KeyError
+    assert _ended(_beside(give_way))
+
+
+def test_who_writes_reads_without_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(right_of_way, "MOST", LONG)
+
+    def write() -> None:
+        with writing():
+            with writing():
+                give_way()
+            give_way()
+
+    assert _ended(_beside(write))
+
+
+def test_a_writer_that_waits_for_its_reader_is_waited_for_but_a_moment() -> None:
+    with writing():
+        assert _ended(_beside(give_way))
+
+
+@pytest.mark.parametrize(
+    "read",
+    [
+        lambda found: found.ask("robot"),
+        lambda found: found.ask_text("ASK {}"),
+        lambda found: found.objects(),
+        lambda found: found.places(),
+    ],
+)
+def test_questions_and_records_give_way(
+    read: Callable[[SemanticMap], Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(right_of_way, "MOST", LONG)
+    seen: list[bool] = []
+    with SemanticMap.in_memory() as found:
+        found.ask("robot")  # read from its file once
+        room = PlaceRecord(found.place_iri(1), "room", 0.0, 1.0, 0.0, 1.0, views=0, beliefs={})
+        found.apply(MapUpdate(places=(room,)))
+
+        def amid_a_frame(_: object) -> None:
+            read(found)  # the writer's own: standing queries are asked so
+            readers.append(_beside(lambda: read(found)))
+            seen.append(_held(readers[0]))
+
+        readers: list[threading.Thread] = []
+        found.store.listen(amid_a_frame)
+        found.apply(MapUpdate(robot=RobotRecord(np.zeros(3), 0.0, 1e9)))
+        assert seen == [True]
+        assert _ended(readers[0])

@@ -1,0 +1,136 @@
+"""What a hunt makes of looks in vain: Bayes' rule, fresh positions, and when it gives up."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from planner.finding.ground import Ground
+from planner.finding.hunt import Hunt
+from planner.finding.prospects import Prospects
+from planner.finding.settings import MOST_ROUNDS, Belief
+from planner.finding.targets import Target
+from planner.space.building import free_space
+from planner.space.grid import FreeSpace, Room
+from planner.space.sight import visible
+from planner.viewing.belief import room_weights, site_weights
+from planner.viewing.covers import room_covers, standing_cells
+from planner.viewing.looks import Looks, candidate_looks
+from planner.viewing.memory import Memory
+from planner.viewing.sensor import Sensor
+from planner.viewing.tour import Standing
+
+quick = settings(max_examples=30, deadline=None)
+
+
+@cache
+def home() -> FreeSpace:
+    return free_space([Room(0, 5, 0, 4), Room(5, 8, 0, 4), Room(0, 8, 4, 5.4)])
+
+
+@cache
+def looks() -> Looks:
+    return candidate_looks(home(), Sensor(far=3.0))
+
+
+def one_thing(weight: np.ndarray) -> Prospects:
+    return Prospects(looks().cells, weight[None, :], np.zeros(1, np.intp), ())
+
+
+def hunt(belief: Belief) -> Hunt:
+    cells = looks().cells
+    names = ("",) * (int(home().room.max()) + 1)
+    weight = 0.9 * room_weights(home(), cells, {0: 0.8, 1: 0.15, 2: 0.05})
+    return Hunt(
+        (Target("it", "it", None, {}, {}),),
+        Ground(home(), names, names),
+        looks(),
+        (),
+        one_thing(weight),
+        belief,
+    )
+
+
+def searched_in_vain(one: Hunt) -> list[int]:
+    """Cells looked from until it is given up."""
+    at, cells = Standing(int(home().floor()[0])), []
+    while (look := one.next(at)) is not None:
+        at = one.tourist.after(at, look)
+        cells.append(at.cell)
+        one.missed(look)
+        assert len(cells) < 2000
+    return cells
+
+
+@quick
+@given(st.integers(0, 10**6), st.floats(0.1, 1.0), st.data())
+def test_belief_keeps_its_mass_through_looks_in_vain(
+    seed: int, present: float, data: st.DataObject
+) -> None:
+    weight = np.random.default_rng(seed).random(len(looks().cells)) ** 4
+    known, unseen = one_thing(weight / weight.sum() * present), np.ones(len(weight))
+    for look in data.draw(st.lists(st.integers(0, len(looks().stand) - 1), max_size=6)):
+        before = known.belief(unseen, [0], 1)
+        unseen = unseen * (1 - looks().chance[look])
+        after, shown = known.belief(unseen, [0], 1), looks().chance[look] > 0
+        assert after.weight.sum() + after.absent == pytest.approx(1)
+        assert after.absent >= before.absent - 1e-12
+        assert (after.weight[~shown] >= before.weight[~shown] - 1e-12).all()
+        assert after.weight[shown].sum() <= before.weight[shown].sum() + 1e-12
+
+
+def test_a_remembered_site_and_its_room_are_one_belief() -> None:
+    cells = looks().cells
+    site = site_weights(home(), cells, (1.0, 1.0), 0.3)
+    weight = site + room_weights(home(), cells, {0: 1.0})
+    known, unseen = one_thing(0.9 * weight / weight.sum()), np.ones(len(cells))
+    before = known.belief(unseen, [0], 1)
+    near = site > site.max() / 10
+    after = known.belief(np.where(near, 0.1, 1.0), [0], 1)
+    assert after.of_room(home(), 0) < before.of_room(home(), 0)
+    assert after.weight[~near].sum() > before.weight[~near].sum()
+
+
+def test_a_search_in_vain_goes_on_from_fresh_positions_until_little_is_left() -> None:
+    first, patient = hunt(Belief(rest=1.0)), hunt(Belief())
+    begun, total = searched_in_vain(first), searched_in_vain(patient)
+    assert total[: len(begun)] == begun
+    assert set(looks().stands) < set(patient.looks.stands)
+    assert not set(total[len(begun) :]) <= set(looks().stands.tolist())
+    assert patient.left < first.left
+    assert patient.left <= 0.01 * 0.9 or patient.rounds == MOST_ROUNDS
+    assert first.rounds == 0
+
+
+def test_what_was_looked_at_is_remembered_among_other_positions() -> None:
+    memory = Memory(looks())
+    for look in (3, 3, 40):
+        memory.note(look)
+    fewer = looks().with_stands(home(), looks().stands[1:])
+    weight = np.ones(len(looks().cells))
+    kept = looks().stand >= 1
+    before = memory.gains(weight)[kept]
+    assert memory.moved_to(fewer, 0.0).gains(weight) == pytest.approx(before)
+    assert before[40 - int((~kept).sum())] < Memory(fewer).gains(weight)[40 - int((~kept).sum())]
+
+
+def test_a_closet_that_is_seen_from_no_lattice_position_is_looked_into() -> None:
+    space = free_space([Room(0, 5, 0, 4), Room(5, 6.2, 1.4, 2.2)])
+    reach, near = 4.6, 0.8
+    covers = room_covers(space, reach, near=near, cover=0.995, covers=2)
+    assert _seen(space, sorted({int(c) for cells in covers.values() for c in cells})) < 0.2
+    assert _seen(space, standing_cells(space, reach, near=near).tolist()) > 0.8
+
+
+def _seen(space: FreeSpace, stands: list[int]) -> float:
+    """Share of the closet that is seen from `stands`."""
+    shown: set[int] = set()
+    for stand in stands:
+        cells, offset = visible(space, stand, 4.6)
+        shown.update(cells[np.hypot(*offset.T) >= 0.8].tolist())
+    closet = space.floor(1).tolist()
+    return len(shown.intersection(closet)) / len(closet)
