@@ -105,11 +105,12 @@ class TripleTable(Table):
         return (text or b"").decode()
 
 
-def evaluate(engine: Engine, sparql: str, name: str = "query") -> Table:
+def evaluate(engine: Engine, sparql: str, name: str = "query", *, base: str | None = None) -> Table:
     """The answer of `engine` to a SPARQL query over the union of all named graphs.
 
-    Prefixes of the vocabulary need no declaration; a FROM clause narrows the union. Raises
-    QueryError, in one line, for what does not parse (saying where), writes, or reaches out.
+    Prefixes of the vocabulary need no declaration; relative IRIs are of `base`; a FROM clause
+    narrows the union. Raises QueryError, in one line, for what does not parse (saying where),
+    writes, or reaches out.
     """
     give_way()
     refuse_reaching_out(sparql)
@@ -117,6 +118,7 @@ def evaluate(engine: Engine, sparql: str, name: str = "query") -> Table:
     try:
         results = engine.query(
             sparql,
+            base_iri=base,
             prefixes=v.PREFIXES,
             use_default_graph_as_union=not has_word(sparql, "from"),
             custom_functions={NamedNode(v.MATH_SQRT): square_root},

@@ -263,7 +263,7 @@ class Endpoint:
         return session
 
     def _refuse(self, reply: requests.Response) -> None:
-        text = complaint(reply.text) if self.virtuoso else " ".join(reply.text.split())
+        text = complaint(reply.text) if self.virtuoso else " ".join(_told(reply).split())
         said = text[:300]
         if reply.status_code == 400:
             raise SyntaxError(said)
@@ -288,6 +288,16 @@ class Endpoint:
             f"{self.where} broke off its answer, most likely at its time limit; ask for less, "
             "or raise the limit (oxigraph serve --timeout-s)"
         )
+
+
+def _told(reply: requests.Response) -> str:
+    """What a refusal says, out of its JSON where it is one of RFC 9457."""
+    if "problem+json" in reply.headers.get("content-type", ""):
+        try:
+            return str(reply.json()["detail"])
+        except (ValueError, KeyError, TypeError):
+            pass
+    return reply.text
 
 
 def is_local(address: str) -> bool:

@@ -34,12 +34,14 @@ class Engine(Protocol):
         query: str,
         /,
         *,
+        base_iri: str | None = None,
         prefixes: dict[str, str] | None = None,
         use_default_graph_as_union: bool = False,
         custom_functions: Functions | None = None,
     ) -> Any:
         """Solutions (with `variables`), a boolean, or triples, as the form of the query asks.
 
+        Relative IRIs are resolved against `base_iri`, where the query has no BASE of its own.
         Raises SyntaxError where the query does not parse.
         """
 

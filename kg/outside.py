@@ -28,17 +28,20 @@ _MAP = NamedNode(v.MAP_GRAPH)
 _NOTHING = "CLEAR GRAPH <urn:hereabouts:nothing>; "
 
 
-def work_out(store: MapStore, sparql: str) -> Pending:
+def work_out(store: MapStore, sparql: str, base: str | None = None) -> Pending:
     """What the request would add and remove; each operation sees what those before it did.
+
+    Relative IRIs are resolved against `base`, where the request has no BASE of its own.
 
     Raises QueryError, in one line, for what does not parse (saying where), for SERVICE and LOAD,
     and for a CLEAR, DROP, CREATE, COPY, MOVE or ADD that fails by the standard.
     """
     refuse_loading(sparql)
+    prologue = "" if base is None else f"BASE <{base}> "
     try:
-        parts = tuple(operations(sparql))
+        parts = tuple(operations(sparql, prologue))
     except UnclearError:
-        _refuse_unparsable(sparql, 0, sparql, "", guard="")
+        _refuse_unparsable(sparql, 0, sparql, prologue, guard="")
         raise
     for part in parts:
         _refuse_unparsable(sparql, part.start, part.text, part.prologue)

@@ -20,7 +20,7 @@ from kg import vocabulary as v
 from kg.endpoint import Answer, Endpoint, Solutions
 from kg.engine import Engine, Functions, Object, Subject
 from kg.errors import QueryError, RemoteError
-from kg.sparql_text import has_word
+from kg.sparql_text import has_relative, has_word
 from kg.virtuoso import loads
 
 ROOT_STEPS = 24  # of Newton's method: exact to a double above 1e-6, within 1e-7 below
@@ -79,6 +79,7 @@ class RemoteEngine:
         query: str,
         /,
         *,
+        base_iri: str | None = None,
         prefixes: dict[str, str] | None = None,
         use_default_graph_as_union: bool = False,
         custom_functions: Functions | None = None,
@@ -88,6 +89,8 @@ class RemoteEngine:
         Functions of ours do not run there: math:sqrt is put in SPARQL's own terms, others fail.
         """
         declared = " ".join(f"PREFIX {name}: <{iri}>" for name, iri in (prefixes or {}).items())
+        if base_iri is not None and has_relative(query):
+            declared += f" BASE <{base_iri}>"
         united = use_default_graph_as_union and not has_word(query, "from")
         text = f"{declared} {_ROOT.sub(self._root, query)}"
         try:
@@ -241,11 +244,8 @@ def _matches(
 
 def _moved(message: str, columns: int) -> str:
     """An error of line 1, where the prefixes were put in front, at its column without them."""
-    first = re.match(r"error at 1:(\d+)", message)
-    return (
-        message
-        if first is None
-        else f"error at 1:{int(first[1]) - columns}{message[first.end() :]}"
+    return re.sub(
+        r"error at 1:(\d+)", lambda found: f"error at 1:{int(found[1]) - columns}", message, count=1
     )
 
 

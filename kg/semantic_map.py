@@ -63,7 +63,6 @@ from kg.records import (
 from kg.sayings import Sayings
 from kg.searches import looks_in, obstacles_in, searches_in
 from kg.selection import is_believed, select_objects, subcategories
-from kg.sparql_text import with_base
 from kg.standing import RowsListener, Standing
 from kg.store import MapStore
 from kg.writer import Writer
@@ -317,7 +316,7 @@ class SemanticMap(Remembering):
         """
         with self._guard:
             self._store.refuse_read_only()
-            pending = work_out(self._store, with_base(sparql, self.base))
+            pending = work_out(self._store, sparql, self.base)
             self._door.refuse_protected(pending, allow)
             draw_consequences(pending, self._facts, by)
             self._door.refuse_malformed(pending)
@@ -470,8 +469,7 @@ class SemanticMap(Remembering):
         Raises QueryError for what does not parse, would write, or would reach out to another
         endpoint.
         """
-        question = free_question(with_base(sparql, self.base), parameters)
-        return self._answer(question, parameters)
+        return self._answer(free_question(sparql, parameters), parameters)
 
     def flush(self) -> None:
         """Write everything to disk; happens every few seconds by itself."""
@@ -527,7 +525,7 @@ class SemanticMap(Remembering):
 
     def _answer(self, question: Question, parameters: dict[str, object]) -> Table:
         sparql = question.bind(parameters, self._resolve)
-        return question.check(evaluate(self.engine, sparql, question.name))
+        return question.check(evaluate(self.engine, sparql, question.name, base=self.base))
 
     def _resolve(self, kind: str, text: str) -> str:
         return Names(self.engine, self.base, self.catalogue, self.places).resolve(kind, text)

@@ -81,12 +81,9 @@ def has_word(sparql: str, word: str) -> bool:
     return any((m["word"] or "").lower() == word for m in _TOKEN.finditer(sparql))
 
 
-def with_base(sparql: str, base: str) -> str:
-    """The text with `base` to resolve its relative IRIs, where it may have any.
-
-    A BASE of the text's own comes later, and so counts.
-    """
-    return f"BASE <{base}> {sparql}" if _RELATIVE.search(sparql) else sparql
+def has_relative(sparql: str) -> bool:
+    """Whether the text may have relative IRIs, so that it needs a base."""
+    return _RELATIVE.search(sparql) is not None
 
 
 @dataclass(frozen=True, slots=True)

@@ -77,12 +77,12 @@ def refuse_loading(sparql: str) -> None:
         raise QueryError("LOAD is refused: an update reaches nothing outside; write INSERT DATA")
 
 
-def operations(sparql: str) -> Iterator[Operation]:
+def operations(sparql: str, prologue: str = "") -> Iterator[Operation]:
     """The operations of an update request, in their order.
 
+    What is declared in `prologue` is in force from the start.
     Raises QueryError where there is no such operation, UnclearError where they run together.
     """
-    prologue = ""
     for tokens, start, end in _split(sparql):
         cut = _after_prologue(tokens)
         prologue += "".join(f"{token.text} " for token in tokens[:cut])

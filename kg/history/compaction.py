@@ -9,9 +9,11 @@ from pathlib import Path
 from typing import Final
 
 from kg.history.log import BACKGROUND, Log
+from kg.history.pruning import Pruning, prune
 
 AT_ONCE: Final = 4  # transactions dropped while a writer has to wait
 TRIM_WITHIN: Final = 0.5  # [s] of each flush
+WORTH_PRUNING: Final = 1000  # subjects forgotten, until their terms are looked for
 SLACK: Final = 0.1  # of what is kept, until it is worth dropping
 
 
@@ -34,8 +36,9 @@ def compact(log: Log, keep: float | None = None) -> Compaction:
     before, dropped = _size(log.file), 0
     if keep is not None:
         _raise_floor(log, keep)
-        while some := _drop_some(log):
+        while some := _drop_some(log)[0]:
             dropped += some
+    prune(log)
     with log.lock:
         log.db.execute("VACUUM")
         log.db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
@@ -47,15 +50,34 @@ def retain(log: Log, keep: float) -> None:
 
     The file is not packed, but what is freed is written anew: it stops growing.
     """
-    log.on_flush = partial(_trim, log, keep)
+    log.on_flush = partial(_trim, log, keep, _Leavings())
 
 
-def _trim(log: Log, keep: float) -> None:
+class _Leavings:
+    """Subjects that were forgotten since their terms were last looked for, and that search."""
+
+    def __init__(self) -> None:
+        self.subjects = 0
+        self.pruning: Pruning | None = None
+
+
+def _trim(log: Log, keep: float, left: _Leavings) -> None:
     if time.time() - log.floor_time > keep * (1 + SLACK):
         _raise_floor(log, keep)
     until = time.monotonic() + TRIM_WITHIN
-    while _drop_some(log) and time.monotonic() < until:
+    while (some := _drop_some(log))[0]:
+        left.subjects += some[1]
+        if time.monotonic() >= until:
+            break
         time.sleep(0)  # a writer that waits for the log goes first
+    if left.pruning is None and left.subjects >= WORTH_PRUNING:
+        left.subjects, left.pruning = 0, Pruning(log)
+    while left.pruning is not None:
+        if left.pruning.step() is None:
+            left.pruning = None
+        if time.monotonic() >= until:
+            return
+        time.sleep(0)
 
 
 def _raise_floor(log: Log, keep: float) -> None:
@@ -69,20 +91,23 @@ def _raise_floor(log: Log, keep: float) -> None:
             log.refresh()
 
 
-def _drop_some(log: Log) -> int:
-    """Drop a few of the oldest transactions up to the floor; how many, 0 where none are left."""
+def _drop_some(log: Log) -> tuple[int, int]:
+    """Drop a few of the oldest transactions up to the floor.
+
+    How many, 0 where none are left, and how many subjects are forgotten with them.
+    """
     with log.lock:
         select = "SELECT sequence FROM commits WHERE sequence <= ? ORDER BY sequence LIMIT ?"
         oldest = [row[0] for row in log.db.execute(select, (log.floor, AT_ONCE))]
         if not oldest:
-            return 0
+            return 0, 0
         nodes = log.touched(oldest[0] - 1, oldest[-1])
         with log.transaction():
             gone = [_drop_before(log, node, log.floor) for node in nodes]
             log.db.execute("DELETE FROM commits WHERE sequence <= ?", (oldest[-1],))
         if any(gone):
             log.forget()
-        return len(oldest)
+        return len(oldest), sum(gone)
 
 
 def _drop_before(log: Log, node: int, edge: int) -> bool:

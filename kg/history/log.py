@@ -17,7 +17,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
-from typing import Final, Self
+from typing import Final, Protocol, Self
+from weakref import WeakSet
 
 from pyoxigraph import NamedNode, Quad
 
@@ -54,6 +55,12 @@ class Commit:
     cause: Cause
 
 
+class Watcher(Protocol):
+    """Is told node and number of each row that is written."""
+
+    written: set[tuple[int, int]]
+
+
 class Log:
     """An open log; safe to use from several threads.
 
@@ -68,6 +75,7 @@ class Log:
         self._since: dict[int, int] = {}  # changes of a node since its last full state
         self._causes: dict[tuple[str, str | None, str], int] = {}
         self.on_flush: Callable[[], None] | None = None
+        self.watchers: WeakSet[Watcher] = WeakSet()  # who looks for terms that are not used
         self.floor = self.last = 0
         self.floor_time = self.last_time = 0.0
 
@@ -289,6 +297,8 @@ class Log:
                     sides = touched.setdefault(node(graph, subject), Delta([], []))
                 sides[side].append(code(predicate, value))
         rows: list[int | bytes] = []
+        for watcher in self.watchers:
+            watcher.written.update((number, change.sequence) for number in touched)
         for number, (removed, added) in touched.items():
             self._note_classes(number, added)
             rows += (number, change.sequence, encode_delta(removed, added))

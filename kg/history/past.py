@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from pyoxigraph import NamedNode, Quad, Store
@@ -45,11 +45,19 @@ class Difference:
 def store_at(log: Log, engine: Engine, sequence: int) -> MapStore:
     """A store in memory, for reading only, that says what `engine` said after `sequence`."""
     past = Store()
-    past.bulk_extend(_background(log, engine, sequence))
-    past.bulk_extend(q for q in _quads(log, log.nodes(), sequence) if not _is_background(q))
-    if sequence:
-        past.add(sequence_quad(sequence))
+    past.bulk_extend(quads_at(log, engine, sequence, log.last))
     return MapStore(past, where=f"#{sequence} of the past", read_only=True, lock=None)
+
+
+def quads_at(log: Log, engine: Engine, sequence: int, present: int) -> Iterator[Quad]:
+    """All that the map said after `sequence`, where `engine` says what it said after `present`.
+
+    The engine is read before the first quad comes.
+    """
+    yield from _background(log, engine, sequence, present)
+    yield from (q for q in _quads(log, log.nodes(), sequence) if not _is_background(q))
+    if sequence:
+        yield sequence_quad(sequence)
 
 
 def state_of(log: Log, iri: str, sequence: int) -> tuple[Quad, ...]:
@@ -104,14 +112,14 @@ def _quads(log: Log, nodes: Iterable[int], sequence: int) -> Iterable[Quad]:
             yield from log.terms.quads(node, log.facts(node, sequence))
 
 
-def _background(log: Log, engine: Engine, sequence: int) -> set[Quad]:
-    """Ontology and common sense of then: those of now, with what changed since undone."""
+def _background(log: Log, engine: Engine, sequence: int, present: int) -> set[Quad]:
+    """Ontology and common sense of then: those of `present`, with what changed since undone."""
     quads = {
         quad for graph in BACKGROUND for quad in engine.quads_for_pattern(None, None, None, graph)
     }
-    for node in log.touched(sequence, log.last):
+    for node in log.touched(sequence, present):
         if log.terms.pair(node)[0] in BACKGROUND:
-            gone, came = _net(log, node, sequence, log.last)
+            gone, came = _net(log, node, sequence, present)
             quads.difference_update(log.terms.quads(node, came))
             quads.update(log.terms.quads(node, gone))
     return quads

@@ -21,6 +21,8 @@ _FIRST = (
     *(v.NEXT_OBJECT, v.X_MIN, v.X_MAX, v.Y_MIN),
 )
 
+KEPT = len(_FIRST)  # terms up to this number stay, used or not
+
 
 class Terms:
     """Interns terms, and (graph, subject) pairs as nodes; not safe for several threads."""

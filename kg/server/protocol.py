@@ -21,7 +21,6 @@ from kg.server.moments import sequence_at
 from kg.server.problems import Problem
 from kg.server.serving import Serving
 from kg.server.using import with_graphs
-from kg.sparql_text import with_base
 from kg.wire import change_to_json
 
 QUERY: Final = "application/sparql-query"
@@ -72,7 +71,8 @@ async def _query(serving: Serving, request: Request, given: Parameters) -> Respo
     at = None if moment is None else await sequence_at(serving, moment)
     query = asyncio.ensure_future(
         serving.pool.run_async(
-            with_base(given.one("query") or "", serving.semantic_map.base),
+            given.one("query") or "",
+            base=serving.semantic_map.base,
             accept=request.headers.get("accept"),
             default_graphs=graphs_of(given, "default-graph-uri"),
             named_graphs=graphs_of(given, "named-graph-uri"),

@@ -122,7 +122,10 @@ class Evaluator:
 
     def _write(self, request: Request) -> None:
         results = self._store.query(
-            request["sparql"], prefixes=self._settings["prefixes"], **_dataset(request)
+            request["sparql"],
+            base_iri=request["base_iri"],
+            prefixes=self._settings["prefixes"],
+            **_dataset(request),
         )
         media_type = request["graph_type" if isinstance(results, QueryTriples) else "result_type"]
         if media_type is None:

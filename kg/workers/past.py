@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,7 +18,7 @@ from kg.errors import HistoryError
 from kg.history.log import Log
 from kg.history.naming import thing
 from kg.history.outline import difference_text, log_text, reasons_text
-from kg.history.past import difference
+from kg.history.past import Difference, difference, quads_at
 from kg.history.provenance import provenance
 from kg.history.telling import tell
 from kg.history.why import explain
@@ -29,6 +29,7 @@ JSON: Final = "application/json"
 TEXT: Final = "text/plain"
 TURTLE: Final = "text/turtle"
 _AT_ONCE = 10_000  # quads of one transaction
+_MUCH = 0.2  # share of a map that is sooner written anew than taken out
 
 
 def make_past(store: Store, request: Mapping[str, Any]) -> None:
@@ -37,11 +38,21 @@ def make_past(store: Store, request: Mapping[str, Any]) -> None:
     with _frozen(request) as log:
         _refuse_forgotten(log, sequence)
         changed = difference(log, present, sequence)
+        if len(changed.removed) > len(store) * _MUCH and present >= sequence:
+            quads = quads_at(log, store, sequence, present)
+            first = next(quads, None)  # now it has been read
+            store.clear()
+            store.bulk_extend(chain([] if first is None else [first], quads))
+        else:
+            _undo(store, changed, present, sequence)
+    store.flush()
+
+
+def _undo(store: Store, changed: Difference, present: int, sequence: int) -> None:
     number = (sequence_quad(present),) if present else ()
     for some in _parts((*number, *changed.removed)):
         store.update(f"DELETE DATA {{ {' '.join(map(_block, some))} }}")
     store.bulk_extend((*changed.added, *([sequence_quad(sequence)] if sequence else [])))
-    store.flush()
 
 
 def tell_of_past(store: Store, request: Mapping[str, Any]) -> str:

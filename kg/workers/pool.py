@@ -103,20 +103,21 @@ class QueryPool:
         timeout: float | None = None,
         at_least: int = 0,
         at: int | None = None,
+        base: str | None = None,
     ) -> Answer:
         """The serialised answer to a query, in the best format an Accept header asks for.
 
         The graphs override FROM and FROM NAMED (SPARQL 1.1 Protocol, section 2.1.4); without either
-        the default graph is the union of all. `timeout` [s] counts from when a worker is ready, and
-        cannot exceed the pool's. The answer has seen transaction `at_least`; with `at` it is that
-        of the map right after that transaction, for which it may have to be made first, within as
-        much time again.
+        the default graph is the union of all. Relative IRIs are of `base`. `timeout` [s] counts
+        from when a worker is ready, and cannot exceed the pool's. The answer has seen transaction
+        `at_least`; with `at` it is that of the map right after that transaction, for which it may
+        have to be made first, within as much time again.
 
         Raises QueryRefusedError, QueryTimeoutError, QueryTooLargeError, NotAcceptableError,
         PoolBusyError, QueryError for what does not parse, HistoryError for a past that is not kept,
         GraphError where the pool is closed.
         """
-        request = self._request(sparql, accept, default_graphs, named_graphs)
+        request = self._request(sparql, accept, default_graphs, named_graphs, base)
         with self._place():
             return self._run(_Call(request, self._limit(timeout), at_least, at))
 
@@ -130,9 +131,10 @@ class QueryPool:
         timeout: float | None = None,
         at_least: int = 0,
         at: int | None = None,
+        base: str | None = None,
     ) -> Answer:
         """`run` without blocking the event loop; cancelling it kills the query."""
-        request = self._request(sparql, accept, default_graphs, named_graphs)
+        request = self._request(sparql, accept, default_graphs, named_graphs, base)
         return await self._in_thread(_Call(request, self._limit(timeout), at_least, at))
 
     async def tell_async(
@@ -209,7 +211,12 @@ class QueryPool:
             self._snapshots.release(snapshot)
 
     def _request(
-        self, sparql: str, accept: str | None, default: Sequence[str], named: Sequence[str]
+        self,
+        sparql: str,
+        accept: str | None,
+        default: Sequence[str],
+        named: Sequence[str],
+        base: str | None,
     ) -> dict[str, Any]:
         refuse_length(sparql, self.max_query_length)
         for text in (sparql, *default, *named):
@@ -219,6 +226,7 @@ class QueryPool:
             choose_format(accept, "select")
         return {
             "sparql": sparql,
+            "base_iri": base,
             "default_graphs": list(default),
             "named_graphs": list(named),
             "result_type": result_type,
