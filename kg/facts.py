@@ -23,10 +23,10 @@ from kg.errors import InvalidFactError
 from kg.history.naming import observation_of
 from kg.records import Evidence, ObjectRecord, PlaceRecord, RecordingRecord, RobotRecord
 from kg.remote import reading_ahead
-from kg.right_of_way import give_way
+from kg.right_of_way import in_pieces
 from kg.times import date_time, seconds
 
-PIECE = 500  # quads read between two looks at whether a frame is being written
+PIECE = 50  # subjects read between two looks at whether a frame is being written
 LEAST_BELIEF = 0.005  # beliefs below it would be stored as zero
 
 _MAP = NamedNode(v.MAP_GRAPH)
@@ -169,10 +169,14 @@ class Facts:
         """Those of `iris` that are objects, in the order of their numbers."""
         nodes = [_iri(iri, "object") for iri in dict.fromkeys(iris)]
         with reading_ahead(store, nodes):
-            subjects = {node.value: _properties(store, node.value, _MAP) for node in nodes}
+            subjects = {
+                node.value: _properties(store, node.value, _MAP) for node in in_pieces(nodes, PIECE)
+            }
         reasons = {_first(held, v.EXPLAINED_BY, "") for held in subjects.values()} - {""}
         with reading_ahead(store, map(NamedNode, reasons)):
-            subjects.update((iri, _properties(store, iri, _MAP)) for iri in reasons)
+            subjects.update(
+                (iri, _properties(store, iri, _MAP)) for iri in in_pieces(reasons, PIECE)
+            )
         return self._objects(subjects)
 
     def _objects(self, subjects: dict[str, Properties]) -> tuple[ObjectRecord, ...]:
@@ -191,7 +195,7 @@ class Facts:
         quads = store.quads_for_pattern(None, _TYPE, NamedNode(v.PLACE), _MAP)
         nodes = [quad.subject for quad in quads if isinstance(quad.subject, NamedNode)]
         with reading_ahead(store, nodes):
-            for node in nodes:
+            for node in in_pieces(nodes, PIECE):
                 properties = subjects[node.value] = _properties(store, node.value, _MAP)
                 for held in properties.get(v.HAS_BELIEF, ()):
                     subjects[held] = _properties(store, held, _MAP)
@@ -398,16 +402,14 @@ def _time(stamp: float, what: str) -> Literal:
 
 def _by_subject(store: Engine, graph: NamedNode) -> dict[str, Properties]:
     subjects: dict[str, Properties] = {}
-    for number, quad in enumerate(store.quads_for_pattern(None, None, None, graph)):
-        if not number % PIECE:
-            give_way()
+    quads = store.quads_for_pattern(None, None, None, graph)
+    for quad in in_pieces(quads, 10 * PIECE):
         properties = subjects.setdefault(_text(quad.subject), {})
         properties.setdefault(quad.predicate.value, []).append(_text(quad.object))
     return subjects
 
 
 def _properties(store: Engine, subject: str, graph: NamedNode) -> Properties:
-    give_way()
     properties: Properties = {}
     for quad in store.quads_for_pattern(NamedNode(subject), None, None, graph):
         properties.setdefault(quad.predicate.value, []).append(_text(quad.object))

@@ -8,9 +8,11 @@ too late for the next one. What is short and due has right of way over what can 
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from typing import Final
+from typing import Final, TypeVar
+
+Item = TypeVar("Item")
 
 MOST: Final = 0.05  # [s] waited at one place, in case the writer waits for what the reader holds
 
@@ -41,3 +43,11 @@ def give_way() -> None:
     if _under_way and threading.get_ident() not in _under_way:
         for done in tuple(_under_way.values()):
             done.wait(MOST)
+
+
+def in_pieces(items: Iterable[Item], most: int) -> Iterator[Item]:
+    """The items, giving way before each piece of `most` of them."""
+    for number, item in enumerate(items):
+        if not number % most:
+            give_way()
+        yield item

@@ -27,7 +27,7 @@ from kg.right_of_way import give_way
 Value = str | int | float | bool | datetime | None
 Row = tuple[Value, ...]
 
-PIECE = 100  # rows read between two rests
+PIECE = 200  # rows read between two rests
 REST = 1e-4  # [s] long enough for a waiting thread to take the lock, and no longer
 
 _FLOATS = {v.XSD + name for name in ("double", "float", "decimal")}

@@ -11,7 +11,7 @@ import pytest
 
 from kg import right_of_way
 from kg.records import MapUpdate, PlaceRecord, RobotRecord
-from kg.right_of_way import give_way, writing
+from kg.right_of_way import give_way, in_pieces, writing
 from kg.semantic_map import SemanticMap
 
 LONG = 600.0  # [s] what no test lasts
@@ -94,3 +94,16 @@ def test_questions_and_records_give_way(
         found.apply(MapUpdate(robot=RobotRecord(np.zeros(3), 0.0, 1e9)))
         assert seen == [True]
         assert _ended(readers[0])
+
+
+def test_what_is_read_in_pieces_gives_way_before_the_first(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(right_of_way, "MOST", LONG)
+    read: list[int] = []
+    with writing():
+        reader = _beside(lambda: read.extend(in_pieces(range(7), 3)))
+        assert _held(reader)
+        assert read == []
+    assert _ended(reader)
+    assert read == [*range(7)]
