@@ -27,7 +27,9 @@ def thing(text: str, base: str) -> NamedNode:
     prefix, colon, rest = text.partition(":")
     if colon and prefix in v.PREFIXES:
         text = v.PREFIXES[prefix] + rest
-    elif not colon and re.fullmatch(r"(object|place|observation|recording|search)/\S+|robot", text):
+    elif not colon and re.fullmatch(
+        r"(object|place|observation|recording|search|floor)/\S+|robot", text
+    ):
         text = base + text
     try:
         return NamedNode(text)

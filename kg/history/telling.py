@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from pyoxigraph import NamedNode
+from pyoxigraph import Literal, NamedNode
 
 from kg import vocabulary as v
 from kg.commits import Cause
@@ -82,10 +82,17 @@ def _steps(gone: dict[Term, list[Term]], came: dict[Term, list[Term]], base: str
     for predicate in sorted({*gone, *came}, key=word):
         if predicate != _TYPE or not new:
             old, now = (
-                ", ".join(short(value, base) for value in side.get(predicate, ()))
+                ", ".join(_brief(value, base) for value in side.get(predicate, ()))
                 for side in (gone, came)
             )
             yield f"{word(predicate)} {_step(old, now)}"
+
+
+def _brief(value: Term, base: str) -> str:
+    """A value in a line; of packed bytes only how many characters they take."""
+    if isinstance(value, Literal) and value.datatype.value == v.XSD_BASE64:
+        return f"{len(value.value)} characters"
+    return short(value, base)
 
 
 def _step(old: str, new: str) -> str:

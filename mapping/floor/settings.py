@@ -35,8 +35,8 @@ class FloorSettings:
     occupied: int = 80  # from here on a cell is occupied ...
     free: int = -40  # ... and down from here free
 
-    enough: int = 12  # cells of a tile that must have changed before it is written again ...
-    pause: float = 1.0  # [s] ... and the time between two writes, by the frames' stamps
+    enough: int = 40  # cells of a tile that must have changed before it is written again ...
+    pause: float = 2.0  # [s] ... and the time between two writes, by the frames' stamps
     kept: int = 1024  # tiles in memory; older ones are read again from the graph
 
     storey: float = 1.8  # [m] floors further apart than this are two storeys

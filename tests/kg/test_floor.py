@@ -133,3 +133,13 @@ def test_what_anybody_may_have_written_is_no_tile(semantic_map, text):
 def test_a_tile_without_its_cells_is_refused_at_the_door(semantic_map):
     with pytest.raises(ShapeError, match="here:floorCells"):
         semantic_map.update("INSERT DATA { <floor/0/0_0> a here:FloorTile ; here:storey 0 }")
+
+
+def test_the_past_of_a_tile_is_told_in_words(semantic_map):
+    semantic_map.apply(MapUpdate(floor=(TILE,)))
+    changed = replace(TILE, cells=np.full((64, 64), LOW, np.uint8), changed=1e9 + 7)
+    semantic_map.apply(MapUpdate(floor=(changed,)))
+    first, then = semantic_map.log("floor/0/2_-1")
+    assert "new here:FloorTile" in first.words
+    lengths = [len(encoded(tile.cells)) for tile in (TILE, changed)]
+    assert f"{lengths[0]} characters -> {lengths[1]} characters" in then.words
