@@ -104,7 +104,7 @@ def _peepholes(
 def _shown(space: FreeSpace, stand: int, near: float, reach: float) -> Cells:
     """The floor cells seen from `stand`, none nearer than `near` [m]."""
     cells, offset = visible(space, stand, reach)
-    return cells[(offset**2).sum(axis=1) >= near**2]
+    return np.asarray(cells[(offset**2).sum(axis=1) >= near**2], np.intp)
 
 
 def _rooms(space: FreeSpace) -> list[int]:
