@@ -67,15 +67,11 @@ async def graph_store(serving: Serving, request: Request) -> Response:
     return answer
 
 
-async def _take_ontology(
-    serving: Serving, triples: list[Triple], by: str, whole: bool
-) -> Response:
+async def _take_ontology(serving: Serving, triples: list[Triple], by: str, whole: bool) -> Response:
     """Have the map take an ontology in; the answer tells the change in words too."""
     quads = [Quad(t.subject, t.predicate, t.object, _ONTOLOGY) for t in triples]
     taken = await asyncio.shield(
-        run_in_threadpool(
-            partial(serving.semantic_map.take_ontology, quads, by=by, whole=whole)
-        )
+        run_in_threadpool(partial(serving.semantic_map.take_ontology, quads, by=by, whole=whole))
     )
     return written(
         serving,
