@@ -6,7 +6,7 @@ Rooms of real homes; the views of each are simulated, since the homes have no pi
 that gives the true kind the probability `right` on average, the rest spread over the other kinds by
 a draw of its own for each room. Each home is judged with the weight that had the least log loss on
 all others. "statistics" is the table with the rooms of all other homes counted, "shipped" that of
-the ontology and ConceptNet alone. Of the kinds of object in a room half are seen, and one in fifty of
+the ontology and ConceptNet alone. Of the kinds of object in a room half are seen, one in fifty of
 those that are not there.
 """
 
