@@ -2,8 +2,8 @@
 
     python benchmarks/fit_placement.py ../shared/data
 
-Deterministic. What it prints belongs into `kg/placement/settings.py` (FITTED). Reads homes/,
-s3dis/ and conceptnet/ of the folder; needs numpy only.
+Deterministic. What it prints belongs into `kg/placement/settings.py` (FITTED, HOMES, OFFICES).
+Reads homes/, s3dis/ and conceptnet/ of the folder; needs numpy only.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from pathlib import Path
 
 from kg.placement.settings import FITTED, Parameters
 from kg.placement.trial.data import Sources, load
-from kg.placement.trial.fitting import fit, log_likelihood
+from kg.placement.trial.fitting import fit, fit_kind, log_likelihood
 
 
 def main(folder: Path) -> None:
@@ -28,11 +28,18 @@ def main(folder: Path) -> None:
         )
     )
     found = fit(data.sample)
-    kept = Parameters(**{name: float(f"{x:.3g}") for name, x in asdict(found).items()})
+    kept = _rounded(found)
     print(f"{len(data.buildings)} buildings, {int((data.sample.rooms > 0).sum())} cells")  # noqa: T201
     print(kept)  # noqa: T201
     for name, numbers in (("fitted", found), ("rounded", kept), ("shipped", FITTED)):
         print(f"{name}: log-likelihood {log_likelihood(data.sample, numbers):.2f}")  # noqa: T201
+    count = len(data.buildings)
+    for name, which in (("HOMES", range(data.homes)), ("OFFICES", range(data.homes, count))):
+        print(name, _rounded(fit_kind(data.sample.only(which), kept)))  # noqa: T201
+
+
+def _rounded(numbers: Parameters) -> Parameters:
+    return Parameters(**{name: float(f"{x:.3g}") for name, x in asdict(numbers).items()})
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 from urllib.parse import quote, unquote
 
 from kg import vocabulary as v
@@ -39,6 +39,28 @@ class Assertion:
     license: str  # IRI
     surface: str  # how people worded it
     adds: bool  # whether the same assertion once more is more votes, not the same ones again
+
+
+def columns_of(line: bytes, count: int) -> list[bytes]:
+    """The columns between tabs; raises Unreadable where they are not so many."""
+    columns = line.split(b"\t")
+    if len(columns) != count:
+        raise Unreadable("wrong number of columns")
+    return columns
+
+
+def data_of(value: object) -> dict[str, Any]:
+    """The data of an assertion, by name; raises Unreadable where it is nothing of the kind."""
+    if not isinstance(value, dict):
+        raise Unreadable("no data in it")
+    return value
+
+
+def number_of(value: object, message: str) -> float:
+    """A number as such; raises Unreadable with the message where it is none (nor is a truth)."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise Unreadable(message)
+    return value
 
 
 def parse_node(uri: str) -> tuple[str, Node] | None:

@@ -1,4 +1,4 @@
-"""A file of ConceptNet, plain or gzip, read line by line in bounded memory.
+"""A file (or pipe) of ConceptNet, plain or gzip, read line by line in bounded memory.
 
 Which format it is shows in its lines, not in its name:
 
@@ -84,8 +84,7 @@ def _parsed(
 def _opened(path: Path) -> Iterator[tuple[IO[bytes], IO[bytes]]]:
     try:
         with path.open("rb") as raw:
-            packed = raw.read(2) == _GZIP
-            raw.seek(0)
+            packed = raw.peek(2)[:2] == _GZIP  # not by seeking: it may be a pipe
             yield raw, io.BufferedReader(gzip.GzipFile(fileobj=raw), _CHUNK) if packed else raw
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
         reason = " ".join(str(error).split())
@@ -97,6 +96,8 @@ def _opened(path: Path) -> Iterator[tuple[IO[bytes], IO[bytes]]]:
 
 
 def _report(raw: IO[bytes], path: Path, progress: Progress) -> Callable[[], None]:
+    if not raw.seekable():
+        return lambda: None
     total = path.stat().st_size
     return lambda: progress(raw.tell(), total)
 

@@ -12,7 +12,10 @@ from kg.conceptnet.assertion import (
     Unreadable,
     assertion_iri,
     clean,
+    columns_of,
+    data_of,
     license_iri,
+    number_of,
     parse_relation,
 )
 
@@ -40,9 +43,7 @@ def parse(line: bytes, language: str, wanted: Wanted) -> Assertion | None:
     Raises:
         Unreadable: the line is none; says why in a few words.
     """
-    columns = line.rstrip(b"\r").split(b"\t")
-    if len(columns) != _COLUMNS:
-        raise Unreadable("wrong number of columns")
+    columns = columns_of(line.rstrip(b"\r"), _COLUMNS)
     named = _RELATION.search(columns[2])
     if language != "en" or (named and parse_relation(named[1].decode()) is None):
         return None
@@ -55,9 +56,7 @@ def parse(line: bytes, language: str, wanted: Wanted) -> Assertion | None:
 def _assertion(start: str, end: str, literal: bytes, wanted: Wanted) -> Assertion | None:
     if len(literal) > _LONGEST_LITERAL:
         raise Unreadable("no data in it")
-    data = ast.literal_eval(literal.decode())
-    if not isinstance(data, dict):
-        raise Unreadable("no data in it")
+    data = data_of(ast.literal_eval(literal.decode()))
     relation = parse_relation(str(data.get("rel", "")))
     if relation is None or not wanted(relation[0], start, end):
         return None
@@ -79,6 +78,5 @@ def _assertion(start: str, end: str, literal: bytes, wanted: Wanted) -> Assertio
 
 
 def _number(value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise Unreadable("freq or score is no number")
-    return float(min(max(value, -_MOST_VOTES - 1), _MOST_VOTES + 1))
+    number = number_of(value, "freq or score is no number")
+    return float(min(max(number, -_MOST_VOTES - 1), _MOST_VOTES + 1))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 from typing import TYPE_CHECKING, Final
 
@@ -13,7 +12,10 @@ from kg.conceptnet.assertion import (
     Unreadable,
     assertion_iri,
     clean,
+    columns_of,
+    data_of,
     license_iri,
+    number_of,
     parse_node,
     parse_relation,
 )
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
 
 _COLUMNS: Final = 5
 _HEAVIEST: Final = 1e6  # a weight above is no weight
+_NO_WEIGHT: Final = "weight is no number above 0"
 _BRACKETS: Final = re.compile(r"\[\[|\]\]")
 
 
@@ -38,9 +41,7 @@ def parse(line: bytes, language: str, wanted: Wanted) -> Assertion | None:
     Raises:
         Unreadable: the line is none; says why in a few words.
     """
-    columns = line.split(b"\t")
-    if len(columns) != _COLUMNS:
-        raise Unreadable("wrong number of columns")
+    columns = columns_of(line, _COLUMNS)
     relation = parse_relation(columns[1].decode())
     home = b"/c/" + language.encode() + b"/"
     if relation is None or not (columns[2].startswith(home) and columns[3].startswith(home)):
@@ -79,18 +80,17 @@ def _assertion(
         return None
     if isinstance(data, bytes):
         data = json.loads(data, parse_constant=_refuse)
-    if not isinstance(data, dict):
-        raise Unreadable("no data in it")
-    surface = data.get("surfaceText")
+    told = data_of(data)
+    surface = told.get("surfaceText")
     spoken = surface if isinstance(surface, str) else f"{start_node.term} {name} {end_node.term}"
     return Assertion(
         name,
         start_node,
         end_node,
-        votes_of(_weight(data.get("weight"))),
+        votes_of(_weight(told.get("weight"))),
         negated,
         assertion_iri(f"Not{name}" if negated else name, start, end),
-        license_iri(str(data.get("license", ""))),
+        license_iri(str(told.get("license", ""))),
         clean(_BRACKETS.sub("", spoken)),
         adds=False,
     )
@@ -104,12 +104,11 @@ def _node(uri: str) -> tuple[str, Node]:
 
 
 def _weight(value: object) -> float:
-    if isinstance(value, int | float) and not isinstance(value, bool):
-        weight = float(value) if abs(value) <= _HEAVIEST else math.nan
-        if weight > 0:
-            return weight
-    raise Unreadable("weight is no number above 0")
+    weight = number_of(value, _NO_WEIGHT)
+    if not 0 < weight <= _HEAVIEST:
+        raise Unreadable(_NO_WEIGHT)
+    return float(weight)
 
 
 def _refuse(constant: str) -> float:
-    raise Unreadable("weight is no number above 0")
+    raise Unreadable(_NO_WEIGHT)

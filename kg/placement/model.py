@@ -1,14 +1,18 @@
 """The placement model: evidence about (object, place) pairs to Beta distributions; numpy only.
 
     x_e = logit(stated) - logit(silent), 0 without an edge     x_c = ln(1 + ConceptNet weight)
-    x_u = logit(rate in similar places) - logit(rare)          x_k = lift among kindred objects
+    x_u = object found more often than expected, in all other and in similar places
+    x_k = kindred objects found more often there than expected
     m0 = sigmoid(base + max(edge x_e, conceptnet x_c) + usual x_u + kin x_k)
-    m1 = (kappa m0 + rooms with) / (kappa + rooms)             statistics of other buildings
-    s  = 1 / (1 / tau + 1 / (kappa + rooms))             what m1 is worth, in rooms of this building
+    m1 = w (kappa m0 + with) / (kappa + rooms) + (1 - w) (0.02 m0 + with) / (0.02 + rooms)
+    s  = 1 / (1 / tau + 1 / (w kappa + (1 - w) 0.02 + rooms))
     alpha = s m1 + seen with + 8 stated,  beta = s (1 - m1) + seen without + 8 (1 - stated)
 
+w is the probability that m0 is to be trusted: `trust` beforehand, by Bayes' rule after the counts.
+
 Sources: logistic regression for m0; Beta-binomial shrinkage (Gelman et al., Bayesian Data Analysis,
-chapter 5) for the rest. docs/placement.md explains each term.
+chapter 5); the mixture of a firm and a vague prior, which gives way where counts contradict it, is
+Schmidli et al., Biometrics 70 (2014), 1023-1032. docs/placement.md explains each term.
 """
 
 from __future__ import annotations
@@ -19,12 +23,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.placement.settings import RARE, SILENT, STATED, Parameters
+from kg.placement.settings import DOUBTED, SILENT, STATED, Parameters
 
 Matrix = NDArray[np.float64]
 
 #: Log-odds beyond which nothing is believed: probabilities stay clear of 0 and 1.
 _FARTHEST: Final = 9.0
+_HALF_LOG_TWO_PI: Final = 0.5 * float(np.log(2 * np.pi))
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +57,7 @@ class Belief:
 
     prior: Matrix
     counted: Matrix
+    share: Matrix  # of `prior` in `counted`; the rest is the rate in the counted rooms
     strength: Matrix  # s: rooms that `counted` is worth
     alpha: Matrix
     beta: Matrix
@@ -62,25 +68,75 @@ class Belief:
         return self.alpha / (self.alpha + self.beta)
 
 
+@dataclass(frozen=True, slots=True)
+class Terms:
+    """The parts of the log-odds of m0 beside its base, arrays (n, m), as they are added up."""
+
+    said: Matrix  # an ontology or ConceptNet
+    usual: Matrix  # the object in other places
+    kin: Matrix  # kindred objects in the place
+
+
 def believe(evidence: Evidence, parameters: Parameters) -> Belief:
     """What the evidence amounts to; every probability lies strictly between 0 and 1."""
-    p = parameters
-    m0 = sigmoid(
-        p.base
-        + said_log_odds(evidence, p)
-        + p.usual * usual_log_odds(evidence, p.kappa)
-        + p.kin * kin_log_odds(evidence, p.kappa)
-    )
-    m1 = (p.kappa * m0 + evidence.rooms_with) / (p.kappa + evidence.rooms)
-    strength = 1 / (1 / p.tau + 1 / (p.kappa + evidence.rooms))
+    p, rooms, held = parameters, evidence.rooms, evidence.rooms_with
+    terms = prior_terms(evidence, p)
+    m0 = sigmoid(_base(evidence, p) + terms.said + terms.usual + terms.kin)
+    w = _trust(m0, rooms, held, p)
+    share = w * p.kappa / (p.kappa + rooms) + (1 - w) * DOUBTED / (DOUBTED + rooms)
+    m1 = share * m0 + (1 - share) * held / np.maximum(rooms, 1)
+    strength = 1 / (1 / p.tau + 1 / (w * p.kappa + (1 - w) * DOUBTED + rooms))
     unstated = evidence.statements - evidence.stated
     return Belief(
         prior=m0,
         counted=m1,
+        share=share,
         strength=strength,
         alpha=strength * m1 + evidence.seen_with + STATED * evidence.stated,
         beta=strength * (1 - m1) + evidence.seen_without + STATED * unstated,
     )
+
+
+def _trust(m0: Matrix, rooms: Matrix, held: Matrix, p: Parameters) -> Matrix:
+    """w: how probable it is, given the counts, that the prior is worth `kappa` rooms."""
+    firm = log_chance(p.kappa * m0, p.kappa * (1 - m0), rooms, held)
+    vague = log_chance(DOUBTED * m0, DOUBTED * (1 - m0), rooms, held)
+    return sigmoid(logit(p.trust) + firm - vague)
+
+
+def prior_terms(evidence: Evidence, parameters: Parameters) -> Terms:
+    """What m0 is made of; each part is measured against what the parts before it lead to expect."""
+    p, rooms, held = parameters, evidence.rooms, evidence.rooms_with
+    said = said_log_odds(evidence, p)
+    base = _base(evidence, p)
+    expected = rooms * sigmoid(base + said)
+    usual = p.usual * excess(_others(held), _others(rooms), _others(expected), p.kappa)
+    expected = rooms * sigmoid(base + said + usual)
+    similar, kindred = evidence.similar, evidence.kindred
+    alike = excess(held @ similar, rooms @ similar, expected @ similar, p.kappa)
+    kin = excess(kindred @ held, kindred @ rooms, kindred @ expected, p.kappa)
+    return Terms(said, usual + p.usual * alike, p.kin * kin)
+
+
+def _base(evidence: Evidence, parameters: Parameters) -> Matrix:
+    """(n, 1) the log-odds of an object of which nothing is said."""
+    counted = evidence.rooms.any(-1, keepdims=True)
+    return np.asarray(parameters.base + parameters.lift * counted)
+
+
+def _others(counts: Matrix) -> Matrix:
+    """(n, m) the counts of all other places together."""
+    return np.asarray(counts.sum(-1, keepdims=True) - counts)
+
+
+def excess(held: Matrix, rooms: Matrix, expected: Matrix, kappa: float) -> Matrix:
+    """The log-odds of a rate over those of the `expected` one; 0 where nothing was counted.
+
+    The rate is shrunk towards the expected one by `kappa` rooms.
+    """
+    rate = np.clip(expected / np.maximum(rooms, 1e-9), 1e-4, 1 - 1e-4)
+    shrunk = (held + kappa * rate) / (rooms + kappa)
+    return np.where(rooms > 0, logit(shrunk) - logit(rate), 0.0)
 
 
 def said_log_odds(evidence: Evidence, parameters: Parameters) -> Matrix:
@@ -98,26 +154,25 @@ def listed_log_odds(listed: Matrix) -> Matrix:
     return np.maximum(logit(np.maximum(listed, SILENT)) - logit(SILENT), 0.0)
 
 
-def usual_log_odds(evidence: Evidence, kappa: float) -> Matrix:
-    """x_u: the log-odds of the object in similar places, over those of a rare object.
+def log_chance(alpha: Matrix, beta: Matrix, rooms: Matrix, held: Matrix) -> Matrix:
+    """ln of the Beta-binomial probability of one order of `held` with and the rest without."""
+    return (
+        log_gamma(alpha + held)
+        - log_gamma(alpha)
+        + log_gamma(beta + rooms - held)
+        - log_gamma(beta)
+        - log_gamma(alpha + beta + rooms)
+        + log_gamma(alpha + beta)
+    )
 
-    The rate in similar places is shrunk towards the rate in all other places, by `kappa` rooms,
-    and that towards `RARE`. 0 for objects nobody counted.
-    """
-    rooms, held = evidence.rooms, evidence.rooms_with
-    elsewhere = rooms.sum(-1, keepdims=True) - rooms
-    anywhere = (held.sum(-1, keepdims=True) - held + kappa * RARE) / (elsewhere + kappa)
-    alike = (held @ evidence.similar + kappa * anywhere) / (rooms @ evidence.similar + kappa)
-    return np.where(elsewhere > 0, logit(alike) - logit(RARE), 0.0)
 
-
-def kin_log_odds(evidence: Evidence, kappa: float) -> Matrix:
-    """x_k: how much kindred objects favour the place, over places at large; 0 without any."""
-    rooms, held = evidence.kindred @ evidence.rooms, evidence.kindred @ evidence.rooms_with
-    total = rooms.sum(-1, keepdims=True)
-    anywhere = (held.sum(-1, keepdims=True) + kappa * RARE) / (total + kappa)
-    here = (held + kappa * anywhere) / (rooms + kappa)
-    return np.where(rooms > 0, logit(here) - logit(anywhere), 0.0)
+def log_gamma(x: Matrix | float) -> Matrix:
+    """ln Gamma(x) for x > 0, to 1e-9: Stirling's series after six steps of the recurrence."""
+    y = np.asarray(x, dtype=np.float64)
+    steps = np.log(y * (y + 1) * (y + 2) * (y + 3) * (y + 4) * (y + 5))
+    z = y + 6
+    series = 1 / (12 * z) - 1 / (360 * z**3) + 1 / (1260 * z**5)
+    return np.asarray((z - 0.5) * np.log(z) - z + _HALF_LOG_TWO_PI + series - steps)
 
 
 def sigmoid(x: Matrix) -> Matrix:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import re
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -74,6 +74,27 @@ def _new(name: str, below: str) -> RoomType:
 def _named_rooms() -> Mapping[str, Mapping[str, str]]:
     with (_FOLDER / "rooms.csv").open(newline="", encoding="utf-8") as file:
         return {row["room"]: row for row in csv.DictReader(file)}
+
+
+def buildings(
+    iris: Iterable[str], catalogue: Catalogue, above: Mapping[str, tuple[str, ...]]
+) -> dict[str, str]:
+    """Which kind of building places speak for ("home", "offices"), as ``buildings.csv`` has it.
+
+    By IRI; places that stand in either are left out. A place speaks as the nearest class above does
+    that is listed.
+    """
+    listed: dict[str, str] = {}
+    with (_FOLDER / "buildings.csv").open(newline="", encoding="utf-8") as file:
+        for row in csv.DictReader(file):
+            if (category := catalogue.get(row["category"], "place")) is not None:
+                listed[category.iri] = row["building"]
+    found = {}
+    for iri in iris:
+        ups = sorted((-len(above.get(up, ())), up) for up in above.get(iri, (iri,)) if up in listed)
+        if ups:
+            found[iri] = listed[ups[0][1]]
+    return found
 
 
 def similar_places(

@@ -1,8 +1,8 @@
-"""Every number of the placement model; `benchmarks/fit_placement.py` fits the first seven."""
+"""Every number of the placement model; `benchmarks/fit_placement.py` fits the first eight."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 
@@ -10,8 +10,8 @@ from typing import Final
 class Parameters:
     """The fitted numbers of the model (docs/placement.md has the formulas); all finite.
 
-    `edge`, `conceptnet`, `usual`, `kin`, `kappa` and `tau` are at least 0: more evidence for an
-    object never makes it less likely.
+    All but `base` are at least 0, `trust` is a probability: where nothing was counted, more
+    evidence for an object never makes it less likely.
     """
 
     base: float  # log-odds of a place holding an object of which nothing else is known
@@ -19,20 +19,33 @@ class Parameters:
     conceptnet: float  # log-odds for each unit of ln(1 + weight) in ConceptNet
     usual: float  # share of the log-odds in similar places and in the whole building that count
     kin: float  # share of the log-odds by which objects of one supercategory favour a place
-    kappa: float  # rooms of statistics that everything above is worth
+    kappa: float  # rooms of statistics that everything above is worth, where it is to be trusted
+    trust: float  # probability that it is to be trusted, before anything is counted
     tau: float  # rooms of one building that all statistics of other buildings are worth
+    lift: float = 0.0  # log-odds beyond `base` of objects that were counted, in a kind of building
 
 
 #: Fitted by `benchmarks/fit_placement.py` on 15 homes and 4 areas of S3DIS: 3,400 cells in the four
-#: ways of `kg.placement.trial.fitting`, log-likelihood -4405.29.
+#: ways of `kg.placement.trial.fitting`, log-likelihood -4373.18.
 FITTED: Final = Parameters(
-    base=-3.12, edge=0.649, conceptnet=1.82, usual=0.395, kin=0.528, kappa=1.6, tau=5.33
+    base=-3.14,
+    edge=0.702,
+    conceptnet=1.93,
+    usual=0.481,
+    kin=0.618,
+    kappa=2.55,
+    trust=0.754,
+    tau=4.38,
 )
+#: The same for one kind of building, where rooms of its kind were counted: lift, kappa and
+#: trust are its own.
+HOMES: Final = replace(FITTED, lift=0.64, kappa=7.65, trust=0.846)
+OFFICES: Final = replace(FITTED, lift=1.86, kappa=84.0, trust=0.773)
 
+#: Rooms that what is expected is worth where it is not to be trusted.
+DOUBTED: Final = 0.02
 #: Share of rooms without an edge that hold the object (docs/ontology.md: 97 of 7,616).
 SILENT: Final = 97 / 7616
-#: Share of (room, object) pairs a rate is shrunk to where nothing was counted.
-RARE: Final = 0.05
 #: Rooms that a probability stated by a person is worth.
 STATED: Final = 8.0
 

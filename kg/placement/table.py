@@ -20,13 +20,13 @@ from kg.errors import UnknownCategoryError
 from kg.placement.evidence import Knowledge, knowledge
 from kg.placement.model import (
     believe,
-    kin_log_odds,
     listed_log_odds,
-    usual_log_odds,
+    prior_terms,
 )
 from kg.placement.posterior import posterior
+from kg.placement.rooms import buildings
 from kg.placement.seen import SeenRooms, seen_rooms
-from kg.placement.settings import FITTED, STATED, Parameters
+from kg.placement.settings import FITTED, HOMES, OFFICES, STATED, Parameters
 from kg.semantic_map import SemanticMap
 
 
@@ -60,10 +60,13 @@ class Placement:
 def placement_table(
     semantic_map: SemanticMap,
     *,
-    parameters: Parameters = FITTED,
+    parameters: Parameters | None = None,
     sought: Collection[str] | None = None,
 ) -> PlacementTable:
     """What the map's ontology, imported statistics and rooms say, as of now.
+
+    Without `parameters`, those of homes or of offices are taken where the map's rooms tell which it
+    is and rooms were counted, else those of all buildings.
 
     `sought` has the IRIs of the objects its detector can see: only of these does a room looked at
     count as one without (None: of all). Raises OntologyError where the ontology is badly made.
@@ -81,7 +84,21 @@ def placement_table(
             known.above,
             sought,
         )
-    return PlacementTable(known, semantic_map.catalogue, rooms, parameters)
+        chosen = parameters or _numbers_for(known, semantic_map.catalogue, rooms)
+    return PlacementTable(known, semantic_map.catalogue, rooms, chosen)
+
+
+def _numbers_for(known: Knowledge, catalogue: Catalogue, rooms: SeenRooms) -> Parameters:
+    """The numbers of the kind of building that most of the map's rooms speak for."""
+    speak = buildings(known.places, catalogue, known.above)
+    believed = dict(zip(known.places, rooms.kind.sum(0), strict=True))
+    home, offices = (
+        sum(float(believed[iri]) for iri, kind in speak.items() if kind == which)
+        for which in ("home", "offices")
+    )
+    if not known.counted or home == offices:
+        return FITTED
+    return HOMES if home > offices else OFFICES
 
 
 def table_of(quads: Iterable[Quad], *, parameters: Parameters = FITTED) -> PlacementTable:
@@ -229,13 +246,14 @@ class PlacementTable:
         return sum(p for p, _ in pairs), sum(n for _, n in pairs)
 
     def _reasons(self, row: int, column: int) -> Iterator[Reason]:
-        e, k, total = self._evidence, self._parameters.kappa, self._total(row, column)
+        e, total = self._evidence, self._total(row, column)
         rooms, strength = float(e.rooms[row, column]), float(self._belief.strength[row, column])
-        yield from self._prior_reasons(row, column, strength * float(k / (k + rooms)) / total)
+        expected = float(self._belief.share[row, column])
+        yield from self._prior_reasons(row, column, strength * expected / total)
         if rooms:
             text = f"{e.rooms_with[row, column]:g} of {rooms:g} rooms"
             source = "; ".join(self._known.sources)
-            yield Reason(source, text, strength * rooms / (k + rooms) / total)
+            yield Reason(source, text, strength * (1 - expected) / total)
         seen, unseen = e.seen_with[row, column], e.seen_without[row, column]
         if seen + unseen > 0:
             text = f"{seen:.1f} rooms with, {unseen:.1f} without"
@@ -249,16 +267,17 @@ class PlacementTable:
         """What m0 is made of, by how far each part moves the log-odds."""
         p, e = self._parameters, self._evidence
         said = self._said(row, column)
-        parts = [("model", "how rare objects are at large", p.base)]
+        parts = [
+            ("model", "how rare objects are at large", p.base + p.lift * bool(e.rooms[row].any()))
+        ]
         by_list = p.edge * listed_log_odds(e.listed)[row, column]
         by_weight = p.conceptnet * np.log1p(e.weight)[row, column]
         kind, moved = ("listed", by_list) if by_list >= by_weight else ("weight", by_weight)
         told = [s for s in said if s[1].startswith(kind)]
         parts += [(source, text, float(moved) / len(told)) for source, text in told]
-        usual, kin = usual_log_odds(e, p.kappa), kin_log_odds(e, p.kappa)
-        counts = "; ".join(self._known.sources)
-        parts.append((counts, "similar and other places", float(p.usual * usual[row, column])))
-        parts.append((counts, "kindred objects", float(p.kin * kin[row, column])))
+        counts, terms = "; ".join(self._known.sources), prior_terms(e, p)
+        parts.append((counts, "similar and other places", float(terms.usual[row, column])))
+        parts.append((counts, "kindred objects", float(terms.kin[row, column])))
         whole = sum(abs(moved) for *_, moved in parts) or 1.0
         for source, text, moved in parts:
             if moved:

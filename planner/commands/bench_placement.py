@@ -54,7 +54,7 @@ def add(benches: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Load, cross-validate, print."""
-    from kg.placement.settings import FITTED
+    from kg.placement.settings import HOMES, OFFICES
     from kg.placement.trial.data import Sources, load
     from kg.placement.trial.trial import run as run_trial
 
@@ -82,7 +82,7 @@ def run(arguments: argparse.Namespace) -> int:
         task = bar.add_task("buildings", total=len(data.buildings), status="")
         result = run_trial(
             data,
-            parameters=FITTED if arguments.shipped_parameters else None,
+            parameters=(HOMES, OFFICES) if arguments.shipped_parameters else None,
             bootstrap=arguments.bootstrap,
             seed=arguments.seed,
             tick=lambda: bar.advance(task),

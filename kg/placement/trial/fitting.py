@@ -8,20 +8,27 @@ category), without any statistics (ontology and ConceptNet), and with the ontolo
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import astuple, dataclass, replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.placement.model import Evidence, Matrix, believe
-from kg.placement.settings import Parameters
+from kg.placement.model import Evidence, Matrix, believe, log_chance, logit, sigmoid
+from kg.placement.settings import DOUBTED, Parameters
 
 Vector = NDArray[np.float64]
 
-_START: Final = Parameters(-3.0, 0.5, 0.5, 0.7, 0.2, 10.0, 10.0)
+_START: Final = Parameters(-3.0, 0.5, 0.5, 0.7, 0.2, 10.0, 0.9, 10.0)
 _WIDEST: Final = 5.0  # of ln(kappa), ln(tau); and the most any share can be
+_PULL: Final = 0.05  # loss of log-likelihood for each squared unit away from the start
+_PULL_OF_KIND: Final = 0.1  # the same, of one kind of building's numbers away from all buildings'
+#: positions in Parameters: those in rooms, and the probability
+_ROOMS: Final = [5, 7]
+_TRUST: Final = 6
+#: numbers that a kind of building has of its own
+_OWN: Final = [5, 6]
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +41,11 @@ class Sample:
 
     def without(self, building: int) -> Sample:
         """All buildings but one."""
-        keep = np.arange(len(self.rooms)) != building
+        return self.only(n for n in range(len(self.rooms)) if n != building)
+
+    def only(self, buildings: Iterable[int]) -> Sample:
+        """Some of the buildings."""
+        keep = list(buildings)
         evidence = replace(
             self.evidence,
             rooms=self.evidence.rooms[keep],
@@ -43,58 +54,83 @@ class Sample:
         return Sample(evidence, self.rooms[keep], self.held[keep])
 
 
-def fit(sample: Sample, start: Parameters = _START, steps: int = 900) -> Parameters:
+def fit(sample: Sample, start: Parameters = _START, steps: int = 1200) -> Parameters:
     """The parameters that make the sample likeliest; deterministic."""
+    anchor = _numbers(_START)
 
     def cost(x: Vector) -> float:
-        return -log_likelihood(sample, _parameters(x))
+        return _PULL * float(np.sum((x - anchor) ** 2)) - _likelihood(sample, _parameters(x))
 
     return _parameters(minimise(cost, _numbers(start), steps))
 
 
+def fit_kind(sample: Sample, overall: Parameters, steps: int = 160) -> Parameters:
+    """The numbers of one kind of building: its own lift and strength of what is expected.
+
+    Empirical Bayes: the others stay those fitted to all buildings, and these three are pulled
+    towards them; few buildings of a kind move them little.
+    """
+    numbers = _numbers(overall)
+    anchor = np.array([0.0, *numbers[_OWN]])
+
+    def moved(x: Vector) -> Parameters:
+        own = numbers.copy()
+        own[_OWN] = x[1:]
+        return replace(_parameters(own), lift=float(x[0]))
+
+    def cost(x: Vector) -> float:
+        away = float(np.sum((x - anchor) ** 2))
+        return _PULL_OF_KIND * away - _counted_likelihood(sample, moved(x))
+
+    return moved(minimise(cost, anchor, steps))
+
+
 def log_likelihood(sample: Sample, parameters: Parameters) -> float:
     """ln p(the buildings) in the four ways, less a weak pull of the numbers towards the start."""
-    evidence = sample.evidence
+    away = _numbers(parameters) - _numbers(_START)
+    return _likelihood(sample, parameters) - _PULL * float(np.sum(away**2))
+
+
+def _counted_likelihood(sample: Sample, parameters: Parameters) -> float:
+    full = believe(sample.evidence, parameters)
+    return _beta_binomial(sample, full.alpha, full.beta)
+
+
+def _likelihood(sample: Sample, parameters: Parameters) -> float:
+    p, evidence = parameters, sample.evidence
     nothing = np.zeros_like(evidence.rooms[:1])
     bare = replace(evidence, rooms=nothing, rooms_with=nothing)
-    full, bare_belief = believe(evidence, parameters), believe(bare, parameters)
-    alone = believe(replace(bare, weight=np.zeros_like(bare.weight)), parameters)
-    strength = 1 / (1 / parameters.tau + 1 / parameters.kappa)
-    total = (
+    full, bare_belief = believe(evidence, p), believe(bare, p)
+    alone = believe(replace(bare, weight=np.zeros_like(bare.weight)), p)
+    strength = 1 / (1 / p.tau + 1 / (p.trust * p.kappa + (1 - p.trust) * DOUBTED))
+    return (
         _beta_binomial(sample, full.alpha, full.beta)
         + _beta_binomial(sample, strength * full.prior, strength * (1 - full.prior))
         + _beta_binomial(sample, bare_belief.alpha, bare_belief.beta)
         + _beta_binomial(sample, alone.alpha, alone.beta)
     )
-    return total - 0.05 * float(np.sum((_numbers(parameters) - _numbers(_START)) ** 2))
 
 
 def _beta_binomial(sample: Sample, alpha: Matrix, beta: Matrix) -> float:
-    """Sum of ln B(alpha + K, beta + N - K) / B(alpha, beta) by rising factorials."""
+    """Sum of ln B(alpha + K, beta + N - K) / B(alpha, beta)."""
     cells = sample.rooms > 0
     a, b = (np.broadcast_to(x, cells.shape)[cells] for x in (alpha, beta))
-    n, k = sample.rooms[cells], sample.held[cells]
-    return rising(a, k) + rising(b, n - k) - rising(a + b, n)
-
-
-def rising(x: Vector, n: Vector) -> float:
-    """Sum over the arrays of ln x (x + 1) ... (x + n - 1)."""
-    total = 0.0
-    for i in range(int(n.max(initial=0))):
-        total += float(np.log(x[n > i] + i).sum())
-    return total
+    return float(log_chance(a, b, sample.rooms[cells], sample.held[cells]).sum())
 
 
 def _numbers(p: Parameters) -> Vector:
-    x = np.array(astuple(p))
-    x[5:] = np.log(x[5:])
+    x = np.array(astuple(p)[:-1])  # without the lift
+    x[_ROOMS] = np.log(x[_ROOMS])
+    x[_TRUST] = logit(x[_TRUST])
     return x
 
 
 def _parameters(x: Vector) -> Parameters:
     shares = np.clip(np.abs(x[1:5]), 0, _WIDEST)
-    rooms = np.exp(np.clip(x[5:], -1, _WIDEST))
-    return Parameters(float(x[0]), *map(float, shares), *map(float, rooms))
+    kappa, tau = map(float, np.exp(np.clip(x[_ROOMS], -1, _WIDEST)))
+    edge, conceptnet, usual, kin = map(float, shares)
+    trust = float(sigmoid(x[_TRUST]))
+    return Parameters(float(x[0]), edge, conceptnet, usual, kin, kappa, trust, tau)
 
 
 def minimise(cost: Callable[[Vector], float], start: Vector, steps: int) -> Vector:

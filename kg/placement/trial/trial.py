@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from kg.placement.model import believe
 from kg.placement.posterior import posterior
-from kg.placement.settings import Parameters
+from kg.placement.settings import FITTED, Parameters
 from kg.placement.trial.data import TrialData
-from kg.placement.trial.fitting import fit
+from kg.placement.trial.fitting import Sample, fit, fit_kind
 from kg.placement.trial.methods import (
     METHODS,
     one_building,
@@ -24,7 +24,7 @@ from kg.placement.trial.methods import (
 from kg.placement.trial.scores import MEASURES, Outcome, interval, resampled
 
 #: numbers of rooms seen before the rest of the building is judged
-SEEN: Final = (1, 2, 4, 8)
+SEEN: Final = (1, 3, 5)
 _DRAWS: Final = 20  # choices of which rooms were seen
 
 Score = dict[str, float | tuple[float, float]]
@@ -65,22 +65,26 @@ def _plain(value: object) -> object:
 def run(
     data: TrialData,
     *,
-    parameters: Parameters | None = None,
+    parameters: tuple[Parameters, Parameters] | None = None,
     bootstrap: int = 1000,
     seed: int = 0,
     tick: Callable[[], None] = lambda: None,
 ) -> Result:
     """Cross-validate, building by building; deterministic for a seed.
 
-    The model is fitted to the other buildings each time, unless `parameters` are given. `bootstrap`
+    The model is fitted to the other buildings each time, and then to those of the same kind, unless
+    `parameters` are given, those of homes and those of offices. `bootstrap`
     is how often buildings are resampled; `tick` is called after each building.
     """
-    overall = parameters or fit(data.sample)
+    overall = FITTED if parameters else fit(data.sample, FITTED, 300)
     found: dict[str, list[Outcome]] = {}
     right: list[tuple[float, float, float]] = []
     for building in range(len(data.buildings)):
         train = data.sample.without(building)
-        numbers = parameters or fit(train)
+        if parameters:
+            numbers = parameters[building >= data.homes]
+        else:
+            numbers = _fitted(data, building, train)
         for name, told in _judge(data, building, numbers, seed).items():
             found.setdefault(name, []).append(told)
         if building < data.homes:
@@ -107,6 +111,18 @@ def run(
         sum(len(told.p) for told in found["blend"]),
         sum(len(told.visited) for told in found["blend"]),
     )
+
+
+def _fitted(data: TrialData, building: int, train: Sample) -> Parameters:
+    """The numbers for a building from all others; the search for them begins at those that ship."""
+    return fit_kind(_of_kind(data, building), fit(train, FITTED, 300))
+
+
+def _of_kind(data: TrialData, building: int) -> Sample:
+    """The other homes of a home, the other areas of an area."""
+    home = building < data.homes
+    kind = range(data.homes) if home else range(data.homes, len(data.buildings))
+    return data.sample.only(n for n in kind if n != building)
 
 
 def _sets(data: TrialData) -> list[tuple[str, range]]:

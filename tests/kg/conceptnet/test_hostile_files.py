@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import gzip
 import json
+import os
+import threading
 from pathlib import Path
 
 import pytest
@@ -108,6 +110,18 @@ def test_format_and_packing_show_in_the_content_not_the_name(
     path = tmp_path / "something.zip"
     path.write_bytes(gzip.compress(b"\n\n" + line) if packed else b"\n\n" + line)
     assert [f.target for f in import_conceptnet(path).found if "Kitchen" in f.target]
+
+
+@pytest.mark.parametrize("packed", [True, False])
+def test_a_pipe_is_read_like_a_file(packed: bool, tmp_path: Path) -> None:
+    path = tmp_path / "pipe"
+    os.mkfifo(path)
+    content = gzip.compress(GOOD5) if packed else GOOD5
+    writer = threading.Thread(target=path.write_bytes, args=(content,))
+    writer.start()
+    found = import_conceptnet(path).found
+    writer.join()
+    assert [f.target for f in found if "Kitchen" in f.target]
 
 
 def test_the_last_line_needs_no_end_and_windows_ends_do(tmp_path: Path) -> None:

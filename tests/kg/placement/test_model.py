@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -9,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kg.placement.model import Evidence, Matrix, believe
+from kg.placement.model import Evidence, Matrix, believe, log_chance, log_gamma
 from kg.placement.posterior import posterior
 from kg.placement.settings import FITTED
-from kg.placement.trial.fitting import minimise, rising
+from kg.placement.trial.fitting import minimise
 from kg.placement.trial.scores import brier, calibration_error, log_loss, rooms_visited
 
 COUNT = st.integers(0, 400)
@@ -52,12 +53,18 @@ def test_more_evidence_for_raises_it_and_rooms_searched_in_vain_lower_it(
     rooms: tuple[int, int], weight: float, more: float
 ) -> None:
     known = {"rooms": rooms[0], "rooms_with": rooms[1], "weight": weight}
-    assert p(**known | {"weight": weight + more}) > p(**known)
-    assert p(**known, listed=0.9) >= p(**known, listed=0.2) >= p(**known)
+    assert p(weight=weight + more) > p(weight=weight)
+    assert p(weight=weight, listed=0.9) >= p(weight=weight, listed=0.2) >= p(weight=weight)
     assert p(**known, seen_with=more) > p(**known) > p(**known, seen_without=more)
     assert p(**known, seen_without=more) > p(**known, seen_without=2 * more)
     assert p(**known | {"rooms": rooms[0] + 5}) < p(**known)
     assert p(**known | {"rooms": rooms[0] + 5, "rooms_with": rooms[1] + 5}) > p(**known)
+
+
+def test_what_is_expected_gives_way_where_counts_contradict_it() -> None:
+    with_list = p(listed=0.9, weight=8, rooms=30)
+    assert with_list < 0.03 < 0.5 < p(listed=0.9, weight=8)
+    assert abs(with_list - p(rooms=30)) < 0.02
 
 
 def test_what_similar_places_hold_raises_a_place_nobody_counted() -> None:
@@ -128,7 +135,17 @@ def test_rooms_visited_takes_ties_at_random() -> None:
     assert rooms_visited(np.array([0.5, 0.9, 0.5, 0.1]), held) == pytest.approx(1 + 3 / 2)
 
 
-def test_the_simplex_finds_a_minimum_and_factorials_rise() -> None:
+def test_the_simplex_finds_a_minimum() -> None:
     found = minimise(lambda x: float(((x - [1, -2, 3]) ** 2).sum()), np.zeros(3), 400)
     assert found == pytest.approx([1, -2, 3], abs=1e-2)
-    assert rising(np.array([2.0, 0.5]), np.array([3, 0])) == pytest.approx(np.log(2 * 3 * 4))
+
+
+@given(st.floats(1e-3, 1e6))
+def test_log_gamma_is_the_librarys(x: float) -> None:
+    assert log_gamma(x) == pytest.approx(math.lgamma(x), rel=1e-9, abs=1e-8)
+
+
+def test_the_chance_of_counts_is_what_drawing_one_by_one_gives() -> None:
+    one_by_one = (2 / 5) * (3 / 6) * (3 / 7)  # alpha 2, beta 3: with, with, without
+    found = log_chance(np.array(2.0), np.array(3.0), np.array(3.0), np.array(2.0))
+    assert found == pytest.approx(np.log(one_by_one))

@@ -15,7 +15,9 @@ from kg.categories import Catalogue
 from kg.errors import OntologyError, UnknownCategoryError
 from kg.marks import mark_of
 from kg.ontology import load_ontologies
+from kg.placement import settings
 from kg.placement.imports import SHIPPED, read_rooms
+from kg.placement.settings import FITTED, OFFICES, Parameters
 from kg.placement.statistics import RoomStatistics, statistics, statistics_quads
 from kg.placement.table import placement_table, table_of
 from kg.placement.writing import import_rooms, table_quads
@@ -196,6 +198,25 @@ def test_statistics_in_a_map_speak_and_importing_twice_changes_nothing(
     assert after.probability(iri("toilet"), toilet.iri) > 0.8
     wider = after.probability(iri("oven"), place("kitchenette"))
     assert wider > before.probability(iri("oven"), place("kitchenette"))
+
+
+def test_a_building_of_offices_is_judged_by_the_numbers_of_offices(
+    semantic_map: SemanticMap, homes: Path
+) -> None:
+    def told(parameters: Parameters | None = None) -> list[float]:
+        table = placement_table(semantic_map, parameters=parameters)
+        return [table.probability(iri(name), place("office")) for name in ("chair", "oven")]
+
+    semantic_map.apply(MapUpdate(places=(room(0, "office"), room(1, "conference room"))))
+    assert told() == told(FITTED)  # no rooms were counted
+    import_rooms(semantic_map, read_rooms(homes, semantic_map.catalogue, "homes"))
+    assert told() == told(OFFICES) != told(FITTED)
+    uncounted = iri("banana"), place("kitchen")  # and no kitchen was seen
+    of_all = placement_table(semantic_map, parameters=FITTED).probability(*uncounted)
+    assert placement_table(semantic_map).probability(*uncounted) == pytest.approx(of_all)
+    rooms = tuple(room(n, name) for n, name in enumerate(("bedroom", "kitchen", "bedroom"), 2))
+    semantic_map.apply(MapUpdate(places=rooms))
+    assert told() == told(settings.HOMES) != told(OFFICES)
 
 
 def test_a_newer_table_of_the_same_source_replaces_the_older(

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from kg.errors import InvalidFactError
-from kg.placement.settings import FITTED
+from kg.placement.settings import FITTED, HOMES, OFFICES
 from kg.placement.trial.data import Sources, TrialData, load
-from kg.placement.trial.fitting import fit, log_likelihood
+from kg.placement.trial.fitting import fit, fit_kind, log_likelihood
 from kg.placement.trial.trial import run
 from planner.commands import main
 
@@ -37,9 +37,20 @@ def data(shared: Shared) -> TrialData:
 def test_the_shipped_numbers_are_near_the_likeliest(data: TrialData) -> None:
     shipped = log_likelihood(data.sample, FITTED)
     assert log_likelihood(data.sample, fit(data.sample, FITTED, steps=60)) < shipped + 0.5
-    for name in ("base", "edge", "conceptnet", "usual", "kappa", "tau"):
-        moved = replace(FITTED, **{name: getattr(FITTED, name) * 1.5})
+    for name in ("base", "edge", "conceptnet", "usual", "kappa", "trust", "tau"):
+        moved = replace(FITTED, **{name: getattr(FITTED, name) * (0.7 if name == "trust" else 1.5)})
         assert log_likelihood(data.sample, moved) < shipped, name
+
+
+@pytest.mark.parametrize("kind", ["homes", "offices"])
+def test_the_shipped_numbers_of_a_kind_are_what_its_buildings_give(
+    data: TrialData, kind: str
+) -> None:
+    homes, count = range(data.homes), len(data.buildings)
+    which, shipped = (homes, HOMES) if kind == "homes" else (range(data.homes, count), OFFICES)
+    found = fit_kind(data.sample.only(which), FITTED)
+    for name in ("lift", "kappa", "trust"):
+        assert getattr(found, name) == pytest.approx(getattr(shipped, name), rel=0.05), name
 
 
 def test_a_home_is_judged_without_its_own_rooms(data: TrialData) -> None:
@@ -60,13 +71,16 @@ def test_homes_that_the_statistics_cannot_have_counted_are_noticed(
 
 
 def test_the_blend_is_better_than_its_parts_and_calibrated(data: TrialData) -> None:
-    result = run(data, parameters=FITTED, bootstrap=0)
-    homes = {row.method: row.scores for row in result.rows if row.buildings == "homes"}
-    blend = homes["blend"]
+    result = run(data, parameters=(HOMES, OFFICES), bootstrap=0)
+    scores = {(row.buildings, row.method): row.scores for row in result.rows}
     for part in ("thesis edges", "conceptnet", "statistics"):
-        assert blend["log_loss"] < homes[part]["log_loss"], part
-        assert blend["brier"] < homes[part]["brier"], part
-        assert blend["rooms_visited"] < homes[part]["rooms_visited"], part
+        for buildings in ("homes", "S3DIS"):
+            ours, theirs = scores[buildings, "blend"], scores[buildings, part]
+            assert ours["log_loss"] < theirs["log_loss"], (buildings, part)
+            assert ours["brier"] < theirs["brier"], (buildings, part)
+        visited = scores["homes", part]["rooms_visited"]
+        assert scores["homes", "blend"]["rooms_visited"] < visited, part
+    blend = scores["homes", "blend"]
     assert blend["ece"] < 0.05
     assert blend["rooms_visited"] < 1.9
     assert result.places["from_objects"] > 2 * result.places["most_common_kind"]

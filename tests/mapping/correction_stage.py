@@ -1,0 +1,143 @@
+"""The stage on which a script of `correction_scripts` is played: people, a camera and networks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from kg.check import check_map
+from kg.semantic_map import SemanticMap
+from mapping.layout import Layout, Rectangle
+from mapping.pipeline import map_recording
+from perception.frame import Detections, Frame, SceneScores
+from tests.mapping.correction_scripts import Script
+
+BASE = "https://example.org/map/"
+BOXES = {"": (30, 22, 34, 26), "left": (4, 22, 8, 26), "right": (56, 22, 60, 26)}
+ROOM = Layout((Rectangle(1, "the room", 0.0, 6.0, -4.0, 4.0),))
+
+
+class Acts:
+    """What people do, by the words of a script."""
+
+    def __init__(self, semantic_map: SemanticMap) -> None:
+        self.map = semantic_map
+
+    def do(self, verb: str, words: list[str]) -> None:
+        getattr(self, f"_{verb}")(*words)
+
+    def _say(self, thing: str, prop: str, *value: str) -> None:
+        assert self.map.assert_(thing, prop, " ".join(value), by="ann") is not None
+
+    def _unsay(self, thing: str, prop: str) -> None:
+        assert self.map.retract(thing, prop, by="ann") is not None
+
+    def _delete(self, thing: str) -> None:
+        self._update(f"DELETE WHERE {{ <{BASE}{thing}> ?p ?o }}")
+
+    def _move(self, number: str, x: str, y: str) -> None:
+        self._update(
+            f"DELETE {{ ?o here:x ?x . ?o here:y ?y }} INSERT {{ ?o here:x {x} . ?o here:y {y} }} "
+            f"WHERE {{ VALUES ?o {{ <{BASE}object/{number}> }} ?o here:x ?x . ?o here:y ?y }}"
+        )
+
+    def _retype(self, thing: str, category: str) -> None:
+        self._update(f"INSERT DATA {{ <{BASE}{thing}> a <{self._class(category)}> }}")
+
+    def _add(self, number: str, category: str, x: str, y: str) -> None:
+        kind = self._class(category)
+        thing = f"<{BASE}object/{number}>"
+        self._update(f"INSERT DATA {{ {thing} a <{kind}> ; here:x {x} ; here:y {y} ; here:z 1 }}")
+
+    def _rethink(self, category: str, belief: str, views: str) -> None:
+        held = f"<{BASE}place/1/belief/{self._class(category).rpartition('#')[2]}>"
+        self._update(
+            f"DELETE {{ {held} here:belief ?b . ?p here:viewCount ?n }} "
+            f"INSERT {{ {held} here:belief {belief}e0 . ?p here:viewCount {views} }} "
+            f"WHERE {{ {held} here:belief ?b . ?p here:viewCount ?n }}"
+        )
+
+    def _class(self, category: str) -> str:
+        return self.map.catalogue.find(category).iri
+
+    def _update(self, sparql: str) -> None:
+        assert self.map.update(sparql, by="ann") is not None
+
+
+class Stage:
+    """A recording, a detector and a scene network that follow a script, and people meanwhile."""
+
+    name = "scripted"
+    T_map_world = np.eye(4)
+
+    def __init__(self, steps: list[str], acts: Acts, frame: Callable[..., Frame], run: int) -> None:
+        self.steps, self.acts, self.make_frame = steps, acts, frame
+        self.name = f"run {run}"
+        self.shown: list[str] = []
+
+    def __len__(self) -> int:
+        return 1000  # whatever it will be
+
+    def frames(self, start: int = 0) -> Iterator[Frame]:
+        for number, step in enumerate(self.steps, start=1):
+            verb, *words = step.split()
+            if verb not in ("see", "look", "blind", "view"):
+                self.acts.do(verb, words)
+                continue
+            self.shown = [verb, *words]
+            depth = {"look": 5.0, "blind": 1.0, "view": 1.0}.get(verb, self._depth(words))
+            T = self.make_frame().T_map_cam.copy()
+            T[2, 3] += 0.2 * number * (verb == "view")  # a pose is used for one view only
+            yield self.make_frame(depth, T=T, id=step, stamp=1000.0 + number)
+
+    def detect(self, frame: Frame) -> Detections:
+        if self.shown[0] != "see":
+            return Detections(np.zeros((0, 4), np.float32), np.zeros(0, np.float32), ())
+        side = next((word for word in self.shown[2:] if word in BOXES), "")
+        box = np.array([BOXES[side]], dtype=np.float32)
+        return Detections(box, np.ones(1, np.float32), (self.shown[1],))
+
+    def classify(self, frame: Frame) -> SceneScores:
+        return SceneScores({self.shown[1]: 1.0} if self.shown[0] == "view" else {})
+
+    def _depth(self, words: list[str]) -> float:
+        return next((float(word) for word in words if word[0].isdigit()), 2.0)
+
+
+def runs(steps: str) -> Iterator[list[str]]:
+    for part in steps.split("restart"):
+        yield [step.strip() for step in part.split(";") if step.strip()]
+
+
+def halves(steps: list[str]) -> tuple[list[str], list[str]]:
+    return steps[: len(steps) // 2], steps[len(steps) // 2 :]
+
+
+def play(
+    semantic_map: SemanticMap,
+    steps: list[str],
+    frame: Callable[..., Frame],
+    people: SemanticMap | None = None,
+) -> None:
+    run = len(semantic_map.recordings())
+    stage = Stage(steps, Acts(people or semantic_map), frame, run)
+    map_recording(stage, semantic_map, stage, stage, layout=ROOM)
+
+
+def as_told(semantic_map: SemanticMap, script: Script) -> None:
+    catalogue = semantic_map.catalogue
+    told = [
+        f"{o.iri.rpartition('/')[2]} {catalogue.label(o.category)} "
+        f"{o.p_map[0]:g} {o.p_map[1]:g}{'' if o.existence > 0 else '!'}"
+        for o in semantic_map.objects()
+    ]
+    assert ", ".join(told) == script.objects
+    (place,) = semantic_map.ask("places").records()
+    assert place["category"] == script.place
+    conflicts = [f"{c.subject.removeprefix(BASE)} {c.property}" for c in semantic_map.conflicts()]
+    assert ", ".join(conflicts) == script.conflicts
+    assert len(semantic_map.ask("conflicts").rows) == len(conflicts)
+    inside = {o.iri for o in semantic_map.objects() if abs(o.p_map[1]) <= 4}
+    assert {o.iri for o in semantic_map.objects() if o.place is not None} == inside
+    assert check_map(semantic_map.engine) == []
