@@ -226,7 +226,7 @@ def _draw(
             r = first_rows[i] + (1 if np.random.random() < first_part[i] else 0)
         while i >= 0 and r < last:
             visits[i] += 1.0 / runs
-            least, best, best_state = 0.0, -1, 0
+            least, best, best_state = 0.0, -1, np.int64(0)
             for e in range(pointer[i], pointer[i + 1]):
                 state = np.int64(after[maps[e] + s]) if maps[e] >= 0 else first[to[e]]
                 if state < 0:
