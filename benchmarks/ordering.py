@@ -6,6 +6,7 @@ For each size, kind of probabilities (`peaked`, `listed`, and, like the referenc
 `uniform`, `dirichlet`, `remainder`: benchmarks/ordering_worlds.py), model and building: the
 expected time of the ratio rule, of a search of one second, and how far that is over the best of
 two searches of LONG seconds beside it; the proven gap; the longest wall-clock time.
+With `--numpy` without compiled steps.
 `--write FILE` writes the buildings as problems for `hereabouts bench plan` instead.
 """
 
@@ -19,7 +20,7 @@ from typing import Literal
 import numpy as np
 
 from benchmarks.ordering_worlds import PATTERNS, Pattern, document, problem, reference_like
-from planner.ordering import OrderingProblem, solve
+from planner.ordering import OrderingProblem, solve, warm_up
 from planner.ordering.improve import by_ratio
 from planner.ordering.kernel import reduce_problem
 
@@ -38,6 +39,9 @@ def main() -> None:
     if words[:1] == ["--write"]:
         Path(words[1]).write_text(json.dumps(document([30, 50, 100, 330], 2)))
         return
+    took = None if "--numpy" in words else warm_up()
+    words = [word for word in words if word != "--numpy"]
+    sys.stderr.write("numpy alone\n" if took is None else f"compiled steps loaded, {took:.1f} s\n")
     sizes = [int(size) for size in (words[0] if words else "50,100,200,330,10000").split(",")]
     seeds = int(words[1]) if len(words) > 1 else 2
     long = float(words[2]) if len(words) > 2 else 10.0

@@ -7,6 +7,8 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from kg.errors import OrderingError
 from planner.commands.arguments import add_json, count, positive
 from planner.commands.console import err, note, progress, write, write_json
@@ -39,12 +41,20 @@ def add(benches: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Read, solve, write, sum up."""
+    from planner.ordering.compiled import warm_up
     from planner.ordering.solve import solve
+    from planner.ordering.subsets import MOST
     from planner.search_problems import read_problems
 
     if arguments.output == "-" and arguments.json:
         arguments.usage_error("-o - and --json both want stdout; give -o a file")
     problems = read_problems(Path(arguments.problems))
+    if any(np.count_nonzero(entry.problem.p) > MOST for entry in problems):
+        took = warm_up()
+        how = (
+            "without numba: numpy alone" if took is None else f"compiled steps loaded, {took:.1f} s"
+        )
+        note(f"{how} (docs/ordering.md)")
     solved: list[tuple[SearchProblem, Ordering]] = []
     with progress() as bar:
         task = bar.add_task("planning", total=len(problems), status="")

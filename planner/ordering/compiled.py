@@ -13,7 +13,7 @@ import importlib.util
 import time
 from collections.abc import Callable
 from types import ModuleType
-from typing import Any, Final, TypeVar
+from typing import Any, Final, TypeVar, cast
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 #: the module that solves with compiled steps, once it is loaded
@@ -25,8 +25,10 @@ def compiled(signature: str) -> Callable[[_Function], _Function]:
     """Decorator: compile for the argument types of `signature`, in numba's notation, now."""
     import numba
 
-    decorator: Callable[[_Function], _Function] = numba.njit(signature, cache=True)
-    return decorator
+    def compile_now(function: _Function) -> _Function:
+        return cast(_Function, numba.njit(signature, cache=True)(function))
+
+    return compile_now
 
 
 def available() -> bool:
@@ -50,3 +52,8 @@ def warm_up() -> float | None:
 def fast() -> ModuleType | None:
     """What `warm_up` has loaded; None before."""
     return _loaded.get(_MODULE)
+
+
+def cool_down() -> None:
+    """Undo `warm_up`: `solve` is left to numpy again."""
+    _loaded.clear()

@@ -170,12 +170,12 @@ def _expand(
             if k < 0:
                 if found >= room:
                     return -1
-                k, table[at] = found, found
+                k, table[at] = np.int64(found), found
                 found += 1
                 new_visited[k], new_last[k], new_cost[k] = been, j, np.inf
                 new_price[k], new_units[k] = prices, rest
-                new_left[k] = (left[way] + beyond) * (1.0 - w[j]) - beyond if some else (
-                    left[way] - w[j]
+                new_left[k] = (
+                    (left[way] + beyond) * (1.0 - w[j]) - beyond if some else (left[way] - w[j])
                 )
             if spent < new_cost[k]:
                 new_cost[k], new_parent[k] = spent, way

@@ -56,8 +56,8 @@ class Memories:
         remembered = np.concatenate([*lists, np.zeros(0, dtype=np.int64)]).astype(np.int64)
         first = np.concatenate([[0], np.cumsum(1 << np.diff(pointer))]).astype(np.int64)
         bit = np.full((m, m), -1, dtype=np.int64)
-        for place, each in enumerate(lists):
-            bit[place, each] = np.arange(len(each))
+        for here, each in enumerate(lists):
+            bit[here, each] = np.arange(len(each))
         knows = (bit >= 0).astype(np.float32)
         free = (knows @ knows.T == 0) & (bit < 0) & (bit.T < 0)
         np.fill_diagonal(free, False)

@@ -13,6 +13,7 @@ equal weights.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from planner.ordering.compiled import compiled
 from planner.ordering.kernel import Ints, Kernel
@@ -25,8 +26,10 @@ _SURE = 3.0
 _LEFT = 1e-12
 #: how many units there may be in all
 _UNITS = (250, 400, 600, 1000, 1500, 2500)
-#: a value beyond this is of what cannot be
-NEVER, _BARRED = 1e29, 1e30
+#: most numbers in a table of values
+_MOST = 10_000_000
+#: [s] a leg that must not be taken; values of 1e29 and more are of what cannot be
+_BARRED = 1e230
 
 
 class ShareWalks:
@@ -97,7 +100,9 @@ def counted(kernel: Kernel, known: Tangent, units: int) -> tuple[Whole, Array]:
 
 
 def seconds_a_table(size: int, memory: int, units: int) -> float:
-    """[s] a table of values takes, about."""
+    """[s] a table of values takes, about; infinity where it would be too large."""
+    if units * (size << memory) > _MOST:
+        return np.inf
     return units * (size**2 * 0.4 + (size << memory) * 2.0 * (memory + 2)) * 1.2e-9
 
 
@@ -114,7 +119,7 @@ def _knapsack(units: Whole, weight: Array, least: Array) -> None:
     "void(f8[:,::1],f8[:,::1],i8[::1],f8[::1],i8[::1],i8[::1],i8[::1],i4[::1],i8[::1],"
     "f8[::1],f8[:,::1])"
 )
-def _backward(
+def _backward(  # noqa: C901 - one kernel: a call inside costs more than the loop
     legs: Array,
     onto: Array,
     units: Whole,
@@ -137,17 +142,18 @@ def _backward(
             onward[r] = 1e30
             continue
         free[:] = 1e30
+        weight = max(share, 1e-200)  # so that a leg of 1e230 is barred even where nothing is left
         for j in range(m):
             if units[j] > r:
                 continue
             reached = onward[r - units[j], first[j]] - price[j]
             if reached < 1e29:
                 for i in range(m):
-                    free[i] = min(free[i], onto[j, i] * share + reached)
+                    free[i] = min(free[i], onto[j, i] * weight + reached)
         for i in range(m):
             begin = first[i]
             count = first[i + 1] - begin
-            best[:count] = free[i] if free[i] < 1e29 * share else 1e30
+            best[:count] = min(free[i], 1e30)
             for e in range(bound[i], bound[i + 1]):
                 j = to[e]
                 if units[j] > r:
@@ -167,7 +173,7 @@ def _backward(
 )
 def _follow(
     legs: Array,
-    free: Array,
+    free: NDArray[np.bool_],
     units: Whole,
     left: Array,
     bound: Whole,

@@ -35,9 +35,8 @@ _ON_SPLITS = 0.08
 _ON_TREES, _TREES = 0.25, 700
 #: up to so many places a second walks bound; they remember so many others, more before a proof
 _WALKED, _MEMORY, _LONG_MEMORY = 85, 3, 6
-#: up to so many places compiled walks bound, where they are at hand
-_COMPILED = 700
-#: and the share of the time spent on orders of few places then, and of what is left on split legs
+#: where compiled walks are at hand: the share of the time spent on orders of places that may be
+#: proven, and of what is left on split legs
 _ON_PROVEN, _ON_FIRST = 0.15, 0.02
 #: gap beyond which a proof takes too long to be tried
 _HOPELESS = 0.07
@@ -100,9 +99,11 @@ def _anytime(kernel: Kernel, begin: float, limit: float, seed: int) -> tuple[Int
     now = time.perf_counter()
     walked = kernel.size <= _WALKED * max(1.0, limit)
     share = _ON_FEW if few else _ON_ORDERS if walked else _ON_MANY
-    native = fast() if kernel.size <= _COMPILED else None
-    if native is not None and kernel.size <= native.MOST_PLACES:
-        share = _ON_PROVEN
+    native = fast()
+    if native is not None and not native.worth_it(kernel, order, end - now):
+        native = None
+    if native is not None:
+        share = _ON_PROVEN if kernel.size <= native.MOST_PLACES else _ON_ORDERS
     order, cost = improve(kernel, order, now + (end - now) * share, seed)
     if native is not None:
         bound = _without_walks(kernel, cost, end, _ON_FIRST)

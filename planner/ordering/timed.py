@@ -23,8 +23,8 @@ _HORIZON = 1.15
 _RINGS = 8
 #: walks that are drawn to say how often places are visited
 _RUNS = 8
-#: [s] a value takes, to tell how long a table does
-_A_VALUE = 1.5e-9
+#: [s] a free step and a bound one take, to tell how long a table does
+_FREE, _BOUND = 3.5e-9, 3e-9
 #: most numbers in a table of values
 _MOST = 40_000_000
 
@@ -100,13 +100,14 @@ def seconds_a_table(kernel: Kernel, known: Tangent, memory: int) -> float:
         return np.inf
     rings = np.exp2(np.clip(np.floor(np.log2(kernel.D[:m] / step + 1e-9)), 0, _RINGS - 1))
     free = float((1.0 / rings).sum())
-    return rows * (free + (m << memory) * 2.0 * (memory + 2)) * _A_VALUE
+    return rows * (free * _FREE + (m << memory) * (memory + 2) * _BOUND)
 
 
 def _steps(legs: Array, memories: Memories) -> _Steps:
     m = len(legs)
     ring = np.zeros((m, m), dtype=np.int64)
-    ring[memories.free] = np.minimum(np.log2(legs[memories.free]).astype(np.int64), _RINGS - 1)
+    for k in range(1, _RINGS):
+        ring += legs >= 1 << k
     ring = np.where(memories.free, ring, -1)
     np.fill_diagonal(ring, _RINGS)
     order = np.argsort(ring, axis=1, kind="stable")[:, :-1]
@@ -127,7 +128,7 @@ def _steps(legs: Array, memories: Memories) -> _Steps:
     "void(i8[::1],i8[:,::1],i8[::1],i8[::1],f8[::1],i8[::1],i4[::1],i8[::1],"
     "f8[::1],f8[::1],f8[::1],f8,f8[:,::1],f8[:,::1])"
 )
-def _backward(
+def _backward(  # noqa: C901 - one kernel: a call inside costs more than the loop
     pointer: Whole,
     ring: Whole,
     to: Whole,
@@ -214,7 +215,7 @@ def _draw(
     last, m = arrive.shape[0] - 1, len(visits)
     np.random.seed(draw)
     for _ in range(runs):
-        least, i, r, s = 0.0, -1, 0, 0
+        least, i, r, s = 0.0, -1, np.int64(0), np.int64(0)
         for j in range(m):
             t = min(first_rows[j], last)
             value = arrive[t, first[j]]
@@ -225,7 +226,7 @@ def _draw(
             r = first_rows[i] + (1 if np.random.random() < first_part[i] else 0)
         while i >= 0 and r < last:
             visits[i] += 1.0 / runs
-            least, best, best_state = 0.0, -1, 0
+            least, best, best_state = 0.0, -1, np.int64(0)
             for e in range(pointer[i], pointer[i + 1]):
                 state = np.int64(after[maps[e] + s]) if maps[e] >= 0 else first[to[e]]
                 if state < 0:

@@ -9,6 +9,8 @@ from typing import Any
 
 import pytest
 
+from planner.ordering import compiled
+
 
 def document() -> dict[str, Any]:
     places = [{"id": name, "explore_s": 10.0} for name in ("hall", "kitchen", "bath")]
@@ -48,6 +50,19 @@ def test_a_hyphen_is_stdout(
     problems = write(tmp_path, document())
     assert set(json.loads(prints("bench", "plan", problems, "-o", "-"))) == {"single", "any"}
     assert list(tmp_path.iterdir()) == [problems]
+
+
+def test_more_places_load_compiled_steps_before_the_clock_runs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], prints: Callable[..., str]
+) -> None:
+    n, plans = 16, tmp_path / "plans.json"
+    places = [{"id": k, "explore_s": 10.0} for k in range(n)]
+    T = [[5.0 * abs(i - j) for j in range(n)] for i in range(n)]
+    query = {"world": "row", "object": "cup", "p": [1 / n] * n, "t0": T[3], "model": "single"}
+    rows = {"worlds": [{"id": "row", "places": places, "T": T}], "queries": [{"id": "q"} | query]}
+    prints("bench", "plan", write(tmp_path, rows), "-o", plans, "--time-limit", "0.5")
+    compiled.cool_down()
+    assert json.loads(plans.read_text())["q"]["time_s"] < 60
 
 
 def test_the_reference_problems_are_all_answered(
