@@ -100,13 +100,12 @@ def _anytime(kernel: Kernel, begin: float, limit: float, seed: int) -> tuple[Int
     walked = kernel.size <= _WALKED * max(1.0, limit)
     share = _ON_FEW if few else _ON_ORDERS if walked else _ON_MANY
     native = fast()
-    if native is not None and not native.worth_it(kernel, order, end - now):
+    if native is not None and not native.fits(kernel):
         native = None
-    if native is not None:
-        share = _ON_PROVEN if kernel.size <= native.MOST_PLACES else _ON_ORDERS
+    share = _ON_PROVEN if native is not None else share
     order, cost = improve(kernel, order, now + (end - now) * share, seed)
     if native is not None:
-        bound = _without_walks(kernel, cost, end, _ON_FIRST)
+        bound = _without_walks(kernel, cost, end, _ON_FIRST if few else _ON_TREES / 2)
         order, walked_bound = native.bounded(kernel, order, end)
         return order, max(bound, walked_bound)
     known = Tangent.of(kernel, order)
