@@ -16,13 +16,12 @@ import json
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import permutations
-from math import fsum
 from statistics import fmean
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.stopping_on_sight import SENSOR, from_viewpoints, order_for_sight, sighted
 from kg.records import PlaceRecord
 from planner.goals import Goal, derive_goals
 from planner.ordering.problem import OrderingProblem
@@ -36,10 +35,7 @@ from planner.trials.hidden import Hidden
 from planner.trials.homes import Home, HomeRoom
 from planner.trials.rules import brute_force, clairvoyant, thesis_rule
 from planner.trials.touring import Manner, ours
-from planner.viewing.sensor import Motion, Sensor, angle_between
-
-SENSOR = Sensor(recall=1.0)
-_STEP = 0.1  # [m] between the points of a leg that are looked from
+from planner.viewing.sensor import Motion
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,10 +94,13 @@ def _line(
         "thesis: brute force": row.brute.seconds,
         "thesis: thesis' rule, again": row.ontology.seconds,
         "thesis: best order": _turning(start, order, place),
-        "thesis: thesis' rule, stopping on sight": _sighted(start, nearest, place, p_object),
-        "thesis: best order, stopping on sight": _sighted(start, order, place, p_object),
-        "thesis: order for sight, stopping on sight": _sighted(
-            start, _order_for_sight(start, goals, places), place, p_object
+        "thesis: thesis' rule, stopping on sight": sighted(start, nearest, place, p_object),
+        "thesis: best order, stopping on sight": sighted(start, order, place, p_object),
+        "thesis: order for sight, stopping on sight": sighted(
+            start, order_for_sight(start, goals, places), place, p_object
+        ),
+        "thesis: viewpoints, stopping on sight": from_viewpoints(
+            start, goals, {p.iri: p for p in places}, place, p_object
         ),
         "thesis: clairvoyant, one turn": _turning(start, [_goal_at(place)], place),
     }
@@ -146,73 +145,6 @@ def _turning(start: NDArray[np.float64], order: Sequence[Goal], place: PlaceReco
         if goal.iri == place.iri:
             return seconds
     raise AssertionError(f"{place.label} is among the goals of every search of the table")
-
-
-def _sighted(
-    start: NDArray[np.float64],
-    order: Sequence[Goal],
-    place: PlaceRecord,
-    p_object: NDArray[np.float64],
-) -> float:
-    """Seconds until the camera, forward on the way and round in a turn, first shows the object."""
-    travel, here, seconds = Travel(), start, 0.0
-    for goal in order:
-        leg = goal.p_map - here
-        metres, heading = float(np.hypot(*leg)), float(np.arctan2(leg[1], leg[0]))
-        points = here + leg * np.linspace(0.0, 1.0, max(2, round(metres / _STEP)))[:, None]
-        shown = np.flatnonzero(_in_view(points, heading, place, p_object))
-        if len(shown):
-            driven = float(np.hypot(*(points[shown[0]] - here)))
-            return seconds + driven / travel.speed
-        seconds, here = seconds + metres / travel.speed, goal.p_map
-        if goal.iri == place.iri:
-            bearing = np.arctan2(*(p_object - here)[::-1])
-            off = max(float(angle_between(bearing, heading)) - SENSOR.field_of_view / 2, 0.0)
-            return seconds + off / Motion().turn_rate
-        seconds += travel.explore
-    raise AssertionError(f"{place.label} is among the goals of every search of the table")
-
-
-def _order_for_sight(
-    start: NDArray[np.float64], goals: Sequence[Goal], places: Sequence[PlaceRecord]
-) -> list[Goal]:
-    """The order that expects least when it stops on sight, of all orders; ties as `permutations`.
-
-    In every place the object may be anywhere, on 5 x 5 positions.
-    """
-    of = {place.iri: place for place in places}
-    spots = {goal.iri: _spots(of[goal.iri]) for goal in goals}
-
-    def expected(order: Sequence[Goal]) -> float:
-        return fsum(
-            goal.probability
-            * fmean(_sighted(start, order, of[goal.iri], p) for p in spots[goal.iri])
-            for goal in order
-        )
-
-    return list(min(permutations(goals), key=expected))
-
-
-def _spots(place: PlaceRecord) -> list[NDArray[np.float64]]:
-    share = (np.arange(5) + 0.5) / 5
-    low, high = np.array([place.xmin, place.ymin]), np.array([place.xmax, place.ymax])
-    return [low + (high - low) * [x, y] for x in share for y in share]
-
-
-def _in_view(
-    points: NDArray[np.float64],
-    heading: float,
-    place: PlaceRecord,
-    p_object: NDArray[np.float64],
-) -> NDArray[np.bool_]:
-    """(n,) from which points (n, 2), all in the object's place, the camera shows it."""
-    offset = p_object - points
-    metres = np.hypot(offset[:, 0], offset[:, 1])
-    ahead = angle_between(np.arctan2(offset[:, 1], offset[:, 0]), heading)
-    x, y = points.T
-    inside = (x >= place.xmin) & (x <= place.xmax) & (y >= place.ymin) & (y <= place.ymax)
-    near = (metres >= SENSOR.near) & (metres <= SENSOR.far)
-    return np.asarray(inside & near & (ahead <= SENSOR.field_of_view / 2))
 
 
 def _building(places: Sequence[PlaceRecord]) -> Building:
