@@ -52,7 +52,7 @@ class Sayings:
     def assert_(self, iri: str, prop: str, given: object, by: str) -> ChangeSet | None:
         """Have `prop` of a thing be as given, whatever perception believes."""
         if not by.strip():
-            raise InvalidFactError("an assertion needs somebody who makes it: --by ann")
+            raise InvalidFactError("an assertion needs somebody who makes it: by='ann'")
         record = self._record(self.full(iri))
         kind = "object" if isinstance(record, ObjectRecord) else "place"
         value = value_of(prop, given, self._facts.catalogue, kind)
