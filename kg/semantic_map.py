@@ -27,41 +27,25 @@ from kg.errors import (
     QueryParameterError,
 )
 from kg.facts import Facts
-from kg.floor import tile_of, tiles_in
 from kg.history.instants import Instant, sequence_of
 from kg.history.log import Log
 from kg.history.past import store_at
 from kg.history.recovery import attach, look_into, one_reader_at_a_time
-from kg.history.remembering import Remembering
 from kg.identity import first_quads, identity
-from kg.names import Names
 from kg.network import network
 from kg.ontology import Ontology
 from kg.outside import work_out
 from kg.provisional import clean, learn
 from kg.questions import (
-    Question,
-    Table,
     any_question,
-    evaluate,
-    find_question,
-    free_question,
-    load_question,
 )
+from kg.reading import Reading
 from kg.records import (
-    Assertion,
-    FloorTile,
-    LookRecord,
     MapUpdate,
     ObjectRecord,
-    ObstacleRecord,
     PlaceRecord,
-    RecordingRecord,
-    RobotRecord,
-    SearchRecord,
 )
 from kg.sayings import Sayings
-from kg.searches import looks_in, obstacles_in, searches_in
 from kg.selection import is_believed, select_objects, subcategories
 from kg.standing import RowsListener, Standing
 from kg.store import MapStore
@@ -73,7 +57,7 @@ _TYPE = NamedNode(v.RDF_TYPE)
 _MAP = NamedNode(v.MAP_GRAPH)
 
 
-class SemanticMap(Remembering):
+class SemanticMap(Reading):
     """A map on disk or in memory; made by `create`, `open`, `open_or_create` or `in_memory`.
 
     A context manager that closes itself. Safe to use from several threads of one process. `base` is
@@ -256,34 +240,6 @@ class SemanticMap(Remembering):
         with self._guard:
             return SemanticMap(MapStore.in_memory(self.engine, read_only=True))
 
-    def robot(self) -> RobotRecord | None:
-        """Where the robot was last, if it ever was."""
-        return self._facts.robot(self.engine)
-
-    def floor(self) -> tuple[FloorTile, ...]:
-        """The floor as depth frames showed it, by storey, column and row; empty without any."""
-        return tiles_in(self.engine)
-
-    def floor_tile(self, iri: str) -> FloorTile | None:
-        """The tile of the floor with IRI `iri`, if there is one."""
-        return tile_of(self.engine, iri)
-
-    def recordings(self) -> tuple[RecordingRecord, ...]:
-        """How far each recording has been applied, by name."""
-        return self._facts.recordings(self.engine)
-
-    def searches(self) -> tuple[SearchRecord, ...]:
-        """The searches that robots made on this map, oldest first."""
-        return searches_in(self.engine)
-
-    def looks(self, search: str) -> tuple[LookRecord, ...]:
-        """The looks of the search with IRI `search`, in their order."""
-        return looks_in(self.engine, search)
-
-    def obstacles(self, search: str) -> tuple[ObstacleRecord, ...]:
-        """What stood in the way of the search with IRI `search`, in order."""
-        return obstacles_in(self.engine, search)
-
     def new_object_iri(self) -> str:
         """``<base>object/N`` with a number no object of this map has had or will have."""
         with self._guard:
@@ -359,12 +315,6 @@ class SemanticMap(Remembering):
             found = {label: self.catalogue.for_label(n, kind) for label, n in names.items() if n}
         return {label: category.iri for label, category in found.items() if category is not None}
 
-    def ontology(self) -> tuple[Quad, ...]:
-        """The quads of this map's ontology, with blank nodes, sorted."""
-        graph = NamedNode(v.ONTOLOGY_GRAPH)
-        quads = self.engine.quads_for_pattern(None, None, None, graph)
-        return tuple(sorted(anonymous(quads), key=str))
-
     def assert_(self, iri: str, prop: str, value: object, *, by: str) -> ChangeSet | None:
         """Have something be as said, whatever perception believes, until it is retracted.
 
@@ -383,22 +333,6 @@ class SemanticMap(Remembering):
         with self._guard:
             return self._sayings.retract(iri, prop, by)
 
-    def assertions(self, iri: str | None = None) -> tuple[Assertion, ...]:
-        """What people said, and what perception believes of it; of one thing or of all."""
-        return self._sayings.said(iri)
-
-    def conflicts(self) -> tuple[Assertion, ...]:
-        """The assertions that perception contradicts, with since when and how strongly."""
-        return tuple(said for said in self.assertions() if said.since is not None)
-
-    def perceived_objects(self, iris: Iterable[str] | None = None) -> tuple[ObjectRecord, ...]:
-        """Objects as perception alone believes them, as `apply` takes them; all, or some."""
-        return self._sayings.objects(None if iris is None else tuple(iris))
-
-    def perceived_places(self) -> tuple[PlaceRecord, ...]:
-        """Places as perception alone believes them, as `apply` takes them."""
-        return self._sayings.places()
-
     @contextlib.contextmanager
     def hold(self) -> Iterator[None]:
         """Keep other threads from writing for the length of a block: between reading and writing.
@@ -414,14 +348,6 @@ class SemanticMap(Remembering):
         It runs on the committing thread: it must be quick, and must not write.
         """
         return self._store.listen(listener)
-
-    def query(self, question: str | Path, **parameters: object) -> Table:
-        """The answer to any question: the name of a shipped one, a ``.rq`` file, or SPARQL.
-
-        What has a blank in it is SPARQL; `ask`, `ask_file` and `ask_text` are the three by name,
-        and say what is raised.
-        """
-        return self._answer(any_question(question, parameters), parameters)
 
     def on(
         self, question: str | Path, callback: RowsListener, **parameters: object
@@ -449,27 +375,6 @@ class SemanticMap(Remembering):
 
         self._standing.append(stop)
         return stop
-
-    def ask(self, question: str, **parameters: object) -> Table:
-        """The answer to the shipped question of that name.
-
-        A `category` parameter takes a label ("banana") or an IRI, a `place` parameter a label, a
-        number or an IRI. Raises UnknownQueryError, QueryParameterError, UnknownCategoryError.
-        """
-        return self._answer(find_question(question), parameters)
-
-    def ask_file(self, path: Path | str, **parameters: object) -> Table:
-        """The answer to the question in a query file (`kg.questions` has the format)."""
-        return self._answer(load_question(path), parameters)
-
-    def ask_text(self, sparql: str, **parameters: object) -> Table:
-        """The answer to a SPARQL query, prefixes predeclared, over the union of all named graphs.
-
-        Relative IRIs are the map's: ``<object/17>``. CONSTRUCT and DESCRIBE give a TripleTable.
-        Raises QueryError for what does not parse, would write, or would reach out to another
-        endpoint.
-        """
-        return self._answer(free_question(sparql, parameters), parameters)
 
     def flush(self) -> None:
         """Write everything to disk; happens every few seconds by itself."""
@@ -522,13 +427,6 @@ class SemanticMap(Remembering):
         except BaseException:
             store.close()
             raise
-
-    def _answer(self, question: Question, parameters: dict[str, object]) -> Table:
-        sparql = question.bind(parameters, self._resolve)
-        return question.check(evaluate(self.engine, sparql, question.name, base=self.base))
-
-    def _resolve(self, kind: str, text: str) -> str:
-        return Names(self.engine, self.base, self.catalogue, self.places).resolve(kind, text)
 
 
 def _frame_cause(update: MapUpdate) -> Cause:
