@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from functools import lru_cache
 from urllib.parse import quote, unquote
 
 import numpy as np
@@ -20,11 +19,23 @@ from kg.categories import Catalogue
 from kg.cells import cell_of
 from kg.engine import Engine
 from kg.errors import InvalidFactError
+from kg.fact_values import (
+    Properties,
+    first,
+    iri_node,
+    iri_order,
+    known_iri,
+    number_literal,
+    properties_of,
+    quantised,
+    stamp_of,
+    text_of,
+    time_literal,
+)
 from kg.history.naming import observation_of
 from kg.records import Evidence, ObjectRecord, PlaceRecord, RecordingRecord, RobotRecord
 from kg.remote import reading_ahead
 from kg.right_of_way import in_pieces
-from kg.times import date_time, seconds
 
 PIECE = 50  # subjects read between two looks at whether a frame is being written
 LEAST_BELIEF = 0.005  # beliefs below it would be stored as zero
@@ -33,9 +44,6 @@ _MAP = NamedNode(v.MAP_GRAPH)
 _DATASET = NamedNode(v.DATASET_GRAPH)
 _TYPE = NamedNode(v.RDF_TYPE)
 _DATE_TIME = NamedNode(v.XSD + "dateTime")
-
-#: predicate IRI -> objects (IRIs and lexical forms) of one subject
-Properties = dict[str, list[str]]
 
 
 class Facts:
@@ -68,20 +76,23 @@ class Facts:
             raise InvalidFactError(f"{what}: first seen must not be after last seen")
         x, y, z = _position(record.p_map, what)
         facts: list[tuple[str, NamedNode | Literal]] = [
-            (v.RDF_TYPE, _known_iri(self._known(record.category, what))),
+            (v.RDF_TYPE, known_iri(self._known(record.category, what))),
             (v.RDFS_LABEL, Literal(self.object_label(record))),
             (v.X, Literal(x)),
             (v.Y, Literal(y)),
             (v.Z, Literal(z)),
-            (v.IN_CELL, _known_iri(cell_of(x, y))),
+            (v.IN_CELL, known_iri(cell_of(x, y))),
             (v.CONFIDENCE, _confidence(record.confidence, f"{what}: confidence")),
-            (v.EXISTENCE, _number(record.existence, f"{what}: existence", least=0.0, most=1.0)),
+            (
+                v.EXISTENCE,
+                number_literal(record.existence, f"{what}: existence", least=0.0, most=1.0),
+            ),
             (v.OBSERVATION_COUNT, Literal(record.observations)),
-            (v.FIRST_SEEN, _time(record.first_seen, f"{what}: first seen")),
-            (v.LAST_SEEN, _time(record.last_seen, f"{what}: last seen")),
+            (v.FIRST_SEEN, time_literal(record.first_seen, f"{what}: first seen")),
+            (v.LAST_SEEN, time_literal(record.last_seen, f"{what}: last seen")),
         ]
         if record.place is not None:
-            facts.append((v.IN_PLACE, _iri(record.place, f"{what}: place")))
+            facts.append((v.IN_PLACE, iri_node(record.place, f"{what}: place")))
         if record.evidence is None:
             return _quads(record.iri, facts)
         observation = self.observation_iri(record.iri)
@@ -99,19 +110,19 @@ class Facts:
         if record.views < 0:
             raise InvalidFactError(f"{what}: views must be 0 or more, got {record.views}")
         facts: list[tuple[str, NamedNode | Literal]] = [
-            (v.RDF_TYPE, _known_iri(v.PLACE)),
-            (v.RDF_TYPE, _known_iri(v.BOT_SPACE)),
+            (v.RDF_TYPE, known_iri(v.PLACE)),
+            (v.RDF_TYPE, known_iri(v.BOT_SPACE)),
             (v.RDFS_LABEL, Literal(record.label)),
-            (v.X_MIN, _number(record.xmin, f"{what}: xmin")),
-            (v.X_MAX, _number(record.xmax, f"{what}: xmax")),
-            (v.Y_MIN, _number(record.ymin, f"{what}: ymin")),
-            (v.Y_MAX, _number(record.ymax, f"{what}: ymax")),
-            (v.X, _number((record.xmin + record.xmax) / 2, f"{what}: x")),
-            (v.Y, _number((record.ymin + record.ymax) / 2, f"{what}: y")),
+            (v.X_MIN, number_literal(record.xmin, f"{what}: xmin")),
+            (v.X_MAX, number_literal(record.xmax, f"{what}: xmax")),
+            (v.Y_MIN, number_literal(record.ymin, f"{what}: ymin")),
+            (v.Y_MAX, number_literal(record.ymax, f"{what}: ymax")),
+            (v.X, number_literal((record.xmin + record.xmax) / 2, f"{what}: x")),
+            (v.Y, number_literal((record.ymin + record.ymax) / 2, f"{what}: y")),
             (v.VIEW_COUNT, Literal(record.views)),
         ]
         held = self.of_beliefs(record)
-        facts += [(v.TOLD_BY, _iri(iri, f"{what}: told by")) for iri in record.told_by]
+        facts += [(v.TOLD_BY, iri_node(iri, f"{what}: told by")) for iri in record.told_by]
         if (record.views or record.told_by) and held:
             top = max(record.beliefs, key=lambda category: (record.beliefs[category], category))
             facts.append((v.RDF_TYPE, NamedNode(top)))
@@ -124,7 +135,7 @@ class Facts:
             node = f"{record.iri}/belief/{quote(category.removeprefix(v.HERE), safe='')}"
             nodes += _quads(record.iri, [(v.HAS_BELIEF, NamedNode(node))])
             facts = [
-                (v.RDF_TYPE, _known_iri(v.PLACE_BELIEF)),
+                (v.RDF_TYPE, known_iri(v.PLACE_BELIEF)),
                 (v.OF_CATEGORY, NamedNode(category)),
             ]
             nodes += _quads(node, [*facts, *said])
@@ -136,12 +147,12 @@ class Facts:
         return _quads(
             self.base + "robot",
             [
-                (v.RDF_TYPE, _known_iri(v.ROBOT)),
+                (v.RDF_TYPE, known_iri(v.ROBOT)),
                 (v.X, Literal(x)),
                 (v.Y, Literal(y)),
                 (v.Z, Literal(z)),
-                (v.HEADING, _number(record.heading, "robot: heading")),
-                (v.LAST_SEEN, _time(record.stamp, "robot: stamp")),
+                (v.HEADING, number_literal(record.heading, "robot: heading")),
+                (v.LAST_SEEN, time_literal(record.stamp, "robot: stamp")),
             ],
         )
 
@@ -151,7 +162,7 @@ class Facts:
         if transform.shape != (4, 4) or not np.isfinite(transform).all():
             raise InvalidFactError(f"recording {record.name}: transform must be (4, 4) and finite")
         facts: list[tuple[str, NamedNode | Literal]] = [
-            (v.RDF_TYPE, _known_iri(v.RECORDING)),
+            (v.RDF_TYPE, known_iri(v.RECORDING)),
             (v.RDFS_LABEL, Literal(record.name)),
             (v.FRAMES_APPLIED, Literal(record.frames_applied)),
             (v.LAST_FRAME, Literal(record.last_frame)),
@@ -167,15 +178,16 @@ class Facts:
 
     def some_objects(self, store: Engine, iris: Iterable[str]) -> tuple[ObjectRecord, ...]:
         """Those of `iris` that are objects, in the order of their numbers."""
-        nodes = [_iri(iri, "object") for iri in dict.fromkeys(iris)]
+        nodes = [iri_node(iri, "object") for iri in dict.fromkeys(iris)]
         with reading_ahead(store, nodes):
             subjects = {
-                node.value: _properties(store, node.value, _MAP) for node in in_pieces(nodes, PIECE)
+                node.value: properties_of(store, node.value, _MAP)
+                for node in in_pieces(nodes, PIECE)
             }
-        reasons = {_first(held, v.EXPLAINED_BY, "") for held in subjects.values()} - {""}
+        reasons = {first(held, v.EXPLAINED_BY, "") for held in subjects.values()} - {""}
         with reading_ahead(store, map(NamedNode, reasons)):
             subjects.update(
-                (iri, _properties(store, iri, _MAP)) for iri in in_pieces(reasons, PIECE)
+                (iri, properties_of(store, iri, _MAP)) for iri in in_pieces(reasons, PIECE)
             )
         return self._objects(subjects)
 
@@ -185,9 +197,9 @@ class Facts:
             category = self._category(properties)
             if category is None or v.X not in properties or v.Y not in properties:
                 continue
-            observation = subjects.get(_first(properties, v.EXPLAINED_BY, ""))
+            observation = subjects.get(first(properties, v.EXPLAINED_BY, ""))
             found.append(self._object(iri, category, properties, observation))
-        return tuple(sorted(found, key=lambda record: _order(record.iri)))
+        return tuple(sorted(found, key=lambda record: iri_order(record.iri)))
 
     def places(self, store: Engine) -> tuple[PlaceRecord, ...]:
         """All places of the map, in the order of their numbers."""
@@ -196,41 +208,41 @@ class Facts:
         nodes = [quad.subject for quad in quads if isinstance(quad.subject, NamedNode)]
         with reading_ahead(store, nodes):
             for node in in_pieces(nodes, PIECE):
-                properties = subjects[node.value] = _properties(store, node.value, _MAP)
+                properties = subjects[node.value] = properties_of(store, node.value, _MAP)
                 for held in properties.get(v.HAS_BELIEF, ()):
-                    subjects[held] = _properties(store, held, _MAP)
+                    subjects[held] = properties_of(store, held, _MAP)
         found = (
             self._place(node.value, subjects[node.value], subjects)
             for node in nodes
             if v.X_MIN in subjects[node.value]
         )
-        return tuple(sorted(found, key=lambda record: _order(record.iri)))
+        return tuple(sorted(found, key=lambda record: iri_order(record.iri)))
 
     def label(self, store: Engine, iri: str) -> str | None:
         """The label of a thing, if it has one."""
-        return _first(_properties(store, iri, _MAP), v.RDFS_LABEL, "") or None
+        return first(properties_of(store, iri, _MAP), v.RDFS_LABEL, "") or None
 
     def robot(self, store: Engine) -> RobotRecord | None:
         """Where the robot was last, if it ever was."""
-        properties = _properties(store, self.base + "robot", _MAP)
+        properties = properties_of(store, self.base + "robot", _MAP)
         if v.X not in properties:
             return None
-        heading = float(_first(properties, v.HEADING, "0"))
-        return RobotRecord(_point(properties), heading, _stamp(properties, v.LAST_SEEN))
+        heading = float(first(properties, v.HEADING, "0"))
+        return RobotRecord(_point(properties), heading, stamp_of(properties, v.LAST_SEEN))
 
     def recordings(self, store: Engine) -> tuple[RecordingRecord, ...]:
         """All recordings applied to the map, by name."""
         kind = NamedNode(v.RECORDING)
         found = []
         for quad in store.quads_for_pattern(None, _TYPE, kind, _DATASET):
-            iri = _text(quad.subject)
-            properties = _properties(store, iri, _DATASET)
-            numbers = [float(n) for n in _first(properties, v.TRANSFORM, "").split()]
+            iri = text_of(quad.subject)
+            properties = properties_of(store, iri, _DATASET)
+            numbers = [float(n) for n in first(properties, v.TRANSFORM, "").split()]
             transform = np.array(numbers).reshape(4, 4) if len(numbers) == 16 else np.eye(4)
-            name = _first(properties, v.RDFS_LABEL, self._recording_name(iri))
-            applied = int(_first(properties, v.FRAMES_APPLIED, "0"))
-            last = _first(properties, v.LAST_FRAME, "")
-            scene = _first(properties, v.SCENE_MODEL, "")
+            name = first(properties, v.RDFS_LABEL, self._recording_name(iri))
+            applied = int(first(properties, v.FRAMES_APPLIED, "0"))
+            last = first(properties, v.LAST_FRAME, "")
+            scene = first(properties, v.SCENE_MODEL, "")
             found.append(RecordingRecord(name, applied, last, transform, scene))
         return tuple(sorted(found, key=lambda record: record.name))
 
@@ -253,13 +265,13 @@ class Facts:
         return _quads(
             iri,
             [
-                (v.RDF_TYPE, _known_iri(v.SOSA_OBSERVATION)),
-                (v.SOSA_FEATURE, _iri(record.iri, what)),
-                (v.SOSA_RESULT_TIME, _time(evidence.stamp, f"{what}: stamp")),
+                (v.RDF_TYPE, known_iri(v.SOSA_OBSERVATION)),
+                (v.SOSA_FEATURE, iri_node(record.iri, what)),
+                (v.SOSA_RESULT_TIME, time_literal(evidence.stamp, f"{what}: stamp")),
                 (v.FRAME, Literal(evidence.frame)),
-                (v.FROM_RECORDING, _known_iri(self.recording_iri(evidence.recording))),
+                (v.FROM_RECORDING, known_iri(self.recording_iri(evidence.recording))),
                 (v.BOX, Literal(" ".join(str(round(n)) for n in evidence.box))),
-                (v.SCORE, _number(evidence.score, f"{what}: score", least=0.0, most=1.0)),
+                (v.SCORE, number_literal(evidence.score, f"{what}: score", least=0.0, most=1.0)),
                 (v.MODEL, Literal(evidence.model)),
             ],
         )
@@ -272,8 +284,8 @@ class Facts:
             what = f"place {record.iri}: belief"
             self._known(category, what)
             belief, views = record.beliefs.get(category, 0.0), scene.get(category, 0.0)
-            stated = [(v.BELIEF, _number(belief, what, least=0.0, most=1.0))]
-            views_say = _number(views, what, least=0.0, most=1.0)
+            stated = [(v.BELIEF, number_literal(belief, what, least=0.0, most=1.0))]
+            views_say = number_literal(views, what, least=0.0, most=1.0)
             if views >= LEAST_BELIEF:
                 stated.append((v.SCENE_BELIEF, views_say))
             if max(belief, views) >= LEAST_BELIEF:
@@ -294,25 +306,25 @@ class Facts:
             iri=iri,
             category=category,
             p_map=_point(properties),
-            confidence=float(_first(properties, v.CONFIDENCE, "1")),
-            existence=float(_first(properties, v.EXISTENCE, "1")),
-            observations=int(_first(properties, v.OBSERVATION_COUNT, "1")),
-            first_seen=_stamp(properties, v.FIRST_SEEN),
-            last_seen=_stamp(properties, v.LAST_SEEN),
-            place=_first(properties, v.IN_PLACE, "") or None,
+            confidence=float(first(properties, v.CONFIDENCE, "1")),
+            existence=float(first(properties, v.EXISTENCE, "1")),
+            observations=int(first(properties, v.OBSERVATION_COUNT, "1")),
+            first_seen=stamp_of(properties, v.FIRST_SEEN),
+            last_seen=stamp_of(properties, v.LAST_SEEN),
+            place=first(properties, v.IN_PLACE, "") or None,
             evidence=None if observation is None else self._evidence(observation),
         )
 
     def _evidence(self, properties: Properties) -> Evidence:
-        numbers = [float(n) for n in _first(properties, v.BOX, "0 0 0 0").split()]
+        numbers = [float(n) for n in first(properties, v.BOX, "0 0 0 0").split()]
         left, top, right, bottom = numbers
         return Evidence(
-            frame=_first(properties, v.FRAME, ""),
-            recording=self._recording_name(_first(properties, v.FROM_RECORDING, "")),
-            stamp=_stamp(properties, v.SOSA_RESULT_TIME),
+            frame=first(properties, v.FRAME, ""),
+            recording=self._recording_name(first(properties, v.FROM_RECORDING, "")),
+            stamp=stamp_of(properties, v.SOSA_RESULT_TIME),
             box=(left, top, right, bottom),
-            score=float(_first(properties, v.SCORE, "1")),
-            model=_first(properties, v.MODEL, ""),
+            score=float(first(properties, v.SCORE, "1")),
+            model=first(properties, v.MODEL, ""),
         )
 
     def _recording_name(self, iri: str) -> str:
@@ -322,10 +334,10 @@ class Facts:
         self, iri: str, properties: Properties, subjects: dict[str, Properties]
     ) -> PlaceRecord:
         nodes = [subjects.get(held, {}) for held in sorted(properties.get(v.HAS_BELIEF, ()))]
-        told_by = tuple(sorted(properties.get(v.TOLD_BY, ()), key=_order))
+        told_by = tuple(sorted(properties.get(v.TOLD_BY, ()), key=iri_order))
         beliefs, scene = (
             {
-                _first(node, v.OF_CATEGORY, ""): float(_first(node, predicate, "0"))
+                first(node, v.OF_CATEGORY, ""): float(first(node, predicate, "0"))
                 for node in nodes
                 if v.OF_CATEGORY in node and (predicate in node or predicate == least)
             }
@@ -334,10 +346,10 @@ class Facts:
         if told_by:
             beliefs = {category: belief for category, belief in beliefs.items() if belief > 0}
         xmin, xmax, ymin, ymax = (
-            float(_first(properties, edge, "nan")) for edge in (v.X_MIN, v.X_MAX, v.Y_MIN, v.Y_MAX)
+            float(first(properties, edge, "nan")) for edge in (v.X_MIN, v.X_MAX, v.Y_MIN, v.Y_MAX)
         )
-        label = _first(properties, v.RDFS_LABEL, iri)
-        views = int(_first(properties, v.VIEW_COUNT, "0"))
+        label = first(properties, v.RDFS_LABEL, iri)
+        views = int(first(properties, v.VIEW_COUNT, "0"))
         return PlaceRecord(
             iri, label, xmin, xmax, ymin, ymax, views, beliefs, scene if told_by else {}, told_by
         )
@@ -346,92 +358,34 @@ class Facts:
 def _quads(
     subject: str, facts: Iterable[tuple[str, NamedNode | Literal]], graph: NamedNode = _MAP
 ) -> list[Quad]:
-    node = _iri(subject, "subject")
-    return [Quad(node, _known_iri(predicate), value, graph) for predicate, value in facts]
+    node = iri_node(subject, "subject")
+    return [Quad(node, known_iri(predicate), value, graph) for predicate, value in facts]
 
 
-@lru_cache(maxsize=4096)
-def _known_iri(iri: str) -> NamedNode:
-    """An IRI that recurs: of the vocabulary, a category, a cell, a place."""
-    return NamedNode(iri)
-
-
-def _iri(text: str, what: str) -> NamedNode:
-    try:
-        return NamedNode(text)
-    except ValueError as error:
-        raise InvalidFactError(f"{what} must be an absolute IRI, got {text!r}") from error
-
-
-def _quantised(value: float, what: str) -> float:
-    number = float(value)
-    if not math.isfinite(number):
-        raise InvalidFactError(f"{what} must be a finite number, got {number}")
-    return round(number, 2) + 0.0  # + 0.0: minus zero is not a second zero
-
-
-def _number(
-    value: float, what: str, *, least: float = -math.inf, most: float = math.inf
-) -> Literal:
-    number = _quantised(value, what)
-    if not least <= number <= most:
-        raise InvalidFactError(f"{what} must be within {least:g}..{most:g}, got {number:g}")
-    return Literal(number)
+def _share(value: float, what: str) -> Literal:
+    return number_literal(value, what, least=0.0, most=1.0)
 
 
 def _confidence(value: float, what: str) -> Literal:
     # above zero means "still in the map" (eq. 3.4): rounding must not take that away
-    return Literal(0.01) if 0.0 < value < 0.01 else _number(value, what, least=0.0)
+    return Literal(0.01) if 0.0 < value < 0.01 else number_literal(value, what, least=0.0)
 
 
 def _position(p_map: np.ndarray, what: str) -> tuple[float, float, float]:
     if np.shape(p_map) != (3,):
         raise InvalidFactError(f"{what}: position must have shape (3,), got {np.shape(p_map)}")
-    x, y, z = (_quantised(value, f"{what}: position") for value in p_map)
+    x, y, z = (quantised(value, f"{what}: position") for value in p_map)
     return x, y, z
-
-
-def _time(stamp: float, what: str) -> Literal:
-    try:
-        return date_time(stamp)
-    except (ValueError, OverflowError, OSError) as error:
-        raise InvalidFactError(
-            f"{what} must be seconds since 1970 within years 1 to 9999, got {stamp}"
-        ) from error
 
 
 def _by_subject(store: Engine, graph: NamedNode) -> dict[str, Properties]:
     subjects: dict[str, Properties] = {}
     quads = store.quads_for_pattern(None, None, None, graph)
     for quad in in_pieces(quads, 10 * PIECE):
-        properties = subjects.setdefault(_text(quad.subject), {})
-        properties.setdefault(quad.predicate.value, []).append(_text(quad.object))
+        properties = subjects.setdefault(text_of(quad.subject), {})
+        properties.setdefault(quad.predicate.value, []).append(text_of(quad.object))
     return subjects
 
 
-def _properties(store: Engine, subject: str, graph: NamedNode) -> Properties:
-    properties: Properties = {}
-    for quad in store.quads_for_pattern(NamedNode(subject), None, None, graph):
-        properties.setdefault(quad.predicate.value, []).append(_text(quad.object))
-    return properties
-
-
-def _text(term: object) -> str:
-    return str(getattr(term, "value", term))
-
-
-def _first(properties: Properties, predicate: str, default: str) -> str:
-    values = properties.get(predicate)
-    return min(values) if values else default
-
-
 def _point(properties: Properties) -> np.ndarray:
-    return np.array([float(_first(properties, axis, "0")) for axis in (v.X, v.Y, v.Z)])
-
-
-def _stamp(properties: Properties, predicate: str) -> float:
-    return seconds(_first(properties, predicate, "1970-01-01T00:00:00Z"))
-
-
-def _order(iri: str) -> tuple[int, str]:
-    return len(iri), iri
+    return np.array([float(first(properties, axis, "0")) for axis in (v.X, v.Y, v.Z)])

@@ -6,7 +6,6 @@ import base64
 import binascii
 import math
 import zlib
-from collections import defaultdict
 from collections.abc import Mapping
 from typing import Final
 
@@ -17,9 +16,10 @@ from pyoxigraph import Literal, NamedNode, Quad
 from kg import vocabulary as v
 from kg.engine import Engine
 from kg.errors import InvalidFactError
+from kg.fact_values import number_literal, properties_of, time_literal
 from kg.records import TALL, FloorTile
 from kg.remote import reading_ahead
-from kg.times import date_time, seconds
+from kg.times import seconds
 
 #: cells along a side of a tile, at most: what is read may come from anywhere
 MOST_CELLS: Final = 1024
@@ -61,12 +61,12 @@ def facts_of_tile(base: str, tile: FloorTile) -> list[Quad]:
     facts: list[tuple[str, NamedNode | Literal]] = [
         (v.RDF_TYPE, _KIND),
         (v.STOREY, Literal(tile.storey)),
-        (v.X, _metres(x, iri)),
-        (v.Y, _metres(y, iri)),
-        (v.Z, _metres(tile.height, iri)),
+        (v.X, number_literal(x, f"{iri}: position")),
+        (v.Y, number_literal(y, f"{iri}: position")),
+        (v.Z, number_literal(tile.height, f"{iri}: position")),
         (v.CELL_SIZE, Literal(float(tile.resolution))),
         (v.FLOOR_CELLS, Literal(encoded(tile.cells), datatype=_BASE64)),
-        (v.SOSA_RESULT_TIME, _time(tile.changed, iri)),
+        (v.SOSA_RESULT_TIME, time_literal(tile.changed, f"{iri}: the time")),
     ]
     node = NamedNode(iri)
     return [Quad(node, NamedNode(predicate), value, _MAP) for predicate, value in facts]
@@ -84,10 +84,7 @@ def tiles_in(engine: Engine) -> tuple[FloorTile, ...]:
 
 def tile_of(engine: Engine, iri: str) -> FloorTile | None:
     """The tile with that IRI, if it is one."""
-    held: dict[str, list[str]] = defaultdict(list)
-    for quad in engine.quads_for_pattern(NamedNode(iri), None, None, _MAP):
-        held[quad.predicate.value].append(str(getattr(quad.object, "value", quad.object)))
-    return _tile(held)
+    return _tile(properties_of(engine, iri, _MAP))
 
 
 def encoded(cells: NDArray[np.uint8]) -> str:
@@ -126,18 +123,3 @@ def _tile(held: Mapping[str, list[str]]) -> FloorTile | None:
     if size <= 0 or max(abs(x - column * span), abs(y - row * span)) > 0.01:
         return None  # no tile of this grid
     return FloorTile(storey, column, row, z, size, cells, changed)
-
-
-def _metres(value: float, iri: str) -> Literal:
-    if not math.isfinite(value):
-        raise InvalidFactError(f"{iri}: positions must be finite numbers, got {value}")
-    return Literal(round(float(value), 2) + 0.0)
-
-
-def _time(stamp: float, iri: str) -> Literal:
-    try:
-        return date_time(stamp)
-    except (ValueError, OverflowError, OSError) as error:
-        raise InvalidFactError(
-            f"{iri}: times must be seconds since 1970 within years 1 to 9999, got {stamp}"
-        ) from error

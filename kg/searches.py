@@ -11,8 +11,19 @@ from pyoxigraph import Literal, NamedNode, Quad
 from kg import vocabulary as v
 from kg.engine import Engine
 from kg.errors import InvalidFactError
+from kg.fact_values import (
+    Properties,
+    first,
+    iri_node,
+    iri_order,
+    number_literal,
+    properties_of,
+    stamp_of,
+    text_of,
+    time_literal,
+)
 from kg.records import LookRecord, MapUpdate, ObstacleRecord, SearchRecord, SearchState
-from kg.times import date_time, seconds
+from kg.times import seconds
 
 _MAP = NamedNode(v.MAP_GRAPH)
 _TYPE = NamedNode(v.RDF_TYPE)
@@ -58,8 +69,10 @@ def subjects_of(update: MapUpdate) -> Iterator[str]:
 def searches_in(engine: Engine) -> tuple[SearchRecord, ...]:
     """All searches of the map, oldest first."""
     quads = engine.quads_for_pattern(None, _TYPE, NamedNode(v.SEARCH), _MAP)
-    iris = [_text(quad.subject) for quad in quads]
-    return tuple(_search(iri, _held(engine, iri)) for iri in sorted(iris, key=_order))
+    iris = [text_of(quad.subject) for quad in quads]
+    return tuple(
+        _search(iri, properties_of(engine, iri, _MAP)) for iri in sorted(iris, key=iri_order)
+    )
 
 
 def looks_in(engine: Engine, search: str) -> tuple[LookRecord, ...]:
@@ -87,24 +100,24 @@ def _of_search(record: SearchRecord) -> Iterator[_Fact]:
     yield v.RDF_TYPE, NamedNode(v.SEARCH)
     yield v.RDFS_LABEL, Literal(f"search for {' and '.join(record.words)}")
     yield v.SEARCH_STATE, Literal(record.state)
-    yield v.SEARCH_SECONDS, _number(record.seconds, f"{what}: seconds", 1)
-    yield v.PROBABILITY_LEFT, _number(record.left, f"{what}: probability left", 4)
-    yield v.PROV_STARTED_AT, _time(record.started, what)
+    yield v.SEARCH_SECONDS, number_literal(record.seconds, f"{what}: seconds", digits=1)
+    yield v.PROBABILITY_LEFT, number_literal(record.left, f"{what}: probability left", digits=4)
+    yield v.PROV_STARTED_AT, time_literal(record.started, what)
     if record.ended is not None:
-        yield v.PROV_ENDED_AT, _time(record.ended, what)
+        yield v.PROV_ENDED_AT, time_literal(record.ended, what)
     yield from ((v.SEARCH_WORDS, Literal(words)) for words in record.words)
-    yield from ((v.SEARCHED_FOR, _iri(iri, what)) for iri in record.categories)
-    yield from ((v.FOUND, _iri(iri, what)) for iri in record.found)
+    yield from ((v.SEARCHED_FOR, iri_node(iri, what)) for iri in record.categories)
+    yield from ((v.FOUND, iri_node(iri, what)) for iri in record.found)
 
 
 def _of_look(record: LookRecord) -> Iterator[_Fact]:
     what = f"look {record.iri}"
     yield v.RDF_TYPE, NamedNode(v.LOOK)
     yield from _part(record, what)
-    yield v.HEADING, _number(record.heading, f"{what}: heading", 4)
-    yield v.EXTENT, _number(record.extent, f"{what}: extent", 4)
-    yield from ((v.SEARCHED_FOR, _iri(iri, what)) for iri in record.categories)
-    yield from ((v.FOUND, _iri(iri, what)) for iri in record.found)
+    yield v.HEADING, number_literal(record.heading, f"{what}: heading", digits=4)
+    yield v.EXTENT, number_literal(record.extent, f"{what}: extent", digits=4)
+    yield from ((v.SEARCHED_FOR, iri_node(iri, what)) for iri in record.categories)
+    yield from ((v.FOUND, iri_node(iri, what)) for iri in record.found)
     if record.glimpses:
         numbers = [n for glimpse in record.glimpses for n in glimpse]
         if not all(map(math.isfinite, numbers)):
@@ -120,110 +133,69 @@ def _of_obstacle(record: ObstacleRecord) -> Iterator[_Fact]:
 
 
 def _part(record: LookRecord | ObstacleRecord, what: str) -> Iterator[_Fact]:
-    yield v.PART_OF_SEARCH, _iri(record.search, what)
+    yield v.PART_OF_SEARCH, iri_node(record.search, what)
     yield v.NUMBER, Literal(record.number)
-    yield v.SOSA_RESULT_TIME, _time(record.stamp, what)
+    yield v.SOSA_RESULT_TIME, time_literal(record.stamp, what)
     for axis, value in zip((v.X, v.Y), record.position, strict=True):
-        yield axis, _number(value, f"{what}: position", 2)
+        yield axis, number_literal(value, f"{what}: position", digits=2)
 
 
-def _search(iri: str, held: dict[str, list[str]]) -> SearchRecord:
+def _search(iri: str, held: Properties) -> SearchRecord:
     ended = held.get(v.PROV_ENDED_AT)
-    state = _first(held, v.SEARCH_STATE, "running")
+    state = first(held, v.SEARCH_STATE, "running")
     return SearchRecord(
         iri=iri,
         words=tuple(sorted(held.get(v.SEARCH_WORDS, ()))),
         categories=tuple(sorted(held.get(v.SEARCHED_FOR, ()))),
         state=_STATES.get(state, "running"),
-        started=seconds(_first(held, v.PROV_STARTED_AT, "1970-01-01T00:00:00Z")),
+        started=stamp_of(held, v.PROV_STARTED_AT),
         ended=seconds(min(ended)) if ended else None,
-        seconds=float(_first(held, v.SEARCH_SECONDS, "0")),
-        left=float(_first(held, v.PROBABILITY_LEFT, "1")),
+        seconds=float(first(held, v.SEARCH_SECONDS, "0")),
+        left=float(first(held, v.PROBABILITY_LEFT, "1")),
         found=tuple(sorted(held.get(v.FOUND, ()))),
     )
 
 
-def _look(iri: str, search: str, held: dict[str, list[str]]) -> LookRecord:
-    numbers = [float(n) for n in _first(held, v.GLIMPSES, "").split()]
+def _look(iri: str, search: str, held: Properties) -> LookRecord:
+    numbers = [float(n) for n in first(held, v.GLIMPSES, "").split()]
     return LookRecord(
         iri=iri,
         search=search,
-        number=int(_first(held, v.NUMBER, "0")),
-        stamp=seconds(_first(held, v.SOSA_RESULT_TIME, "1970-01-01T00:00:00Z")),
+        number=int(first(held, v.NUMBER, "0")),
+        stamp=stamp_of(held, v.SOSA_RESULT_TIME),
         position=_position(held),
-        heading=float(_first(held, v.HEADING, "0")),
-        extent=float(_first(held, v.EXTENT, "0")),
+        heading=float(first(held, v.HEADING, "0")),
+        extent=float(first(held, v.EXTENT, "0")),
         categories=tuple(sorted(held.get(v.SEARCHED_FOR, ()))),
         found=tuple(sorted(held.get(v.FOUND, ()))),
         glimpses=tuple(zip(numbers[::3], numbers[1::3], numbers[2::3], strict=True)),
     )
 
 
-def _obstacle(iri: str, search: str, held: dict[str, list[str]]) -> ObstacleRecord:
+def _obstacle(iri: str, search: str, held: Properties) -> ObstacleRecord:
     return ObstacleRecord(
         iri=iri,
         search=search,
-        number=int(_first(held, v.NUMBER, "0")),
-        stamp=seconds(_first(held, v.SOSA_RESULT_TIME, "1970-01-01T00:00:00Z")),
+        number=int(first(held, v.NUMBER, "0")),
+        stamp=stamp_of(held, v.SOSA_RESULT_TIME),
         position=_position(held),
-        reason=_first(held, v.REASON, ""),
+        reason=first(held, v.REASON, ""),
     )
 
 
-def _parts(engine: Engine, search: str, kind: str) -> Iterator[tuple[str, dict[str, list[str]]]]:
+def _parts(engine: Engine, search: str, kind: str) -> Iterator[tuple[str, Properties]]:
     for quad in engine.quads_for_pattern(None, _PART, NamedNode(search), _MAP):
-        iri = _text(quad.subject)
-        held = _held(engine, iri)
+        iri = text_of(quad.subject)
+        held = properties_of(engine, iri, _MAP)
         if kind in held.get(v.RDF_TYPE, ()):
             yield iri, held
 
 
-def _held(engine: Engine, iri: str) -> dict[str, list[str]]:
-    held: dict[str, list[str]] = {}
-    for quad in engine.quads_for_pattern(NamedNode(iri), None, None, _MAP):
-        held.setdefault(quad.predicate.value, []).append(_text(quad.object))
-    return held
-
-
-def _position(held: dict[str, list[str]]) -> tuple[float, float]:
-    return float(_first(held, v.X, "0")), float(_first(held, v.Y, "0"))
-
-
-def _first(held: dict[str, list[str]], predicate: str, default: str) -> str:
-    return min(held.get(predicate, (default,)))
-
-
-def _text(term: object) -> str:
-    return str(getattr(term, "value", term))
-
-
-def _order(iri: str) -> tuple[int, str]:
-    return len(iri), iri
+def _position(held: Properties) -> tuple[float, float]:
+    return float(first(held, v.X, "0")), float(first(held, v.Y, "0"))
 
 
 def _quads(subject: str, facts: Iterable[_Fact]) -> Iterator[Quad]:
-    node = _iri(subject, "subject")
+    node = iri_node(subject, "subject")
     for predicate, value in facts:
         yield Quad(node, NamedNode(predicate), value, _MAP)
-
-
-def _iri(text: str, what: str) -> NamedNode:
-    try:
-        return NamedNode(text)
-    except ValueError as error:
-        raise InvalidFactError(f"{what} must be an absolute IRI, got {text!r}") from error
-
-
-def _number(value: float, what: str, digits: int) -> Literal:
-    if not math.isfinite(value):
-        raise InvalidFactError(f"{what} must be a finite number, got {value}")
-    return Literal(round(float(value), digits) + 0.0)  # + 0.0: minus zero is not a second zero
-
-
-def _time(stamp: float, what: str) -> Literal:
-    try:
-        return date_time(stamp)
-    except (ValueError, OverflowError, OSError) as error:
-        raise InvalidFactError(
-            f"{what}: times must be seconds since 1970 within years 1 to 9999, got {stamp}"
-        ) from error
