@@ -37,10 +37,10 @@ FITTED: Final = Parameters(
     trust=0.754,
     tau=4.38,
 )
-#: The same for one kind of building, where rooms of its kind were counted: lift, kappa and
-#: trust are its own.
-HOMES: Final = replace(FITTED, lift=0.64, kappa=7.65, trust=0.846)
-OFFICES: Final = replace(FITTED, lift=1.86, kappa=84.0, trust=0.773)
+#: The same for one kind of building, where rooms of its kind were counted: lift, kappa, trust
+#: and tau are its own.
+HOMES: Final = replace(FITTED, lift=0.626, kappa=7.64, trust=0.846, tau=5.29)
+OFFICES: Final = replace(FITTED, lift=1.87, kappa=78.8, trust=0.789, tau=12.7)
 
 #: Rooms that what is expected is worth where it is not to be trusted.
 DOUBTED: Final = 0.02

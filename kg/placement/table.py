@@ -224,15 +224,16 @@ class PlacementTable:
         return float(self._belief.alpha[row, column] + self._belief.beta[row, column])
 
     def _near(self, row: int, other: int) -> float:
-        e, k = self._evidence, self._parameters.kappa
+        e, p = self._evidence, self._parameters
+        k = 1 / (1 / p.kappa + 1 / p.tau)
         every = e.listed + e.weight + e.rooms + e.statements + e.seen_with
         told = np.any(every[[row, other]] > 0, axis=0)
         where = self._mean[other] * (told if told.any() else 1.0)
         together = float(where @ self._mean[row] / where.sum())
         with_it, without = self._rooms.near(row, other)
-        p, count = self._stated_near(row, other)
+        stated, count = self._stated_near(row, other)
         total = k + STATED * count + with_it + without
-        return (k * together + STATED * p + with_it) / total
+        return (k * together + STATED * stated + with_it) / total
 
     def _stated_near(self, row: int, other: int) -> tuple[float, float]:
         above = self._known.above

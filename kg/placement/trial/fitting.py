@@ -28,7 +28,7 @@ _PULL_OF_KIND: Final = 0.1  # the same, of one kind of building's numbers away f
 _ROOMS: Final = [5, 7]
 _TRUST: Final = 6
 #: numbers that a kind of building has of its own
-_OWN: Final = [5, 6]
+_OWN: Final = [5, 6, 7]
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +67,7 @@ def fit(sample: Sample, start: Parameters = _START, steps: int = 1200) -> Parame
 def fit_kind(sample: Sample, overall: Parameters, steps: int = 160) -> Parameters:
     """The numbers of one kind of building: its own lift and strength of what is expected.
 
-    Empirical Bayes: the others stay those fitted to all buildings, and these three are pulled
+    Empirical Bayes: the others stay those fitted to all buildings, and these four are pulled
     towards them; few buildings of a kind move them little.
     """
     numbers = _numbers(overall)

@@ -49,7 +49,7 @@ def test_the_shipped_numbers_of_a_kind_are_what_its_buildings_give(
     homes, count = range(data.homes), len(data.buildings)
     which, shipped = (homes, HOMES) if kind == "homes" else (range(data.homes, count), OFFICES)
     found = fit_kind(data.sample.only(which), FITTED)
-    for name in ("lift", "kappa", "trust"):
+    for name in ("lift", "kappa", "trust", "tau"):
         assert getattr(found, name) == pytest.approx(getattr(shipped, name), rel=0.05), name
 
 
