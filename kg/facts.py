@@ -85,7 +85,7 @@ class Facts:
             (v.CONFIDENCE, _confidence(record.confidence, f"{what}: confidence")),
             (
                 v.EXISTENCE,
-                number_literal(record.existence, f"{what}: existence", least=0.0, most=1.0),
+                _share(record.existence, f"{what}: existence"),
             ),
             (v.OBSERVATION_COUNT, Literal(record.observations)),
             (v.FIRST_SEEN, time_literal(record.first_seen, f"{what}: first seen")),
@@ -271,7 +271,7 @@ class Facts:
                 (v.FRAME, Literal(evidence.frame)),
                 (v.FROM_RECORDING, known_iri(self.recording_iri(evidence.recording))),
                 (v.BOX, Literal(" ".join(str(round(n)) for n in evidence.box))),
-                (v.SCORE, number_literal(evidence.score, f"{what}: score", least=0.0, most=1.0)),
+                (v.SCORE, _share(evidence.score, f"{what}: score")),
                 (v.MODEL, Literal(evidence.model)),
             ],
         )
@@ -284,8 +284,8 @@ class Facts:
             what = f"place {record.iri}: belief"
             self._known(category, what)
             belief, views = record.beliefs.get(category, 0.0), scene.get(category, 0.0)
-            stated = [(v.BELIEF, number_literal(belief, what, least=0.0, most=1.0))]
-            views_say = number_literal(views, what, least=0.0, most=1.0)
+            stated = [(v.BELIEF, _share(belief, what))]
+            views_say = _share(views, what)
             if views >= LEAST_BELIEF:
                 stated.append((v.SCENE_BELIEF, views_say))
             if max(belief, views) >= LEAST_BELIEF:
