@@ -14,7 +14,7 @@ from matplotlib.text import Text
 from numpy.typing import NDArray
 
 from kg.records import PlaceRecord
-from planner.picture.palette import FAINT, INK
+from planner.picture.palette import FAINT, HALO, INK
 from planner.picture.paper import Sheet
 
 SIZES: Final = (5.0, 9.5)  # [pt] of the name: least and usual
@@ -40,11 +40,20 @@ class PlaceName:
         x, y = corner
         style: dict[str, Any] = {"va": "top", "ha": "left", "zorder": 3}
         style["rotation"] = 90 if self.turned else 0
-        texts = [axes.text(x, y, self.name, size=self.size, weight="bold", color=INK, **style)]
+        bold: dict[str, Any] = {"size": self.size, "weight": "bold", **style}
+        texts = [_haloed(axes, (x, y), self.name, INK, bold)]
         if self.detail:
-            x, y = (x + self.line, y) if self.turned else (x, y - self.line)
-            texts.append(axes.text(x, y, self.detail, size=DETAIL_SIZE, color=FAINT, **style))
+            below = (x + self.line, y) if self.turned else (x, y - self.line)
+            texts.append(_haloed(axes, below, self.detail, FAINT, {"size": DETAIL_SIZE, **style}))
         return texts
+
+
+def _haloed(
+    axes: Axes, corner: tuple[float, float], text: str, colour: str, style: dict[str, Any]
+) -> Text:
+    # the halo is a text of its own, so that the writing stays writing in SVG and PDF
+    axes.text(*corner, text, color="none", path_effects=HALO, **style)
+    return axes.text(*corner, text, color=colour, **style)
 
 
 def fit_name(sheet: Sheet, place: PlaceRecord, name: str, detail: str) -> PlaceName:
