@@ -119,7 +119,7 @@ class ServedMap(SemanticMap):
         """Refused: a served map has its mapper in the server."""
         self._refuse("what a mapper saw")
 
-    def take_ontology(self, quads: object, *, by: str | None = None) -> Never:
+    def take_ontology(self, quads: object, *, by: str | None = None, whole: bool = False) -> Never:
         """Refused; `kg.editing.reloading.reload` takes an ontology in, here too."""
         self._refuse("an ontology")
 
