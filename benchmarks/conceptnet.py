@@ -189,9 +189,8 @@ and closet nothing is left; 60 % of "mouse in kitchen" is, wrongly, because elec
 are in kitchens much more often than animals are. ConceptNet 4 is older than the
 service that the thesis asked: weights differ where people have voted since. Of wine glasses it says
 only that they are at dinner and in cupboards, and that one is a dish (one vote); neither rooms nor
-a kind with two votes, so no rule brings them to a kitchen or a living room. This page
-includes data from ConceptNet 5, compiled by the Commonsense Computing Initiative (CC BY-SA 4.0,
-conceptnet.io).
+a kind with two votes, so no rule brings them to a kitchen or a living room. This page includes data
+from ConceptNet 5, compiled by the Commonsense Computing Initiative (CC BY-SA 4.0, conceptnet.io).
 """
 
 
