@@ -88,6 +88,8 @@ class Assertions:
     def quads(self, assertion: Assertion) -> list[Quad]:
         """The facts of an assertion, and of who made it."""
         node = self.iri(assertion.subject, assertion.property)
+        if not is_unicode(assertion.by):
+            raise InvalidFactError(f"who says so needs a name in Unicode, got {assertion.by!r}")
         agent = f"{self.base}agent/{quote(assertion.by, safe='')}"
         facts: list[tuple[str, str, NamedNode | Literal]] = [
             (node, v.RDF_TYPE, NamedNode(v.ASSERTION)),
@@ -161,7 +163,18 @@ def value_of(prop: str, given: object, catalogue: Catalogue, kind: str) -> str:
         raise InvalidFactError(f"existence must be present or absent, got {text!r}")
     if not text:
         raise InvalidFactError("a label must have at least one character")
+    if not is_unicode(text):
+        raise InvalidFactError(f"a label must be Unicode text, got {text!r}")
     return text
+
+
+def is_unicode(text: str) -> bool:
+    """Whether a text can be written: it holds no half of a surrogate pair."""
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def believed_object(record: ObjectRecord, said: Said) -> ObjectRecord:
@@ -259,7 +272,7 @@ def _position(given: object) -> str:
     try:
         numbers = given.replace(",", " ").split() if isinstance(given, str) else list(given)  # type: ignore[call-overload]
         x, y, z = (round(float(number), 2) + 0.0 for number in numbers)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         x = y = z = math.nan
     if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
         raise InvalidFactError(f"a position must be three finite numbers x y z [m], got {given!r}")

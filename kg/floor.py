@@ -23,6 +23,8 @@ from kg.times import seconds
 
 #: cells along a side of a tile, at most: what is read may come from anywhere
 MOST_CELLS: Final = 1024
+#: tiles from the origin of the map to one of them along x or y, at most
+MOST_TILES: Final = 1 << 20
 
 #: What the writer keeps of a tile; what else people say of it stays.
 OWN: Final = {
@@ -118,6 +120,8 @@ def _tile(held: Mapping[str, list[str]]) -> FloorTile | None:
             return None
         span = size * len(cells)
         column, row = round(x / span), round(y / span)
+        if not math.isfinite(span) or max(abs(column), abs(row)) > MOST_TILES:
+            return None
     except (KeyError, ValueError, ZeroDivisionError, OverflowError):
         return None
     if size <= 0 or max(abs(x - column * span), abs(y - row * span)) > 0.01:

@@ -41,7 +41,8 @@ def give_way() -> None:
     that never rests a reader gets on by a piece a frame.
     """
     if _under_way and threading.get_ident() not in _under_way:
-        for done in tuple(_under_way.values()):
+        # a copy made in one step: a collection may let a writer in between any others
+        for done in _under_way.copy().values():
             done.wait(MOST)
 
 

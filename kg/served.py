@@ -4,15 +4,19 @@ past, and why.
 
 from __future__ import annotations
 
+import json
 import os
-from typing import Any, Final
+from collections.abc import Callable
+from typing import Any, Final, TypeVar
 
 import requests
 
 from kg import errors
+from kg import vocabulary as v
+from kg.assertions import is_unicode
 from kg.commits import ChangeSet
 from kg.endpoint import ANSWER_WITHIN, CONNECT_WITHIN, TOKEN_VARIABLE, is_local, without_secrets
-from kg.errors import HereaboutsError, RemoteError, UnreachableError
+from kg.errors import HereaboutsError, QueryParameterError, RemoteError, UnreachableError
 from kg.history.past import Difference
 from kg.history.telling import Entry
 from kg.history.why import Reason
@@ -21,8 +25,10 @@ from kg.wire import Json, assertion_of, change_of, difference_of, entry_of, reas
 
 _JSON: Final = "application/json"
 _UPDATE: Final = "application/sparql-update"
+_N_TRIPLES: Final = "application/n-triples"
 #: has an answer to a write hold the change set (RFC 7240)
 _WHOLE: Final = {"Prefer": "return=representation"}
+T = TypeVar("T")
 
 
 class Served:
@@ -50,44 +56,61 @@ class Served:
     @property
     def sequence(self) -> int:
         """The number of the map's last transaction."""
-        return int(self._ask("GET", "health")["sequence"])
+        return self._told(_sequence, "GET", "health")
 
     def assertions(self, iri: str | None) -> tuple[Assertion, ...]:
         """What people said, of one thing or of all."""
-        told = self._ask("GET", "assertions", {} if iri is None else {"iri": iri})
-        return tuple(assertion_of(one) for one in told["assertions"])
+        return self._told(_assertions, "GET", "assertions", {} if iri is None else {"iri": iri})
 
     def assert_(self, iri: str, prop: str, value: object) -> ChangeSet | None:
         """Have something be as said; who says so is the holder of the token."""
         given = value if isinstance(value, str) else _plain(value)
-        body = {"thing": iri, "property": prop, "value": given}
-        return _change(self._ask("POST", "assertions", json=body, headers=_WHOLE))
+        body = json.dumps({"thing": iri, "property": prop, "value": given})
+        headers = {"Content-Type": _JSON, **_WHOLE}
+        return self._told(_change, "POST", "assertions", data=body, headers=headers)
 
     def retract(self, iri: str, prop: str) -> ChangeSet | None:
         """Take back what was said."""
         params = {"iri": iri, "property": prop}
-        return _change(self._ask("DELETE", "assertions", params, headers=_WHOLE))
+        return self._told(_change, "DELETE", "assertions", params, headers=_WHOLE)
 
     def update(self, sparql: str) -> ChangeSet | None:
         """Carry out a SPARQL update."""
         headers = {"Content-Type": _UPDATE, **_WHOLE}
-        return _change(self._ask("POST", "sparql", data=sparql.encode(), headers=headers))
+        return self._told(_change, "POST", "sparql", data=sparql, headers=headers)
+
+    def take_ontology(self, triples: bytes, read: Callable[[Json], T], *, whole: bool) -> T:
+        """Have N-Triples be the ontology; what `read` makes of what the server tells of it."""
+        path = f"graphs/{v.ONTOLOGY_GRAPH.removeprefix(v.GRAPH)}"
+        params, headers = {"whole": "true"} if whole else {}, {"Content-Type": _N_TRIPLES}
+        return self._told(read, "PUT", path, params, data=triples, headers=headers)
 
     def sequence_at(self, when: str) -> int:
         """The number of the last transaction at or before a moment."""
-        return int(self._ask("GET", "diff", {"from": when, "to": when})["after"])
+        return self._told(_after, "GET", "diff", {"from": when, "to": when})
 
     def log(self, iri: str) -> tuple[Entry, ...]:
         """Each transaction that changed one thing."""
-        return tuple(map(entry_of, self._ask("GET", "log", {"iri": iri})))
+        return self._told(_entries, "GET", "log", {"iri": iri})
 
     def diff(self, before: str, after: str) -> Difference:
         """What the map says at one moment and not at another."""
-        return difference_of(self._ask("GET", "diff", {"from": before, "to": after}))
+        return self._told(difference_of, "GET", "diff", {"from": before, "to": after})
 
     def why(self, what: str) -> tuple[Reason, ...]:
         """Why the map says so, of a thing or of a fact."""
-        return tuple(map(reason_of, self._ask("GET", "why", {"what": what})))
+        return self._told(_reasons, "GET", "why", {"what": what})
+
+    def _told(self, read: Callable[[Any], T], *asked: Any, **body: Any) -> T:
+        """What `read` makes of the answer; RemoteError where it is none of ours."""
+        told = self._ask(*asked, **body)
+        try:
+            return read(told)
+        except (KeyError, TypeError, ValueError, SyntaxError, RecursionError) as error:
+            raise RemoteError(
+                f"{self.where} answered what no `hereabouts serve` of this version answers "
+                f"({type(error).__name__})"
+            ) from error
 
     def _ask(
         self,
@@ -96,8 +119,9 @@ class Served:
         params: dict[str, str] | None = None,
         *,
         headers: dict[str, str] | None = None,
-        **body: Any,
+        data: str | bytes = b"",
     ) -> Any:
+        _refuse_surrogates(data, *(params or {}).values())
         given = {"Accept": _JSON, **(headers or {})}
         if (token := os.environ.get(TOKEN_VARIABLE)) and method != "GET":
             given["Authorization"] = f"Bearer {token}"
@@ -111,7 +135,7 @@ class Served:
                     params=params,
                     headers=given,
                     timeout=(CONNECT_WITHIN, ANSWER_WITHIN),
-                    **body,
+                    data=data.encode() if isinstance(data, str) else data,
                 )
         except requests.RequestException as error:
             reason = type(error).__name__
@@ -132,6 +156,32 @@ def _plain(value: object) -> object:
         return [float(number) for number in value]  # type: ignore[attr-defined]
     except (TypeError, ValueError):
         return str(value)
+
+
+def _refuse_surrogates(*texts: str | bytes) -> None:
+    for text in texts:
+        if isinstance(text, str) and not is_unicode(text):
+            raise QueryParameterError(f"{text[:100]!r} is no Unicode text")
+
+
+def _sequence(told: Json) -> int:
+    return int(told["sequence"])
+
+
+def _after(told: Json) -> int:
+    return int(told["after"])
+
+
+def _assertions(told: Json) -> tuple[Assertion, ...]:
+    return tuple(map(assertion_of, told["assertions"]))
+
+
+def _entries(told: list[Json]) -> tuple[Entry, ...]:
+    return tuple(map(entry_of, told))
+
+
+def _reasons(told: list[Json]) -> tuple[Reason, ...]:
+    return tuple(map(reason_of, told))
 
 
 def _change(told: Json) -> ChangeSet | None:

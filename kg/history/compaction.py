@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from dataclasses import dataclass
 from functools import partial
@@ -59,9 +60,15 @@ class _Leavings:
     def __init__(self) -> None:
         self.subjects = 0
         self.pruning: Pruning | None = None
+        self.guard = threading.Lock()  # the store's own thread flushes, and whoever asks for it
 
 
 def _trim(log: Log, keep: float, left: _Leavings) -> None:
+    with left.guard:
+        _trim_alone(log, keep, left)
+
+
+def _trim_alone(log: Log, keep: float, left: _Leavings) -> None:
     if time.time() - log.floor_time > keep * (1 + SLACK):
         _raise_floor(log, keep)
     until = time.monotonic() + TRIM_WITHIN

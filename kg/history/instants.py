@@ -57,8 +57,10 @@ def moment(when: str | datetime) -> float:
     """
     try:
         given = datetime.fromisoformat(when) if isinstance(when, str) else when
-    except ValueError:
+        time = (given if given.tzinfo else given.replace(tzinfo=UTC)).timestamp()
+        iso(time)  # a year that can be written
+    except (ValueError, OverflowError):
         raise HistoryError(
-            f"no moment {when!r}; write #42 (a transaction) or 2026-08-01T12:30:00Z"
+            f"no moment {str(when)!r}; write #42 (a transaction) or 2026-08-01T12:30:00Z"
         ) from None
-    return (given if given.tzinfo else given.replace(tzinfo=UTC)).timestamp()
+    return time

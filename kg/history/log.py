@@ -24,7 +24,7 @@ from pyoxigraph import NamedNode, Quad
 
 from kg import vocabulary as v
 from kg.commits import Cause, ChangeSet
-from kg.errors import GraphError, HistoryError
+from kg.errors import GraphError, HistoryError, InvalidFactError
 from kg.history.coding import (
     Coded,
     Delta,
@@ -132,8 +132,8 @@ class Log:
     def append(self, change: ChangeSet) -> None:
         """Record a transaction that is about to be applied.
 
-        What the log holds of that number and later ones was never applied, and gives way. Raises
-        GraphError, with nothing recorded, where the file cannot be written.
+        What the log holds of that number and later ones gives way. Raises GraphError where the file
+        cannot be written, InvalidFactError for a name that is no Unicode; nothing is recorded then.
         """
         if self.last >= change.sequence:
             self.withdraw(change.sequence)
@@ -142,6 +142,8 @@ class Log:
                 self._append(change)
         except sqlite3.Error as error:
             raise GraphError(f"cannot write the history at {self.file}: {error}") from error
+        except UnicodeEncodeError as error:
+            raise InvalidFactError(f"who writes must have a name in Unicode: {error}") from error
         self.last, self.last_time = change.sequence, change.time
 
     def withdraw(self, sequence: int) -> None:
@@ -217,17 +219,17 @@ class Log:
 
     def sequence_at(self, time: float) -> int:
         """The number of the last transaction at or before `time` [s]."""
-        low, high = self.floor, self.last
-        while low < high:
-            middle = (low + high + 1) // 2
-            select = "SELECT sequence, time FROM commits WHERE sequence >= ? LIMIT 1"
-            with self.lock:
+        select = "SELECT sequence, time FROM commits WHERE sequence >= ? LIMIT 1"
+        with self.lock:
+            low, high = self.floor, self.last
+            while low < high:
+                middle = (low + high + 1) // 2
                 row = self.db.execute(select, (middle,)).fetchone()
-            if row[1] <= time:
-                low = row[0]
-            else:
-                high = middle - 1
-        return low
+                if row[1] <= time:
+                    low = row[0]
+                else:
+                    high = middle - 1
+            return low
 
     def flush(self) -> None:
         """Move what was written into the file proper, beside whoever goes on writing."""

@@ -58,12 +58,13 @@ def quads_at(log: Log, engine: Engine, sequence: int, present: int) -> Iterator[
     yield from (q for q in _quads(log, log.nodes(), sequence) if not _is_background(q))
     if sequence:
         yield sequence_quad(sequence)
+    refuse_dropped(log, sequence)
 
 
 def state_of(log: Log, iri: str, sequence: int) -> tuple[Quad, ...]:
     """All quads about `iri` after `sequence`, but for ontology and common sense."""
     with log.lock:
-        nodes = log.terms.nodes_of(_named(iri))
+        nodes = log.terms.nodes_of(named(iri))
         return tuple(sorted(_quads(log, nodes, sequence), key=str))
 
 
@@ -71,9 +72,9 @@ def members_at(log: Log, category: str, sequence: int) -> dict[str, tuple[Quad, 
     """What stood in the map as `category` after `sequence`: IRI to its quads, as `state_of`."""
     kind, found = NamedNode(v.RDF_TYPE), {}
     with log.lock:
-        for node in log.members(_named(category)):
+        for node in log.members(named(category)):
             quads = tuple(sorted(_quads(log, [node], sequence), key=str))
-            if any(q.predicate == kind and q.object == _named(category) for q in quads):
+            if any(q.predicate == kind and q.object == named(category) for q in quads):
                 found[getattr(quads[0].subject, "value", "")] = quads
     return found
 
@@ -94,6 +95,7 @@ def difference(log: Log, before: int, after: int) -> Difference:
                 gone, came = old - new, new - old
             added += log.terms.quads(node, sorted(came))
             removed += log.terms.quads(node, sorted(gone))
+    refuse_dropped(log, before)
     return Difference(before, after, tuple(added), tuple(removed))
 
 
@@ -139,11 +141,18 @@ def _net(log: Log, node: int, before: int, after: int) -> tuple[set[Coded], set[
     return gone, came
 
 
+def refuse_dropped(log: Log, sequence: int) -> None:
+    """For the end of reading: what was dropped while it was read, would be missing in silence."""
+    if sequence < log.floor:
+        raise HistoryError(f"#{sequence} is no longer kept; the past begins at #{log.floor}")
+
+
 def _is_background(quad: Quad) -> bool:
     return quad.graph_name in BACKGROUND
 
 
-def _named(iri: str) -> NamedNode:
+def named(iri: str) -> NamedNode:
+    """The node with that IRI; HistoryError for what is no absolute IRI."""
     try:
         return NamedNode(iri)
     except ValueError:

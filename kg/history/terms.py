@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Iterable
+from typing import NoReturn
 
 from pyoxigraph import BlankNode, NamedNode, Quad
 
 from kg import vocabulary as v
+from kg.errors import HistoryError
 from kg.history.coding import INTERNED, Coded, Term, code_literal, decode_literal
 
 _NAMED = (NamedNode, BlankNode)
@@ -62,10 +64,11 @@ class Terms:
         return row[0] if row else None
 
     def term(self, number: int) -> Term:
-        """The IRI or blank node of a number."""
+        """The IRI or blank node of a number; HistoryError where it is dropped meanwhile."""
         known = self._terms.get(number)
         if known is None:
-            (text,) = self._db.execute("SELECT text FROM term WHERE id = ?", (number,)).fetchone()
+            row = self._db.execute("SELECT text FROM term WHERE id = ?", (number,)).fetchone()
+            (text,) = row or _refuse_forgotten()
             if text.startswith("_:"):
                 known = BlankNode(text[2:])
             else:
@@ -90,9 +93,9 @@ class Terms:
         return known
 
     def pair(self, node: int) -> tuple[Term, Term]:
-        """Graph and subject of a node."""
+        """Graph and subject of a node; HistoryError where it is dropped meanwhile."""
         select = "SELECT graph, subject FROM node WHERE id = ?"
-        graph, subject = self._db.execute(select, (node,)).fetchone()
+        graph, subject = self._db.execute(select, (node,)).fetchone() or _refuse_forgotten()
         return self.term(graph), self.term(subject)
 
     def nodes_of(self, subject: Term) -> list[int]:
@@ -151,3 +154,7 @@ class Terms:
             self._numbers.clear()
         self._numbers[term] = number
         self._terms[number] = term
+
+
+def _refuse_forgotten() -> NoReturn:
+    raise HistoryError("what was asked of the past is no longer kept: it is dropped meanwhile")

@@ -9,10 +9,9 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import Final
 
-from pyoxigraph import NamedNode
-
 from kg.history.coding import Coded, decode_delta
 from kg.history.log import BACKGROUND, Log
+from kg.history.past import named
 
 _PAGE: Final = """
 SELECT DISTINCT sequence FROM change
@@ -23,6 +22,9 @@ _ROWS: Final = """
 SELECT sequence, node, data FROM change
 WHERE node IN (SELECT value FROM json_each(?)) AND sequence >= ? AND sequence <= ?
 ORDER BY sequence
+"""
+_TIMES: Final = """
+SELECT sequence, time FROM commits WHERE sequence IN (SELECT value FROM json_each(?))
 """
 _FIRST: Final = """
 SELECT min(sequence) FROM change
@@ -56,7 +58,10 @@ def first_version(log: Log, iri: str) -> Version | None:
 
 
 def versions(log: Log, iri: str, *, until: int | None = None, most: int = 1000) -> list[Version]:
-    """The last versions up to the transaction `until`, the latest first; at most that many."""
+    """The last versions up to the transaction `until`, the latest first; at most that many.
+
+    Raises HistoryError for what is no absolute IRI.
+    """
     until = log.last if until is None else until
     with log.lock:
         nodes = _nodes(log, iri)
@@ -73,7 +78,7 @@ def _told(log: Log, nodes: list[int], changed: list[int]) -> list[Version]:
     oldest, newest = changed[-1], changed[0]
     said: dict[int, set[Coded]] = {node: log.facts(node, oldest - 1) for node in nodes}
     rows = log.db.execute(_ROWS, (_json(nodes), oldest, newest)).fetchall()
-    times = {commit.sequence: commit.time for commit in log.commits(oldest - 1, newest)}
+    times = dict(log.db.execute(_TIMES, (_json(changed),)))
     found = []
     for sequence, some in groupby(rows, key=lambda row: int(row[0])):
         for _, node, data in some:
@@ -85,7 +90,7 @@ def _told(log: Log, nodes: list[int], changed: list[int]) -> list[Version]:
 
 
 def _nodes(log: Log, iri: str) -> list[int]:
-    nodes = log.terms.nodes_of(NamedNode(iri))
+    nodes = log.terms.nodes_of(named(iri))
     return [node for node in nodes if log.terms.pair(node)[0] not in BACKGROUND]
 
 

@@ -18,7 +18,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from kg import vocabulary as v
-from kg.assertions import PROPERTIES, Assertions
+from kg.assertions import PROPERTIES, Assertions, is_unicode
 from kg.commits import ChangeSet
 from kg.records import Assertion
 from kg.server import bodies
@@ -152,7 +152,7 @@ def _property(name: str) -> str:
 
 def _value(value: object) -> object:
     """A text, or three numbers; Problem 400 for anything else."""
-    if isinstance(value, str) and _is_unicode(value):
+    if isinstance(value, str) and is_unicode(value):
         return value
     if isinstance(value, list) and len(value) == 3 and all(map(_is_number, value)):
         return value
@@ -161,14 +161,6 @@ def _value(value: object) -> object:
 
 def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _is_unicode(text: str) -> bool:
-    try:
-        text.encode()
-    except UnicodeEncodeError:
-        return False
-    return True
 
 
 def _full(serving: Serving, iri: str) -> str:

@@ -73,7 +73,7 @@ async def _take_ontology(
 ) -> Response:
     """Have the map take an ontology in; the answer tells the change in words too."""
     quads = [Quad(t.subject, t.predicate, t.object, _ONTOLOGY) for t in triples]
-    whole = "whole" in bodies.query_parameters(request)
+    whole = bodies.query_parameters(request).flag("whole")
 
     def take() -> Taken:
         with serving.semantic_map.hold():

@@ -100,7 +100,7 @@ def _entries(serving: Serving, request: Request, iri: str, found: list[Version])
     span = f'; from="{_date(told[0].time)}"; until="{_date(told[-1].time)}"'
     yield f'<{here}>; rel="original timegate"'
     yield f'<{request.url}>; rel="self"; type="{LINKS}"{span}'
-    if len(found) == PAGE:
+    if len(found) == PAGE and found[-1].sequence > serving.semantic_map.history.floor:
         before = f"{_timemap(request, iri)}&until={found[-1].sequence - 1}"
         yield f'<{before}>; rel="timemap"; type="{LINKS}"'
     for version in told:

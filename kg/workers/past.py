@@ -14,11 +14,10 @@ from typing import Any, Final
 
 from pyoxigraph import Quad, Store
 
-from kg.errors import HistoryError
 from kg.history.log import Log
 from kg.history.naming import thing
 from kg.history.outline import difference_text, log_text, reasons_text
-from kg.history.past import Difference, difference, quads_at
+from kg.history.past import Difference, difference, quads_at, refuse_dropped
 from kg.history.provenance import provenance
 from kg.history.telling import tell
 from kg.history.why import explain
@@ -36,7 +35,7 @@ def make_past(store: Store, request: Mapping[str, Any]) -> None:
     """Change a copy of the map to what the map said right after the transaction `sequence`."""
     sequence, present = int(request["sequence"]), stored_sequence(store)
     with _frozen(request) as log:
-        _refuse_forgotten(log, sequence)
+        refuse_dropped(log, sequence)
         changed = difference(log, present, sequence)
         if len(changed.removed) > len(store) * _MUCH and present >= sequence:
             quads = quads_at(log, store, sequence, present)
@@ -73,7 +72,7 @@ def _log(store: Store, log: Log, request: Mapping[str, Any]) -> str:
 
 def _diff(store: Store, log: Log, request: Mapping[str, Any]) -> str:
     before, after = int(request["before"]), int(request["after"])
-    _refuse_forgotten(log, min(before, after))
+    refuse_dropped(log, min(before, after))
     found = difference(log, before, after)
     if request["media_type"] == TEXT:
         return difference_text(found, request["base"])
@@ -104,11 +103,6 @@ def _frozen(request: Mapping[str, Any]) -> Iterator[Log]:
         log.db.execute("BEGIN")
         log.refresh()
         yield log
-
-
-def _refuse_forgotten(log: Log, sequence: int) -> None:
-    if sequence < log.floor:
-        raise HistoryError(f"#{sequence} is no longer kept; the past begins at #{log.floor}")
 
 
 def _parts(quads: Iterable[Quad]) -> Iterator[list[Quad]]:

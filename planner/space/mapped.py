@@ -14,11 +14,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from kg.errors import LayoutError
 from kg.records import FREE, LOW, TALL, UNKNOWN, FloorTile
 from planner.space.building import joined
 from planner.space.grid import NO_ROOM, FreeSpace, Passage, Room, room_labels
 from planner.space.parts import parts
 
+MOST_CELLS: Final = 1 << 28  # of a storey in memory: 800 m by 800 m in cells of 0.05 m
 FEW: Final = 2  # fine cells with something in them that close a cell; fewer are noise
 _HIGHEST_CAMERA: Final = 2.4  # [m] above its floor
 _ISLAND: Final = 1.0  # [m^2] less floor than this, cut off from the rest, is noise
@@ -61,7 +63,8 @@ def mapped_floor(
 ) -> MappedFloor | None:
     """A `storey`; by default that of a camera at `height` [m], without one that with most floor.
 
-    None where no tile says that anything is free there.
+    None where no tile says that anything is free there. Raises LayoutError where tiles lie further
+    apart than memory reaches.
     """
     tiles = [tile for tile in tiles if storey in (None, tile.storey)]
     storeys: dict[int, list[FloorTile]] = {}
@@ -84,7 +87,13 @@ def _put_together(tiles: Sequence[FloorTile]) -> MappedFloor:
     alike = [t for t in tiles if len(t.cells) == side and t.resolution == size]
     low = np.min([(t.column, t.row) for t in alike], axis=0)
     high = np.max([(t.column, t.row) for t in alike], axis=0)
-    states = np.full(tuple((high - low + 1) * side), UNKNOWN, np.uint8)
+    nx, ny = (int(n) * side for n in high - low + 1)
+    if nx * ny > MOST_CELLS:
+        raise LayoutError(
+            f"the mapped floor of storey {first.storey} would have {nx} x {ny} cells, more than "
+            f"{MOST_CELLS}: a tile lies too far from the others; `hereabouts update` removes it"
+        )
+    states = np.full((nx, ny), UNKNOWN, np.uint8)
     for tile in alike:
         i, j = (np.array([tile.column, tile.row]) - low) * side
         states[i : i + side, j : j + side] = tile.cells

@@ -175,3 +175,15 @@ def test_an_unknown_category_and_a_nameless_speaker_are_refused(home: SemanticMa
         home.assert_("object/1", "category", "bowl", by=" ")
     with pytest.raises(InvalidFactError, match="nothing was said of the category"):
         home.retract("object/1", "category")
+
+
+def test_what_is_no_unicode_is_refused_and_changes_nothing(home: SemanticMap) -> None:
+    before = home.sequence
+    for value, by in (("\udcff", "ann"), ("mug", "\udcff")):
+        with pytest.raises(InvalidFactError, match="Unicode"):
+            home.assert_("object/1", "label", value, by=by)
+    with pytest.raises(InvalidFactError, match="Unicode"):
+        home.update("INSERT DATA { <object/1> rdfs:comment 'x' }", by="\udcff")
+    assert home.sequence == before == home.history.last
+    assert home.assertions("object/1") == ()
+    assert home.assert_("object/1", "label", "mug", by="ann") is not None

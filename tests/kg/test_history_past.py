@@ -16,7 +16,7 @@ from kg.commits import Cause, ChangeSet
 from kg.errors import HistoryError, InvalidFactError
 from kg.history.instants import duration, iso
 from kg.history.log import KEYFRAME
-from kg.history.past import difference, members_at, store_at
+from kg.history.past import difference, members_at, quads_at, store_at
 from kg.history.recovery import attach
 from kg.records import MapUpdate
 from kg.semantic_map import SemanticMap
@@ -194,3 +194,23 @@ def test_durations(text: str, seconds: float) -> None:
 def test_no_durations(text: str) -> None:
     with pytest.raises(HistoryError, match="no duration"):
         duration(text)
+
+
+def test_a_past_that_is_dropped_while_it_is_read_is_not_half_told(written: Written) -> None:
+    with written(6) as semantic_map:
+        log = semantic_map.history
+        reading = quads_at(log, semantic_map.engine, 2, log.last)
+        next(reading)
+        semantic_map.compact(keep=0.0)
+        with pytest.raises(HistoryError, match="no longer kept"):
+            list(reading)
+        with pytest.raises(HistoryError, match="no longer kept"):
+            log.terms.pair(10**6)
+        with pytest.raises(HistoryError, match="no longer kept"):
+            log.terms.term(10**6)
+
+
+@pytest.mark.parametrize("when", ["0001-01-01T00:00:00+23:00", "9999-12-31T23:59:59-12:00"])
+def test_years_that_cannot_be_written_are_no_moments(written: Written, when: str) -> None:
+    with written(1) as semantic_map, pytest.raises(HistoryError, match="no moment"):
+        semantic_map.at(when)

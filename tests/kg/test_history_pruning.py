@@ -7,6 +7,7 @@ import random
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -169,3 +170,42 @@ def test_killed_at_any_moment_no_used_term_is_lost(written: Written, tmp_path: P
             assert used(semantic_map.history) <= held(semantic_map.history)
             with semantic_map.at(semantic_map.sequence) as now:
                 assert set(now.engine) == set(semantic_map.engine)
+
+
+def test_two_that_flush_at_once_search_one_after_the_other(
+    written: Written, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(compaction, "WORTH_PRUNING", 1)
+    go_on, searching, most = Pruning.step, list[int](), list[int]()
+    failed: list[ValueError] = []
+
+    def step(pruning: Pruning) -> int | None:
+        searching.append(0)
+        most.append(len(searching))
+        time.sleep(0.002)  # for the others to come
+        try:
+            return go_on(pruning)
+        finally:
+            searching.pop()
+
+    monkeypatch.setattr(Pruning, "step", step)
+    with written(1) as semantic_map:
+        semantic_map.retain(0)
+        for number in range(5):
+            come_and_go(semantic_map, number)
+
+        def flush() -> None:
+            try:
+                for _ in range(5):
+                    semantic_map.flush()
+            except ValueError as error:
+                failed.append(error)
+
+        threads = [threading.Thread(target=flush) for _ in range(4)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert used(semantic_map.history) <= held(semantic_map.history)
+    assert failed == []
+    assert max(most) == 1

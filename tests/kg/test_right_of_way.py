@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import threading
 from collections.abc import Callable
 from typing import Any
@@ -107,3 +108,29 @@ def test_what_is_read_in_pieces_gives_way_before_the_first(
         assert read == []
     assert _ended(reader)
     assert read == [*range(7)]
+
+
+def test_a_writer_that_ends_amid_a_collection_harms_no_reader(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # a collection calls back into Python, where another thread may take over: here it always does,
+    # and a writer begins or ends each time
+    done = threading.Event()
+    done.set()
+    # more than tuples are kept in store for, so that another one is one more thing to collect
+    under_way = {-number: done for number in range(1, 31)}
+    monkeypatch.setattr(right_of_way, "_under_way", under_way)
+
+    def meanwhile(phase: str, _: object) -> None:
+        if phase == "start" and under_way.pop(0, None) is None:
+            under_way[0] = done
+
+    before = gc.get_threshold()
+    gc.callbacks.append(meanwhile)
+    try:
+        gc.set_threshold(1)
+        for _ in range(100):
+            give_way()
+    finally:
+        gc.set_threshold(*before)
+        gc.callbacks.remove(meanwhile)

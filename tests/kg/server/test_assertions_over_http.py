@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import TYPE_CHECKING
 
 import pytest
 import rdflib
 
 from kg.commits import ChangeSet
-from kg.errors import GraphError, InvalidFactError, RemoteError, UnknownCategoryError
+from kg.errors import (
+    GraphError,
+    InvalidFactError,
+    QueryParameterError,
+    RemoteError,
+    UnknownCategoryError,
+)
 from kg.records import MapUpdate
 from kg.semantic_map import SemanticMap
+from kg.served import Served as FarServer
 from kg.server import Limits, Tokens
 from kg.vocabulary import HERE
 from planner.commands import main
@@ -96,6 +105,7 @@ def test_a_list_a_client_has_is_not_sent_again(served: Served) -> None:
         ({"property": "colour"}, 422, "category, position, existence, label"),
         ({"property": "existence", "value": "perhaps"}, 422, "present or absent"),
         ({"property": "position", "value": [1, 2, float("inf")]}, 422, "finite"),
+        ({"property": "position", "value": [10**400, 2, 3]}, 422, "finite"),
         ({"property": "position", "value": [1, 2]}, 400, "metres"),
         ({"value": {"a": 1}}, 400, "metres"),
         ({"value": True}, 400, "metres"),
@@ -195,8 +205,15 @@ def test_what_the_server_refuses_is_the_same_error_from_afar(served: Served) -> 
             far.retract("object/1", "label")
         with pytest.raises(InvalidFactError, match="history"):
             far.update("INSERT DATA { GRAPH graph:history { <object/9> a here:Cup } }")
+        with pytest.raises(InvalidFactError, match="finite"):
+            far.assert_("object/1", "position", (1.0, float("nan"), 0.0), by="ann")
         with pytest.raises(GraphError, match="is served"):
             far.apply(MapUpdate())
+        with pytest.raises(GraphError, match="is served"):
+            far.take_ontology((), whole=True)
+        for ask in (far.log, far.why, far.update, far.assertions):
+            with pytest.raises(QueryParameterError, match="Unicode"):
+                tuple(ask("\udcff"))
     with (
         SemanticMap.open(served.url, read_only=True) as far,
         pytest.raises(GraphError, match="reading only"),
@@ -233,3 +250,44 @@ def test_the_commands_take_a_server_for_a_folder(
     assert json.loads(capsys.readouterr().out)["sequence"] == served.map.sequence
     assert main(["assert", served.url, "object/1", "category", "bowll"]) == 1
     assert "did you mean bowl" in capsys.readouterr().err
+
+
+class _Alike(BaseHTTPRequestHandler):
+    """Answers everything as `/health` does."""
+
+    def do_GET(self) -> None:
+        body = b'{"base": "https://example.org/", "sequence": 7, "change": {}, "because": []}'
+        self.send_response(200)
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        self.wfile.write(body)
+
+    do_DELETE = do_GET  # noqa: N815  so the library has it
+
+    def log_message(self, *_: object) -> None:
+        """Say nothing."""
+
+
+@pytest.fixture
+def alike() -> Iterator[str]:
+    with ThreadingHTTPServer(("127.0.0.1", 0), _Alike) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield f"http://127.0.0.1:{server.server_address[1]}"
+        server.shutdown()
+        thread.join()
+
+
+def test_answers_of_another_make_are_one_line(alike: str) -> None:
+    far = FarServer.at(alike)
+    assert far is not None and far.sequence == 7
+    for ask in (
+        lambda: far.assertions(None),
+        lambda: far.log("object/1"),
+        lambda: far.diff("1", "2"),
+        lambda: far.why("object/1"),
+        lambda: far.sequence_at("1"),
+        lambda: far.retract("object/1", "label"),
+    ):
+        with pytest.raises(RemoteError, match="no `hereabouts serve` of this version"):
+            ask()

@@ -259,7 +259,7 @@ def test_what_each_map_has_of_its_own_is_not_a_fleets(fleet: Fleet, path: str) -
 
 def test_a_fleet_is_asked_as_it_is_now_and_told_nothing(fleet: Fleet) -> None:
     said = {"thing": "object/1", "property": "category", "value": "bowl"}
-    refused = requests.post(fleet.server.url + "assertions", json=said, timeout=30)
+    refused = requests.post(fleet.server.url + "assertions", json=said, timeout=PATIENCE)
     assert (refused.status_code, "write to the member" in refused.text) == (403, True)
     for path, given in (("sparql", {"query": E}), ("resource", {"iri": f"{BASE}north/object/1"})):
         answer = fleet.get(path, at="1", **given)

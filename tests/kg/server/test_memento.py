@@ -163,10 +163,22 @@ def test_long_lists_of_versions_come_in_pages(
     assert seen == ["at=5", "at=3", "at=2", "at=1"]
 
 
-def test_versions_begin_where_the_history_does(moved: Served) -> None:
+def test_versions_begin_where_the_history_does(
+    moved: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
     moved.map.compact(keep=time.time() - (START + 6 * HOUR).timestamp())
     listed = links_of(moved.get("timemap", params={"iri": CUP}).text)
     assert [address[-4:] for address, rel, _ in listed if rel == "memento"] == ["at=5"]
+    monkeypatch.setattr(memento, "PAGE", 1)
+    listed = links_of(moved.get("timemap", params={"iri": CUP}).text)
+    assert "timemap" not in [rel for _, rel, _ in listed], "there is no page before the first"
     old = moved.get("object/1", headers={**TURTLE, "Accept-Datetime": date(START)})
     assert (old.status_code, x(old)) == (200, 4.0)
     assert moved.get("object/1", params={"at": "3"}).status_code == 404
+
+
+@pytest.mark.parametrize("iri", ["not an iri", "x:<y>", "object/1"])
+def test_what_is_no_iri_was_never_there(lasting: Served, iri: str) -> None:
+    for params, headers in (({"at": "1"}, {}), ({}, {"Accept-Datetime": date(START)})):
+        answer = lasting.get("resource", params={"iri": iri, **params}, headers=headers)
+        assert (answer.status_code, "IRI" in answer.text) == (404, True), answer.text

@@ -9,7 +9,8 @@ import pytest
 import rdflib
 from pyoxigraph import RdfFormat, serialize
 
-from kg.editing.reloading import is_served, reload
+from kg.editing.imports import load_with_imports
+from kg.editing.reloading import reload
 from kg.editing.sources import ontology_at
 from kg.errors import OntologyError, RemoteError
 from kg.ontology import load_ontologies
@@ -97,7 +98,7 @@ def test_a_server_wants_a_token(
     served: Served, mine: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("HEREABOUTS_TOKEN", raising=False)
-    with pytest.raises(RemoteError, match=r"\(401\).*set HEREABOUTS_TOKEN"):
+    with pytest.raises(RemoteError, match=r"\(401\).*into HEREABOUTS_TOKEN"):
         reload(served.url, mine)
     assert served.rows(QUERY) == []
 
@@ -110,10 +111,25 @@ def test_a_trial_of_a_served_map_changes_nothing(served: Served, mine: Path) -> 
 
 
 def test_a_served_ontology_is_read_with_blank_nodes(served: Served) -> None:
-    assert is_served(served.url)
     text = served.get("graphs/ontology", headers={"Accept": "application/n-triples"}).text
     graph = rdflib.Graph().parse(data=text, format="nt")
     axioms = list(graph.subjects(rdflib.RDF.type, rdflib.URIRef(OWL_AXIOM)))
     assert axioms
     assert all(isinstance(axiom, rdflib.BNode) for axiom in axioms)
     assert set(ontology_at(served.url).quads) == set(served.map.ontology())
+
+
+def test_what_goes_is_said_to_go(served: Served, mine: Path) -> None:
+    def put(quads: object, query: str) -> tuple[int, str]:
+        body = serialize([q.triple for q in quads], format=RdfFormat.N_TRIPLES)  # type: ignore[attr-defined]
+        headers = {"Content-Type": "application/n-triples", **served.bearer()}
+        answer = served.request("PUT", f"graphs/ontology{query}", data=body, headers=headers)
+        return answer.status_code, answer.text
+
+    shipped = load_ontologies().quads
+    assert put(load_with_imports(mine).quads, "")[0] == 200
+    for query in ("", "?whole=0", "?whole=false"):
+        status, text = put(shipped, query)
+        assert (status, "leaves out <urn:mine>" in text) == (422, True), query
+    assert put(shipped, "?whole=perhaps")[0] == 400
+    assert put(shipped, "?whole=true")[0] == 200
