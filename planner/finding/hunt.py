@@ -317,6 +317,6 @@ def _stands(
         mass = np.bincount(of_cell, weight, minlength=len(ground.rooms))
         size = np.bincount(of_cell, minlength=len(ground.rooms))
         best = np.argsort(-mass / np.sqrt(np.maximum(size, 1)), kind="stable")[:MOST_ROOMS]
-        floor = space.floor()
-        space = space.without(floor[~np.isin(space.room.reshape(-1)[floor], best)])
+        inside = space.inside()
+        space = space.without(inside[~np.isin(space.room.reshape(-1)[inside], best)])
     return standing_cells(space, sensor.far, near=sensor.near, covers=covers, besides=besides)
