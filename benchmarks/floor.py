@@ -1,7 +1,7 @@
 """What the mapped floor costs: `python benchmarks/floor.py RECORDING ... [--demo]`.
 
-Maps each recording twice, with the floor and without, frame by frame in turn, and counts seconds of
-the processor. Prints Markdown rows.
+Maps each recording twice, without the floor and then with it, and counts seconds of the processor.
+Prints Markdown rows.
 """
 
 from __future__ import annotations

@@ -6,7 +6,8 @@ import base64
 import binascii
 import math
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from datetime import datetime
 from typing import Final
 
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from pyoxigraph import Literal, NamedNode, Quad
 
 from kg import vocabulary as v
+from kg.answers import Value
 from kg.engine import Engine
 from kg.errors import InvalidFactError
 from kg.fact_values import number_literal, properties_of, time_literal
@@ -109,21 +111,44 @@ def decoded(text: str) -> NDArray[np.uint8] | None:
     return cells if cells.max() <= TALL else None
 
 
+def tiles_of_rows(rows: Iterable[Mapping[str, Value]]) -> tuple[FloorTile, ...]:
+    """Tiles of the rows of `queries/goals-floor.rq`, in their order; other rows are left out."""
+    found: dict[str, FloorTile] = {}
+    for row in rows:
+        changed = row["changed"]
+        if not isinstance(changed, datetime) or str(row["iri"]) in found:
+            continue
+        metres = (row["x"], row["y"], row["z"], row["cellSize"])
+        tile = _made(row["storey"], metres, row["cells"], changed.timestamp())
+        if tile is not None:
+            found[str(row["iri"])] = tile
+    return tuple(found.values())
+
+
 def _tile(held: Mapping[str, list[str]]) -> FloorTile | None:
     """A tile of its facts as texts; None where they are not those of one."""
-    cells = decoded(min(held.get(v.FLOOR_CELLS, ("",))))
     try:
-        x, y, z, size = (float(min(held[p])) for p in (v.X, v.Y, v.Z, v.CELL_SIZE))
-        storey = int(min(held[v.STOREY]))
+        metres = [min(held[p]) for p in (v.X, v.Y, v.Z, v.CELL_SIZE)]
         changed = seconds(min(held[v.SOSA_RESULT_TIME]))
-        if cells is None or storey < 0 or not all(map(math.isfinite, (x, y, z, size))):
+        return _made(min(held[v.STOREY]), metres, min(held[v.FLOOR_CELLS]), changed)
+    except (KeyError, ValueError):
+        return None
+
+
+def _made(storey: Value, metres: Sequence[Value], text: Value, changed: float) -> FloorTile | None:
+    """A tile of its x, y, z and cell size (4,) and its cells; None where these make none."""
+    cells = decoded(str(text))
+    try:
+        x, y, z, size = (float(str(number)) for number in metres)
+        number = int(str(storey))
+        if cells is None or number < 0 or not all(map(math.isfinite, (x, y, z, size))):
             return None
         span = size * len(cells)
         column, row = round(x / span), round(y / span)
         if not math.isfinite(span) or max(abs(column), abs(row)) > MOST_TILES:
             return None
-    except (KeyError, ValueError, ZeroDivisionError, OverflowError):
+    except (ValueError, ZeroDivisionError, OverflowError):
         return None
     if size <= 0 or max(abs(x - column * span), abs(y - row * span)) > 0.01:
         return None  # no tile of this grid
-    return FloorTile(storey, column, row, z, size, cells, changed)
+    return FloorTile(number, column, row, z, size, cells, changed)

@@ -149,9 +149,10 @@ class _Run:
         place, scores = self._view(frame)
         if self._floor is not None:
             with self.clock.stage("floor"):
-                self._floor.refresh()
                 self._floor.add(frame)
         with self._map.hold():  # nobody writes between what is read and what follows from it
+            if self._floor is not None:
+                self._floor.refresh()
             with self.clock.stage("map"):
                 self._places.refresh()
                 changes = self._object_mapper.step(frame, detections)
@@ -175,9 +176,12 @@ class _Run:
 
     def finish(self) -> None:
         """Write what of the floor no frame was to write any more."""
-        rest = () if self._floor is None else self._floor.take_rest()
-        if rest:
-            with self.clock.stage("graph"):
+        if self._floor is None:
+            return
+        with self._map.hold(), self.clock.stage("graph"):
+            self._floor.refresh()
+            rest = self._floor.take_rest()
+            if rest:
                 self._map.apply(MapUpdate(recording=self._progress, floor=rest))
 
     def _view(self, frame: Frame) -> tuple[str | None, SceneScores | None]:

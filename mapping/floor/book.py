@@ -26,7 +26,7 @@ _Place = tuple[int, Key]  # storey and tile
 class _Page:
     """One tile: its evidence, and what the graph was last told."""
 
-    __slots__ = ("seen", "tile", "told", "written")
+    __slots__ = ("seen", "tile", "told", "unread", "written")
 
     def __init__(self, settings: FloorSettings, known: FloorTile | None) -> None:
         shape = (settings.side, settings.side)
@@ -34,6 +34,7 @@ class _Page:
         self.tile = Tile(settings, None if known is None else known.cells)
         self.written = -np.inf  # [s] stamp of the frame that it was last told with
         self.seen = 0.0  # [s] stamp of the last frame that said anything of it
+        self.unread = False  # whether one did since it was last compared with what was told
 
 
 class FloorBook:
@@ -78,7 +79,7 @@ class FloorBook:
                 page = _Page(self._settings, self._known(place))
             self._pages[place] = page
             page.tile.add(free, hit, tall, self._settings)
-            page.seen = stamp
+            page.seen, page.unread = stamp, True
             self._fresh[place] = None
 
     def _known(self, place: _Place) -> FloorTile | None:
@@ -95,7 +96,8 @@ class FloorBook:
         """
         s = self._settings
         old = list(self._pages)[: max(len(self._pages) - s.kept, 0)]
-        due = [p for p in self._fresh if abs(stamp - self._pages[p].written) >= s.pause]
+        fresh = ((place, self._pages[place]) for place in self._fresh)
+        due = [p for p, page in fresh if page.unread and abs(stamp - page.written) >= s.pause]
         found = self._told(due, s.enough) + self._told([p for p in old if p in self._fresh], 1)
         for place in old:
             del self._pages[place]
@@ -111,6 +113,7 @@ class FloorBook:
         for place in places:
             storey, (column, row) = place
             page = self._pages[place]
+            page.unread = False
             states = page.tile.states(s)
             differs = int((states != page.told).sum())
             if differs < least:

@@ -19,6 +19,7 @@ from planner.space.mapped import MappedFloor, seen_space
 
 _LEAST: float = 0.3  # [m] side of a rectangle that is floor
 _MOST_CELLS: float = 4e5  # of a grid; larger buildings get larger cells
+_COARSE: float = 1.0  # [m] larger cells show no doors
 _MOST_YARDS: int = 40
 _MARGIN: float = BEHIND + 0.2  # [m] of grid around what was seen
 
@@ -50,10 +51,11 @@ class Ground:
         return int(self.space.room.reshape(-1)[self.space.nearest(p_map)])
 
     def seen_share(self, place: str) -> float:
-        """Share of a place that was seen, 0..1; 1 where nobody knows."""
+        """Share of a place that was seen, 0..1; 1 where nobody knows, or it is all wall."""
         if self.seen is None or place not in self.rooms:
             return 1.0
-        return float(self.seen.reshape(-1)[self.space.inside(self.rooms.index(place))].mean())
+        inside = self.space.inside(self.rooms.index(place))
+        return float(self.seen.reshape(-1)[inside].mean()) if len(inside) else 1.0
 
 
 def ground_of(
@@ -74,7 +76,14 @@ def ground_of(
     if not rooms and not yards:
         return None
     parts = [*rooms, *yards]
-    space = free_space(parts, cell=_cell(parts))
+    cell = _cell(parts)
+    if floor is not None:
+        with_floor = _cell([*parts, Room(*floor.bounds.T.reshape(-1).tolist())])
+        if with_floor > max(cell, _COARSE):
+            floor = None  # it lies far from all places
+        else:
+            cell = with_floor
+    space = free_space(parts, cell=cell)
     iris = (*(p.iri for p in with_area), *("" for _ in yards))
     names = (*(p.label for p in with_area), *("open floor" for _ in yards))
     if floor is None:

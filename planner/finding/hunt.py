@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from kg.floor import tiles_of_rows
 from kg.placement.table import placement_table
 from kg.semantic_map import SemanticMap
 from planner.finding.candidates import Candidate, Gatherer, map_time
@@ -295,7 +296,7 @@ def _ground(
     """The floor as the map has seen it, on the storey where its robot is."""
     robot = semantic_map.robot()
     height = None if robot is None else float(robot.p_map[2])
-    floor = mapped_floor(semantic_map.floor(), height)
+    floor = mapped_floor(tiles_of_rows(semantic_map.ask("goals-floor").records()), height)
     return ground_of(places, spots, settings, floor, semantic_map.base)
 
 
@@ -317,6 +318,6 @@ def _stands(
         mass = np.bincount(of_cell, weight, minlength=len(ground.rooms))
         size = np.bincount(of_cell, minlength=len(ground.rooms))
         best = np.argsort(-mass / np.sqrt(np.maximum(size, 1)), kind="stable")[:MOST_ROOMS]
-        floor = space.floor()
-        space = space.without(floor[~np.isin(space.room.reshape(-1)[floor], best)])
+        inside = space.inside()
+        space = space.without(inside[~np.isin(space.room.reshape(-1)[inside], best)])
     return standing_cells(space, sensor.far, near=sensor.near, covers=covers, besides=besides)

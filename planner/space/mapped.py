@@ -7,6 +7,7 @@ with doors assumed. So planning never fails for lack of depth.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -23,6 +24,9 @@ from planner.space.parts import parts
 MOST_CELLS: Final = 1 << 28  # of a storey in memory: 800 m by 800 m in cells of 0.05 m
 FEW: Final = 2  # fine cells with something in them that close a cell; fewer are noise
 _HIGHEST_CAMERA: Final = 2.4  # [m] above its floor
+_CELLS: Final = (0.001, 1.0)  # [m] the least and the greatest cell of a floor that is planned on
+_REACH: Final = 4096  # cells from the middle of a floor that are kept: 205 m
+_FURTHEST: Final = 10**9  # number of a tile
 _ISLAND: Final = 1.0  # [m^2] less floor than this, cut off from the rest, is noise
 _WHOLE: Final = 0.5  # share of a room that nothing leads to, and is believed in all the same
 
@@ -66,7 +70,7 @@ def mapped_floor(
     None where no tile says that anything is free there. Raises LayoutError where tiles lie further
     apart than memory reaches.
     """
-    tiles = [tile for tile in tiles if storey in (None, tile.storey)]
+    tiles = [tile for tile in tiles if storey in (None, tile.storey) and _usable(tile)]
     storeys: dict[int, list[FloorTile]] = {}
     for tile in tiles:
         storeys.setdefault(tile.storey, []).append(tile)
@@ -81,6 +85,7 @@ def mapped_floor(
 
 
 def _put_together(tiles: Sequence[FloorTile]) -> MappedFloor:
+<<<<<<< HEAD
     """One array of the tiles that are cut alike (as the first one is)."""
     first = tiles[0]
     side, size = len(first.cells), first.resolution
@@ -95,9 +100,52 @@ def _put_together(tiles: Sequence[FloorTile]) -> MappedFloor:
         )
     states = np.full((nx, ny), UNKNOWN, np.uint8)
     for tile in alike:
+=======
+    """One array of the tiles that are cut alike, as most of what is free is.
+
+    A graph may hold a tile anywhere: what lies far from the middle of the others is left out.
+    """
+    free = {id(tile): int((tile.cells == FREE).sum()) for tile in tiles}
+    cuts = Counter[tuple[int, float]]()
+    for tile in tiles:
+        cuts[_cut(tile)] += free[id(tile)]
+    (side, size), _ = cuts.most_common(1)[0]
+    alike = [tile for tile in tiles if _cut(tile) == (side, size)]
+    near = _about_the_middle(alike, [tile for tile in alike if free[id(tile)]], _REACH // side)
+    low = np.min([(t.column, t.row) for t in near], axis=0)
+    high = np.max([(t.column, t.row) for t in near], axis=0)
+    states = np.full(tuple((high - low + 1) * side), UNKNOWN, np.uint8)
+    for tile in near:
+>>>>>>> rev2
         i, j = (np.array([tile.column, tile.row]) - low) * side
         states[i : i + side, j : j + side] = tile.cells
-    return MappedFloor(low * side * size, size, states, first.storey, side * size)
+    return MappedFloor(low * side * size, size, states, near[0].storey, side * size)
+
+
+def _cut(tile: FloorTile) -> tuple[int, float]:
+    return len(tile.cells), tile.resolution
+
+
+def _about_the_middle(
+    tiles: Iterable[FloorTile], of: Sequence[FloorTile], reach: int
+) -> list[FloorTile]:
+    """The `tiles` no more than `reach` tiles from the one in the middle `of` these."""
+    x, y = (sorted(numbers)[len(of) // 2] for numbers in zip(*map(_number, of), strict=True))
+    middle = min(of, key=lambda t: (abs(t.column - x) + abs(t.row - y), _number(t)))
+    return [
+        tile
+        for tile in tiles
+        if max(abs(tile.column - middle.column), abs(tile.row - middle.row)) <= reach
+    ]
+
+
+def _number(tile: FloorTile) -> tuple[int, int]:
+    return tile.column, tile.row
+
+
+def _usable(tile: FloorTile) -> bool:
+    near = max(abs(tile.column), abs(tile.row)) <= _FURTHEST
+    return near and _CELLS[0] <= tile.resolution <= _CELLS[1]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -157,17 +205,15 @@ def _coarse(space: FreeSpace, floor: MappedFloor) -> States:
     """
     nx, ny = space.shape
     size, fine = space.cell, floor.resolution
-    first = floor.origin - space.origin
-    x, y = (
-        np.floor((low + (np.arange(n) + 0.5) * fine) / size)
-        for low, n in zip(first, floor.states.shape, strict=True)
-    )
-    number = (x[:, None] * ny + y[None, :]).astype(np.intp)
-    inside = ((x >= 0) & (x < nx))[:, None] & ((y >= 0) & (y < ny))[None, :]
+    at = np.argwhere(floor.states != UNKNOWN)
+    state = floor.states[tuple(at.T)]
+    p_map = floor.origin + (at + 0.5) * fine
+    x, y = np.floor((p_map - space.origin) / size).astype(np.intp).T
+    inside = (x >= 0) & (x < nx) & (y >= 0) & (y < ny)
 
     def count(*states: int) -> NDArray[np.intp]:
-        chosen = number[np.isin(floor.states, states) & inside]
-        return np.bincount(chosen, minlength=nx * ny).reshape(nx, ny)
+        chosen = np.isin(state, states) & inside
+        return np.bincount(x[chosen] * ny + y[chosen], minlength=nx * ny).reshape(nx, ny)
 
     found = np.full((nx, ny), UNKNOWN, np.uint8)
     found[count(FREE) >= (size / fine) ** 2 / 2] = FREE

@@ -78,20 +78,23 @@ def room_covers(
 def _peepholes(
     space: FreeSpace, stands: Sequence[int], near: float, reach: float, cover: float
 ) -> list[int]:
-    """Floor that sees what `stands` leave unseen of rooms of which they see less than `cover`."""
+    """Floor that sees what `stands` leave unseen of rooms of which they see less than `cover`.
+
+    Of rooms with nothing but tables in them too: these are seen from the floor of others.
+    """
     unseen = np.zeros(space.room.size, np.bool_)
     unseen[space.inside()] = True
     standing = space.free.reshape(-1)
     for stand in stands:
         unseen[_shown(space, stand, near, reach)] = False
     taken: list[int] = []
-    for room in _rooms(space):
-        floor = space.inside(room)
-        if unseen[floor].mean() <= 1 - cover:
+    for room in np.unique(space.room[space.open]):
+        cells = space.inside(int(room))
+        if unseen[cells].mean() <= 1 - cover:
             continue
-        views = {int(cell): _shown(space, int(cell), near, reach) for cell in floor[unseen[floor]]}
-        while unseen[floor].mean() > 1 - cover:
-            left = [views[int(cell)] for cell in floor[unseen[floor]]]
+        views = {int(cell): _shown(space, int(cell), near, reach) for cell in cells[unseen[cells]]}
+        while unseen[cells].mean() > 1 - cover:
+            left = [views[int(cell)] for cell in cells[unseen[cells]]]
             count = np.bincount(np.concatenate(left), minlength=unseen.size) * standing
             best = int(np.argmax(count))  # sight is the same in both directions
             if not count[best]:
@@ -102,7 +105,7 @@ def _peepholes(
 
 
 def _shown(space: FreeSpace, stand: int, near: float, reach: float) -> Cells:
-    """The floor cells seen from `stand`, none nearer than `near` [m]."""
+    """The cells seen from `stand`, none nearer than `near` [m]."""
     cells, offset = visible(space, stand, reach)
     return np.asarray(cells[(offset**2).sum(axis=1) >= near**2], np.intp)
 

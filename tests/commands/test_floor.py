@@ -76,6 +76,8 @@ def test_the_floor_of_then(folder, tmp_path, capsys):
         (["-o", "floor.png"], "ends with .yaml"),
         (["-o", "nowhere/floor.yaml"], "cannot write"),
         (["-o", "floor.yaml", "--storey", "7"], "there are: 0, 1"),
+        (["-o", "two\nlines.yaml"], "must be text"),
+        (["-o", "\udcff.yaml"], "must be text"),
     ],
 )
 def test_what_does_not_work_is_said_in_one_line(
@@ -85,6 +87,13 @@ def test_what_does_not_work_is_said_in_one_line(
     assert main(["floor", str(folder), *options]) == 1
     out, err = capsys.readouterr()
     assert out == "" and message in err and err.count("\n") == 1
+
+
+@pytest.mark.parametrize("name", ["my floor", "1: first", "-"])
+def test_a_name_that_yaml_would_misread_is_quoted(folder, tmp_path, name):
+    assert main(["floor", str(folder), "-o", f"{tmp_path}/{name}.yaml"]) == 0
+    assert f'image: "{name}.pgm"\n' in (tmp_path / f"{name}.yaml").read_text()
+    assert read_grid(tmp_path / f"{name}.yaml").free.any()
 
 
 def test_a_map_without_a_floor_says_so(tmp_path, capsys):

@@ -5,17 +5,18 @@ from __future__ import annotations
 import base64
 import zlib
 from dataclasses import replace
+from datetime import UTC, datetime
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from kg.check import check_map
 from kg.errors import InvalidFactError, ShapeError
 from kg.export import export_text
-from kg.floor import decoded, encoded, iri_of
+from kg.floor import decoded, encoded, iri_of, tiles_of_rows
 from kg.records import FREE, LOW, FloorTile, MapUpdate
 from kg.semantic_map import SemanticMap
 
@@ -31,6 +32,7 @@ def semantic_map():
         yield made
 
 
+a_few = settings(max_examples=25)  # a map each
 tiles = st.builds(
     FloorTile,
     storey=st.integers(0, 9),
@@ -45,6 +47,7 @@ tiles = st.builds(
 )
 
 
+@a_few
 @given(tiles)
 def test_a_tile_comes_back_as_it_was(tile):
     with SemanticMap.in_memory(base=BASE) as semantic_map:
@@ -54,6 +57,45 @@ def test_a_tile_comes_back_as_it_was(tile):
     assert np.array_equal(found.cells, tile.cells)
     for name in ("storey", "column", "row", "height", "resolution", "changed"):
         assert getattr(found, name) == getattr(tile, name)
+
+
+@a_few
+@given(st.lists(tiles, max_size=4, unique_by=lambda t: (t.storey, t.column, t.row)))
+def test_the_question_for_the_floor_gives_the_same_tiles(some):
+    with SemanticMap.in_memory(base=BASE) as semantic_map:
+        semantic_map.apply(MapUpdate(floor=tuple(some)))
+        asked = tiles_of_rows(semantic_map.ask("goals-floor").records())
+        held = semantic_map.floor()
+    by_number = {(t.storey, t.column, t.row): t for t in asked}
+    assert len(asked) == len(by_number) == len(held) == len(some)
+    for tile in held:
+        same = by_number[tile.storey, tile.column, tile.row]
+        assert np.array_equal(same.cells, tile.cells)
+        for name in ("height", "resolution", "changed"):
+            assert getattr(same, name) == getattr(tile, name)
+
+
+ROW = {
+    "iri": f"{BASE}floor/0/2_-1",
+    "storey": 0,
+    "x": 6.4,
+    "y": -3.2,
+    "z": 0.0,
+    "cellSize": 0.05,
+    "cells": encoded(CELLS),
+    "changed": datetime.fromtimestamp(1e9, UTC),
+}
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"changed": "then"}, {"cells": "?"}, {"storey": -1}, {"x": "left"}, {"x": 6.5}, {"y": None},
+     {"z": float("nan")}, {"cellSize": 0}, {"cellSize": True}, {"storey": 0.5}],
+)  # fmt: skip
+def test_a_row_that_is_no_tile_is_left_out(wrong):
+    assert tiles_of_rows([{**ROW, **wrong}, ROW])[0].column == 2
+    assert tiles_of_rows([{**ROW, **wrong}]) == ()
+    assert len(tiles_of_rows([ROW, {**ROW, "storey": 4}])) == 1  # of one thing, one tile
 
 
 def test_a_changed_tile_replaces_what_was_known_and_nothing_else(semantic_map):

@@ -222,3 +222,18 @@ def test_without_the_floor_there_is_none(
     detector = scripted_detector({}, make_detections())
     map_recording(list_recording([look(WALL)]), semantic_map, detector, floor=False)
     assert semantic_map.floor() == ()
+
+
+def test_what_a_person_deletes_at_the_last_moment_stays_deleted(
+    semantic_map, look, list_recording, scripted_detector, make_detections
+):
+    frames = [look(BOX, WALL, at=(0.0, 0.1 * n, 1.2), stamp=1e9 + 0.5 * n) for n in range(3)]
+
+    def delete(report):
+        if report.index == 2:
+            every = "DELETE { ?t ?p ?o } WHERE { ?t a here:FloorTile ; ?p ?o }"
+            semantic_map.update(every, by="Ada")
+
+    detector = scripted_detector({}, make_detections())
+    map_recording(list_recording(frames), semantic_map, detector, on_frame=delete)
+    assert semantic_map.floor() == ()

@@ -23,6 +23,7 @@ from planner.space.geodesic import distance_fields
 from planner.space.grid import NO_ROOM, FreeSpace, Room
 from planner.space.mapped import SeenSpace, mapped_floor, seen_space
 from planner.space.sight import visible
+from planner.viewing.covers import standing_cells
 
 SIDE = 64
 CELL = 0.05
@@ -136,6 +137,51 @@ def test_specks_close_no_door() -> None:
     assert metres(space_of(noisy, LEFT, RIGHT).space, (3.0, 1.0), (5.0, 1.0)) < 2.3
 
 
+def test_a_room_of_tables_alone_is_seen_from_the_floor_of_others() -> None:
+    table = Room(5.8, 7.9, 1.8, 3.9)
+    drawing = two_rooms().draw((5.7, 8.0), (1.7, 4.0), LOW).draw((7.9, 8.0), (0.0, 4.0), TALL)
+    space = space_of(drawing.draw((0.0, 8.0), (3.9, 4.0), TALL), LEFT, RIGHT, table).space
+    assert not len(space.floor(2)) and len(space.inside(2)) > 50
+    reach, near = 2.0, 0.8
+    stands = standing_cells(space, reach, near=near, covers=1)
+    assert space.free.reshape(-1)[stands].all()
+    shown = [visible(space, int(stand), reach) for stand in stands]
+    seen = {int(c) for cells, off in shown for c in cells[np.hypot(*off.T) >= near]}
+    every = [visible(space, int(stand), reach) for stand in space.floor()]
+    seeable = {int(c) for cells, off in every for c in cells[np.hypot(*off.T) >= near]}
+    assert set(space.inside(2).tolist()) & seeable <= seen
+
+
+def odd(column: int, row: int, resolution: float, side: int) -> FloorTile:
+    cells = np.full((side, side), FREE, np.uint8)
+    return FloorTile(0, column, row, 0.0, resolution, cells, 1e9)
+
+
+@pytest.mark.parametrize(
+    "stray",
+    [odd(10**6, -(10**6), CELL, SIDE), odd(-5, -5, 1e6, 1), odd(0, 0, 1e-3, SIDE),
+     odd(10**300, 0, CELL, SIDE), odd(0, 0, 1e300, SIDE)],
+    ids=["far", "huge", "fine", "beyond numbers", "beyond metres"],
+)  # fmt: skip
+def test_a_tile_that_belongs_to_no_floor_is_left_out(stray: FloorTile) -> None:
+    usual = mapped_floor(hall().tiles())
+    for tiles in ((stray, *hall().tiles()), (*hall().tiles(), stray)):
+        floor = mapped_floor(tiles)
+        assert floor is not None and usual is not None
+        assert np.array_equal(floor.states, usual.states)
+        assert np.array_equal(floor.origin, usual.origin)
+
+
+def test_a_floor_far_from_all_places_is_not_planned_on(semantic_map: SemanticMap) -> None:
+    away = [replace(tile, column=tile.column + 10**6) for tile in hall().tiles()]
+    nodes = "DELETE { ?t ?p ?o } WHERE { ?t a here:FloorTile ; ?p ?o }"
+    semantic_map.update(nodes, by="Ada")
+    semantic_map.apply(MapUpdate(floor=tuple(away)))
+    hunt = hunt_for(semantic_map, "bed")
+    assert {c.kind for c in hunt.candidates} == {"place"}
+    assert hunt.space.shape < (100, 100)
+
+
 def test_the_storey_of_the_robot_counts() -> None:
     upstairs = Drawing(1, 3.0).draw((0.0, 1.0), (0.0, 1.0), FREE)
     tiles = (*two_rooms().tiles(), *upstairs.tiles())
@@ -238,6 +284,18 @@ def test_what_was_not_seen_of_a_room_holds_more(semantic_map: SemanticMap) -> No
     assert even == pytest.approx(1.0, rel=1e-6)
     assert ratio > 1.5
     assert "% of its floor seen" in said
+
+
+def test_a_place_that_turned_out_to_be_all_wall_holds_the_others_up_in_nothing(
+    semantic_map: SemanticMap,
+) -> None:
+    kind = semantic_map.catalogue.find("kitchen", "place").iri
+    solid = PlaceRecord(semantic_map.place_iri(2), "pillar", 1, 1.6, 1, 1.6, 9, {kind: 0.9})
+    walled = hall().draw((0.9, 1.7), (0.9, 1.7), TALL)
+    semantic_map.apply(MapUpdate(places=(solid,), floor=walled.tiles()))
+    hunt = hunt_for(semantic_map, "cup")
+    assert all(0 <= c.probability <= 1 for c in hunt.candidates)
+    assert 0 < hunt.left < 1
 
 
 def test_a_grid_from_a_file_outranks_the_mapped_floor(
