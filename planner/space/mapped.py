@@ -15,13 +15,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.errors import LayoutError
 from kg.records import FREE, LOW, TALL, UNKNOWN, FloorTile
 from planner.space.building import joined
 from planner.space.grid import NO_ROOM, FreeSpace, Passage, Room, room_labels
 from planner.space.parts import parts
 
-MOST_CELLS: Final = 1 << 28  # of a storey in memory: 800 m by 800 m in cells of 0.05 m
 FEW: Final = 2  # fine cells with something in them that close a cell; fewer are noise
 _HIGHEST_CAMERA: Final = 2.4  # [m] above its floor
 _CELLS: Final = (0.001, 1.0)  # [m] the least and the greatest cell of a floor that is planned on
@@ -67,8 +65,7 @@ def mapped_floor(
 ) -> MappedFloor | None:
     """A `storey`; by default that of a camera at `height` [m], without one that with most floor.
 
-    None where no tile says that anything is free there. Raises LayoutError where tiles lie further
-    apart than memory reaches.
+    None where no tile says that anything is free there.
     """
     tiles = [tile for tile in tiles if storey in (None, tile.storey) and _usable(tile)]
     storeys: dict[int, list[FloorTile]] = {}
@@ -85,22 +82,6 @@ def mapped_floor(
 
 
 def _put_together(tiles: Sequence[FloorTile]) -> MappedFloor:
-<<<<<<< HEAD
-    """One array of the tiles that are cut alike (as the first one is)."""
-    first = tiles[0]
-    side, size = len(first.cells), first.resolution
-    alike = [t for t in tiles if len(t.cells) == side and t.resolution == size]
-    low = np.min([(t.column, t.row) for t in alike], axis=0)
-    high = np.max([(t.column, t.row) for t in alike], axis=0)
-    nx, ny = (int(n) * side for n in high - low + 1)
-    if nx * ny > MOST_CELLS:
-        raise LayoutError(
-            f"the mapped floor of storey {first.storey} would have {nx} x {ny} cells, more than "
-            f"{MOST_CELLS}: a tile lies too far from the others; `hereabouts update` removes it"
-        )
-    states = np.full((nx, ny), UNKNOWN, np.uint8)
-    for tile in alike:
-=======
     """One array of the tiles that are cut alike, as most of what is free is.
 
     A graph may hold a tile anywhere: what lies far from the middle of the others is left out.
@@ -116,7 +97,6 @@ def _put_together(tiles: Sequence[FloorTile]) -> MappedFloor:
     high = np.max([(t.column, t.row) for t in near], axis=0)
     states = np.full(tuple((high - low + 1) * side), UNKNOWN, np.uint8)
     for tile in near:
->>>>>>> rev2
         i, j = (np.array([tile.column, tile.row]) - low) * side
         states[i : i + side, j : j + side] = tile.cells
     return MappedFloor(low * side * size, size, states, near[0].storey, side * size)
