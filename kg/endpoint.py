@@ -269,8 +269,8 @@ class Endpoint:
             raise SyntaxError(said)
         if reply.status_code in (401, 403):
             raise RemoteError(
-                f"{self.where} refused ({reply.status_code}{said and ': '}{said}); a token of its "
-                f"goes into {TOKEN_VARIABLE}, or user:password@ into the address"
+                f"{self.where} refused ({reply.status_code}{said and ': '}{said}); one of its "
+                f"tokens goes into {TOKEN_VARIABLE}, or user:password@ into the address"
             )
         raise RemoteError(f"{self.where} answered {reply.status_code}: {said or reply.reason}")
 

@@ -195,5 +195,5 @@ def _refusal(where: str, status: int, told: Any) -> HereaboutsError:
     kind = getattr(errors, str(told.get("error", "")), None)
     if isinstance(kind, type) and issubclass(kind, HereaboutsError):
         return kind(detail)
-    hint = f"; a token of its goes into {TOKEN_VARIABLE}" if status == 401 else ""
+    hint = f"; one of its tokens goes into {TOKEN_VARIABLE}" if status == 401 else ""
     return RemoteError(f"{where} refused ({status}): {detail}{hint}")
