@@ -25,8 +25,9 @@ class State:
     """Which state of the map an answer is about."""
 
     sequence: int
-    modified: int | None  # [s] since 1970, from which on nothing had changed; None: not told
+    modified: int | None  # [s] since 1970, from which on nothing had changed; None: not known
     form: str = ""  # in which format, where the answers of a state in one format are all the same
+    past: bool = True  # whether that moment is past: while it is to come, more may change before it
 
     @property
     def tag(self) -> str:
@@ -37,7 +38,7 @@ class State:
     def headers(self) -> dict[str, str]:
         """What the answer says of it."""
         told = {"ETag": self.tag, "Cache-Control": "no-cache"}
-        if self.modified is not None:
+        if self.modified is not None and self.past:
             moment = datetime.fromtimestamp(self.modified, UTC)
             told["Last-Modified"] = format_datetime(moment, usegmt=True)
         return told
@@ -49,7 +50,9 @@ class State:
             given = {tag.removeprefix("W/") for tag in _tags(tags)}
             return "*" in given or self.tag.removeprefix("W/") in given
         since = _moment(request.headers.get("if-modified-since"))
-        return since is not None and self.modified is not None and self.modified <= since
+        if since is None or self.modified is None or not self.past:
+            return False
+        return self.modified <= since
 
 
 def refuse_unforeseen(request: Request, state: State, *, exists: bool) -> None:
@@ -89,15 +92,17 @@ def state_of(semantic_map: SemanticMap) -> State:
     """The state the map is in now.
 
     HTTP dates are whole seconds. A commit counts as of the second after it, and while that is still
-    to come there is no date: so no second commit of the same second goes unnoticed.
+    to come no date is told: so no second commit of the same second goes unnoticed.
     """
     sequence = semantic_map.sequence
     try:
         last = semantic_map.history.last_time
     except HistoryError:
         return State(sequence, None)
+    if not last > 0:
+        return State(sequence, None)
     modified = math.floor(last) + 1
-    return State(sequence, modified if last > 0 and modified <= time.time() else None)
+    return State(sequence, modified, past=modified <= time.time())
 
 
 def _moment(text: str | None) -> float | None:

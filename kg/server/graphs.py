@@ -115,7 +115,7 @@ def _state(serving: Serving, graph: NamedNode | None, form: str) -> State:
     """Which state a graph is in: the last transaction that changed it, or any of them."""
     state = state_of(serving.semantic_map)
     number = state.sequence if graph is None else serving.tally.changed(graph)
-    return State(number, state.modified, form)
+    return State(number, state.modified, form, state.past)
 
 
 def _refuse_unforeseen(serving: Serving, request: Request, graph: NamedNode | None) -> None:
