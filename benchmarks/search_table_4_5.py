@@ -21,11 +21,16 @@ from statistics import fmean
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.stopping_on_sight import SENSOR, from_viewpoints, order_for_sight, sighted
+from benchmarks.stopping_on_sight import (
+    SENSOR,
+    best_order,
+    from_viewpoints,
+    middles,
+    order_for_sight,
+    sighted,
+)
 from kg.records import PlaceRecord
 from planner.goals import Goal, derive_goals
-from planner.ordering.problem import OrderingProblem
-from planner.ordering.solve import solve
 from planner.reference_world import TableRow, reference_world, table_4_5
 from planner.search import nearest_first
 from planner.space.grid import Room
@@ -85,7 +90,7 @@ def _line(
     start = row.scenario.start
     place = places[row.scenario.object_place]
     p_object = _pose(row, place)
-    order, proven = _best_order(start, goals)
+    order, proven = best_order(start, middles(goals))
     nearest = [step.goal for step in nearest_first(start, goals).steps]
     said = row.scenario.published
     seconds = {
@@ -120,20 +125,6 @@ def _middle(place: PlaceRecord) -> NDArray[np.float64]:
 
 def _goal_at(place: PlaceRecord) -> Goal:
     return Goal(place.iri, "place", place.label, _middle(place), 1.0, "it is there")
-
-
-def _best_order(start: NDArray[np.float64], goals: Sequence[Goal]) -> tuple[list[Goal], bool]:
-    travel = Travel()
-    at = np.array([goal.p_map for goal in goals])
-    between = np.array([distances(p, at) for p in at]) / travel.speed
-    problem = OrderingProblem(
-        p=np.array([goal.probability for goal in goals]),
-        T=between,
-        t0=distances(start, at) / travel.speed,
-        explore=np.full(len(goals), travel.explore),
-    )
-    found = solve(problem)
-    return [goals[i] for i in found.order], found.proven
 
 
 def _turning(start: NDArray[np.float64], order: Sequence[Goal], place: PlaceRecord) -> float:

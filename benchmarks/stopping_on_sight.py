@@ -42,9 +42,8 @@ class Stop:
     ends: tuple[float, float] | None  # [rad] first and last heading of the sweep; None: whole turn
 
     def headings(self, arriving: float) -> NDArray[np.float64]:
-        """[rad] of the camera, from the one it arrives with; it turns to the nearer end first."""
-        if self.ends is None:
-            return arriving + np.arange(0.0, 2 * np.pi, _TURN_STEP)
+        """[rad] of the camera in a sweep, from the one it arrives with on; nearer end first."""
+        assert self.ends is not None, "a whole turn shows all, by the shorter way round"
         first, last = sorted(self.ends, key=lambda end: float(angle_between(end, arriving)))
         to_first = (first - arriving + np.pi) % (2 * np.pi) - np.pi
         count = [max(2, 1 + int(abs(turn) / _TURN_STEP)) for turn in (to_first, last - first)]
@@ -59,25 +58,41 @@ class Stop:
         return (to_end + abs(self.ends[1] - self.ends[0])) / Motion().turn_rate
 
 
-def sighted(
-    start: Point,
-    order: Sequence[Goal],
-    place: PlaceRecord,
-    p_object: Point,
-) -> float:
+#: the goals in the order they are searched in, and where each is looked over from
+Route = list[tuple[Goal, Stop]]
+
+
+def sighted(start: Point, order: Sequence[Goal], place: PlaceRecord, p_object: Point) -> float:
     """Seconds until the camera, forward on the way and round in a turn, first shows the object."""
-    travel, here, seconds = Travel(), start, 0.0
-    for goal in order:
-        leg = goal.p_map - here
+    seconds, _, shown = _driven(start, middles(order), place, p_object)
+    if not shown:
+        raise AssertionError(f"{place.label} is among the goals of every search of the table")
+    return seconds
+
+
+def middles(goals: Sequence[Goal]) -> Route:
+    """The thesis' way of searching: a whole turn in the middle of each."""
+    return [(goal, Stop(goal.p_map, None)) for goal in goals]
+
+
+def _driven(
+    start: Point, route: Route, place: PlaceRecord, p_object: Point
+) -> tuple[float, Point, bool]:
+    """[s] until the camera shows the object, where the robot then is, and whether it ever did."""
+    speed, here, seconds = Travel().speed, start, 0.0
+    for goal, stop in route:
+        leg = stop.p_map - here
+        metres, heading = float(np.hypot(*leg)), float(np.arctan2(leg[1], leg[0]))
         shown = _first_shown(here, leg, place, p_object)
         if shown is not None:
-            return seconds + shown / travel.speed
-        seconds, here = seconds + float(np.hypot(*leg)) / travel.speed, goal.p_map
+            return seconds + shown / speed, here, True
+        seconds, here = seconds + metres / speed, stop.p_map
         if goal.iri == place.iri:
-            turned = _turned_until_shown(Stop(here, None), float(np.arctan2(*leg[::-1])), p_object)
-            return seconds + (turned or 0.0) / Motion().turn_rate
-        seconds += travel.explore
-    raise AssertionError(f"{place.label} is among the goals of every search of the table")
+            turned = _turned_until_shown(stop, heading, p_object)
+            if turned is not None:
+                return seconds + turned / Motion().turn_rate, here, True
+        seconds += stop.seconds(heading)
+    return seconds, here, False
 
 
 def order_for_sight(
@@ -114,45 +129,40 @@ def from_viewpoints(
     p_object: Point,
 ) -> float:
     """Seconds until the camera shows the object, with viewpoints and their order for the goals."""
-    here, seconds = start, 0.0
-    for goal, stop in planned(start, goals, places):
-        leg = stop.p_map - here
-        metres, heading = float(np.hypot(*leg)), float(np.arctan2(leg[1], leg[0]))
-        shown = _first_shown(here, leg, place, p_object)
-        if shown is not None:
-            return seconds + shown / Travel().speed
-        seconds, here = seconds + metres / Travel().speed, stop.p_map
-        if goal.iri == place.iri:
-            turned = _turned_until_shown(stop, heading, p_object)
-            if turned is not None:
-                return seconds + turned / Motion().turn_rate
-        seconds += stop.seconds(heading)
-    return seconds + sighted(here, goals, place, p_object)
+    seconds, here, shown = _driven(start, planned(start, goals, places), place, p_object)
+    return seconds if shown else seconds + sighted(here, goals, place, p_object)
 
 
-def planned(
-    start: Point, goals: Sequence[Goal], places: Mapping[str, PlaceRecord]
-) -> list[tuple[Goal, Stop]]:
+def planned(start: Point, goals: Sequence[Goal], places: Mapping[str, PlaceRecord]) -> Route:
     """Where to stop and in which order, for the least expected time to have looked the place over.
 
     Viewpoints are optimal for their order, the order for its viewpoints.
     """
-    order = [_among(start, [Stop(goal.p_map, None) for goal in goals], goals)[0]]
-    best: tuple[float, list[tuple[Goal, Stop]]] = (np.inf, [])
+    least, best = np.inf, middles(goals)
+    ordered, _ = best_order(start, best)
     for _ in range(_ROUNDS):
-        ordered = [goals[i] for i in order[-1]]
-        expected, stops = _stops(start, ordered, [_candidates(places[g.iri]) for g in ordered])
-        if expected >= best[0] - 1e-9:
+        expected, route = _with_stops(start, ordered, places)
+        if expected >= least - 1e-9:
             break
-        best = (expected, list(zip(ordered, stops, strict=True)))
-        again, _ = _among(start, stops, ordered)
-        order.append([goals.index(ordered[i]) for i in again])
-    return best[1]
+        least, best = expected, route
+        ordered, _ = best_order(start, route)
+    return best
+
+
+def best_order(start: Point, route: Route) -> tuple[list[Goal], bool]:
+    """The goals in the order that is best for these stops, and whether that is proven."""
+    stops = [stop for _, stop in route]
+    T = np.array([[_leg(a.p_map, b) if a is not b else 0.0 for b in stops] for a in stops])
+    t0 = np.array([_leg(start, stop) for stop in stops])
+    p = np.array([goal.probability for goal, _ in route])
+    found = solve(OrderingProblem(p, T, t0, np.zeros(len(stops))))
+    return [route[i][0] for i in found.order], found.proven
 
 
 def _candidates(place: PlaceRecord) -> list[Stop]:
     """The middle, and points of the edge."""
-    x, y = (np.linspace(*ends, _A_SIDE) for ends in _extent(place))
+    x = np.linspace(place.xmin, place.xmax, _A_SIDE)
+    y = np.linspace(place.ymin, place.ymax, _A_SIDE)
     edge = [np.array([px, py]) for px in x for py in y if px in x[[0, -1]] or py in y[[0, -1]]]
     corners = np.array([[px, py] for px in x[[0, -1]] for py in y[[0, -1]]])
     middle = np.array([x.mean(), y.mean()])
@@ -168,42 +178,29 @@ def _candidates(place: PlaceRecord) -> list[Stop]:
     return stops
 
 
-def _extent(place: PlaceRecord) -> tuple[tuple[float, float], tuple[float, float]]:
-    return (place.xmin, place.xmax), (place.ymin, place.ymax)
-
-
-def _stops(
-    start: Point, ordered: Sequence[Goal], candidates: Sequence[Sequence[Stop]]
-) -> tuple[float, list[Stop]]:
+def _with_stops(
+    start: Point, ordered: Sequence[Goal], places: Mapping[str, PlaceRecord]
+) -> tuple[float, Route]:
     """The stops of least expected time for goals in this order; dynamic programming."""
     p = np.array([goal.probability for goal in ordered])
     left = p[::-1].cumsum()[::-1] / p.sum()
-    ways: list[tuple[float, tuple[Stop, ...]]] = [(0.0, ())]
-    for share, stops in zip(left, candidates, strict=True):
+    ways: list[tuple[float, Route]] = [(0.0, [])]
+    for share, goal in zip(left, ordered, strict=True):
+        on = [(cost, way, way[-1][1].p_map if way else start) for cost, way in ways]
         ways = [
             min(
-                ((cost + share * _leg(start, way, stop), (*way, stop)) for cost, way in ways),
+                ((cost + share * _leg(at, stop), [*way, (goal, stop)]) for cost, way, at in on),
                 key=lambda one: one[0],
             )
-            for stop in stops
+            for stop in _candidates(places[goal.iri])
         ]
-    expected, best = min(ways, key=lambda one: one[0])
-    return expected, list(best)
+    return min(ways, key=lambda one: one[0])
 
 
-def _leg(start: Point, way: Sequence[Stop], stop: Stop) -> float:
+def _leg(here: Point, stop: Stop) -> float:
     """[s] to drive on to `stop` and look."""
-    leg = stop.p_map - (way[-1].p_map if way else start)
+    leg = stop.p_map - here
     return float(np.hypot(*leg)) / Travel().speed + stop.seconds(float(np.arctan2(*leg[::-1])))
-
-
-def _among(start: Point, stops: Sequence[Stop], goals: Sequence[Goal]) -> tuple[list[int], bool]:
-    """The best order of these stops, and whether it is proven."""
-    T = np.array([[_leg(start, [a], b) if a is not b else 0.0 for b in stops] for a in stops])
-    t0 = np.array([_leg(start, [], stop) for stop in stops])
-    p = np.array([goal.probability for goal in goals])
-    found = solve(OrderingProblem(p, T, t0, np.zeros(len(stops))))
-    return [int(i) for i in found.order], found.proven
 
 
 def _first_shown(here: Point, leg: Point, place: PlaceRecord, p_object: Point) -> float | None:
