@@ -11,6 +11,7 @@ from pyoxigraph import NamedNode
 from kg import vocabulary as v
 from kg.assertions import Assertions
 from kg.commits import ChangeSet
+from kg.records import ObjectRecord
 from kg.semantic_map import SemanticMap
 
 _MAP: Final = NamedNode(v.MAP_GRAPH)
@@ -96,3 +97,23 @@ class OthersWrites:
         subjects = {self._assertions.subject(name) for name in names} - {None}
         with self._lock:
             self._touched |= names | {subject for subject in subjects if subject is not None}
+
+
+class PerceivedObjects(dict[str, ObjectRecord]):
+    """Objects by IRI as perception believes them; `refresh` takes in what others changed."""
+
+    def __init__(self, semantic_map: SemanticMap) -> None:
+        self._map = semantic_map
+        self._watch = OthersWrites(semantic_map)
+        super().__init__((record.iri, record) for record in semantic_map.perceived_objects())
+
+    def refresh(self) -> frozenset[str]:
+        """IRIs of what others changed since the last call; cheap where nothing was."""
+        touched = self._watch.take()
+        if not touched:
+            return touched
+        found = {record.iri: record for record in self._map.perceived_objects(touched)}
+        for iri in touched - found.keys():
+            self.pop(iri, None)
+        self.update(found)
+        return touched

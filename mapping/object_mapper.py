@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from kg.assertions import Said, believed_object
-from kg.others import OthersWrites
+from kg.others import PerceivedObjects
 from kg.records import Evidence, ObjectRecord
 from kg.semantic_map import SemanticMap
 from mapping.association import Sighting, associate, most_confident
@@ -55,8 +55,7 @@ class ObjectMapper:
         self._settings = settings
         self._places = places
         self._source = recording, model
-        self._watch = OthersWrites(semantic_map)
-        self._objects = {record.iri: record for record in semantic_map.perceived_objects()}
+        self._objects = PerceivedObjects(semantic_map)
         self._said: dict[str, Said] = {}
         self._hear(self._objects)
         self.labels = LabelBook(
@@ -93,15 +92,12 @@ class ObjectMapper:
 
     def refresh(self) -> None:
         """Read again what others changed since the last frame; cheap where nothing was."""
-        touched = self._watch.take()
+        touched = self._objects.refresh()
         if not touched:
             return
-        found = {record.iri: record for record in self._map.perceived_objects(touched)}
-        for iri in touched - found.keys():
-            self._objects.pop(iri, None)
+        for iri in touched - self._objects.keys():
             self._said.pop(iri, None)
-        self._objects |= found
-        self._hear(found)
+        self._hear(touched & self._objects.keys())
 
     def _hear(self, iris: Iterable[str]) -> None:
         """Take over what was said of some objects."""

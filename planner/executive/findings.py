@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kg.others import OthersWrites
+from kg.others import PerceivedObjects
 from kg.records import ObjectRecord
 from kg.semantic_map import SemanticMap
 from mapping.association import Sighting, associate, most_confident
@@ -38,8 +38,7 @@ class Findings:
     def __init__(self, semantic_map: SemanticMap) -> None:
         self._map = semantic_map
         self._settings = ReferenceSettings()
-        self._watch = OthersWrites(semantic_map)
-        self._objects = {record.iri: record for record in semantic_map.perceived_objects()}
+        self._objects = PerceivedObjects(semantic_map)
 
     def category(self, label: str) -> str | None:
         """IRI of the category of objects called `label`, if there is one."""
@@ -48,7 +47,7 @@ class Findings:
 
     def seen(self, things: Sequence[Detected], stamp: float) -> Seen:
         """Records of all that `things` show; what nobody knows the name of is left out."""
-        self._refresh()
+        self._objects.refresh()
         kappa = self._settings.kappa
         sightings, unknown = self._sightings(things)
         found = associate(sightings, tuple(self._objects.values()), kappa)
@@ -70,7 +69,7 @@ class Findings:
 
     def of(self, categories: Sequence[str]) -> tuple[ObjectRecord, ...]:
         """The objects of these categories (IRIs), as they are now."""
-        self._refresh()
+        self._objects.refresh()
         return tuple(r for r in self._objects.values() if r.category in categories)
 
     def missed(self, record: ObjectRecord, times: int = 1) -> ObjectRecord | None:
@@ -116,12 +115,3 @@ class Findings:
     def _said_to_be_there(self, iri: str) -> bool:
         said = self._map.assertions(iri)
         return any(a.property == "existence" and a.value == "present" for a in said)
-
-    def _refresh(self) -> None:
-        touched = self._watch.take()
-        if not touched:
-            return
-        found = {record.iri: record for record in self._map.perceived_objects(touched)}
-        for iri in touched - found.keys():
-            self._objects.pop(iri, None)
-        self._objects |= found
