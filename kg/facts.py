@@ -83,10 +83,7 @@ class Facts:
             (v.Z, Literal(z)),
             (v.IN_CELL, known_iri(cell_of(x, y))),
             (v.CONFIDENCE, _confidence(record.confidence, f"{what}: confidence")),
-            (
-                v.EXISTENCE,
-                _share(record.existence, f"{what}: existence"),
-            ),
+            (v.EXISTENCE, _share(record.existence, f"{what}: existence")),
             (v.OBSERVATION_COUNT, Literal(record.observations)),
             (v.FIRST_SEEN, time_literal(record.first_seen, f"{what}: first seen")),
             (v.LAST_SEEN, time_literal(record.last_seen, f"{what}: last seen")),

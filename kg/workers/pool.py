@@ -12,27 +12,18 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from typing import Any, Self
 
-from kg import vocabulary as v
 from kg.errors import GraphError, HistoryError, NotAcceptableError, PoolBusyError, QueryError
 from kg.semantic_map import SemanticMap
 from kg.store import MapStore
+from kg.workers.call import Call
 from kg.workers.formats import Form, choose_format
 from kg.workers.pasts import Pasts
-from kg.workers.process import Answer, WorkerDiedError, WorkerProcess
+from kg.workers.process import Answer, WorkerDiedError, WorkerProcess, settings_of
 from kg.workers.snapshots import Snapshot, Snapshots
 from kg.workers.vetting import MAX_LENGTH, refuse_length
 
-_GRAPHS = (
-    v.ONTOLOGY_GRAPH,
-    v.COMMONSENSE_GRAPH,
-    v.MAP_GRAPH,
-    v.HISTORY_GRAPH,
-    v.ASSERTIONS_GRAPH,
-    v.DATASET_GRAPH,
-)
 _WARM = 10.0  # [s] without a query until the snapshot is no longer kept fresh ahead of questions
 _TICK = 0.05  # [s] between looks at whether the snapshot is due, at the least
-_NICE = 5  # so that the writer goes first where processors are short
 
 
 class QueryPool:
@@ -60,7 +51,7 @@ class QueryPool:
         self.timeout = timeout
         self.max_result_bytes = max_result_bytes
         self.max_query_length = max_query_length
-        self._settings = _settings(memory_mb, services)
+        self._settings = settings_of(memory_mb, services)
         self._places = threading.BoundedSemaphore(workers + queue)
         self._changed = threading.Condition()
         self._idle: list[WorkerProcess] = []
@@ -119,7 +110,7 @@ class QueryPool:
         """
         request = self._request(sparql, accept, default_graphs, named_graphs, base)
         with self._place():
-            return self._run(_Call(request, self._limit(timeout), at_least, at))
+            return self._run(Call(request, self._limit(timeout), at_least, at))
 
     async def run_async(
         self,
@@ -135,7 +126,7 @@ class QueryPool:
     ) -> Answer:
         """`run` without blocking the event loop; cancelling it kills the query."""
         request = self._request(sparql, accept, default_graphs, named_graphs, base)
-        return await self._in_thread(_Call(request, self._limit(timeout), at_least, at))
+        return await self._in_thread(Call(request, self._limit(timeout), at_least, at))
 
     async def tell_async(
         self, what: str, media_type: str, *, at_least: int = 0, **asked: object
@@ -150,9 +141,9 @@ class QueryPool:
             "max_bytes": self.max_result_bytes,
             **asked,
         }
-        return await self._in_thread(_Call(request, self.timeout, at_least, None, b"T"))
+        return await self._in_thread(Call(request, self.timeout, at_least, None, b"T"))
 
-    async def _in_thread(self, call: _Call) -> Answer:
+    async def _in_thread(self, call: Call) -> Answer:
         place = self._place()
 
         def evaluate() -> Answer:
@@ -245,7 +236,7 @@ class QueryPool:
         stack.callback(self._places.release)
         return stack
 
-    def _run(self, call: _Call) -> Answer:
+    def _run(self, call: Call) -> Answer:
         for _ in range(self._workers):
             try:
                 return self._try(call)
@@ -255,7 +246,7 @@ class QueryPool:
         # all there were may have been killed together, before they were asked: this one is new
         return self._try(call)
 
-    def _try(self, call: _Call) -> Answer:
+    def _try(self, call: Call) -> Answer:
         self._last_query = time.monotonic()
         worker = self._take()
         try:
@@ -270,7 +261,7 @@ class QueryPool:
             call.end()
             self._give_back(worker)
 
-    def _state(self, worker: WorkerProcess, call: _Call) -> Snapshot:
+    def _state(self, worker: WorkerProcess, call: Call) -> Snapshot:
         """The state of the map that the call is about, leased."""
         if call.at is None:
             return self._snapshots.lease(call.at_least)
@@ -373,40 +364,6 @@ class QueryPool:
             raise GraphError("the query pool is closed; make a new one")
 
 
-class _Call:
-    """One query on its way through the pool, which another thread may cancel."""
-
-    def __init__(
-        self,
-        request: dict[str, Any],
-        timeout: float,
-        at_least: int,
-        at: int | None = None,
-        kind: bytes = b"Q",
-    ) -> None:
-        self.request, self.timeout, self.at_least = request, timeout, at_least
-        self.at, self.kind = at, kind
-        self.cancelled = False
-        self._worker: WorkerProcess | None = None
-        self._guard = threading.Lock()
-
-    def begin(self, worker: WorkerProcess) -> None:
-        with self._guard:
-            if self.cancelled:
-                raise QueryError("the query was cancelled")
-            self._worker = worker
-
-    def end(self) -> None:
-        with self._guard:
-            self._worker = None
-
-    def cancel(self) -> None:
-        with self._guard:
-            self.cancelled = True
-            if self._worker is not None:
-                self._worker.kill()
-
-
 def _keep_fresh(reference: weakref.ref[QueryPool], closed: threading.Event, refresh: float) -> None:
     # a weak reference, so that a pool nobody holds any more is let go although never closed
     while not closed.wait(refresh):
@@ -423,18 +380,6 @@ def _pasts_of(semantic_map: SemanticMap) -> Pasts | None:
         return Pasts(semantic_map.store, semantic_map.history, semantic_map.base)
     except HistoryError:
         return None
-
-
-def _settings(memory_mb: int, services: Collection[str]) -> dict[str, Any]:
-    return {
-        "memory": memory_mb << 20,
-        "nice": _NICE,
-        "services": sorted(services),
-        "prefixes": v.PREFIXES,
-        "graphs": _GRAPHS,
-        "dataset": v.DATASET_GRAPH,
-        "sequence": v.SEQUENCE,
-    }
 
 
 def _acceptable(accept: str | None, form: Form) -> str | None:

@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ import pyoxigraph
 
 import kg
 from kg import errors
+from kg import vocabulary as v
 from kg.errors import GraphError, HistoryError, QueryError, QueryTimeoutError, QueryTooLargeError
 from kg.workers.evaluator import HEAD
 from kg.workers.snapshots import Snapshot
@@ -27,6 +29,15 @@ _PATHS = list(
     dict.fromkeys(str(Path(str(m.__file__)).resolve().parent.parent) for m in (kg, pyoxigraph))
 )
 _READ = 1 << 20
+_NICE = 5  # so that the writer goes first where processors are short
+_GRAPHS = (
+    v.ONTOLOGY_GRAPH,
+    v.COMMONSENSE_GRAPH,
+    v.MAP_GRAPH,
+    v.HISTORY_GRAPH,
+    v.ASSERTIONS_GRAPH,
+    v.DATASET_GRAPH,
+)
 START_WITHIN = 60.0  # [s] that a worker has to start, or to open a snapshot
 
 
@@ -196,3 +207,16 @@ def _as_error(told: dict[str, str]) -> QueryError | HistoryError:
     kind = getattr(errors, told["error"], QueryError)
     known = issubclass(kind, QueryError | HistoryError)
     return kind(told["message"]) if known else QueryError(told["message"])
+
+
+def settings_of(memory_mb: int, services: Collection[str]) -> dict[str, Any]:
+    """What a worker is told at its start; `services` are the endpoints SERVICE may name."""
+    return {
+        "memory": memory_mb << 20,
+        "nice": _NICE,
+        "services": sorted(services),
+        "prefixes": v.PREFIXES,
+        "graphs": _GRAPHS,
+        "dataset": v.DATASET_GRAPH,
+        "sequence": v.SEQUENCE,
+    }
