@@ -68,6 +68,17 @@ def come_and_go(semantic_map: SemanticMap, number: int) -> None:
     semantic_map.update(f"DELETE WHERE {{ {thing} ?p ?o }}")
 
 
+def with_unused_terms(semantic_map: SemanticMap) -> Log:
+    """A history that was dropped, and the terms of ten things with it unused."""
+    log = semantic_map.history
+    for number in range(10):
+        come_and_go(semantic_map, number)
+    compaction._raise_floor(log, 0.0)
+    while compaction._drop_some(log)[0]:
+        pass
+    return log
+
+
 def test_compaction_drops_the_terms_that_nothing_refers_to(written: Written) -> None:
     with written(5) as semantic_map:
         log = semantic_map.history
@@ -90,12 +101,7 @@ def test_compaction_drops_the_terms_that_nothing_refers_to(written: Written) -> 
 
 def test_terms_that_are_used_again_meanwhile_stay(written: Written) -> None:
     with written(3) as semantic_map:
-        log = semantic_map.history
-        for number in range(10):
-            come_and_go(semantic_map, number)
-        compaction._raise_floor(log, 0.0)
-        while compaction._drop_some(log)[0]:
-            pass
+        log = with_unused_terms(semantic_map)
         unused = held(log) - used(log)
         assert len(unused) >= 10
         pruning, steps = Pruning(log), 0
@@ -112,12 +118,7 @@ def test_terms_that_are_used_again_meanwhile_stay(written: Written) -> None:
 
 def test_two_searches_at_once_do_not_deceive_each_other(written: Written) -> None:
     with written(3) as semantic_map:
-        log = semantic_map.history
-        for number in range(10):
-            come_and_go(semantic_map, number)
-        compaction._raise_floor(log, 0.0)
-        while compaction._drop_some(log)[0]:
-            pass
+        log = with_unused_terms(semantic_map)
         first = Pruning(log)
         first.step()
         second = Pruning(log)

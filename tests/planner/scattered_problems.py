@@ -25,6 +25,15 @@ def scattered(n: int, seed: int, model: str, metric: bool = True) -> OrderingPro
     return OrderingProblem(p, T[1:, 1:], T[0, 1:], rng.uniform(5, 60, n), model)  # type: ignore[arg-type]
 
 
+def with_no_leg(n: int, seed: int, model: str) -> OrderingProblem:
+    """As `scattered`, with two places that no time lies between."""
+    problem = scattered(n, seed, model)
+    T, explore = problem.T.copy(), problem.explore.copy()
+    T[0, 1] = T[1, 0] = 0.0
+    explore[:2] = 0.0
+    return OrderingProblem(problem.p, T, problem.t0, explore, problem.model)
+
+
 @st.composite
 def kernels(draw: st.DrawFn, odd: Sequence[float] = (0.0, 1.0)) -> Kernel:
     """Three to six places; legs that may break the triangle inequality, some chances `odd`."""

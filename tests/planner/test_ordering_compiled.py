@@ -25,7 +25,7 @@ from planner.ordering.subsets import best_order
 from planner.ordering.tangent import Tangent
 from planner.ordering.timed import TimedWalks
 from planner.ordering.walks import Walks
-from tests.planner.scattered_problems import MODELS, kernels, scattered
+from tests.planner.scattered_problems import MODELS, kernels, scattered, with_no_leg
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -178,12 +178,7 @@ def test_solve_with_compiled_steps_keeps_its_bound(model: str, size: int) -> Non
 @pytest.mark.usefixtures("warm")
 @pytest.mark.parametrize("model", MODELS)
 def test_places_without_legs_between_them_are_left_to_other_bounds(model: str) -> None:
-    problem = scattered(24, 2, model)
-    T = problem.T.copy()
-    T[0, 1] = T[1, 0] = 0.0
-    explore = problem.explore.copy()
-    explore[:2] = 0.0
-    found = solve(OrderingProblem(problem.p, T, problem.t0, explore, problem.model), 0.3)
+    found = solve(with_no_leg(24, 2, model), 0.3)
     assert 0 < found.lower_bound <= found.expected_seconds
 
 

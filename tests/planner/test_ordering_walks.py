@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planner.ordering import OrderingProblem, solve
+from planner.ordering import solve
 from planner.ordering.improve import by_ratio, improve
 from planner.ordering.kernel import Ints, Kernel, reduce_problem
 from planner.ordering.prove import prove
 from planner.ordering.subsets import best_order
 from planner.ordering.tangent import Tangent
 from planner.ordering.walks import Walks, fits, raise_prices
-from tests.planner.scattered_problems import MODELS, kernels, scattered
+from tests.planner.scattered_problems import MODELS, kernels, scattered, with_no_leg
 
 
 def orders(kernel: Kernel) -> list[Ints]:
@@ -110,10 +110,5 @@ def test_a_deadline_ends_the_table_of_values() -> None:
 
 @pytest.mark.parametrize("model", MODELS)
 def test_places_without_legs_between_them_fall_back_on_split_legs(model: str) -> None:
-    problem = scattered(24, 2, model)
-    T = problem.T.copy()
-    T[0, 1] = T[1, 0] = 0.0
-    explore = problem.explore.copy()
-    explore[:2] = 0.0
-    found = solve(OrderingProblem(problem.p, T, problem.t0, explore, problem.model), 0.3)
+    found = solve(with_no_leg(24, 2, model), 0.3)
     assert 0 < found.lower_bound <= found.expected_seconds
