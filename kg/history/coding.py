@@ -23,7 +23,7 @@ Term = object  # NamedNode, BlankNode, Literal or Triple of pyoxigraph
 INTERNED, INTEGER, HUNDREDTHS, TIME, STRING, OTHER = range(6)
 _NUMERIC = (INTEGER, HUNDREDTHS, TIME)
 # what became of it
-_ADDED, _REMOVED, _REPLACED, _DIFFERENCE = range(4)
+ADDED, REMOVED, REPLACED, DIFFERENCE = range(4)
 
 _XSD_INTEGER, _XSD_STRING, _XSD_TIME = v.XSD + "integer", v.XSD + "string", v.XSD + "dateTime"
 _TIME_NODE = NamedNode(_XSD_TIME)
@@ -97,23 +97,23 @@ def encode_delta(removed: Iterable[Coded], added: Iterable[Coded]) -> bytes:
     for coded in added:
         before = gone.pop(coded[0], None)
         if before is None:
-            _put(out, coded[0] << 2 | _ADDED)
+            _put(out, coded[0] << 2 | ADDED)
             _put_value(out, coded)
             continue
         old = before.pop()
         if before:
             gone[coded[0]] = before
         if old[1] == coded[1] and old[1] != INTERNED:
-            _put(out, coded[0] << 2 | _DIFFERENCE)
+            _put(out, coded[0] << 2 | DIFFERENCE)
             _put_value(out, old)
             _put_difference(out, old, coded)
         else:
-            _put(out, coded[0] << 2 | _REPLACED)
+            _put(out, coded[0] << 2 | REPLACED)
             _put_value(out, old)
             _put_value(out, coded)
     for rest in gone.values():
         for coded in rest:
-            _put(out, coded[0] << 2 | _REMOVED)
+            _put(out, coded[0] << 2 | REMOVED)
             _put_value(out, coded)
     return bytes(out)
 
@@ -127,14 +127,14 @@ def decode_delta(data: bytes) -> Delta:
         head, at = _take(data, at)
         predicate, change = head >> 2, head & 3
         coded, at = _take_value(data, at, predicate)
-        if change == _ADDED:
+        if change == ADDED:
             added.append(coded)
             continue
         removed.append(coded)
-        if change == _REPLACED:
+        if change == REPLACED:
             coded, at = _take_value(data, at, predicate)
             added.append(coded)
-        elif change == _DIFFERENCE:
+        elif change == DIFFERENCE:
             coded, at = _take_difference(data, at, coded)
             added.append(coded)
     return Delta(removed, added)

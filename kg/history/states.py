@@ -1,0 +1,151 @@
+"""What was said of many subjects at a moment, folded together and kept in columns.
+
+`folding` does the same for one subject; here a thousand take as long as a few dozen there.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kg.history.coding import STRING, Coded
+from kg.history.columns import NOTHING, Changes, Ints, Texts, decode_rows
+from kg.history.log import BACKGROUND, Log
+from kg.right_of_way import give_way
+
+AT_ONCE: Final = 20_000  # nodes decoded together; some 50 MB
+HELD: Final = 500  # nodes read while a writer waits
+_LATEST = "(SELECT max(sequence) FROM state WHERE node = given.value AND sequence <= :sequence)"
+_STATES = (
+    "SELECT given.value, data FROM json_each(:nodes) AS given "
+    f"JOIN state ON state.node = given.value AND state.sequence = {_LATEST}"
+)
+_CHANGES = (
+    "SELECT given.value, data FROM json_each(:nodes) AS given "
+    f"JOIN change ON change.node = given.value AND change.sequence > coalesce({_LATEST}, -1) "
+    "AND change.sequence <= :sequence ORDER BY given.key, change.sequence"
+)
+_NODES = "SELECT id FROM node WHERE graph NOT IN (SELECT value FROM json_each(?)) ORDER BY id"
+
+
+@dataclass(frozen=True, slots=True)
+class States:
+    """Facts in columns of one length; `value` is a place in `texts` where `kind` is one of text."""
+
+    node: Ints
+    predicate: Ints  # interned
+    kind: Ints  # as `kg.history.coding` has them
+    value: Ints
+    texts: Sequence[str]
+
+    def facts(self, node: int) -> set[Coded]:
+        """What is said of one node, as `kg.history.folding.facts_at` tells it."""
+        some = np.flatnonzero(self.node == node)
+        columns = (c[some].tolist() for c in (self.predicate, self.kind, self.value))
+        return {
+            Coded(predicate, kind, self.texts[value] if kind >= STRING else value)
+            for predicate, kind, value in zip(*columns, strict=True)
+        }
+
+
+def foreground(log: Log) -> list[int]:
+    """All nodes whose past is folded forwards: not those of ontology and common sense."""
+    with log.lock:
+        known = (log.terms.find(graph) for graph in BACKGROUND)
+        numbers = [number for number in known if number is not None]
+        return [row[0] for row in log.db.execute(_NODES, (json.dumps(numbers),))]
+
+
+def states_at(log: Log, nodes: Iterable[int], sequence: int) -> States:
+    """All that was said of the nodes right after the transaction `sequence`."""
+    texts = Texts()
+    parts = [
+        _folded(log, some, sequence, texts) for some in _batches([*dict.fromkeys(nodes)], AT_ONCE)
+    ]
+    columns = [np.concatenate(some) for some in zip(*parts, strict=True)]
+    if not columns:
+        columns = [np.zeros(0, np.int64)] * 4
+    return States(*columns, texts.all)
+
+
+def _folded(log: Log, nodes: Sequence[int], sequence: int, texts: Texts) -> tuple[Ints, ...]:
+    """Node, predicate, kind and value of each fact."""
+    states: list[tuple[int, bytes]] = []
+    changes: list[tuple[int, bytes]] = []
+    for some in _batches(nodes, HELD):
+        give_way()
+        asked = {"nodes": json.dumps(some), "sequence": sequence}
+        with log.lock:
+            states += log.db.execute(_STATES, asked)
+            changes += log.db.execute(_CHANGES, asked)
+    rows = states + changes  # those of a node in order: its state, then what came after it
+    owners = np.fromiter((row[0] for row in rows), np.int64, len(rows))
+    found = decode_rows([row[1] for row in rows], texts)
+    return _last_words(owners[found.row], found)
+
+
+def _last_words(node: Ints, changes: Changes) -> tuple[Ints, ...]:
+    """Node, predicate, kind and value of what is said in the end.
+
+    Nearly every predicate has one value at a time. Where each change says away what the one before
+    it said, the last one tells all; the others are followed fact by fact.
+    """
+    order = np.lexsort((changes.row, changes.predicate, node))
+    node, changes = node[order], Changes(*(column[order] for column in changes))
+    first = np.ones(len(node), bool)
+    same = (node[1:] == node[:-1]) & (changes.predicate[1:] == changes.predicate[:-1])
+    first[1:] = ~same
+    group = np.cumsum(first) - 1
+    plain = np.ones(int(first.sum()), bool)
+    plain[group[~_follows(first, changes)]] = False
+    last = np.append(first[1:], True) & plain[group] & (changes.new_kind != NOTHING)
+    some = np.flatnonzero(last)
+    found = node[some], changes.predicate[some], changes.new_kind[some], changes.new[some]
+    tangled = np.flatnonzero(~plain[group])
+    if not len(tangled):
+        return found
+    more = _followed(node[tangled], Changes(*(column[tangled] for column in changes)))
+    return tuple(np.concatenate(both) for both in zip(found, more, strict=True))
+
+
+def _follows(first: NDArray[np.bool_], changes: Changes) -> NDArray[np.bool_]:
+    """Whether each change takes away just what the one before it, of another row, left."""
+    row, kind, value = changes.row, changes.old_kind, changes.old
+    fits = kind[1:] == changes.new_kind[:-1]
+    fits &= (kind[1:] == NOTHING) | (value[1:] == changes.new[:-1])
+    fits &= row[1:] != row[:-1]
+    follows = kind == NOTHING  # before the first there is nothing
+    follows[1:] = np.where(first[1:], follows[1:], fits)
+    return follows
+
+
+def _followed(node: Ints, changes: Changes) -> Ints:
+    """As `_last_words`, fact by fact: of each row what goes first, then what comes."""
+    said: dict[tuple[int, ...], bool] = {}
+    for fact, holds in _events(node, changes):
+        said[fact] = holds
+    return np.array([fact for fact, holds in said.items() if holds], np.int64).reshape(-1, 4).T
+
+
+def _events(node: Ints, changes: Changes) -> Iterator[tuple[tuple[int, ...], bool]]:
+    sides = (changes.old_kind, changes.old, False), (changes.new_kind, changes.new, True)
+    events = [
+        (row, holds, fact)
+        for kinds, values, holds in sides
+        for row, *fact in zip(
+            *(column.tolist() for column in (changes.row, node, changes.predicate, kinds, values)),
+            strict=True,
+        )
+        if fact[2] != NOTHING
+    ]
+    for _, holds, fact in sorted(events, key=lambda event: event[:2]):
+        yield tuple(fact), holds
+
+
+def _batches(nodes: Sequence[int], size: int) -> Iterator[Sequence[int]]:
+    return (nodes[start : start + size] for start in range(0, len(nodes), size))
