@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from pyoxigraph import NamedNode, Quad, Store
+from pyoxigraph import NamedNode, Quad
 
 from kg import vocabulary as v
 from kg.engine import Engine
 from kg.errors import HistoryError
+from kg.history.background import background_at
 from kg.history.coding import Coded, decode_delta
+from kg.history.instants import refuse_dropped
 from kg.history.log import BACKGROUND, Log
+from kg.history.moment import Moment, PastStore
 from kg.history.naming import short, word
 from kg.store import MapStore, sequence_quad
 
@@ -43,18 +46,19 @@ class Difference:
 
 
 def store_at(log: Log, engine: Engine, sequence: int) -> MapStore:
-    """A store in memory, for reading only, that says what `engine` said after `sequence`."""
-    past = Store()
-    past.bulk_extend(quads_at(log, engine, sequence, log.last))
-    return MapStore(past, where=f"#{sequence} of the past", read_only=True, lock=None)
+    """A store for reading only that says what `engine` said after `sequence`.
+
+    It is made of log and engine as far as it is read: both must stay open.
+    """
+    return PastStore(Moment(log, engine, sequence))
 
 
-def quads_at(log: Log, engine: Engine, sequence: int, present: int) -> Iterator[Quad]:
-    """All that the map said after `sequence`, where `engine` says what it said after `present`.
+def quads_at(log: Log, engine: Engine, sequence: int) -> Iterator[Quad]:
+    """All that the map said after `sequence`, where `engine` says what it says now.
 
     The engine is read before the first quad comes.
     """
-    yield from _background(log, engine, sequence, present)
+    yield from background_at(log, engine, sequence)
     yield from (q for q in _quads(log, log.nodes(), sequence) if not _is_background(q))
     if sequence:
         yield sequence_quad(sequence)
@@ -114,19 +118,6 @@ def _quads(log: Log, nodes: Iterable[int], sequence: int) -> Iterable[Quad]:
             yield from log.terms.quads(node, log.facts(node, sequence))
 
 
-def _background(log: Log, engine: Engine, sequence: int, present: int) -> set[Quad]:
-    """Ontology and common sense of then: those of `present`, with what changed since undone."""
-    quads = {
-        quad for graph in BACKGROUND for quad in engine.quads_for_pattern(None, None, None, graph)
-    }
-    for node in log.touched(sequence, present):
-        if log.terms.pair(node)[0] in BACKGROUND:
-            gone, came = _net(log, node, sequence, present)
-            quads.difference_update(log.terms.quads(node, came))
-            quads.update(log.terms.quads(node, gone))
-    return quads
-
-
 def _net(log: Log, node: int, before: int, after: int) -> tuple[set[Coded], set[Coded]]:
     """What went and what came, of a node whose state at `before` is not kept."""
     gone: set[Coded] = set()
@@ -139,12 +130,6 @@ def _net(log: Log, node: int, before: int, after: int) -> tuple[set[Coded], set[
             for coded in delta.added:
                 gone.remove(coded) if coded in gone else came.add(coded)
     return gone, came
-
-
-def refuse_dropped(log: Log, sequence: int) -> None:
-    """For the end of reading: what was dropped while it was read, would be missing in silence."""
-    if sequence < log.floor:
-        raise HistoryError(f"#{sequence} is no longer kept; the past begins at #{log.floor}")
 
 
 def _is_background(quad: Quad) -> bool:

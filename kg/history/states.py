@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,17 @@ _CHANGES = (
     f"JOIN change ON change.node = given.value AND change.sequence > coalesce({_LATEST}, -1) "
     "AND change.sequence <= :sequence ORDER BY given.key, change.sequence"
 )
-_NODES = "SELECT id FROM node WHERE graph NOT IN (SELECT value FROM json_each(?)) ORDER BY id"
+_NODES = "SELECT id, subject, graph FROM node"
+_SOME = f"{_NODES} WHERE subject IN (SELECT value FROM json_each(?)) ORDER BY id"
+_ALL = f"{_NODES} WHERE graph NOT IN (SELECT value FROM json_each(?)) ORDER BY id"
+
+
+class Nodes(NamedTuple):
+    """Nodes in columns of one length, in the order of their numbers."""
+
+    node: Ints
+    subject: Ints  # interned
+    graph: Ints  # interned
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,12 +63,18 @@ class States:
         }
 
 
-def foreground(log: Log) -> list[int]:
-    """All nodes whose past is folded forwards: not those of ontology and common sense."""
+def foreground(log: Log, subjects: Iterable[int] | None = None) -> Nodes:
+    """The nodes of all subjects, or of some (interned), but those of ontology and common sense.
+
+    These are all whose past is folded forwards.
+    """
     with log.lock:
         known = (log.terms.find(graph) for graph in BACKGROUND)
-        numbers = [number for number in known if number is not None]
-        return [row[0] for row in log.db.execute(_NODES, (json.dumps(numbers),))]
+        background = [number for number in known if number is not None]
+        select, of = (_ALL, background) if subjects is None else (_SOME, [*subjects])
+        rows = log.db.execute(select, (json.dumps(of),)).fetchall()
+    columns = np.array(rows, np.int64).reshape(-1, 3)
+    return Nodes(*columns[~np.isin(columns[:, 2], background)].T)
 
 
 def states_at(log: Log, nodes: Iterable[int], sequence: int) -> States:
@@ -126,9 +142,7 @@ def _follows(first: NDArray[np.bool_], changes: Changes) -> NDArray[np.bool_]:
 
 def _followed(node: Ints, changes: Changes) -> Ints:
     """As `_last_words`, fact by fact: of each row what goes first, then what comes."""
-    said: dict[tuple[int, ...], bool] = {}
-    for fact, holds in _events(node, changes):
-        said[fact] = holds
+    said = dict(_events(node, changes))  # of each fact the last holds
     return np.array([fact for fact, holds in said.items() if holds], np.int64).reshape(-1, 4).T
 
 

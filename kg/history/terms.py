@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sqlite3
 from collections.abc import Iterable
 from typing import NoReturn
@@ -69,12 +70,19 @@ class Terms:
         if known is None:
             row = self._db.execute("SELECT text FROM term WHERE id = ?", (number,)).fetchone()
             (text,) = row or _refuse_forgotten()
-            if text.startswith("_:"):
-                known = BlankNode(text[2:])
-            else:
-                known = NamedNode(self._base + text[1:] if text.startswith("~") else text)
+            known = BlankNode(text[2:]) if text.startswith("_:") else NamedNode(self._whole(text))
             self._remember(known, number)
         return known
+
+    def written(self, numbers: Iterable[int]) -> dict[int, str]:
+        """Many IRIs and blank nodes by number, as N-Triples has them; raises as `term`."""
+        wanted = set(numbers)
+        select = "SELECT id, text FROM term WHERE id IN (SELECT value FROM json_each(?))"
+        found = {
+            number: text if text.startswith("_:") else f"<{self._whole(text)}>"
+            for number, text in self._db.execute(select, (json.dumps([*wanted]),))
+        }
+        return found if len(found) == len(wanted) else _refuse_forgotten()
 
     def node(self, graph: Term, subject: Term) -> int:
         """The number of a subject in a graph, given out where it has none."""
@@ -140,6 +148,9 @@ class Terms:
         """The object of a coded fact."""
         _, kind, value = coded
         return self.term(int(value)) if kind == INTERNED else decode_literal(kind, value)
+
+    def _whole(self, text: str) -> str:
+        return self._base + text[1:] if text.startswith("~") else text
 
     def _text(self, term: Term) -> str:
         if isinstance(term, NamedNode):

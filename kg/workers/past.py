@@ -14,10 +14,11 @@ from typing import Any, Final
 
 from pyoxigraph import Quad, Store
 
+from kg.history.instants import refuse_dropped
 from kg.history.log import Log
 from kg.history.naming import thing
 from kg.history.outline import difference_text, log_text, reasons_text
-from kg.history.past import Difference, difference, quads_at, refuse_dropped
+from kg.history.past import Difference, difference, quads_at
 from kg.history.provenance import provenance
 from kg.history.telling import tell
 from kg.history.why import explain
@@ -38,7 +39,7 @@ def make_past(store: Store, request: Mapping[str, Any]) -> None:
         refuse_dropped(log, sequence)
         changed = difference(log, present, sequence)
         if len(changed.removed) > len(store) * _MUCH and present >= sequence:
-            quads = quads_at(log, store, sequence, present)
+            quads = quads_at(log, store, sequence)
             first = next(quads, None)  # now it has been read
             store.clear()
             store.bulk_extend(chain([] if first is None else [first], quads))

@@ -199,7 +199,7 @@ def test_no_durations(text: str) -> None:
 def test_a_past_that_is_dropped_while_it_is_read_is_not_half_told(written: Written) -> None:
     with written(6) as semantic_map:
         log = semantic_map.history
-        reading = quads_at(log, semantic_map.engine, 2, log.last)
+        reading = quads_at(log, semantic_map.engine, 2)
         next(reading)
         semantic_map.compact(keep=0.0)
         with pytest.raises(HistoryError, match="no longer kept"):

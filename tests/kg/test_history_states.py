@@ -101,7 +101,7 @@ def test_states_are_those_of_each_subject(
         cause = Cause("update")
         log.append(ChangeSet(number, number, cause, tuple(added), tuple(removed - added)))
     sequence = data.draw(st.integers(0, len(changes)))
-    nodes = foreground(log)
+    nodes = foreground(log).node.tolist()
     assert {log.terms.pair(n)[0] for n in log.nodes()} - {log.terms.pair(n)[0] for n in nodes} <= {
         _GRAPHS[2]
     }
@@ -120,15 +120,15 @@ def test_states_of_a_map_at_any_moment(
     with written(2 * KEYFRAME + 3) as semantic_map:
         log = semantic_map.history
         for sequence in (0, 1, KEYFRAME - 1, KEYFRAME, KEYFRAME + 1, log.last):
-            told = states_at(log, foreground(log), sequence)
-            for node in foreground(log):
+            told = states_at(log, foreground(log).node.tolist(), sequence)
+            for node in foreground(log).node.tolist():
                 assert told.facts(node) == log.facts(node, sequence)
         semantic_map.compact(keep=0.0)
-        told = states_at(log, foreground(log), log.floor)
-        for node in foreground(log):
+        told = states_at(log, foreground(log).node.tolist(), log.floor)
+        for node in foreground(log).node.tolist():
             assert told.facts(node) == log.facts(node, log.floor)
 
 
 def test_nobody_has_no_states() -> None:
     log = Log.open(None, "urn:flat/")
-    assert len(states_at(log, foreground(log), 0).node) == 0
+    assert len(states_at(log, foreground(log).node.tolist(), 0).node) == 0

@@ -1,0 +1,165 @@
+"""The map as it was, made only as far as it is asked for: what a query cannot see stays away.
+
+Of a map of a thousand objects with a million observations, folding all that was said takes some
+thirty milliseconds; putting everything into a store that answers takes far longer. So the folded
+facts stay in columns, and those that match what is asked (`kg.seen`) go into the store, once.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterable, Iterator
+from typing import Any, Final, NoReturn
+
+import numpy as np
+from pyoxigraph import BlankNode, DefaultGraph, NamedNode, Quad, Store
+
+from kg.engine import Engine, Functions, Object, Subject
+from kg.errors import GraphError
+from kg.history.background import background_at
+from kg.history.instants import refuse_dropped
+from kg.history.log import Log
+from kg.history.states import Nodes, States, foreground, states_at
+from kg.history.writing import Columns, put
+from kg.seen import EVERYTHING, Pattern, seen_by
+from kg.store import MapStore, sequence_quad
+
+SINGLY: Final = 32  # subjects looked up by themselves, until all of their graph are taken in
+
+
+class Moment:
+    """What a map said right after a transaction, as an `Engine` that is only read.
+
+    Reads what it needs from the log, and ontology and common sense from `engine`, which says what
+    holds now: both must stay open. Raises HistoryError where the moment is dropped meanwhile.
+    Safe from several threads.
+    """
+
+    def __init__(self, log: Log, engine: Engine, sequence: int) -> None:
+        self.log, self.engine = log, engine
+        self.sequence = sequence
+        self._store = Store()
+        self._made: set[Pattern] = set()
+        self._table: tuple[Nodes, States] | None = None  # of all subjects
+        self._singly = 0
+        self._guard = threading.RLock()
+
+    def __len__(self) -> int:
+        """How many facts are made or folded."""
+        return len(self._store) + (len(self._table[1].node) if self._table else 0)
+
+    def quads_for_pattern(
+        self,
+        subject: Subject,
+        predicate: NamedNode | None,
+        object: Object,
+        graph_name: NamedNode | BlankNode | DefaultGraph | None = None,
+        /,
+    ) -> Iterator[Quad]:
+        """The quads that match; None matches anything."""
+        terms = (subject, predicate, object, graph_name)
+        self.make([Pattern(*(t if isinstance(t, NamedNode) else None for t in terms))])
+        return self._store.quads_for_pattern(*terms)
+
+    def query(
+        self,
+        query: str,
+        /,
+        *,
+        base_iri: str | None = None,
+        prefixes: dict[str, str] | None = None,
+        use_default_graph_as_union: bool = False,
+        custom_functions: Functions | None = None,
+        **dataset: Any,
+    ) -> Any:
+        """As that of `Engine`; `dataset` is more that pyoxigraph's takes."""
+        self.make(seen_by(query, prefixes, base_iri))
+        return self._store.query(
+            query,
+            base_iri=base_iri,
+            prefixes=prefixes,
+            use_default_graph_as_union=use_default_graph_as_union,
+            custom_functions=custom_functions,
+            **dataset,
+        )
+
+    def update(self, update: str, /) -> NoReturn:
+        """Refused: the past is not rewritten."""
+        raise GraphError(f"#{self.sequence} is past and cannot be written")
+
+    def __contains__(self, quad: Quad) -> bool:
+        return next(self.quads_for_pattern(*quad), None) is not None
+
+    def __iter__(self) -> Iterator[Quad]:
+        return iter(self.whole())
+
+    def whole(self) -> Store:
+        """All of it, in a store."""
+        self.make((EVERYTHING,))
+        return self._store
+
+    def make(self, patterns: Iterable[Pattern]) -> None:
+        """Have all facts in the store that match any of the patterns."""
+        with self._guard:
+            missing = self._missing(patterns)
+            if not missing:
+                return
+            self._store.extend(background_at(self.log, self.engine, self.sequence, missing))
+            self._take_in(missing)
+            number = sequence_quad(self.sequence)
+            if self.sequence and any(pattern.covers(number) for pattern in missing):
+                self._store.add(number)
+            refuse_dropped(self.log, self.sequence)
+            self._made = {made for made in self._made if not _covered(made, missing)} | missing
+
+    def _missing(self, patterns: Iterable[Pattern]) -> set[Pattern]:
+        missing = {pattern for pattern in patterns if not _covered(pattern, self._made)}
+        singly = sum(pattern.subject is not None for pattern in missing)
+        self._singly += singly
+        if singly and self._singly > SINGLY:
+            return {p._replace(subject=None, object=None) if p.subject else p for p in missing}
+        return missing
+
+    def _take_in(self, missing: set[Pattern]) -> None:
+        """Put the folded facts into the store that match one of the patterns."""
+        nodes, states = self._folded(missing)
+        at = np.searchsorted(nodes.node, states.node)
+        columns = Columns(
+            nodes.subject[at], states.predicate, states.kind, states.value, nodes.graph[at]
+        )
+        terms = self.log.terms
+        chosen = np.zeros(len(at), bool)
+        with self.log.lock:
+            for pattern in missing:
+                numbers = [None if term is None else terms.find(term) or -1 for term in pattern]
+                chosen |= columns.matching(*numbers)
+            put(self._store, Columns(*(c[chosen] for c in columns)), states.texts, terms)
+
+    def _folded(self, missing: set[Pattern]) -> tuple[Nodes, States]:
+        if self._table is None and all(pattern.subject is not None for pattern in missing):
+            with self.log.lock:
+                found = (self.log.terms.find(pattern.subject) for pattern in missing)
+                nodes = foreground(self.log, [number for number in found if number is not None])
+            return nodes, states_at(self.log, nodes.node.tolist(), self.sequence)
+        if self._table is None:
+            nodes = foreground(self.log)
+            self._table = nodes, states_at(self.log, nodes.node.tolist(), self.sequence)
+        return self._table
+
+
+def _covered(pattern: Pattern, by: Iterable[Pattern]) -> bool:
+    return any(other.covers(pattern) for other in by)
+
+
+class PastStore(MapStore):
+    """The store of a map as it was, which is made as far as it is read."""
+
+    def __init__(self, moment: Moment) -> None:
+        where = f"#{moment.sequence} of the past"
+        super().__init__(moment, where=where, read_only=True, lock=None)
+        self._moment = moment
+
+    @property
+    def native(self) -> Store:
+        """All of it."""
+        return self._moment.whole()
