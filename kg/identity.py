@@ -49,8 +49,13 @@ def _title(store: MapStore, subject: NamedNode) -> str:
     return min((q.object.value for q in quads if isinstance(q.object, Literal)), default="map")
 
 
-def identity(store: MapStore) -> tuple[str, str]:
-    """IRI and title of the map in `store`; raises MapNotFoundError where there is none."""
+def identity(store: MapStore, base: str | None = None) -> tuple[str, str]:
+    """IRI and title of the map in `store`, whose IRI may be known to be `base`.
+
+    Raises MapNotFoundError where there is none.
+    """
+    if base is not None:
+        return base, _title(store, NamedNode(base))
     kind = NamedNode(v.SEMANTIC_MAP)
     for quad in store.engine.quads_for_pattern(None, _TYPE, kind, _DATASET):
         if isinstance(quad.subject, NamedNode):

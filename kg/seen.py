@@ -23,7 +23,7 @@ class Pattern(NamedTuple):
 
     subject: NamedNode | None = None
     predicate: NamedNode | None = None
-    object: NamedNode | None = None
+    value: NamedNode | None = None
     graph: NamedNode | None = None
 
     def covers(self, other: Iterable[object]) -> bool:

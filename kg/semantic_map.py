@@ -27,6 +27,7 @@ from kg.errors import (
     QueryParameterError,
 )
 from kg.facts import Facts
+from kg.history.background import changed_since
 from kg.history.instants import Instant, sequence_of
 from kg.history.log import Log
 from kg.history.past import store_at
@@ -64,17 +65,19 @@ class SemanticMap(Reading):
     the map's own IRI, the start of all its things' IRIs; `catalogue` knows the categories.
     """
 
-    def __init__(self, store: MapStore) -> None:
+    def __init__(
+        self, store: MapStore, *, base: str | None = None, catalogue: Catalogue | None = None
+    ) -> None:
         super().__init__(store)
         self._guard = threading.RLock()
         self._dataset: rdflib.Dataset | None = None
         self._standing: list[Callable[[], None]] = []
-        self.base, self.title = identity(store)
-        self.catalogue = Catalogue.from_store(store.engine)
+        self.base, self.title = identity(store, base)
+        self.catalogue = catalogue or Catalogue.from_store(store.engine)
         self._facts = Facts(self.base, self.catalogue)
         self._writer = Writer(store, self._facts)
         self._sayings = Sayings(store, self._facts, self._writer)
-        self._door = Door(store)
+        self._door: Door | None = None  # made when somebody first comes
 
     @classmethod
     def create(
@@ -227,13 +230,16 @@ class SemanticMap(Reading):
         return network(self.objects(), self.places(), self.catalogue, near)
 
     def at(self, when: Instant) -> SemanticMap:
-        """The map as believed at `when`, for reading only; in memory, but that of a server.
+        """The map as believed at `when`, for reading only, and while this one is open.
 
-        `when` is a sequence number (42 or "#42"), a datetime, or ISO 8601 text, by the clock of the
-        machine that wrote the map. Raises HistoryError where that past is not kept.
+        It is made in memory as far as it is asked for. `when` is a sequence number (42 or "#42"), a
+        datetime, or ISO 8601 text, by the clock of the machine that wrote the map. Raises
+        HistoryError where that past is not kept; so does what is asked of it once it is dropped.
         """
-        log = self.history
-        return SemanticMap(store_at(log, self.engine, sequence_of(log, when)))
+        log, catalogue = self.history, self.catalogue
+        sequence = sequence_of(log, when)
+        known = None if changed_since(log, sequence) else catalogue
+        return SemanticMap(store_at(log, self.engine, sequence), base=self.base, catalogue=known)
 
     def snapshot(self) -> SemanticMap:
         """A copy in memory for reading only: the map as it is now, whatever happens to it then."""
@@ -272,10 +278,11 @@ class SemanticMap(Reading):
         """
         with self._guard:
             self._store.refuse_read_only()
+            door = self._door = self._door or Door(self._store)
             pending = work_out(self._store, sparql, self.base)
-            self._door.refuse_protected(pending, allow)
+            door.refuse_protected(pending, allow)
             draw_consequences(pending, self._facts, by)
-            self._door.refuse_malformed(pending)
+            door.refuse_malformed(pending)
             cause = Cause("update", by, " ".join(sparql.split())[:LONGEST_NOTE])
             change = self._store.commit(pending.removed, pending.added, cause)
             if allow and change is not None:
@@ -401,7 +408,7 @@ class SemanticMap(Reading):
         """Know the categories of the ontology as it stands in the store by now."""
         self.catalogue = Catalogue.from_store(self.engine)
         self._facts.catalogue = self.catalogue
-        self._door = Door(self._store)
+        self._door = None
 
     @classmethod
     def _with_history(cls, store: MapStore, folder: Path | None, power_safe: bool) -> Self:

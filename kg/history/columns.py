@@ -6,7 +6,7 @@ hundred milliseconds; a step over all rows at once costs some thirty array opera
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -102,8 +102,8 @@ def _steps(data: _Bytes, texts: Texts) -> Iterator[Changes]:
         changes, at = _step(data, rows, at, texts)
         yield changes
     odd = np.flatnonzero(data.odd)
-    rest = [*zip(rows, at, strict=True), *zip(odd, data.starts[odd], strict=True)]
-    yield _one_by_one(data, rest, texts)
+    rest, places = np.append(rows, odd), np.append(at, data.starts[odd])
+    yield _one_by_one(data, zip(rest.tolist(), places.tolist(), strict=True), texts)
 
 
 def _step(data: _Bytes, rows: Ints, at: Ints, texts: Texts) -> tuple[Changes, Ints]:
@@ -153,7 +153,7 @@ def _other_endings(data: _Bytes, at: Ints, old: Ints, texts: Texts) -> tuple[lis
     return [texts.number(text) for text in whole], ends
 
 
-def _one_by_one(data: _Bytes, rest: list[tuple[int, int]], texts: Texts) -> Changes:
+def _one_by_one(data: _Bytes, rest: Iterable[tuple[int, int]], texts: Texts) -> Changes:
     found: list[tuple[int, ...]] = []
     for row, at in rest:
         delta = decode_delta(data.text[at : data.ends[row]])

@@ -117,7 +117,7 @@ class Moment:
         singly = sum(pattern.subject is not None for pattern in missing)
         self._singly += singly
         if singly and self._singly > SINGLY:
-            return {p._replace(subject=None, object=None) if p.subject else p for p in missing}
+            return {p._replace(subject=None, value=None) if p.subject else p for p in missing}
         return missing
 
     def _take_in(self, missing: set[Pattern]) -> None:

@@ -83,14 +83,12 @@ def states_at(log: Log, nodes: Iterable[int], sequence: int) -> States:
     parts = [
         _folded(log, some, sequence, texts) for some in _batches([*dict.fromkeys(nodes)], AT_ONCE)
     ]
-    columns = [np.concatenate(some) for some in zip(*parts, strict=True)]
-    if not columns:
-        columns = [np.zeros(0, np.int64)] * 4
-    return States(*columns, texts.all)
+    columns = np.concatenate([np.zeros((4, 0), np.int64), *parts], axis=1)
+    return States(columns[0], columns[1], columns[2], columns[3], texts.all)
 
 
-def _folded(log: Log, nodes: Sequence[int], sequence: int, texts: Texts) -> tuple[Ints, ...]:
-    """Node, predicate, kind and value of each fact."""
+def _folded(log: Log, nodes: Sequence[int], sequence: int, texts: Texts) -> Ints:
+    """Node, predicate, kind and value of each fact, a row each."""
     states: list[tuple[int, bytes]] = []
     changes: list[tuple[int, bytes]] = []
     for some in _batches(nodes, HELD):
@@ -105,8 +103,8 @@ def _folded(log: Log, nodes: Sequence[int], sequence: int, texts: Texts) -> tupl
     return _last_words(owners[found.row], found)
 
 
-def _last_words(node: Ints, changes: Changes) -> tuple[Ints, ...]:
-    """Node, predicate, kind and value of what is said in the end.
+def _last_words(node: Ints, changes: Changes) -> Ints:
+    """Node, predicate, kind and value of what is said in the end, a row each.
 
     Nearly every predicate has one value at a time. Where each change says away what the one before
     it said, the last one tells all; the others are followed fact by fact.
@@ -121,12 +119,12 @@ def _last_words(node: Ints, changes: Changes) -> tuple[Ints, ...]:
     plain[group[~_follows(first, changes)]] = False
     last = np.append(first[1:], True) & plain[group] & (changes.new_kind != NOTHING)
     some = np.flatnonzero(last)
-    found = node[some], changes.predicate[some], changes.new_kind[some], changes.new[some]
+    found = np.array((node, changes.predicate, changes.new_kind, changes.new))[:, some]
     tangled = np.flatnonzero(~plain[group])
     if not len(tangled):
         return found
     more = _followed(node[tangled], Changes(*(column[tangled] for column in changes)))
-    return tuple(np.concatenate(both) for both in zip(found, more, strict=True))
+    return np.concatenate((found, more), axis=1)
 
 
 def _follows(first: NDArray[np.bool_], changes: Changes) -> NDArray[np.bool_]:
@@ -135,7 +133,7 @@ def _follows(first: NDArray[np.bool_], changes: Changes) -> NDArray[np.bool_]:
     fits = kind[1:] == changes.new_kind[:-1]
     fits &= (kind[1:] == NOTHING) | (value[1:] == changes.new[:-1])
     fits &= row[1:] != row[:-1]
-    follows = kind == NOTHING  # before the first there is nothing
+    follows: NDArray[np.bool_] = kind == NOTHING  # before the first there is nothing
     follows[1:] = np.where(first[1:], follows[1:], fits)
     return follows
 
