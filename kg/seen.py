@@ -305,12 +305,20 @@ class _Reader:
                 return certain
 
     def _ask(self, subject: Term, path: _Path, value: Term, graph: NamedNode | None) -> bool:
-        if path.empty and subject is None and value is None:
-            raise _UnreadError("a path of no step joins every node with itself")
+        if path.empty:
+            self._stay(subject, value)
         ends = (subject, value) if path.single else (None, None)
         one, other = (end if isinstance(end, NamedNode) else None for end in ends)
         self._found.update(Pattern(one, step, other, graph) for step in path.predicates)
         return not path.empty
+
+    def _stay(self, *ends: Term) -> None:
+        """A path of no step: it leads from a node to itself, so it matters what nodes there are."""
+        if ends == (None, None) or "a literal" in ends:
+            raise _UnreadError("every node is joined with itself")
+        for end in ends:
+            if isinstance(end, NamedNode):
+                self._found.update(EVERYTHING._replace(**{at: end}) for at in Pattern._fields)
 
     def _verb(self) -> _Path:
         if self._peek()[0] == "variable":

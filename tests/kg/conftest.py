@@ -71,7 +71,7 @@ def written(tmp_path: Path) -> Callable[[int], SemanticMap]:
     return write
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def frame() -> Callable[..., MapUpdate]:
     """Callable: the update of one frame, perhaps with objects that leave the map."""
     return frame_update
