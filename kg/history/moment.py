@@ -93,6 +93,13 @@ class Moment:
     def __iter__(self) -> Iterator[Quad]:
         return iter(self.whole())
 
+    def knows_graph(self, name: NamedNode) -> bool:
+        """Whether there ever was such a graph."""
+        with self.log.lock:
+            number = self.log.terms.find(name)
+            select = "SELECT 1 FROM node WHERE graph = ? LIMIT 1"
+            return self.log.db.execute(select, (number,)).fetchone() is not None
+
     def whole(self) -> Store:
         """All of it, in a store."""
         self.make((EVERYTHING,))

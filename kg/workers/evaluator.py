@@ -6,7 +6,7 @@ ways are a type byte, a length (4 bytes, little endian) and that many bytes:
 
     >  S  the settings (JSON), first       <  R  done with S or O
     >  O  a snapshot to open (JSON)        <  H  {"media_type", "sequence"}
-    >  Q  a query (JSON)                   <  D  a part of the answer
+    >  Q  a query (JSON), perhaps of then  <  D  a part of the answer
     >  T  what to tell of the past         <  .  the end of the answer
     >  P  a past state to make             <  E  {"error": name of the exception, "message"}
 """
@@ -23,12 +23,16 @@ import struct
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import IO, Any, BinaryIO, cast
+from typing import IO, TYPE_CHECKING, Any, BinaryIO, cast
 
 from pyoxigraph import Literal, NamedNode, QueryResultsFormat, QueryTriples, RdfFormat, Store
 
 from kg.errors import HistoryError, NotAcceptableError, QueryError, QueryTooLargeError
 from kg.workers.vetting import reads_chosen_graphs, refuse_other_graph, vet
+
+if TYPE_CHECKING:
+    from kg.history.moment import Moment
+    from kg.workers.past import LastMoment
 
 HEAD = struct.Struct("<cI")
 GRACE = 0.5  # [s] after the time limit until the worker ends itself
@@ -46,6 +50,7 @@ class Evaluator:
         self._folder = ""
         self._store = Store()
         self._sequence = 0
+        self._last: LastMoment | None = None  # once it was asked of the past
 
     def open(self, folder: str) -> None:
         """Read from that snapshot from now on."""
@@ -67,9 +72,11 @@ class Evaluator:
             self.open(request["folder"])
             if kind == b"T":
                 self._tell(request)
+            elif "at" in request:
+                self._write_past(request)
             else:
-                self._vet(request)
-                self._write(request)
+                self._vet(request, self.is_graph)
+                self._write(request, self._store, self._sequence)
         except (QueryError, HistoryError) as error:
             self._fail(type(error).__name__, str(error))
         except MemoryError:
@@ -85,18 +92,32 @@ class Evaluator:
             return self._store.contains_named_graph(NamedNode(iri))
         return False
 
-    def _vet(self, request: Request) -> None:
+    def _vet(self, request: Request, is_graph: Callable[[str], bool]) -> None:
         vet(
             request["sparql"],
-            is_graph=self.is_graph,
+            is_graph=is_graph,
             prefixes=self._settings["prefixes"],
             services=self._settings["services"],
         )
         for iri in (*request["default_graphs"], *request["named_graphs"]):
-            refuse_other_graph(iri, self.is_graph)
+            refuse_other_graph(iri, is_graph)
+
+    def _write_past(self, request: Request) -> None:
+        from kg.workers.past import LastMoment  # few workers are ever asked of the past
+
+        self._last = self._last or LastMoment()
+        with self._last.asked(self._store, request) as moment:
+
+            def is_graph(iri: str) -> bool:
+                with contextlib.suppress(ValueError):
+                    return self.is_graph(iri) or moment.knows_graph(NamedNode(iri))
+                return False
+
+            self._vet(request, is_graph)
+            self._write(request, moment, moment.sequence)
 
     def _make_past(self, request: Request) -> None:
-        from kg.workers.past import make_past  # few workers are ever asked of the past
+        from kg.workers.past import make_past  # as above
 
         _limit_files(resource.RLIM_INFINITY)
         try:
@@ -120,8 +141,8 @@ class Evaluator:
         sink.flush()
         self._send(b".", b"")
 
-    def _write(self, request: Request) -> None:
-        results = self._store.query(
+    def _write(self, request: Request, state: Store | Moment, sequence: int) -> None:
+        results = state.query(
             request["sparql"],
             base_iri=request["base_iri"],
             prefixes=self._settings["prefixes"],
@@ -131,7 +152,7 @@ class Evaluator:
         if media_type is None:
             what = "triples" if isinstance(results, QueryTriples) else "a table or truth value"
             raise NotAcceptableError(f"the answer is {what}: no format accepted can carry it")
-        head = {"media_type": media_type, "sequence": self._sequence}
+        head = {"media_type": media_type, "sequence": sequence}
         self._send(b"H", json.dumps(head).encode())
         sink = _Sink(self._send, request["max_bytes"])
         if isinstance(results, QueryTriples):

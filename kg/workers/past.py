@@ -1,4 +1,4 @@
-"""What a worker does with a map's history: make a state of the past, and tell what is asked.
+"""What a worker does with a map's history: ask it, make a state of it, and tell what is asked.
 
 It reads the history's file beside whoever writes it, all of a request from one state of it.
 """
@@ -16,6 +16,7 @@ from pyoxigraph import Quad, Store
 
 from kg.history.instants import refuse_dropped
 from kg.history.log import Log
+from kg.history.moment import Moment
 from kg.history.naming import thing
 from kg.history.outline import difference_text, log_text, reasons_text
 from kg.history.past import Difference, difference, quads_at
@@ -30,6 +31,28 @@ TEXT: Final = "text/plain"
 TURTLE: Final = "text/turtle"
 _AT_ONCE = 10_000  # quads of one transaction
 _MUCH = 0.2  # share of a map that is sooner written anew than taken out
+_KEPT = 100_000  # facts of a moment that may stay in memory; the rest of it is for queries
+
+
+class LastMoment:
+    """The moment that was asked last, kept for who asks of it again."""
+
+    def __init__(self) -> None:
+        self._moment: Moment | None = None
+
+    @contextmanager
+    def asked(self, store: Store, request: Mapping[str, Any]) -> Iterator[Moment]:
+        """The moment ``at`` of a map that says what `store` does now, or did a while since."""
+        sequence = int(request["at"])
+        if self._moment is None or self._moment.sequence != sequence:
+            self._moment = None
+        with _frozen(request) as log:
+            refuse_dropped(log, sequence)
+            moment, self._moment = self._moment or Moment(log, store, sequence), None
+            moment.log, moment.engine = log, store
+            yield moment
+        if len(moment) <= _KEPT:
+            self._moment = moment
 
 
 def make_past(store: Store, request: Mapping[str, Any]) -> None:

@@ -1,7 +1,9 @@
-"""Past states of a map as folders that workers may read, and its history as a file they may read.
+"""A map's history as a file that workers may read, and past states of it as folders.
 
-A past state is a copy of the map as it is (hard links, where it lies on disk) on which a worker
-undoes what changed since; the last few that were asked for are kept.
+Of a map that is not large, a worker makes in its memory what a query can see of the past
+(`kg.history.moment`), and needs the file alone. Of a large one that takes too long: there a past
+state is a copy of the map as it is (hard links, where it lies on disk) on which a worker undoes
+what changed since; the last few that were asked for are kept.
 """
 
 from __future__ import annotations
@@ -24,6 +26,8 @@ from kg.store import MapStore
 from kg.workers.snapshots import Snapshot, copy_store, make_home, remove_home
 
 KEPT: Final = 4
+#: Subjects whose past is folded for a query, which takes about a second then.
+FOLDED: Final = 20_000
 
 
 class Pasts:
@@ -37,6 +41,13 @@ class Pasts:
         self._home: Path | None = None
         self._closed: weakref.finalize[..., Pasts] | None = None
         self._copied = -1  # the last transaction of a history that lies in memory, in its copy
+
+    @property
+    def small(self) -> bool:
+        """Whether a query may have a state of it made for itself."""
+        with self._log.lock:
+            (subjects,) = self._log.db.execute("SELECT max(id) FROM node").fetchone()
+        return (subjects or 0) <= FOLDED
 
     def lease(self, sequence: int, make: Callable[[dict[str, Any]], None]) -> Snapshot:
         """The state right after that transaction, kept until `release`.

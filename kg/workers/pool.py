@@ -101,8 +101,8 @@ class QueryPool:
         The graphs override FROM and FROM NAMED (SPARQL 1.1 Protocol, section 2.1.4); without either
         the default graph is the union of all. Relative IRIs are of `base`. `timeout` [s] counts
         from when a worker is ready, and cannot exceed the pool's. The answer has seen transaction
-        `at_least`; with `at` it is that of the map right after that transaction, for which it may
-        have to be made first, within as much time again.
+        `at_least`; with `at` it is that of the map right after that transaction, which of a large
+        map may have to be made first, within as much time again.
 
         Raises QueryRefusedError, QueryTimeoutError, QueryTooLargeError, NotAcceptableError,
         PoolBusyError, QueryError for what does not parse, HistoryError for a past that is not kept,
@@ -254,8 +254,8 @@ class QueryPool:
             snapshot = self._state(worker, call)
             self._reads(worker, snapshot)
             request = call.request | {"folder": str(snapshot.folder)}
-            if call.kind == b"T":
-                request |= self._past_of_map().history()
+            if call.kind == b"T" or self._folds(call):
+                request |= self._past_of_map().history() | {"at": call.at}
             return worker.ask(request, call.timeout, call.kind)
         finally:
             call.end()
@@ -263,13 +263,17 @@ class QueryPool:
 
     def _state(self, worker: WorkerProcess, call: Call) -> Snapshot:
         """The state of the map that the call is about, leased."""
-        if call.at is None:
-            return self._snapshots.lease(call.at_least)
+        if call.at is None or self._folds(call):
+            return self._snapshots.lease(max(call.at_least, call.at or 0))
 
         def make(request: dict[str, Any]) -> None:
             worker.ask(request | {"max_bytes": 0}, call.timeout, b"P")
 
         return self._past_of_map().lease(call.at, make)
+
+    def _folds(self, call: Call) -> bool:
+        """Whether the worker makes what it needs of the past itself."""
+        return call.at is not None and self._past_of_map().small
 
     def _past_of_map(self) -> Pasts:
         if self._pasts is None:

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy
 import pyoxigraph
 
 import kg
@@ -26,7 +27,9 @@ from kg.workers.snapshots import Snapshot
 
 _START = "import sys; sys.path[:0] = sys.argv[1:]; from kg.workers.evaluator import main; main()"
 _PATHS = list(
-    dict.fromkeys(str(Path(str(m.__file__)).resolve().parent.parent) for m in (kg, pyoxigraph))
+    dict.fromkeys(
+        str(Path(str(m.__file__)).resolve().parent.parent) for m in (kg, pyoxigraph, numpy)
+    )
 )
 _READ = 1 << 20
 _NICE = 5  # so that the writer goes first where processors are short
@@ -74,7 +77,8 @@ class WorkerProcess:
                 stderr=subprocess.DEVNULL,
                 bufsize=0,
                 cwd="/",
-                env=environment | {"MALLOC_ARENA_MAX": "2"},
+                # threads for linear algebra that nobody asks for would take of its memory
+                env=environment | {"MALLOC_ARENA_MAX": "2", "OPENBLAS_NUM_THREADS": "1"},
                 start_new_session=True,
             )
         except OSError as error:
