@@ -1,6 +1,6 @@
 """What was said of many subjects at a moment, folded together and kept in columns.
 
-`folding` does the same for one subject; here a thousand take as long as a few dozen there.
+`folding` does the same for one subject; here a thousand take as long as some two hundred there.
 """
 
 from __future__ import annotations
@@ -20,19 +20,32 @@ from kg.right_of_way import give_way
 
 AT_ONCE: Final = 20_000  # nodes decoded together; some 50 MB
 HELD: Final = 500  # nodes read while a writer waits
-_LATEST = "(SELECT max(sequence) FROM state WHERE node = given.value AND sequence <= :sequence)"
-_STATES = (
-    "SELECT given.value, data FROM json_each(:nodes) AS given "
-    f"JOIN state ON state.node = given.value AND state.sequence = {_LATEST}"
+_NEAREST = (
+    "SELECT value, "
+    "(SELECT max(sequence) FROM state WHERE node = value AND sequence <= :sequence), "
+    "(SELECT min(sequence) FROM state WHERE node = value AND sequence > :sequence) "
+    "FROM json_each(:nodes)"
 )
-_CHANGES = (
-    "SELECT given.value, data FROM json_each(:nodes) AS given "
-    f"JOIN change ON change.node = given.value AND change.sequence > coalesce({_LATEST}, -1) "
-    "AND change.sequence <= :sequence ORDER BY given.key, change.sequence"
+_NODE, _FROM = "json_extract(near.value, '$[0]')", "json_extract(near.value, '$[1]')"
+_STATES = (
+    "SELECT node, data FROM json_each(:near) AS near "
+    f"CROSS JOIN state ON node = {_NODE} AND sequence = {_FROM}"
+)
+_AFTER = (
+    "SELECT node, data FROM json_each(:near) AS near CROSS JOIN change ON "
+    f"node = {_NODE} AND sequence > {_FROM} AND sequence <= :sequence ORDER BY near.key, sequence"
+)
+_BEFORE = (
+    "SELECT node, data FROM json_each(:near) AS near CROSS JOIN change ON "
+    f"node = {_NODE} AND sequence > :sequence AND sequence <= {_FROM} "
+    "ORDER BY near.key, sequence DESC"
 )
 _NODES = "SELECT id, subject, graph FROM node"
 _SOME = f"{_NODES} WHERE subject IN (SELECT value FROM json_each(?)) ORDER BY id"
 _ALL = f"{_NODES} WHERE graph NOT IN (SELECT value FROM json_each(?)) ORDER BY id"
+
+
+_Row = tuple[int, bytes]  # a node, and what is written of it
 
 
 class Nodes(NamedTuple):
@@ -89,18 +102,53 @@ def states_at(log: Log, nodes: Iterable[int], sequence: int) -> States:
 
 def _folded(log: Log, nodes: Sequence[int], sequence: int, texts: Texts) -> Ints:
     """Node, predicate, kind and value of each fact, a row each."""
-    states: list[tuple[int, bytes]] = []
-    changes: list[tuple[int, bytes]] = []
+    states: list[_Row] = []
+    after: list[_Row] = []
+    before: list[_Row] = []
     for some in _batches(nodes, HELD):
         give_way()
-        asked = {"nodes": json.dumps(some), "sequence": sequence}
         with log.lock:
-            states += log.db.execute(_STATES, asked)
-            changes += log.db.execute(_CHANGES, asked)
-    rows = states + changes  # those of a node in order: its state, then what came after it
+            _read(log, some, sequence, (states, after, before))
+    rows = states + after + before  # those of a node in the order in which they count
     owners = np.fromiter((row[0] for row in rows), np.int64, len(rows))
     found = decode_rows([row[1] for row in rows], texts)
-    return _last_words(owners[found.row], found)
+    return _last_words(owners[found.row], _turned(found, len(states) + len(after)))
+
+
+def _read(
+    log: Log, nodes: Sequence[int], sequence: int, into: tuple[list[_Row], list[_Row], list[_Row]]
+) -> None:
+    """The full state of each node that is nearest, and the changes between it and `sequence`.
+
+    A state from before the moment is followed by the changes after it; one from after it by those
+    that led to it, the last first.
+    """
+    earlier, later = [], []
+    asked = {"nodes": json.dumps(nodes), "sequence": sequence}
+    for node, low, high in log.db.execute(_NEAREST, asked):
+        last = -1 if low is None else low
+        if high is None or sequence - last <= high - sequence:
+            earlier.append((node, last))
+        else:
+            later.append((node, high))
+    for found, select, near in zip(
+        into, (_STATES, _AFTER, _BEFORE), (earlier + later, earlier, later), strict=True
+    ):
+        found += log.db.execute(select, {"near": json.dumps(near), "sequence": sequence})
+
+
+def _turned(changes: Changes, first: int) -> Changes:
+    """The changes with those of the rows from `first` on undone."""
+    row, predicate, old_kind, old, new_kind, new = changes
+    back = row >= first
+    return Changes(
+        row,
+        predicate,
+        np.where(back, new_kind, old_kind),
+        np.where(back, new, old),
+        np.where(back, old_kind, new_kind),
+        np.where(back, old, new),
+    )
 
 
 def _last_words(node: Ints, changes: Changes) -> Ints:
