@@ -4,18 +4,25 @@ A query of a state that has yet to be made needs no more of it than these. The t
 parser of our own: it follows the grammar (SPARQL 1.1, section 19.8) just as far as to find the
 triple patterns, in a fiftieth of the time that rdflib's takes, and what it does not understand sees
 everything. Filters and bindings see nothing, but for what stands in their EXISTS.
+
+Where a query asks of things in some cells, in one place or of one kind, it sees of the others no
+more than that they are not (`Narrow`). That holds for what must be so of every solution: patterns
+of the outermost group, and those of an OPTIONAL in it that ask more of what was bound before.
+A fact left out there would only have made solutions that fail in the end.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import lru_cache
 from typing import Final, Literal, NamedTuple
 
-from pyoxigraph import NamedNode
+from pyoxigraph import NamedNode, Variable
 
 from kg import vocabulary as v
+from kg.query_words import UnreadError, words_of
 
 
 class Pattern(NamedTuple):
@@ -31,37 +38,44 @@ class Pattern(NamedTuple):
         return all(mine is None or mine == its for mine, its in zip(self, other, strict=True))
 
 
+class Among(NamedTuple):
+    """Subjects of which a graph says by a predicate one of some values.
+
+    The values are given, or are the subjects of the facts of a background graph that match `above`.
+    """
+
+    predicate: NamedNode
+    graph: NamedNode
+    values: frozenset[NamedNode]
+    above: Pattern | None
+
+
+class Narrow(NamedTuple):
+    """A pattern that is seen only of the subjects that are among all of these."""
+
+    pattern: Pattern
+    among: frozenset[Among]
+
+
+class Seen(NamedTuple):
+    """What a query sees."""
+
+    whole: frozenset[Pattern]
+    narrow: frozenset[Narrow] = frozenset()
+
+
 EVERYTHING: Final = Pattern()
-_ALL: Final = frozenset((EVERYTHING,))
-_MOST = 20_000  # characters; a longer text sees everything
-_LOCAL = r"(?:[\w:-]|%[0-9A-Fa-f]{2})"
-_TOKEN: Final = re.compile(
-    rf"""
-      (?P<gap> \s+ | \#[^\n\r]* )
-    | (?P<iri> <[^<>"{{}}|^`\\\x00-\x20]*> )
-    | (?P<literal> \"\"\"(?:[^"\\] | \\. | "(?!""))*\"\"\" | '''(?:[^'\\] | \\. | '(?!''))*'''
-        | "(?:[^"\\\n\r] | \\.)*" | '(?:[^'\\\n\r] | \\.)*' )
-    | (?P<variable> [?$]\w+ )
-    | (?P<blank> _:\w(?:[\w.-]*[\w-])? )
-    | (?P<name> (?:[^\W\d_][\w.-]*)?:(?:(?!-){_LOCAL}(?:\.*{_LOCAL})*)? )
-    | (?P<number> \d+\.\d*[eE][+-]?\d+ | (?:\d+(?:\.\d+)? | \.\d+)(?:[eE][+-]?\d+)? )
-    | (?P<language> @[A-Za-z]+(?:-[A-Za-z0-9]+)* )
-    | (?P<word> [A-Za-z_]\w* )
-    | (?P<mark> \^\^ | && | \|\| | [<>!]=? | [][{{}}().,;|/^*?+=-] )
-    """,
-    re.VERBOSE | re.DOTALL,
-)
+_ALL: Final = Seen(frozenset((EVERYTHING,)))
+_MOST = 200_000  # characters; a longer text sees everything
+_BACKGROUND: Final = (NamedNode(v.ONTOLOGY_GRAPH), NamedNode(v.COMMONSENSE_GRAPH))
+_FREE, _MUST, _MAY = range(3)  # where a pattern stands: anywhere, in every solution, in an OPTIONAL
 _ABSOLUTE = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
 _PLAIN = re.compile(r"\w+(?:/\w+)*", re.ASCII)  # relative, and resolved by appending
 _RDF = v.RDF_TYPE.removesuffix("type")
 _OPERANDS = frozenset(("iri", "name", "literal", "variable", "number", "language", "word"))
 _END: Final = ("end", "")
 
-Term = NamedNode | Literal["a literal"] | None  # None for what is open: a variable, a blank node
-
-
-class _UnreadError(Exception):
-    """What stands here is not understood."""
+Term = NamedNode | Variable | Literal["a literal"] | None  # None for a blank node, and the like
 
 
 class _Path(NamedTuple):
@@ -74,8 +88,8 @@ class _Path(NamedTuple):
 
 def seen_by(
     sparql: str, prefixes: Mapping[str, str] | None = None, base: str | None = None
-) -> frozenset[Pattern]:
-    """Patterns of all the facts that the answer of a query depends on.
+) -> Seen:
+    """All the facts that the answer of a query depends on.
 
     `prefixes` are those predeclared, relative IRIs are of `base`. What is not understood sees
     everything; so does what does not parse, for the engine has yet to say what is wrong with it.
@@ -85,41 +99,30 @@ def seen_by(
     return _seen_by(sparql, tuple((prefixes or {}).items()), base)
 
 
-@lru_cache(maxsize=256)
-def _seen_by(
-    sparql: str, prefixes: tuple[tuple[str, str], ...], base: str | None
-) -> frozenset[Pattern]:
+@lru_cache(maxsize=64)
+def _seen_by(sparql: str, prefixes: tuple[tuple[str, str], ...], base: str | None) -> Seen:
     try:
         return _Reader(sparql, dict(prefixes), base).query()
-    except (_UnreadError, ValueError, RecursionError):
+    except (UnreadError, ValueError, RecursionError):
         return _ALL
-
-
-def _tokens(sparql: str) -> Iterator[tuple[str, str]]:
-    """Kind and text of each token; keywords in lower case, as their case does not matter."""
-    at = 0
-    while at < len(sparql):
-        match = _TOKEN.match(sparql, at)
-        if match is None:
-            raise _UnreadError(sparql[at : at + 20])
-        at, kind = match.end(), str(match.lastgroup)
-        if kind == "word" and match[0] != "a":
-            yield kind, match[0].lower() if match[0] != "A" else "A"
-        elif kind != "gap":
-            yield kind, match[0]
 
 
 class _Reader:
     """Goes through the tokens of one query; each method takes what the grammar calls so."""
 
     def __init__(self, sparql: str, prefixes: dict[str, str], base: str | None) -> None:
-        self._tokens = [*_tokens(sparql)]
-        self._at = 0
+        self._tokens = [*words_of(sparql)]
+        self._at_token = 0
         self._prefixes = prefixes
         self._base = base
         self._found: set[Pattern] = set()
+        self._where = _FREE
+        self._bound: set[Variable] = set()  # by what stands before in this group
+        self._must: list[tuple[Variable, Pattern, Term]] = []  # subject, pattern, object
+        self._may: list[tuple[Variable, Pattern]] = []
+        self._given: dict[Variable, frozenset[NamedNode]] = {}  # by VALUES
 
-    def query(self) -> frozenset[Pattern]:
+    def query(self) -> Seen:
         self._prologue()
         form = self._next()
         if form == ("word", "select"):
@@ -128,34 +131,74 @@ class _Reader:
             if self._peek() == ("mark", "{"):
                 self._data()
         elif form != ("word", "ask"):  # DESCRIBE: what it tells is the engine's to decide
-            raise _UnreadError(form)
+            raise UnreadError(form)
         while self._took("from"):
             self._took("named")
             self._term()
-        self._rest(None)
+        self._took("where")
+        with self._at(_MUST):
+            self._group(None)
+        self._tail(None)
         if self._peek() != _END:
-            raise _UnreadError(self._peek())
-        return frozenset(self._found)
+            raise UnreadError(self._peek())
+        return self._seen()
+
+    def _seen(self) -> Seen:
+        among: dict[Variable, set[Among]] = {}
+        for subject, pattern, value in self._must:
+            if (found := self._among(pattern, value)) is not None:
+                among.setdefault(subject, set()).add(found)
+        narrow = set()
+        for subject, pattern in (*((one, two) for one, two, _ in self._must), *self._may):
+            if subject in among and pattern.graph not in _BACKGROUND:
+                narrow.add(Narrow(pattern, frozenset(among[subject])))
+            else:
+                self._found.add(pattern)
+        return Seen(frozenset(self._found), frozenset(narrow))
+
+    def _among(self, pattern: Pattern, value: Term) -> Among | None:
+        """The subjects that a pattern of every solution leaves."""
+        _, predicate, constant, graph = pattern
+        if predicate is None or graph is None or graph in _BACKGROUND:
+            return None
+        if constant is not None:
+            return Among(predicate, graph, frozenset((constant,)), None)
+        if not isinstance(value, Variable):
+            return None
+        if value in self._given:
+            return Among(predicate, graph, self._given[value], None)
+        for subject, other, _ in self._must:
+            if subject == value and other.value is not None and other.graph in _BACKGROUND:
+                self._found.add(other)
+                return Among(predicate, graph, frozenset(), other)
+        return None
+
+    @contextmanager
+    def _at(self, where: int) -> Iterator[None]:
+        """Within, patterns stand there."""
+        self._where, before = where, self._where
+        yield
+        self._where = before
 
     def _peek(self) -> tuple[str, str]:
-        return self._tokens[self._at] if self._at < len(self._tokens) else _END
+        return self._tokens[self._at_token] if self._at_token < len(self._tokens) else _END
 
     def _next(self) -> tuple[str, str]:
         token = self._peek()
-        self._at += 1
+        self._at_token += 1
         return token
 
     def _took(self, *texts: str) -> bool:
         """Whether one of these keywords or marks was next, and is now taken."""
         kind, text = self._peek()
         if kind in ("word", "mark") and text in texts:
-            self._at += 1
+            self._at_token += 1
             return True
         return False
 
     def _expect(self, text: str) -> None:
         if not self._took(text):
-            raise _UnreadError(text)
+            raise UnreadError(text)
 
     def _prologue(self) -> None:
         while True:
@@ -165,7 +208,7 @@ class _Reader:
             elif self._took("prefix"):
                 name, iri = self._next(), self._next()
                 if name[0] != "name" or iri[0] != "iri" or not name[1].endswith(":"):
-                    raise _UnreadError(name)
+                    raise UnreadError(name)
                 self._prefixes[name[1][:-1]] = iri[1][1:-1]
             else:
                 return
@@ -178,10 +221,8 @@ class _Reader:
             else:
                 self._next()
 
-    def _rest(self, graph: NamedNode | None) -> None:
-        """From WHERE to the end of a query or of a subquery."""
-        self._took("where")
-        self._group(graph)
+    def _tail(self, graph: NamedNode | None) -> None:
+        """What comes after the pattern of a query or of a subquery."""
         while (token := self._peek()) not in (_END, ("mark", "}")):
             if self._took("values"):
                 self._values()
@@ -190,14 +231,17 @@ class _Reader:
             elif token[0] in ("word", "variable", "number", "iri", "name"):
                 self._next()  # GROUP BY, HAVING, ORDER BY, LIMIT, OFFSET and what they name
             else:
-                raise _UnreadError(token)
+                raise UnreadError(token)
 
     def _group(self, graph: NamedNode | None) -> bool:
         """A group in braces; whether it has no solution where the graph holds no fact."""
         self._expect("{")
         if self._took("select"):
-            self._projection()
-            self._rest(graph)
+            with self._at(_FREE):
+                self._projection()
+                self._took("where")
+                self._group(graph)
+                self._tail(graph)
             self._expect("}")
             return False  # a count of nothing is a solution
         certain = False
@@ -208,9 +252,14 @@ class _Reader:
 
     def _element(self, graph: NamedNode | None) -> bool:
         if self._peek() == ("mark", "{"):
-            return self._union(graph)
-        if self._took("optional", "minus"):
-            self._group(graph)
+            with self._at(_FREE):
+                return self._union(graph)
+        if self._took("optional"):
+            with self._at(_MAY if self._where == _MUST else _FREE):
+                self._group(graph)
+        elif self._took("minus"):
+            with self._at(_FREE):
+                self._group(graph)
         elif self._took("graph"):
             self._graph()
         elif self._took("filter"):
@@ -218,7 +267,7 @@ class _Reader:
         elif self._took("bind"):
             self._expression(graph)
         elif self._took("values"):
-            self._values()
+            self._values(binding=self._where == _MUST)
         else:
             return self._triples(graph)
         return False
@@ -231,14 +280,19 @@ class _Reader:
 
     def _graph(self) -> None:
         name = self._term()
+        before = self._bound
+        if self._where == _MUST:
+            self._bound = set()  # an OPTIONAL in it adds to what stands in it alone
         # else it matters which graphs there are
         if not self._group(name if isinstance(name, NamedNode) else None):
-            raise _UnreadError("graph")
+            raise UnreadError("graph")
+        self._bound |= before
 
     def _filter(self, graph: NamedNode | None) -> None:
         self._took("not")
         if self._took("exists"):
-            self._group(graph)
+            with self._at(_FREE):
+                self._group(graph)
             return
         if self._peek()[0] in ("word", "iri", "name"):  # a function
             self._next()
@@ -250,28 +304,35 @@ class _Reader:
         depth, before = 1, ""
         while depth:
             if self._took("exists"):
-                self._group(graph)
+                with self._at(_FREE):
+                    self._group(graph)
                 before = ""
                 continue
             kind, text = self._next()
             if text in ("{", "}", "[", "]", "") or (kind == "iri" and before in _OPERANDS):
-                raise _UnreadError(text)  # what looks like an IRI may be a less-than
+                raise UnreadError(text)  # what looks like an IRI may be a less-than
             depth += (text == "(") - (text == ")")
             before = "word" if text == ")" else kind
 
-    def _values(self) -> None:
+    def _values(self, *, binding: bool = False) -> None:
         if self._took("("):
             while not self._took(")"):
-                self._only("variable")
-        else:
-            self._only("variable")
+                self._variable()
+            self._data()
+            return
+        variable, start = self._variable(), self._at_token + 1
         self._data()
+        given = self._tokens[start : self._at_token - 1]
+        if binding and all(kind in ("iri", "name") for kind, _ in given):
+            names = [self._iri(*token) for token in given]
+            if all(names):
+                self._given[variable] = frozenset(name for name in names if name)
 
-    def _only(self, kind: str) -> str:
-        found, text = self._next()
-        if found != kind:
-            raise _UnreadError(text)
-        return text
+    def _variable(self) -> Variable:
+        kind, text = self._next()
+        if kind != "variable":
+            raise UnreadError(text)
+        return Variable(text[1:])
 
     def _data(self) -> None:
         """Braces with nothing that is matched."""
@@ -279,7 +340,7 @@ class _Reader:
         while not self._took("}"):
             kind, text = self._next()
             if kind == "end" or text == "{":
-                raise _UnreadError(text)
+                raise UnreadError(text)
 
     def _triples(self, graph: NamedNode | None) -> bool:
         whole = self._peek() in (("mark", "["), ("mark", "("))  # may stand by itself
@@ -307,15 +368,24 @@ class _Reader:
     def _ask(self, subject: Term, path: _Path, value: Term, graph: NamedNode | None) -> bool:
         if path.empty:
             self._stay(subject, value)
-        ends = (subject, value) if path.single else (None, None)
-        one, other = (end if isinstance(end, NamedNode) else None for end in ends)
-        self._found.update(Pattern(one, step, other, graph) for step in path.predicates)
-        return not path.empty
+        if not path.single:
+            self._found.update(Pattern(None, step, None, graph) for step in path.predicates)
+            return not path.empty
+        one, other = (end if isinstance(end, NamedNode) else None for end in (subject, value))
+        pattern = Pattern(one, path.predicates[0], other, graph)
+        if self._where == _MUST and isinstance(subject, Variable):
+            self._must.append((subject, pattern, value))
+            self._bound.add(subject)
+        elif self._where == _MAY and isinstance(subject, Variable) and subject in self._bound:
+            self._may.append((subject, pattern))
+        else:
+            self._found.add(pattern)
+        return True
 
     def _stay(self, *ends: Term) -> None:
         """A path of no step: it leads from a node to itself, so it matters what nodes there are."""
-        if ends == (None, None) or "a literal" in ends:
-            raise _UnreadError("every node is joined with itself")
+        if "a literal" in ends or not any(isinstance(end, NamedNode) for end in ends):
+            raise UnreadError("every node is joined with itself")
         for end in ends:
             if isinstance(end, NamedNode):
                 self._found.update(EVERYTHING._replace(**{at: end}) for at in Pattern._fields)
@@ -358,7 +428,7 @@ class _Reader:
 
     def _named(self) -> NamedNode | None:
         if self._peek()[0] not in ("iri", "name"):
-            raise _UnreadError(self._peek())
+            raise UnreadError(self._peek())
         name = self._term()
         return name if isinstance(name, NamedNode) else None
 
@@ -388,14 +458,16 @@ class _Reader:
         if kind == "number" or (kind == "word" and text in ("true", "false") and not signed):
             return "a literal"
         if signed:
-            raise _UnreadError(text)
+            raise UnreadError(text)
         if kind == "literal":
             if self._took("^^"):
                 self._named()
             elif self._peek()[0] == "language":
                 self._next()
             return "a literal"
-        if kind in ("variable", "blank"):
+        if kind == "variable":
+            return Variable(text[1:])
+        if kind == "blank":
             return None
         return self._iri(kind, text)
 
@@ -404,16 +476,16 @@ class _Reader:
         if kind == "name":
             prefix, _, local = text.partition(":")
             if prefix not in self._prefixes:
-                raise _UnreadError(text)
+                raise UnreadError(text)
             iri = self._prefixes[prefix] + local
         elif kind == "iri":
             iri = text[1:-1]
         else:
-            raise _UnreadError(text)
+            raise UnreadError(text)
         if self._base and self._base.endswith("/") and _PLAIN.fullmatch(iri):
             iri = self._base + iri
         if not _ABSOLUTE.match(iri):
             return None
         if "/." in iri:  # the engine may leave such steps out
-            raise _UnreadError(iri)
+            raise UnreadError(iri)
         return NamedNode(iri)

@@ -17,11 +17,12 @@ from pyoxigraph import BlankNode, DefaultGraph, NamedNode, Quad, Store
 from kg.engine import Engine, Functions, Object, Subject
 from kg.errors import GraphError
 from kg.history.background import background_at
+from kg.history.coding import INTERNED, Term
 from kg.history.instants import refuse_dropped
 from kg.history.log import Log
 from kg.history.states import Nodes, States, foreground, states_at
-from kg.history.writing import Columns, put
-from kg.seen import EVERYTHING, Pattern, seen_by
+from kg.history.writing import Chosen, Columns, put
+from kg.seen import EVERYTHING, Among, Narrow, Pattern, Seen, seen_by
 from kg.store import MapStore, sequence_quad
 
 SINGLY: Final = 32  # subjects looked up by themselves, until all of their graph are taken in
@@ -40,6 +41,8 @@ class Moment:
         self.sequence = sequence
         self._store = Store()
         self._made: set[Pattern] = set()
+        self._narrow: set[Narrow] = set()
+        self._members: dict[frozenset[Among], Chosen] = {}  # of the columns of all subjects
         self._table: tuple[Nodes, States] | None = None  # of all subjects
         self._singly = 0
         self._guard = threading.RLock()
@@ -58,7 +61,8 @@ class Moment:
     ) -> Iterator[Quad]:
         """The quads that match; None matches anything."""
         terms = (subject, predicate, object, graph_name)
-        self.make([Pattern(*(t if isinstance(t, NamedNode) else None for t in terms))])
+        named = (term if isinstance(term, NamedNode) else None for term in terms)
+        self.make(Seen(frozenset((Pattern(*named),))))
         return self._store.quads_for_pattern(*terms)
 
     def query(
@@ -102,22 +106,25 @@ class Moment:
 
     def whole(self) -> Store:
         """All of it, in a store."""
-        self.make((EVERYTHING,))
+        self.make(Seen(frozenset((EVERYTHING,))))
         return self._store
 
-    def make(self, patterns: Iterable[Pattern]) -> None:
-        """Have all facts in the store that match any of the patterns."""
+    def make(self, seen: Seen) -> None:
+        """Have all that is seen in the store."""
         with self._guard:
-            missing = self._missing(patterns)
-            if not missing:
+            missing = self._missing(seen.whole)
+            narrow = {n for n in seen.narrow - self._narrow if not _covered(n.pattern, self._made)}
+            if not missing and not narrow:
                 return
-            self._store.extend(background_at(self.log, self.engine, self.sequence, missing))
-            self._take_in(missing)
+            patterns = missing | {one.pattern for one in narrow}
+            self._store.extend(background_at(self.log, self.engine, self.sequence, patterns))
+            self._take_in(missing, narrow)
             number = sequence_quad(self.sequence)
-            if self.sequence and any(pattern.covers(number) for pattern in missing):
+            if self.sequence and any(pattern.covers(number) for pattern in patterns):
                 self._store.add(number)
             refuse_dropped(self.log, self.sequence)
             self._made = {made for made in self._made if not _covered(made, missing)} | missing
+            self._narrow |= narrow
 
     def _missing(self, patterns: Iterable[Pattern]) -> set[Pattern]:
         missing = {pattern for pattern in patterns if not _covered(pattern, self._made)}
@@ -127,23 +134,48 @@ class Moment:
             return {p._replace(subject=None, value=None) if p.subject else p for p in missing}
         return missing
 
-    def _take_in(self, missing: set[Pattern]) -> None:
-        """Put the folded facts into the store that match one of the patterns."""
-        nodes, states = self._folded(missing)
+    def _take_in(self, missing: set[Pattern], narrow: set[Narrow]) -> None:
+        """Put the folded facts into the store that are among those."""
+        nodes, states = self._folded(missing, narrow)
         at = np.searchsorted(nodes.node, states.node)
         columns = Columns(
             nodes.subject[at], states.predicate, states.kind, states.value, nodes.graph[at]
         )
-        terms = self.log.terms
-        chosen = np.zeros(len(at), bool)
         with self.log.lock:
+            chosen = np.zeros(len(at), bool)
             for pattern in missing:
-                numbers = [None if term is None else terms.find(term) or -1 for term in pattern]
-                chosen |= columns.matching(*numbers)
-            put(self._store, Columns(*(c[chosen] for c in columns)), states.texts, terms)
+                chosen |= self._matching(columns, pattern)
+            for one in narrow:
+                chosen |= self._matching(columns, one.pattern) & self._subjects(columns, one.among)
+            some = Columns(*(column[chosen] for column in columns))
+            put(self._store, some, states.texts, self.log.terms)
 
-    def _folded(self, missing: set[Pattern]) -> tuple[Nodes, States]:
-        if self._table is None and all(pattern.subject is not None for pattern in missing):
+    def _matching(self, columns: Columns, pattern: Pattern) -> Chosen:
+        find = self.log.terms.find
+        return columns.matching(*(None if t is None else find(t) or -1 for t in pattern))
+
+    def _subjects(self, columns: Columns, among: frozenset[Among]) -> Chosen:
+        """The facts whose subjects are among all of these."""
+        if among not in self._members:
+            found = np.ones(len(columns.subject), bool)
+            for one in among:
+                members = self._matching(columns, Pattern(None, one.predicate, None, one.graph))
+                members &= columns.kind == INTERNED
+                members &= np.isin(columns.value, self._numbers(one))
+                found &= np.isin(columns.subject, columns.subject[members])
+            self._members[among] = found
+        return self._members[among]
+
+    def _numbers(self, among: Among) -> list[int]:
+        """The values, interned; those of the background are in the store by now."""
+        values: Iterable[Term] = among.values
+        if among.above is not None:
+            values = {quad.subject for quad in self._store.quads_for_pattern(*among.above)}
+        return self.log.terms.numbers(values)
+
+    def _folded(self, missing: set[Pattern], narrow: set[Narrow]) -> tuple[Nodes, States]:
+        singly = not narrow and all(pattern.subject is not None for pattern in missing)
+        if self._table is None and singly:
             with self.log.lock:
                 found = (self.log.terms.find(pattern.subject) for pattern in missing)
                 nodes = foreground(self.log, [number for number in found if number is not None])

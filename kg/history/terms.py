@@ -64,6 +64,12 @@ class Terms:
         row = self._db.execute("SELECT id FROM term WHERE text = ?", (self._text(term),)).fetchone()
         return row[0] if row else None
 
+    def numbers(self, terms: Iterable[Term]) -> list[int]:
+        """The numbers of those of many IRIs and blank nodes that have one."""
+        texts = json.dumps([self._text(term) for term in terms])
+        select = "SELECT id FROM term WHERE text IN (SELECT value FROM json_each(?))"
+        return [row[0] for row in self._db.execute(select, (texts,))]
+
     def term(self, number: int) -> Term:
         """The IRI or blank node of a number; HistoryError where it is dropped meanwhile."""
         known = self._terms.get(number)

@@ -14,6 +14,8 @@ from kg.history.coding import HUNDREDTHS, INTERNED, STRING, Coded, decode_litera
 from kg.history.columns import Ints
 from kg.history.terms import Terms
 
+Chosen = NDArray[np.bool_]
+
 _DOUBLE = f"^^<{v.XSD_DOUBLE}>"
 _EXACT = 10**15  # hundredths below it are written by a double as by hand
 
@@ -29,7 +31,7 @@ class Columns(NamedTuple):
 
     def matching(
         self, subject: int | None, predicate: int | None, value: int | None, graph: int | None
-    ) -> NDArray[np.bool_]:
+    ) -> Chosen:
         """Which facts have these interned terms; None matches any."""
         found = np.ones(len(self.subject), bool)
         for column, number in (
