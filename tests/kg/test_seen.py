@@ -100,6 +100,32 @@ SHAPES = (
     "SELECT ?s { ?s a here:Place, bot:Space ; here:viewCount ?n FILTER(?n IN (1, 2, 3)) }",
     "SELECT ?g ?t { GRAPH ?g { ?s a ?t } { ?s here:x ?x } UNION { ?s here:belief ?b } }",
 )
+# where a place is asked for, objects matter still: each of these is answered otherwise without them
+PLACE = "?o a here:Place"
+OTHERS = "?o here:confidence ?c"
+NARROWED = (
+    f"{PLACE} OPTIONAL {{ {OTHERS} }}",
+    f"{PLACE} OPTIONAL {{ ?q a here:Robot OPTIONAL {{ {OTHERS} }} }}",
+    f"{PLACE} OPTIONAL {{ ?q a here:Robot MINUS {{ {OTHERS} }} }}",
+    f"{PLACE} OPTIONAL {{ ?q a here:Robot FILTER NOT EXISTS {{ {OTHERS} }} }}",
+    f"{PLACE} OPTIONAL {{ ?q a here:Robot {{ SELECT (COUNT(*) AS ?n) {{ {OTHERS} }} }} }}",
+    f"{PLACE} }} GRAPH graph:map {{ ?q a here:Robot OPTIONAL {{ {OTHERS} }}",
+    f"?q a here:Robot OPTIONAL {{ {OTHERS} }} }} GRAPH graph:map {{ {PLACE}",
+    f"?q a here:Robot OPTIONAL {{ {OTHERS} }} {PLACE}",
+    f"?q a here:Robot OPTIONAL {{ {OTHERS} }} {{ {PLACE} }}",
+    f"{{ {PLACE} }} UNION {{ {OTHERS} }} ?o here:x ?x",
+    f"{PLACE} {{ SELECT ?q ?p {{ ?o here:confidence ?q ; here:inPlace ?p }} }}",
+    f"{PLACE} . ?q a here:Robot MINUS {{ ?q here:x ?any OPTIONAL {{ {OTHERS} }} }}",
+    f"{PLACE} FILTER NOT EXISTS {{ ?q here:confidence ?c }}",
+    f"{PLACE} }} OPTIONAL {{ {OTHERS} OPTIONAL {{ ?o rdfs:label ?l }}",
+    f"{PLACE} }} GRAPH graph:commonsense {{ ?k here:isA here:Object }} GRAPH graph:map {{ ?q a ?k",
+    "?o a ?k } GRAPH graph:commonsense { ?k here:isA here:Place } GRAPH graph:map { ?o here:x ?x",
+    "?o here:inPlace ?p OPTIONAL { VALUES ?p { <urn:no> } }",
+    "?o here:inPlace ?p VALUES ?p { UNDEF <urn:no> }",
+    "?o here:inPlace ?p VALUES ?p { <urn:no> <place/1> } VALUES ?p { here:Chair <place/1> }",
+    "?o here:inPlace ?p VALUES (?p ?o) { (<place/1> <object/1>) }",
+    "?o here:inPlace ?p { VALUES ?p { <urn:no> } } UNION { ?o here:x ?x }",
+)
 
 
 @pytest.fixture(scope="module")
@@ -158,6 +184,15 @@ def test_queries_of_many_shapes(
     remembered: SemanticMap, states: dict[int, Store], sparql: str
 ) -> None:
     assert_alike(remembered, states, sparql)
+
+
+@pytest.mark.parametrize("pattern", NARROWED)
+@pytest.mark.parametrize("graph", ["GRAPH graph:map", ""])
+def test_queries_about_a_few_things(
+    remembered: SemanticMap, states: dict[int, Store], pattern: str, graph: str
+) -> None:
+    sparql = f"SELECT * {{ GRAPH graph:map {{ {pattern} }} }}"
+    assert_alike(remembered, states, sparql.replace("GRAPH graph:map", graph))
 
 
 def shipped() -> dict[str, str]:
