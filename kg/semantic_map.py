@@ -239,7 +239,8 @@ class SemanticMap(Reading):
         log, catalogue = self.history, self.catalogue
         sequence = sequence_of(log, when)
         known = None if changed_since(log, sequence) else catalogue
-        return SemanticMap(store_at(log, self.engine, sequence), base=self.base, catalogue=known)
+        then = store_at(log, lambda: self.engine, sequence)
+        return SemanticMap(then, base=self.base, catalogue=known)
 
     def snapshot(self) -> SemanticMap:
         """A copy in memory for reading only: the map as it is now, whatever happens to it then."""

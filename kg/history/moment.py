@@ -8,7 +8,7 @@ facts stay in columns, and those that match what is asked (`kg.seen`) go into th
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, Final, NoReturn
 
 import numpy as np
@@ -31,12 +31,12 @@ SINGLY: Final = 32  # subjects looked up by themselves, until all of their graph
 class Moment:
     """What a map said right after a transaction, as an `Engine` that is only read.
 
-    Reads what it needs from the log, and ontology and common sense from `engine`, which says what
-    holds now: both must stay open. Raises HistoryError where the moment is dropped meanwhile.
-    Safe from several threads.
+    Reads what it needs from the log, and ontology and common sense from what `engine` gives, which
+    says what holds now: both must stay open, and it keeps neither open. Raises HistoryError where
+    the moment is dropped meanwhile. Safe from several threads.
     """
 
-    def __init__(self, log: Log, engine: Engine, sequence: int) -> None:
+    def __init__(self, log: Log, engine: Callable[[], Engine], sequence: int) -> None:
         self.log, self.engine = log, engine
         self.sequence = sequence
         self._store = Store()
@@ -117,7 +117,7 @@ class Moment:
             if not missing and not narrow:
                 return
             patterns = missing | {one.pattern for one in narrow}
-            self._store.extend(background_at(self.log, self.engine, self.sequence, patterns))
+            self._store.extend(background_at(self.log, self.engine(), self.sequence, patterns))
             self._take_in(missing, narrow)
             number = sequence_quad(self.sequence)
             if self.sequence and any(pattern.covers(number) for pattern in patterns):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 from pyoxigraph import NamedNode, Quad
@@ -45,8 +45,8 @@ class Difference:
         return sorted(rows, key=lambda row: (_natural(row[1]), row[2]))
 
 
-def store_at(log: Log, engine: Engine, sequence: int) -> MapStore:
-    """A store for reading only that says what `engine` said after `sequence`.
+def store_at(log: Log, engine: Callable[[], Engine], sequence: int) -> MapStore:
+    """A store for reading only that says what the `engine` it is given said after `sequence`.
 
     It is made of log and engine as far as it is read: both must stay open.
     """

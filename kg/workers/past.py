@@ -48,9 +48,10 @@ class LastMoment:
             self._moment = None
         with _frozen(request) as log:
             refuse_dropped(log, sequence)
-            moment, self._moment = self._moment or Moment(log, store, sequence), None
-            moment.log, moment.engine = log, store
+            moment, self._moment = self._moment or Moment(log, lambda: store, sequence), None
+            moment.log, moment.engine = log, lambda: store
             yield moment
+        moment.engine = Store  # a snapshot that nobody reads any more is let go
         if len(moment) <= _KEPT:
             self._moment = moment
 

@@ -13,7 +13,7 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Quad, Store
 
 from kg import vocabulary as v
 from kg.commits import Cause, ChangeSet
-from kg.errors import HistoryError, InvalidFactError
+from kg.errors import GraphError, HistoryError, InvalidFactError
 from kg.history.instants import duration, iso
 from kg.history.log import KEYFRAME
 from kg.history.past import difference, members_at, quads_at, store_at
@@ -61,7 +61,7 @@ def test_every_moment_is_what_it_was(
                 before.append(set(store.engine))
         assert store.sequence == len(before) - 1
         for sequence, facts in enumerate(before):
-            with store_at(log, store.engine, sequence) as then:
+            with store_at(log, lambda: store.engine, sequence) as then:
                 assert set(then.engine) == facts
                 assert then.sequence == sequence
         one, other = (data.draw(st.integers(0, len(before) - 1)) for _ in range(2))
@@ -137,6 +137,16 @@ def test_a_past_map_answers_questions_and_refuses_writes(written: Written) -> No
                 then.at(1)
             assert then.read_only
         assert semantic_map.ask("objects").records() == now
+
+
+def test_a_past_map_goes_with_the_map_it_is_of(written: Written) -> None:
+    with written(5) as semantic_map:
+        path = semantic_map.store.where
+        then = semantic_map.at(3)
+        assert len(then.objects()) == 2
+    with SemanticMap.open(path) as again, pytest.raises(GraphError, match="is closed"):
+        assert len(again.objects()) == 2
+        then.ask("places")
 
 
 def test_moments_by_the_clock(written: Written, frame: Callable[..., MapUpdate]) -> None:

@@ -174,7 +174,7 @@ def answer(engine: Any, sparql: str, *, union: bool) -> object:
 def assert_alike(semantic_map: SemanticMap, states: dict[int, Store], sparql: str) -> None:
     for number, state in states.items():
         for union in (True, False):
-            moment = Moment(semantic_map.history, semantic_map.engine, number)
+            moment = Moment(semantic_map.history, lambda: semantic_map.engine, number)
             expected = answer(state, sparql, union=union)
             assert answer(moment, sparql, union=union) == expected, (number, sparql)
 
@@ -286,7 +286,7 @@ def test_queries_that_nobody_thought_of(
     small: tuple[Log, MapStore], sparql: str, number: int, union: bool
 ) -> None:
     log, store = small
-    moment, state = Moment(log, store.engine, number), whole(log, store.engine, number)
+    moment, state = Moment(log, lambda: store.engine, number), whole(log, store.engine, number)
     assert answer(moment, sparql, union=union) == answer(state, sparql, union=union)
 
 
@@ -356,7 +356,7 @@ def test_what_is_not_understood_sees_everything(sparql: str) -> None:
 def test_a_moment_is_read_as_a_store(remembered: SemanticMap, states: dict[int, Store]) -> None:
     log, engine = remembered.history, remembered.engine
     for number, state in states.items():
-        moment = Moment(log, engine, number)
+        moment = Moment(log, lambda: engine, number)
         for quad in list(state)[::50]:
             assert quad in moment
             assert Quad(*quad.triple, NamedNode("urn:no")) not in moment
@@ -366,7 +366,7 @@ def test_a_moment_is_read_as_a_store(remembered: SemanticMap, states: dict[int, 
 
 
 def test_what_was_not_asked_for_is_not_made(remembered: SemanticMap) -> None:
-    moment = Moment(remembered.history, remembered.engine, 19)
+    moment = Moment(remembered.history, lambda: remembered.engine, 19)
     asked = "SELECT ?x { GRAPH graph:map { <object/1> here:x ?x } }"
     assert len(list(moment.query(asked, prefixes=v.PREFIXES, base_iri=remembered.base))) == 1
     assert len(moment) == 1
