@@ -14,7 +14,7 @@ A fact left out there would only have made solutions that fail in the end.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import lru_cache
 from typing import Final, Literal, NamedTuple
@@ -22,49 +22,9 @@ from typing import Final, Literal, NamedTuple
 from pyoxigraph import NamedNode, Variable
 
 from kg import vocabulary as v
+from kg.patterns import EVERYTHING, Among, Narrow, Pattern, Seen
 from kg.query_words import UnreadError, words_of
 
-
-class Pattern(NamedTuple):
-    """Facts with these terms; None matches any."""
-
-    subject: NamedNode | None = None
-    predicate: NamedNode | None = None
-    value: NamedNode | None = None
-    graph: NamedNode | None = None
-
-    def covers(self, other: Iterable[object]) -> bool:
-        """Whether a quad is matched, or all that another pattern matches."""
-        return all(mine is None or mine == its for mine, its in zip(self, other, strict=True))
-
-
-class Among(NamedTuple):
-    """Subjects of which a graph says by a predicate one of some values.
-
-    The values are given, or are the subjects of the facts of a background graph that match `above`.
-    """
-
-    predicate: NamedNode
-    graph: NamedNode
-    values: frozenset[NamedNode]
-    above: Pattern | None
-
-
-class Narrow(NamedTuple):
-    """A pattern that is seen only of the subjects that are among all of these."""
-
-    pattern: Pattern
-    among: frozenset[Among]
-
-
-class Seen(NamedTuple):
-    """What a query sees."""
-
-    whole: frozenset[Pattern]
-    narrow: frozenset[Narrow] = frozenset()
-
-
-EVERYTHING: Final = Pattern()
 _ALL: Final = Seen(frozenset((EVERYTHING,)))
 _MOST = 200_000  # characters; a longer text sees everything
 _BACKGROUND: Final = (NamedNode(v.ONTOLOGY_GRAPH), NamedNode(v.COMMONSENSE_GRAPH))

@@ -10,7 +10,7 @@ from pyoxigraph import Quad
 from kg.engine import Engine
 from kg.history.coding import decode_delta
 from kg.history.log import BACKGROUND, Log
-from kg.seen import Pattern
+from kg.patterns import Pattern
 
 # CROSS: the few nodes first, or SQLite goes through all changes there are
 _SINCE = (

@@ -22,7 +22,8 @@ from kg.history.instants import refuse_dropped
 from kg.history.log import Log
 from kg.history.states import Nodes, States, foreground, states_at
 from kg.history.writing import Chosen, Columns, put
-from kg.seen import EVERYTHING, Among, Narrow, Pattern, Seen, seen_by
+from kg.patterns import EVERYTHING, Among, Narrow, Pattern, Seen
+from kg.seen import seen_by
 from kg.store import MapStore, sequence_quad
 
 SINGLY: Final = 32  # subjects looked up by themselves, until all of their graph are taken in

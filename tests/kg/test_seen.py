@@ -18,9 +18,10 @@ from kg.history.log import Log
 from kg.history.moment import SINGLY, Moment
 from kg.history.past import quads_at
 from kg.history.recovery import attach
+from kg.patterns import EVERYTHING, Among, Narrow, Pattern, Seen
 from kg.questions import shipped_questions
 from kg.records import MapUpdate
-from kg.seen import EVERYTHING, Among, Narrow, Pattern, Seen, seen_by
+from kg.seen import seen_by
 from kg.semantic_map import SemanticMap
 from kg.store import MapStore
 
