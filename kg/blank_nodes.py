@@ -63,11 +63,12 @@ def named(quads: Iterable[Quad]) -> tuple[Quad, ...]:
 def anonymous(quads: Iterable[Quad]) -> Iterator[Quad]:
     """The quads with a blank node in place of each such IRI: what `named` was given."""
     for quad in quads:
-        subject, value = _without_name(quad.subject), _without_name(quad.object)
-        if subject is quad.subject and value is quad.object:
+        subject, predicate, value, graph = quad
+        bare, bare_value = _without_name(subject), _without_name(value)
+        if bare is subject and bare_value is value:
             yield quad
         else:
-            yield Quad(subject, quad.predicate, value, quad.graph_name)  # type: ignore[arg-type]
+            yield Quad(bare, predicate, bare_value, graph)  # type: ignore[arg-type]
 
 
 def anonymous_triple(triple: Triple) -> Triple:

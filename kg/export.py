@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import os
 import uuid
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Final
 
@@ -18,6 +18,7 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Quad, RdfFormat, Triple, s
 
 from kg import vocabulary as v
 from kg.blank_nodes import anonymous
+from kg.engine import Subject
 from kg.errors import GraphError, did_you_mean
 from kg.geometry import geometry_quads
 from kg.jsonld import to_jsonld
@@ -80,15 +81,18 @@ def export_quads(semantic_map: SemanticMap, *, ontology: bool = True) -> list[Qu
     """What an export holds, geometries included, in the order it is written."""
     graphs = (*_GRAPHS, v.ONTOLOGY_GRAPH) if ontology else _GRAPHS
     engine = semantic_map.engine
-    quads = [
+    quads = {
+        graph: tuple(engine.quads_for_pattern(None, None, None, NamedNode(graph)))
+        for graph in graphs
+    }
+    things = semantic_map.objects_among(quads[v.MAP_GRAPH]), semantic_map.places()
+    quads[v.MAP_GRAPH] += tuple(geometry_quads(semantic_map.base, *things, semantic_map.robot()))
+    return [
         quad
         for graph in graphs
-        for quad in engine.quads_for_pattern(None, None, None, NamedNode(graph))
+        for about in _by_subject(map(_with_exponent, anonymous(quads[graph])))
+        for quad in about
     ]
-    things = semantic_map.objects(), semantic_map.places(), semantic_map.robot()
-    quads += geometry_quads(semantic_map.base, *things)
-    rank = {graph: number for number, graph in enumerate(graphs)}
-    return sorted(set(map(_with_exponent, anonymous(quads))), key=lambda quad: _order(quad, rank))
 
 
 def _text(quads: list[Quad], form: str, prefixes: _Prefixes) -> str:
@@ -152,18 +156,26 @@ def _with_exponent(quad: Quad) -> Quad:
     return Quad(quad.subject, quad.predicate, Literal(text, datatype=_DOUBLE), quad.graph_name)
 
 
-def _order(quad: Quad, rank: dict[str, int]) -> tuple[object, ...]:
-    graph, subject, predicate = quad.graph_name, quad.subject, quad.predicate.value
+def _by_subject(quads: Iterable[Quad]) -> Iterator[list[Quad]]:
+    """What is said of each subject, each fact once; numbered things in the order of numbers."""
+    about: dict[Subject, dict[tuple[object, ...], Quad]] = {}
+    for quad in quads:
+        subject, predicate, value, _ = quad
+        about.setdefault(subject, {})[_rank(predicate.value, str(value))] = quad
+    for subject in sorted(about, key=_number):
+        said = about[subject]
+        yield [said[rank] for rank in sorted(said)]
+
+
+def _number(subject: Subject) -> tuple[object, ...]:
     name = str(getattr(subject, "value", subject))
-    kind, _, _ = name.rpartition("/")
-    return (
-        rank.get(str(getattr(graph, "value", "")), len(rank)),
-        isinstance(subject, BlankNode),
-        kind if name.rpartition("/")[2].isdigit() else name,
-        (len(name), name),
-        (_FIRST.get(predicate, 2), predicate),
-        (len(str(quad.object)) if predicate == v.HAS_BELIEF else 0, str(quad.object)),
-    )
+    kind, _, last = name.rpartition("/")
+    return isinstance(subject, BlankNode), kind if last.isdigit() else name, len(name), name
+
+
+def _rank(predicate: str, value: str) -> tuple[object, ...]:
+    length = len(value) if predicate == v.HAS_BELIEF else 0
+    return _FIRST.get(predicate, 2), predicate, length, value
 
 
 def write_atomically(path: Path, text: str | bytes) -> None:

@@ -171,7 +171,11 @@ class Facts:
 
     def objects(self, store: Engine) -> tuple[ObjectRecord, ...]:
         """All objects of the map, in the order of their numbers."""
-        return self._objects(_by_subject(store, _MAP))
+        return self.objects_among(store.quads_for_pattern(None, None, None, _MAP))
+
+    def objects_among(self, quads: Iterable[Quad]) -> tuple[ObjectRecord, ...]:
+        """The objects that `quads` of graph:map tell of, in the order of their numbers."""
+        return self._objects(_by_subject(quads))
 
     def some_objects(self, store: Engine, iris: Iterable[str]) -> tuple[ObjectRecord, ...]:
         """Those of `iris` that are objects, in the order of their numbers."""
@@ -375,12 +379,11 @@ def _position(p_map: np.ndarray, what: str) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _by_subject(store: Engine, graph: NamedNode) -> dict[str, Properties]:
+def _by_subject(quads: Iterable[Quad]) -> dict[str, Properties]:
     subjects: dict[str, Properties] = {}
-    quads = store.quads_for_pattern(None, None, None, graph)
-    for quad in in_pieces(quads, 10 * PIECE):
-        properties = subjects.setdefault(text_of(quad.subject), {})
-        properties.setdefault(quad.predicate.value, []).append(text_of(quad.object))
+    for subject, predicate, value, _ in in_pieces(quads, 10 * PIECE):
+        properties = subjects.setdefault(text_of(subject), {})
+        properties.setdefault(predicate.value, []).append(text_of(value))
     return subjects
 
 

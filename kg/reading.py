@@ -49,6 +49,10 @@ class Reading(Remembering):
         """Where the robot was last, if it ever was."""
         return self._facts.robot(self.engine)
 
+    def objects_among(self, quads: Iterable[Quad]) -> tuple[ObjectRecord, ...]:
+        """The objects that `quads` of graph:map tell of, oldest first: what was read, read once."""
+        return self._facts.objects_among(quads)
+
     def floor(self) -> tuple[FloorTile, ...]:
         """The floor as depth frames showed it, by storey, column and row; empty without any."""
         return tiles_in(self.engine)

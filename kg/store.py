@@ -27,6 +27,7 @@ from kg import vocabulary as v
 from kg.commits import Cause, ChangeSet, Listener
 from kg.engine import Engine
 from kg.errors import GraphError, InvalidFactError, MapBusyError, MapNotFoundError
+from kg.memory import EVERY, give_back
 from kg.remote import RemoteEngine, graph_blocks, reading_ahead
 
 FLUSH_EVERY = 3.0  # [s]
@@ -327,12 +328,17 @@ class MapStore:
 
 def _keep_flushing(reference: weakref.ref[MapStore], stop: threading.Event) -> None:
     # a weak reference, so that a map nobody holds any more is let go although never closed
+    given_back, written = time.monotonic(), 0
     while not stop.wait(FLUSH_EVERY):
         store = reference()
         if store is None:
             return
         store.flush()
+        sequence = store.sequence
         del store
+        if sequence != written and time.monotonic() - given_back > EVERY:
+            give_back()
+            given_back, written = time.monotonic(), sequence
 
 
 def _refuse_blank_nodes(quads: Iterable[Quad]) -> None:

@@ -16,6 +16,7 @@ from kg.semantic_map import SemanticMap
 BASE = "https://example.org/building/"
 ROOM = 10.0  # [m]
 A_ROOM = 100  # objects
+PACE = 20 / 30  # objects that come into view from one frame to the next: all of them in a second
 STAMP = 1_700_000_000.0  # [s]
 
 
@@ -64,6 +65,16 @@ class Building:
     def frame(self, number: int, seen: int = 20) -> MapUpdate:
         """What a frame changes: `seen` neighbours, somewhere in the building, and the robot."""
         first = int(self._random.integers(0, max(1, self.size - seen)))
+        return self._seen_from(first, number, seen)
+
+    def drive(self, number: int, seen: int = 20) -> MapUpdate:
+        """As `frame`, of a robot that drives from room to room instead of leaping.
+
+        Most of what a frame sees the one before it saw as well; every number moves all the same.
+        """
+        return self._seen_from(int(number * PACE) % max(1, self.size - seen), number, seen)
+
+    def _seen_from(self, first: int, number: int, seen: int) -> MapUpdate:
         objects = tuple(self.objects(range(first, first + seen), seen=number + 2))
         robot = RobotRecord(objects[0].p_map, 0.1 * (number % 60), STAMP + number)
         return MapUpdate(objects=objects, robot=robot)

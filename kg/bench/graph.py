@@ -20,7 +20,8 @@ class GraphBench:
     """Everything that was measured."""
 
     timings: tuple[Timing, ...]
-    live: LiveRun | None
+    driving: LiveRun | None
+    leaping: LiveRun | None
     flatness: Flatness | None
 
     def update_ratio(self) -> float | None:
@@ -39,19 +40,13 @@ class GraphBench:
 
     def to_json(self) -> dict[str, object]:
         """As a JSON object."""
-        live, flat = self.live, self.flatness
+        flat = self.flatness
         return {
             "timings": [timing.to_json() for timing in self.timings],
             "updateRatio": self.update_ratio(),
             "slowestLookup": self.slowest_lookup().to_json(),
-            "live": live
-            and {
-                "frames": live.frames,
-                "late": live.late,
-                "update": live.update.to_json(),
-                "reads": live.reads,
-                "read": live.read.to_json(),
-            },
+            "live": self.driving and self.driving.to_json(),
+            "leaping": self.leaping and self.leaping.to_json(),
             "lastTenthOverFirst": flat
             and {
                 "frames": flat.frames,
@@ -73,10 +68,11 @@ def bench_graph(
 ) -> GraphBench:
     """Measure maps of each size; the largest is then written live for `seconds`, 0 for not at all.
 
-    The flatness run applies `frames` frames to the smallest. `say` hears what is being done.
+    Live writing is of a robot that drives, and then of one that leaps to anywhere each frame. The
+    flatness run applies `frames` frames to the smallest. `say` hears what is being done.
     """
     timings: list[Timing] = []
-    live = flat = None
+    driving = leaping = flat = None
     for size in sorted(sizes):
         with tempfile.TemporaryDirectory(prefix="hereabouts-bench-") as name:
             folder = Path(name)
@@ -94,11 +90,13 @@ def bench_graph(
                     timings += rivals.owlready_sqlite(semantic_map, building, folder)
                 if size == max(sizes) and seconds:
                     say(f"writing 30 frames a second for {seconds:g} s beside two readers")
-                    live = ours.live(semantic_map, building, seconds=seconds)
+                    asked = semantic_map, building
+                    driving = ours.live(*asked, building.drive, "driving", seconds=seconds)
+                    leaping = ours.live(*asked, building.frame, "leaping", seconds=seconds)
                 if size == min(sizes) and frames:
                     say(f"{frames:,} frames in a row over {size:,} objects")
                     flat = ours.flatness(semantic_map, building, folder, frames=frames)
-    return GraphBench(tuple(timings), live, flat)
+    return GraphBench(tuple(timings), driving, leaping, flat)
 
 
 def _size(timing: Timing) -> int:

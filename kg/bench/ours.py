@@ -15,6 +15,7 @@ from kg.bench.timing import Timing, goes_on, measured, timing
 from kg.export import export_map
 from kg.pauses import settled
 from kg.questions import Question, shipped_questions
+from kg.records import MapUpdate
 from kg.semantic_map import SemanticMap
 
 STORE = "hereabouts on disk"
@@ -85,17 +86,36 @@ class LiveRun:
     reads: int
     read: Timing
 
+    def to_json(self) -> dict[str, object]:
+        """As a JSON object."""
+        return {
+            "frames": self.frames,
+            "late": self.late,
+            "update": self.update.to_json(),
+            "reads": self.reads,
+            "read": self.read.to_json(),
+        }
+
 
 def live(
-    semantic_map: SemanticMap, building: Building, *, seconds: float, rate: float = 30.0
+    semantic_map: SemanticMap,
+    building: Building,
+    frame: Callable[[int], MapUpdate],
+    how: str,
+    *,
+    seconds: float,
+    rate: float = 30.0,
 ) -> LiveRun:
-    """Write `rate` frames a second while two readers ask lookups as fast as they can."""
+    """Write `rate` frames a second while two readers ask lookups as fast as they can.
+
+    `frame` makes the update of that number, `how` says of what robot.
+    """
     stop = threading.Event()
     reads: list[float] = []
     readers = [
         threading.Thread(target=_read, args=(semantic_map, building, stop, reads)) for _ in (1, 2)
     ]
-    updates = [building.frame(number) for number in range(int(seconds * rate))]
+    updates = [frame(number) for number in range(int(seconds * rate))]
     with settled():
         for reader in readers:
             reader.start()
@@ -111,8 +131,8 @@ def live(
     stop.set()
     for reader in readers:
         reader.join()
-    written = timing("update, 30 a second, 2 readers", STORE, building.size, durations)
-    read = timing("lookup beside that writer", STORE, building.size, reads)
+    written = timing(f"update, 30 a second, 2 readers, {how}", STORE, building.size, durations)
+    read = timing(f"lookup beside that writer, {how}", STORE, building.size, reads)
     return LiveRun(len(updates), late, written, len(reads), read)
 
 

@@ -148,7 +148,8 @@ def run_graph(arguments: argparse.Namespace) -> int:
     if arguments.json:
         write_json(result.to_json())
         return 0
-    timings = [*result.timings, *((result.live.update, result.live.read) if result.live else ())]
+    live = [run for run in (result.driving, result.leaping) if run is not None]
+    timings = [*result.timings, *(t for run in live for t in (run.update, run.read))]
     print_table(
         ("operation", "store", "objects", "median [ms]", "p95 [ms]", "p99 [ms]", "runs", "rows"),
         [
@@ -170,8 +171,12 @@ def _note_graph(result: GraphBench) -> None:
         f"slowest of the lookups at {slowest.objects:,} objects: {slowest.operation}, "
         f"p99 {slowest.p99:.1f} ms"
     )
-    if (live := result.live) is not None:
-        note(f"{live.late} of {live.frames} frames late at 30 a second; {live.reads} reads beside")
+    for what, run in (("drives", result.driving), ("leaps about", result.leaping)):
+        if run is not None:
+            note(
+                f"a robot that {what}: {run.late} of {run.frames} frames late at 30 a second; "
+                f"{run.reads} reads beside"
+            )
     if (flat := result.flatness) is not None:
         note(
             f"last tenth of {flat.frames} frames over the first: update {flat.update:.2f}, "
