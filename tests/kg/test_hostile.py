@@ -42,7 +42,7 @@ def live(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SemanticMap]:
 
 @pytest.fixture(scope="module")
 def pool(live: SemanticMap) -> Iterator[QueryPool]:
-    with QueryPool(live, timeout=PATIENT, memory_mb=256, max_result_bytes=1 << 20) as made:
+    with QueryPool(live, timeout=PATIENT, memory_mb=512, max_result_bytes=1 << 20) as made:
         yield made
 
 
@@ -250,7 +250,7 @@ def test_a_huge_literal_grown_in_memory_ends_at_the_limit_of_memory(live: Semant
         f"BIND(CONCAT(?x{n}, ?x{n}, ?x{n}, ?x{n}) AS ?x{n + 1})" for n in range(1, 8)
     )
     sparql = f"SELECT (STRLEN(?x8) AS ?n) {{<urn:huge> <urn:text> ?x0 {grow}}}"
-    with QueryPool(live, timeout=PATIENT, memory_mb=256) as patient:
+    with QueryPool(live, timeout=PATIENT, memory_mb=512) as patient:
         with pytest.raises(QueryTooLargeError, match="256 MB"):
             patient.run(sparql)
         with pytest.raises(QueryTooLargeError, match="256 MB"):
