@@ -33,6 +33,7 @@ from kg.errors import QueryTimeoutError, QueryTooLargeError, RemoteError, Unreac
 from kg.virtuoso import complaint, gives_triples, is_virtuoso, plain, readable
 
 TOKEN_VARIABLE: Final = "HEREABOUTS_TOKEN"
+SEQUENCE: Final = "Here-Sequence"  # of an answer: which state; of a query: the oldest it may be of
 UPDATE_VARIABLE: Final = "HEREABOUTS_UPDATE_URL"
 CONNECT_WITHIN = 5.0  # [s]
 ANSWER_WITHIN = 300.0  # [s]
@@ -106,6 +107,7 @@ class Endpoint:
         self.update_url = update_url
         self._always = tuple(always)  # parameters of each query
         self.virtuoso = False  # until it has answered
+        self.least = 0  # transaction that a `hereabouts serve` is to have in its answers
         self._local = threading.local()
         self._sessions: list[requests.Session] = []
 
@@ -231,7 +233,7 @@ class Endpoint:
             self._session().post,
             url,
             data=list(form),
-            headers={"Accept": accept},
+            headers={"Accept": accept, **({SEQUENCE: str(self.least)} if self.least else {})},
             timeout=(min(CONNECT_WITHIN, seconds), seconds),
             stream=stream,
         )

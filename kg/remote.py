@@ -55,6 +55,10 @@ class RemoteEngine:
         """The address that queries go to."""
         return self._endpoint.query_url
 
+    def not_before(self, sequence: int) -> None:
+        """Have a running `hereabouts serve` answer with that transaction in it, from now on."""
+        self._endpoint.least = sequence
+
     def close(self) -> None:
         """Let go of the connections."""
         self._endpoint.close()

@@ -255,8 +255,17 @@ class SemanticMap(Reading):
         Without a `cause` it is the mapper's, for the frame that `update` says. Raises
         InvalidFactError, with nothing written, where a record cannot become facts.
         """
+        change = self.write(update, cause)
+        return len(change) if change else 0
+
+    def write(self, update: MapUpdate, cause: Cause | None = None) -> ChangeSet | None:
+        """As `apply`; returns the transaction."""
         with self._guard:
-            return self._writer.apply(update, cause or _frame_cause(update))
+            return self._writer.change(update, cause or frame_cause(update))
+
+    def written_by(self, update: MapUpdate) -> frozenset[str]:
+        """IRIs of the things whose facts `update` may change."""
+        return frozenset(node.value for node in self._writer.subjects(update))
 
     def update(
         self, sparql: str, *, by: str | None = None, allow: Collection[str] = ()
@@ -342,6 +351,18 @@ class SemanticMap(Reading):
         with self._guard:
             yield
 
+    @property
+    def hears_all(self) -> bool:
+        """Whether every transaction is told, once `catch_up` has run, to who listens at `store`."""
+        return not self._store.shared
+
+    def catch_up(self) -> None:
+        """Hear of what others wrote so far; in the process of the writer that is heard anyway."""
+
+    def is_others(self, change: ChangeSet) -> bool:
+        """Whether anybody but this process's mapper made a transaction that was told."""
+        return change.cause.kind != "frame" or change.cause.by is not None
+
     def listen(self, listener: Listener) -> Callable[[], None]:
         """Have `listener` called with each change set once it is stored; returns how to stop.
 
@@ -363,7 +384,7 @@ class SemanticMap(Reading):
             lambda: self._answer(asked, parameters),
             callback,
             lambda: self.sequence,
-            polls=self._store.shared,
+            polls=not self.hears_all,
         )
         deaf = self.listen(standing.hear)
 
@@ -429,7 +450,8 @@ class SemanticMap(Reading):
             raise
 
 
-def _frame_cause(update: MapUpdate) -> Cause:
+def frame_cause(update: MapUpdate) -> Cause:
+    """The mapper's, for the frame that `update` says."""
     recording = update.recording
     note = f"{recording.name}/{recording.last_frame}" if recording else ""
     return Cause("frame", note=note)

@@ -1,27 +1,43 @@
 """A running `hereabouts serve`, asked for what plain SPARQL servers do not have: who said what, the
-past, and why.
+past, and why; and given what a mapper or a robot saw.
 """
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterator
 from typing import Any, Final, TypeVar
 
 import requests
+from pyoxigraph import NamedNode
 
 from kg import errors
 from kg import vocabulary as v
 from kg.assertions import is_unicode
-from kg.commits import ChangeSet
+from kg.commits import Cause, ChangeSet
 from kg.endpoint import ANSWER_WITHIN, CONNECT_WITHIN, TOKEN_VARIABLE, is_local, without_secrets
-from kg.errors import HereaboutsError, QueryParameterError, RemoteError, UnreachableError
+from kg.errors import (
+    ConflictError,
+    HereaboutsError,
+    QueryParameterError,
+    RemoteError,
+    UnreachableError,
+)
 from kg.history.past import Difference
 from kg.history.telling import Entry
 from kg.history.why import Reason
-from kg.records import Assertion
-from kg.wire import Json, assertion_of, change_of, difference_of, entry_of, reason_of
+from kg.records import Assertion, MapUpdate
+from kg.update_wire import update_to_json
+from kg.wire import (
+    Json,
+    assertion_of,
+    cause_to_json,
+    change_of,
+    difference_of,
+    entry_of,
+    reason_of,
+)
 
 _JSON: Final = "application/json"
 _UPDATE: Final = "application/sparql-update"
@@ -78,6 +94,47 @@ class Served:
         """Carry out a SPARQL update."""
         headers = {"Content-Type": _UPDATE, **_WHOLE}
         return self._told(_change, "POST", "sparql", data=sparql, headers=headers)
+
+    def write(
+        self, update: MapUpdate, cause: Cause, *, seen: int, own: Collection[int]
+    ) -> ChangeSet | None:
+        """Have records be applied in one transaction; returns once it is sure to stay.
+
+        The writer has heard of the transactions up to `seen`, and made those of `own` itself.
+        Raises ConflictError where others changed since then what is to be written.
+        """
+        told = {
+            "update": update_to_json(update),
+            "cause": cause_to_json(cause),
+            "seen": seen,
+            "own": sorted(own),
+        }
+        return self._posted(_change, "records", told)
+
+    def new_object_iri(self) -> str:
+        """The IRI of an object that is yet to be written; nobody else gets the same."""
+        return self._posted(_iri, "numbers", {})
+
+    def learn(self, labels: Collection[str], kind: str, model: str) -> dict[str, str]:
+        """A category for each label of a network, made where there is none: its IRI."""
+        told = {"labels": list(labels), "kind": kind, "model": model}
+        return self._posted(_categories, "labels", told)
+
+    def changes(self, since: int) -> Iterator[ChangeSet]:
+        """Change sets numbered above `since` up to now, in order, asked for page by page.
+
+        Raises HistoryError where the server does not keep them.
+        """
+        more = True
+        while more:
+            found, more = self._told(_page, "GET", "changes", {"since": str(since)})
+            yield from found
+            since = found[-1].sequence if found else since
+            more = more and bool(found)
+
+    def _posted(self, read: Callable[[Any], T], path: str, told: Json) -> T:
+        body, headers = json.dumps(told, ensure_ascii=False), {"Content-Type": _JSON, **_WHOLE}
+        return self._told(read, "POST", path, data=body, headers=headers)
 
     def take_ontology(self, triples: bytes, read: Callable[[Json], T], *, whole: bool) -> T:
         """Have N-Triples be the ontology; what `read` makes of what the server tells of it."""
@@ -184,6 +241,18 @@ def _reasons(told: list[Json]) -> tuple[Reason, ...]:
     return tuple(map(reason_of, told))
 
 
+def _iri(told: Json) -> str:
+    return NamedNode(told["iri"]).value
+
+
+def _categories(told: Json) -> dict[str, str]:
+    return {str(label): NamedNode(iri).value for label, iri in told["categories"].items()}
+
+
+def _page(told: Json) -> tuple[tuple[ChangeSet, ...], bool]:
+    return tuple(map(change_of, told["changes"])), told["more"] is True
+
+
 def _change(told: Json) -> ChangeSet | None:
     return None if told["change"] is None else change_of(told["change"])
 
@@ -193,6 +262,8 @@ def _refusal(where: str, status: int, told: Any) -> HereaboutsError:
     told = told if isinstance(told, dict) else {}
     detail = str(told.get("detail", f"it answered {status}"))
     kind = getattr(errors, str(told.get("error", "")), None)
+    if kind is ConflictError:
+        return ConflictError(detail, map(str, told.get("things", ())))
     if isinstance(kind, type) and issubclass(kind, HereaboutsError):
         return kind(detail)
     hint = f"; one of its tokens goes into {TOKEN_VARIABLE}" if status == 401 else ""

@@ -201,8 +201,7 @@ class MapStore:
             change = ChangeSet(self.sequence + 1, self._now(), cause, added, removed)
             self._record(change)
             self._sequence = change.sequence
-            for listener in tuple(self._listeners):
-                listener(change)
+            self.tell(change)
         return change
 
     @property
@@ -236,6 +235,11 @@ class MapStore:
         """Have `listener` called after each commit; returns how to stop that."""
         self._listeners.append(listener)
         return lambda: self._listeners.remove(listener)
+
+    def tell(self, change: ChangeSet) -> None:
+        """Have those who listen hear of a transaction that is stored."""
+        for listener in tuple(self._listeners):
+            listener(change)
 
     def replay(self, change: ChangeSet) -> None:
         """Apply a transaction that the journal holds already; nobody else hears of it."""

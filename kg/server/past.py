@@ -12,10 +12,11 @@ from typing import Final
 from starlette.requests import Request
 from starlette.responses import Response
 
+from kg.endpoint import SEQUENCE
 from kg.server.bodies import Parameters, query_parameters
 from kg.server.moments import MOST_DIGITS, sequence_at
 from kg.server.problems import Problem
-from kg.server.protocol import SEQUENCE, unless_gone
+from kg.server.protocol import unless_gone
 from kg.server.serving import Serving
 from kg.workers.formats import negotiate
 
