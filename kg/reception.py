@@ -81,17 +81,17 @@ def _touched(semantic_map: SemanticMap, seen: int, own: Collection[int]) -> set[
 
 def _refuse_strange(semantic_map: SemanticMap, update: MapUpdate) -> None:
     """Refuse records of things that are no objects, places or searches of this map."""
-    strange = [iri for iri, kind in _things(update) if not _is_own(semantic_map.base, iri, kind)]
+    base = semantic_map.base
+    strange = {(iri, kind) for iri, kind in _things(update) if not _is_own(base, iri, kind)}
     if not strange:
         return
-    known = {record.iri for record in semantic_map.perceived_objects(strange)}
-    known |= {record.iri for record in semantic_map.perceived_places()}
-    for iri in strange:
-        if iri not in known:
-            raise InvalidFactError(
-                f"{iri[:200]!r} is nothing of this map; objects are {semantic_map.base}object/N, "
-                "places .../place/N, searches .../search/N"
-            )
+    # people may have given things of their own other names
+    known = {(record.iri, "object") for record in semantic_map.perceived_objects()}
+    known |= {(record.iri, "place") for record in semantic_map.perceived_places()}
+    for iri, kind in sorted(strange - known):
+        raise InvalidFactError(
+            f"{iri[:200]!r} is no {kind} of this map; a new one is called {base}{kind}/N"
+        )
 
 
 def _things(update: MapUpdate) -> Iterator[tuple[str, str]]:
