@@ -376,8 +376,8 @@ class SemanticMap(Reading):
         """Have `callback(added, removed)` called with the rows by which commits change an answer.
 
         `question` is what `query` takes. The callback runs on a thread of its own, with two Tables;
-        the rows of now are not reported. On a server, commits of other programs are noticed within
-        a second. Returns how to stop; closing the map does too.
+        the rows of now are not reported. On a plain SPARQL server, commits of other programs are
+        noticed within a second. Returns how to stop; closing the map does too.
         """
         asked = any_question(question, parameters)
         standing = Standing(
@@ -395,6 +395,7 @@ class SemanticMap(Reading):
             standing.stop()
 
         self._standing.append(stop)
+        standing.look()  # a commit may have come before it was listened to
         return stop
 
     def flush(self) -> None:

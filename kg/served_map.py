@@ -6,15 +6,19 @@ What a plain SPARQL server cannot do, this one can: it knows the past, and valid
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Collection, Iterable, Iterator
+import threading
+import time
+from collections.abc import Callable, Collection, Iterable, Iterator
 from datetime import datetime
+from pathlib import Path
 from typing import Final, Never
 
 from pyoxigraph import NamedNode, Quad
 
 from kg import vocabulary as v
-from kg.commits import Cause, ChangeSet
-from kg.errors import GraphError, HistoryError
+from kg.commits import Cause, ChangeSet, Listener
+from kg.errors import GraphError, HistoryError, RemoteError
+from kg.following import Follower
 from kg.history.instants import Instant, moment
 from kg.history.log import BACKGROUND
 from kg.history.past import Difference
@@ -24,7 +28,10 @@ from kg.records import Assertion, MapUpdate
 from kg.remote import RemoteEngine
 from kg.semantic_map import SemanticMap, frame_cause
 from kg.served import Served
+from kg.standing import RowsListener
 from kg.store import MapStore
+
+AGAIN: Final = 5.0  # [s] until a server that tells no changes is asked for them again
 
 _ONTOLOGY: Final = NamedNode(v.ONTOLOGY_GRAPH)
 
@@ -42,6 +49,9 @@ class ServedMap(SemanticMap):
         self._seen = self._heard  # the last one before which nothing is unknown to who writes
         self._own: set[int] = set()  # transactions since then that `write` made
         self._held = 0  # blocks of `hold` that are open
+        self._followers: list[Follower] = []
+        self._thread: threading.Thread | None = None  # hears what happens, where somebody listens
+        self._closed = threading.Event()
         super().__init__(store)
 
     @classmethod
@@ -189,6 +199,49 @@ class ServedMap(SemanticMap):
         """Change sets numbered above `since`, in order; HistoryError where they are not kept."""
         return self._served.changes(since)
 
+    def follow(self, since: int | None = None) -> Iterator[ChangeSet]:
+        """Change sets numbered above `since` (None: from now on), and those to come, as they come.
+
+        Waits for the next one; it ends when the map is closed, and survives connections that break.
+        Raises HistoryError where the server does not keep what would come next.
+        """
+        with self._guard:
+            follower = Follower(self._served.root, self.sequence if since is None else since)
+            self._followers.append(follower)
+        try:
+            yield from follower
+        finally:
+            follower.close()
+            self._followers.remove(follower)
+
+    def listen(self, listener: Listener) -> Callable[[], None]:
+        """Have `listener` called with each change set, whoever makes it; returns how to stop.
+
+        It runs on a thread of this map's, or on the one that writes; it must be quick.
+        """
+        stop = self._store.listen(listener)
+        with self._guard:
+            if self._thread is None:
+                self._thread = threading.Thread(target=self._listen, name="changes", daemon=True)
+                self._thread.start()
+        return stop
+
+    def on(
+        self, question: str | Path, callback: RowsListener, **parameters: object
+    ) -> Callable[[], None]:
+        """As `SemanticMap.on`; the server tells of each commit as it happens."""
+        self.catch_up()
+        return super().on(question, callback, **parameters)
+
+    def close(self) -> None:
+        """Let go of the server; closing twice is fine."""
+        self._closed.set()
+        for follower in tuple(self._followers):
+            follower.close()
+        if self._thread is not None and threading.current_thread() is not self._thread:
+            self._thread.join()
+        super().close()
+
     def retain(self, keep: float) -> Never:
         """Refused: how far back a served map remembers is said where it is served."""
         raise HistoryError(
@@ -200,16 +253,43 @@ class ServedMap(SemanticMap):
         """Refused; `kg.editing.reloading.reload` takes an ontology in, here too."""
         self._refuse("an ontology")
 
+    def _listen(self) -> None:
+        """Hear of what happens until the map is closed."""
+        while not self._closed.is_set():
+            follower = Follower(self._served.root, self._heard)
+            self._followers.append(follower)
+            try:
+                if not self._closed.is_set():
+                    self._hear_all(follower)
+            except RemoteError:
+                self._closed.wait(AGAIN)
+            finally:
+                self._followers.remove(follower)
+
+    def _hear_all(self, follower: Iterable[ChangeSet]) -> None:
+        try:
+            for change in follower:
+                with self._guard:
+                    if not self._closed.is_set():
+                        self._hear((change,))
+        except HistoryError as error:
+            # what came in between is not to be had any more: only that something did
+            now = self._served.sequence
+            with self._guard:
+                self._heard = now - 1
+                cause = Cause("recovery", note=str(error))
+                self._hear((ChangeSet(now, time.time(), cause, (), ()),))
+
     def _hear(self, changes: Iterable[ChangeSet]) -> None:
         """Take note of transactions, in order; those heard of before are left out."""
         for change in changes:
             if change.sequence <= self._heard:
                 continue
-            self._heard = change.sequence
             if isinstance(self.engine, RemoteEngine):
                 self.engine.not_before(change.sequence)
             if any(q.graph_name == _ONTOLOGY for q in (*change.added, *change.removed)):
                 self.reread_ontology()
+            self._heard = change.sequence
             self._store.tell(change)
 
     def _refuse(self, what: str) -> Never:
