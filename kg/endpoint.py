@@ -29,7 +29,13 @@ from pyoxigraph import (
 )
 from urllib3.exceptions import ProtocolError
 
-from kg.errors import QueryTimeoutError, QueryTooLargeError, RemoteError, UnreachableError
+from kg.errors import (
+    HistoryError,
+    QueryTimeoutError,
+    QueryTooLargeError,
+    RemoteError,
+    UnreachableError,
+)
 from kg.virtuoso import complaint, gives_triples, is_virtuoso, plain, readable
 
 TOKEN_VARIABLE: Final = "HEREABOUTS_TOKEN"
@@ -274,6 +280,8 @@ class Endpoint:
                 f"{self.where} refused ({reply.status_code}{said and ': '}{said}); one of its "
                 f"tokens goes into {TOKEN_VARIABLE}, or user:password@ into the address"
             )
+        if reply.status_code == 404 and _problem(reply).get("error") == "HistoryError":
+            raise HistoryError(f"{self.where}: {said}")
         raise RemoteError(f"{self.where} answered {reply.status_code}: {said or reply.reason}")
 
     def _unreachable(self, reason: str) -> str:
@@ -294,12 +302,18 @@ class Endpoint:
 
 def _told(reply: requests.Response) -> str:
     """What a refusal says, out of its JSON where it is one of RFC 9457."""
-    if "problem+json" in reply.headers.get("content-type", ""):
-        try:
-            return str(reply.json()["detail"])
-        except (ValueError, KeyError, TypeError):
-            pass
-    return reply.text
+    return str(_problem(reply).get("detail", reply.text))
+
+
+def _problem(reply: requests.Response) -> dict[str, object]:
+    """A refusal in the JSON of RFC 9457; empty where it is none."""
+    if "problem+json" not in reply.headers.get("content-type", ""):
+        return {}
+    try:
+        told = reply.json()
+    except ValueError:
+        return {}
+    return told if isinstance(told, dict) else {}
 
 
 def is_local(address: str) -> bool:

@@ -4,9 +4,10 @@ past, and why; and given what a mapper or a robot saw.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import Any, Final, TypeVar
 
 import requests
@@ -21,6 +22,7 @@ from kg.errors import (
     ConflictError,
     HereaboutsError,
     QueryParameterError,
+    QueryTooLargeError,
     RemoteError,
     UnreachableError,
 )
@@ -28,6 +30,8 @@ from kg.history.past import Difference
 from kg.history.telling import Entry
 from kg.history.why import Reason
 from kg.records import Assertion, MapUpdate
+from kg.remote import RemoteEngine
+from kg.store import MapStore
 from kg.update_wire import update_to_json
 from kg.wire import (
     Json,
@@ -41,6 +45,7 @@ from kg.wire import (
 
 _JSON: Final = "application/json"
 _UPDATE: Final = "application/sparql-update"
+_CHUNK: Final = 1 << 16
 _N_TRIPLES: Final = "application/n-triples"
 #: has an answer to a write hold the change set (RFC 7240)
 _WHOLE: Final = {"Prefer": "return=representation"}
@@ -158,6 +163,34 @@ class Served:
         """Why the map says so, of a thing or of a fact."""
         return self._told(_reasons, "GET", "why", {"what": what})
 
+    def fetch(
+        self,
+        path: str,
+        params: Sequence[tuple[str, str]],
+        media_type: str,
+        *,
+        seconds: float,
+        most: int,
+    ) -> tuple[str, bytes]:
+        """Media type and body of what a path answers, as it comes.
+
+        Raises QueryTooLargeError beyond `most` bytes, and what the server refuses.
+        """
+        accept = {"Accept": f"{media_type}, application/problem+json;q=0.1"}
+        with self._sent("GET", path, params, accept, b"", seconds) as reply:
+            body = bytearray()
+            for chunk in reply.iter_content(_CHUNK):
+                body += chunk
+                if len(body) > most:
+                    raise QueryTooLargeError(f"{self.where} has more than {most} bytes to say")
+            if not reply.ok:
+                try:
+                    told = json.loads(body)
+                except ValueError:
+                    told = {"detail": " ".join(body[:500].decode("utf-8", "replace").split())}
+                raise _refusal(self.where, reply.status_code, told)
+            return reply.headers.get("content-type", "").split(";")[0], bytes(body)
+
     def _told(self, read: Callable[[Any], T], *asked: Any, **body: Any) -> T:
         """What `read` makes of the answer; RemoteError where it is none of ours."""
         told = self._ask(*asked, **body)
@@ -182,29 +215,55 @@ class Served:
         given = {"Accept": _JSON, **(headers or {})}
         if (token := os.environ.get(TOKEN_VARIABLE)) and method != "GET":
             given["Authorization"] = f"Bearer {token}"
+        body = data.encode() if isinstance(data, str) else data
+        with self._sent(
+            method, path, tuple((params or {}).items()), given, body, ANSWER_WITHIN
+        ) as reply:
+            try:
+                told = reply.json()
+            except ValueError as error:
+                status = reply.status_code
+                raise RemoteError(f"{self.where} answered no JSON, with status {status}") from error
+        if not reply.ok:
+            raise _refusal(self.where, reply.status_code, told)
+        return told
+
+    @contextlib.contextmanager
+    def _sent(
+        self,
+        method: str,
+        path: str,
+        params: Sequence[tuple[str, str]],
+        headers: dict[str, str],
+        body: bytes,
+        seconds: float,
+    ) -> Iterator[requests.Response]:
+        """The reply, to be read within the block; UnreachableError where it breaks off."""
         try:
             with requests.Session() as session:
                 # a proxy would look for the server on itself
                 session.trust_env = not is_local(self.root)
-                reply = session.request(
+                with session.request(
                     method,
                     f"{self.root}/{path}",
-                    params=params,
-                    headers=given,
-                    timeout=(CONNECT_WITHIN, ANSWER_WITHIN),
-                    data=data.encode() if isinstance(data, str) else data,
-                )
+                    params=list(params),
+                    headers=headers,
+                    timeout=(min(CONNECT_WITHIN, seconds), seconds),
+                    data=body,
+                    stream=True,
+                ) as reply:
+                    yield reply
         except requests.RequestException as error:
             reason = type(error).__name__
             raise UnreachableError(f"{self.where} does not answer ({reason})") from error
-        try:
-            told = reply.json()
-        except ValueError as error:
-            status = reply.status_code
-            raise RemoteError(f"{self.where} answered no JSON, with status {status}") from error
-        if not reply.ok:
-            raise _refusal(self.where, reply.status_code, told)
-        return told
+
+
+def served_at(store: MapStore) -> Served | None:
+    """The running `hereabouts serve` behind a store on a server; None where it is no such."""
+    engine = store.engine
+    if not isinstance(engine, RemoteEngine) or not engine.query_url.endswith("/sparql"):
+        return None
+    return Served.at(engine.query_url.removesuffix("/sparql"))
 
 
 def _plain(value: object) -> object:

@@ -27,7 +27,7 @@ from kg.history.why import Reason
 from kg.records import Assertion, MapUpdate
 from kg.remote import RemoteEngine
 from kg.semantic_map import SemanticMap, frame_cause
-from kg.served import Served
+from kg.served import Served, served_at
 from kg.standing import RowsListener
 from kg.store import MapStore
 
@@ -57,10 +57,7 @@ class ServedMap(SemanticMap):
     @classmethod
     def found_at(cls, store: MapStore) -> ServedMap | None:
         """The map behind a store on a server, where that is a `hereabouts serve`; else None."""
-        engine = store.engine
-        if not isinstance(engine, RemoteEngine) or not engine.query_url.endswith("/sparql"):
-            return None
-        served = Served.at(engine.query_url.removesuffix("/sparql"))
+        served = served_at(store)
         return None if served is None else cls(store, served)
 
     @property

@@ -68,7 +68,7 @@ async def _form(serving: Serving, request: Request, url: Parameters) -> Response
 
 async def _query(serving: Serving, request: Request, given: Parameters) -> Response:
     moment = given.one("at")
-    at = None if moment is None else await sequence_at(serving, moment)
+    at = None if moment is None else await sequence_at(serving.semantic_map, moment)
     query = asyncio.ensure_future(
         serving.pool.run_async(
             given.one("query") or "",
