@@ -24,6 +24,7 @@ from typing import Protocol, Self
 from pyoxigraph import BlankNode, Literal, NamedNode, Quad, Store
 
 from kg import vocabulary as v
+from kg.characters import unwritable
 from kg.commits import Cause, ChangeSet, Listener
 from kg.engine import Engine
 from kg.errors import GraphError, InvalidFactError, MapBusyError, MapNotFoundError
@@ -184,7 +185,7 @@ class MapStore:
 
         Only what really changes is written, with the transaction's number; None where nothing does.
         A caller that knows all to change as of the transaction `exact_at` saves the looking.
-        Raises InvalidFactError for blank nodes.
+        Raises InvalidFactError for blank nodes, and for texts that no XML can hold.
         """
         self.refuse_read_only()
         insert, delete = dict.fromkeys(insert), dict.fromkeys(delete)
@@ -198,6 +199,7 @@ class MapStore:
             if not added and not removed:
                 return None
             _refuse_blank_nodes((*added, *removed))
+            _refuse_unwritable(added)
             change = ChangeSet(self.sequence + 1, self._now(), cause, added, removed)
             self._record(change)
             self._sequence = change.sequence
@@ -344,6 +346,16 @@ def _refuse_blank_nodes(quads: Iterable[Quad]) -> None:
     for quad in quads:
         if isinstance(quad.subject, BlankNode) or isinstance(quad.object, BlankNode):
             raise InvalidFactError(f"a blank node cannot be written: {quad.triple}; give it an IRI")
+
+
+def _refuse_unwritable(quads: Iterable[Quad]) -> None:
+    for quad in quads:
+        text = quad.object.value if isinstance(quad.object, Literal) else ""
+        if (character := unwritable(text)) is not None:
+            raise InvalidFactError(
+                f"a text with {character} cannot be written, since no XML can hold it: "
+                f"{text[:60]!r}, {quad.predicate} of {quad.subject}; leave that character out"
+            )
 
 
 def sequence_quad(number: int) -> Quad:

@@ -22,6 +22,7 @@ from starlette.responses import Response
 
 from kg import vocabulary as v
 from kg.blank_nodes import anonymous_triple
+from kg.characters import in_xml
 from kg.editing.taking_in import Taken
 from kg.endpoint import SEQUENCE
 from kg.server import bodies
@@ -153,7 +154,8 @@ def _serialised(
             serialize(statements, out, form, prefixes=prefixes_of(serving.semantic_map.base))
         except OSError as error:
             raise out.too_long() from error
-        return out.getvalue()
+        body = out.getvalue()
+        return in_xml(body) if form == RdfFormat.RDF_XML else body
 
 
 class _Capped(io.BytesIO):
