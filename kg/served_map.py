@@ -26,10 +26,11 @@ from kg.history.telling import Entry
 from kg.history.why import Reason
 from kg.records import Assertion, MapUpdate
 from kg.remote import RemoteEngine
-from kg.semantic_map import SemanticMap, frame_cause
+from kg.semantic_map import SemanticMap
 from kg.served import Served, served_at
 from kg.standing import RowsListener
 from kg.store import MapStore
+from kg.writing import frame_cause
 
 AGAIN: Final = 5.0  # [s] until a server that tells no changes is asked for them again
 

@@ -9,8 +9,6 @@ seconds.
 from __future__ import annotations
 
 import contextlib
-import fcntl
-import glob
 import os
 import shutil
 import threading
@@ -27,7 +25,16 @@ from kg import vocabulary as v
 from kg.characters import unwritable
 from kg.commits import Cause, ChangeSet, Listener
 from kg.engine import Engine
-from kg.errors import GraphError, InvalidFactError, MapBusyError, MapNotFoundError
+from kg.errors import GraphError, InvalidFactError
+from kg.map_folder import (
+    engine_of,
+    fill,
+    locked,
+    reason_of,
+    refuse_existing,
+    refuse_what_is_no_map,
+    remove_abandoned,
+)
 from kg.remote import RemoteEngine, graph_blocks, reading_ahead
 
 FLUSH_EVERY = 3.0  # [s]
@@ -89,23 +96,23 @@ class MapStore:
         Built beside `path` and renamed into place, so a process that dies meanwhile leaves no half
         of a map. Raises GraphError where something lies at `path` already.
         """
-        _refuse_existing(path)
+        refuse_existing(path)
         building = path.parent / f".{path.name}.new-{uuid.uuid4().hex}"
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             remove_abandoned(path)
             building.mkdir()
-            lock = _lock(building / "lock", path, shared=False)
+            lock = locked(building / "lock", path, shared=False)
             try:
-                _fill(building / "store", quads)
+                fill(building / "store", quads)
                 building.rename(path)
-                return cls(_engine(path, False), where=str(path), read_only=False, lock=lock)
+                return cls(engine_of(path, False), where=str(path), read_only=False, lock=lock)
             except BaseException:
                 os.close(lock)
                 shutil.rmtree(building, ignore_errors=True)
                 raise
         except OSError as error:
-            raise GraphError(f"cannot create a map at {path}: {_reason(error)}") from error
+            raise GraphError(f"cannot create a map at {path}: {reason_of(error)}") from error
 
     @classmethod
     def open(cls, path: Path, *, read_only: bool = False) -> Self:
@@ -115,13 +122,13 @@ class MapStore:
         another process (or another handle of this one) writes it, or reads it while this one wants
         to write.
         """
-        _refuse_what_is_no_map(path)
-        lock = _lock(path / "lock", path, shared=read_only)
+        refuse_what_is_no_map(path)
+        lock = locked(path / "lock", path, shared=read_only)
         try:
-            engine = _engine(path, read_only)
+            engine = engine_of(path, read_only)
         except (OSError, RuntimeError) as error:  # RuntimeError: RocksDB finds damaged files
             os.close(lock)
-            raise GraphError(f"cannot open the map at {path}: {_reason(error)}") from error
+            raise GraphError(f"cannot open the map at {path}: {reason_of(error)}") from error
         return cls(engine, where=str(path), read_only=read_only, lock=lock)
 
     @classmethod
@@ -229,7 +236,7 @@ class MapStore:
             yield copy
             del copy
         except OSError as error:
-            raise GraphError(f"cannot copy the map at {self.where}: {_reason(error)}") from error
+            raise GraphError(f"cannot copy the map at {self.where}: {reason_of(error)}") from error
         finally:
             shutil.rmtree(folder, ignore_errors=True)
 
@@ -261,7 +268,7 @@ class MapStore:
             try:
                 self.engine.update(text)
             except OSError as error:
-                reason = _reason(error)
+                reason = reason_of(error)
                 raise GraphError(f"cannot write the map at {self.where}: {reason}") from error
 
     def _now(self) -> float:
@@ -293,7 +300,7 @@ class MapStore:
         try:
             self.engine.update(text)
         except OSError as error:
-            raise GraphError(f"cannot write the map at {self.where}: {_reason(error)}") from error
+            raise GraphError(f"cannot write the map at {self.where}: {reason_of(error)}") from error
 
     def refuse_read_only(self) -> None:
         """Raises GraphError where the store was opened for reading only."""
@@ -369,81 +376,3 @@ def stored_sequence(engine: Engine) -> int:
     graph = NamedNode(v.DATASET_GRAPH)
     quads = engine.quads_for_pattern(graph, NamedNode(v.SEQUENCE), None, graph)
     return max((int(q.object.value) for q in quads if isinstance(q.object, Literal)), default=0)
-
-
-def _fill(folder: Path, quads: Iterable[Quad]) -> None:
-    engine = Store(str(folder))
-    engine.bulk_extend(quads)
-    engine.flush()
-
-
-def _engine(path: Path, read_only: bool) -> Store:
-    folder = str(path / "store")
-    return Store.read_only(folder) if read_only else Store(folder)
-
-
-def _lock(file: Path, path: Path, *, shared: bool) -> int:
-    try:
-        descriptor = _open_lock(file, shared)
-    except OSError as error:
-        raise GraphError(f"cannot lock the map at {path}: {_reason(error)}") from error
-    try:
-        fcntl.flock(descriptor, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
-    except OSError as error:
-        os.close(descriptor)
-        what = "is being written" if shared else "is already open"
-        raise MapBusyError(
-            f"the map at {path} {what}, here or in another process; close it there first, "
-            "or work on a copy of the folder"
-        ) from error
-    return descriptor
-
-
-def _open_lock(file: Path, shared: bool) -> int:
-    if shared:
-        try:
-            return os.open(file, os.O_RDONLY)
-        except FileNotFoundError:
-            pass  # a copied map may lack it
-    return os.open(file, os.O_RDWR | os.O_CREAT, 0o666)
-
-
-def _refuse_existing(path: Path) -> None:
-    if path.is_dir() and not any(path.iterdir()):
-        return
-    if path.exists() or path.is_symlink():
-        what = "there is a map" if (path / "store" / "CURRENT").is_file() else "something lies"
-        raise GraphError(f"{what} at {path} already; open it, or create at a path that is free")
-
-
-def _refuse_what_is_no_map(path: Path) -> None:
-    if not path.exists():
-        raise MapNotFoundError(f"no map at {path}: nothing is there; create a map first")
-    if not path.is_dir():
-        raise MapNotFoundError(f"no map at {path}: that is a file; a map is a folder with store/")
-    if not (path / "store" / "CURRENT").is_file():
-        raise MapNotFoundError(f"no map at {path}: that folder holds no store/; create a map first")
-
-
-def remove_abandoned(path: Path, kind: str = "new") -> None:
-    """Folders ``.<name>.<kind>-*`` beside `path` of processes that were killed.
-
-    Nobody holds the lock in them any more.
-    """
-    for folder in path.parent.glob(f".{glob.escape(path.name)}.{kind}-*"):
-        try:
-            lock = os.open(folder / "lock", os.O_RDWR)
-        except OSError:
-            continue
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            shutil.rmtree(folder, ignore_errors=True)
-        except OSError:
-            continue
-        finally:
-            os.close(lock)
-
-
-def _reason(error: OSError | RuntimeError) -> str:
-    said = error.strerror if isinstance(error, OSError) else None
-    return " ".join((said or str(error)).split())
