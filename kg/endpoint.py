@@ -29,10 +29,17 @@ from pyoxigraph import (
 )
 from urllib3.exceptions import ProtocolError
 
-from kg.errors import QueryTimeoutError, QueryTooLargeError, RemoteError, UnreachableError
+from kg.errors import (
+    HistoryError,
+    QueryTimeoutError,
+    QueryTooLargeError,
+    RemoteError,
+    UnreachableError,
+)
 from kg.virtuoso import complaint, gives_triples, is_virtuoso, plain, readable
 
 TOKEN_VARIABLE: Final = "HEREABOUTS_TOKEN"
+SEQUENCE: Final = "Here-Sequence"  # of an answer: which state; of a query: the oldest it may be of
 UPDATE_VARIABLE: Final = "HEREABOUTS_UPDATE_URL"
 CONNECT_WITHIN = 5.0  # [s]
 ANSWER_WITHIN = 300.0  # [s]
@@ -106,6 +113,7 @@ class Endpoint:
         self.update_url = update_url
         self._always = tuple(always)  # parameters of each query
         self.virtuoso = False  # until it has answered
+        self.least = 0  # transaction that a `hereabouts serve` is to have in its answers
         self._local = threading.local()
         self._sessions: list[requests.Session] = []
 
@@ -231,7 +239,7 @@ class Endpoint:
             self._session().post,
             url,
             data=list(form),
-            headers={"Accept": accept},
+            headers={"Accept": accept, **({SEQUENCE: str(self.least)} if self.least else {})},
             timeout=(min(CONNECT_WITHIN, seconds), seconds),
             stream=stream,
         )
@@ -272,6 +280,8 @@ class Endpoint:
                 f"{self.where} refused ({reply.status_code}{said and ': '}{said}); one of its "
                 f"tokens goes into {TOKEN_VARIABLE}, or user:password@ into the address"
             )
+        if reply.status_code == 404 and _problem(reply).get("error") == "HistoryError":
+            raise HistoryError(f"{self.where}: {said}")
         raise RemoteError(f"{self.where} answered {reply.status_code}: {said or reply.reason}")
 
     def _unreachable(self, reason: str) -> str:
@@ -292,12 +302,18 @@ class Endpoint:
 
 def _told(reply: requests.Response) -> str:
     """What a refusal says, out of its JSON where it is one of RFC 9457."""
-    if "problem+json" in reply.headers.get("content-type", ""):
-        try:
-            return str(reply.json()["detail"])
-        except (ValueError, KeyError, TypeError):
-            pass
-    return reply.text
+    return str(_problem(reply).get("detail", reply.text))
+
+
+def _problem(reply: requests.Response) -> dict[str, object]:
+    """A refusal in the JSON of RFC 9457; empty where it is none."""
+    if "problem+json" not in reply.headers.get("content-type", ""):
+        return {}
+    try:
+        told = reply.json()
+    except ValueError:
+        return {}
+    return told if isinstance(told, dict) else {}
 
 
 def is_local(address: str) -> bool:

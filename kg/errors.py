@@ -5,6 +5,7 @@
     │   ├── MapNotFoundError     no map at that path
     │   ├── MapBusyError         another process is writing it
     │   ├── HistoryError         a past that is not kept, or a log that cannot be read
+    │   ├── ConflictError        somebody else has changed meanwhile what would be written
     │   ├── InvalidFactError     a record that cannot become facts (not finite, unknown class, ...)
     │   │   ├── ShapeError       an update that would leave the map badly made
     │   │   └── ProtectedError   an update of what is not written that way
@@ -59,6 +60,18 @@ class MapBusyError(GraphError):
 
 class HistoryError(GraphError):
     """A past that the map does not keep, or a log of it that cannot be read."""
+
+
+class ConflictError(GraphError):
+    """Others changed what was to be written after the writer had read it; nothing was written.
+
+    `things` has the IRIs of what they changed. Reading it anew, and writing what follows from
+    that, would work.
+    """
+
+    def __init__(self, message: str, things: Iterable[str] = ()) -> None:
+        super().__init__(message)
+        self.things = tuple(things)
 
 
 class InvalidFactError(GraphError):

@@ -18,6 +18,7 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Quad, RdfFormat, Triple, s
 
 from kg import vocabulary as v
 from kg.blank_nodes import anonymous
+from kg.characters import in_xml
 from kg.engine import Subject
 from kg.errors import GraphError, did_you_mean
 from kg.geometry import geometry_quads
@@ -132,12 +133,14 @@ def _triples(quads: Iterable[Quad]) -> list[Triple]:
 
 
 def _native(statements: Iterable[Quad] | Iterable[Triple], form: RdfFormat, p: _Prefixes) -> str:
-    return (serialize(statements, format=form, prefixes=p) or b"").decode()
+    body = serialize(statements, format=form, prefixes=p) or b""
+    return (in_xml(body) if form == RdfFormat.RDF_XML else body).decode()
 
 
 def _tidy(text: str) -> str:
     """Prefixes in order, one empty line between subjects; strings never span lines here."""
-    lines = text.replace("\t", "    ").splitlines()
+    # not splitlines: strings may hold what it takes for the end of a line, such as U+2028
+    lines = text.replace("\t", "    ").split("\n")
     prefixes = sorted(line for line in lines if line.startswith("@prefix"))
     body = [line for line in lines if not line.startswith("@prefix")]
     spaced = [line + "\n" if line.endswith(" .") else line for line in body]

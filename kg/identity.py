@@ -8,6 +8,7 @@ from pyoxigraph import Literal, NamedNode, Quad
 
 from kg import vocabulary as v
 from kg.blank_nodes import named
+from kg.characters import shown
 from kg.errors import GraphError, MapNotFoundError
 from kg.ontology import compile_commonsense, load_ontologies
 from kg.store import MapStore
@@ -25,7 +26,7 @@ def first_quads(title: str, base: str | None) -> list[Quad]:
     facts: list[tuple[str, NamedNode | Literal]] = [
         (v.RDF_TYPE, NamedNode(v.SEMANTIC_MAP)),
         (v.RDF_TYPE, NamedNode(v.VOID_DATASET)),
-        (v.DCT_TITLE, Literal(title)),
+        (v.DCT_TITLE, Literal(shown(title))),
         (v.DCT_CREATED, now()),
         (v.NEXT_OBJECT, Literal(1)),
     ]

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator
 import networkx as nx
 
 from kg.categories import Catalogue
+from kg.characters import shown
 from kg.records import ObjectRecord, PlaceRecord
 
 
@@ -27,10 +28,10 @@ def network(
     graph: nx.Graph[str] = nx.Graph()
     for place in places:
         middle = {"x": (place.xmin + place.xmax) / 2, "y": (place.ymin + place.ymax) / 2}
-        graph.add_node(place.iri, kind="place", label=place.label, **middle)
+        graph.add_node(place.iri, kind="place", label=shown(place.label), **middle)
     for record in objects:
         x, y = float(record.p_map[0]), float(record.p_map[1])
-        label = catalogue.label(record.category)
+        label = shown(catalogue.label(record.category))
         graph.add_node(record.iri, kind="object", label=label, x=x, y=y, existence=record.existence)
         if record.place is not None and record.place in graph:
             graph.add_edge(record.iri, record.place, relation="in")

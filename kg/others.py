@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import weakref
+from collections.abc import Iterable
 from typing import Final
 
 from pyoxigraph import NamedNode
@@ -22,10 +23,11 @@ _WATCHED: Final = {v.MAP_GRAPH, v.ASSERTIONS_GRAPH}
 class OthersWrites:
     """Collects the things of graph:map that anybody but the mapper changed.
 
-    Cheap where nothing changed; stops listening when nobody holds it any more. On a server, where
-    other programs write unheard, it asks at each look how far the map is: after a transaction of
-    theirs every thing counts as changed. Who writes there without a transaction's number (a bare
-    SPARQL update) is not noticed.
+    Cheap where nothing changed; stops listening when nobody holds it any more. A running
+    `hereabouts serve` is asked at each look what others wrote. A plain SPARQL server, where other
+    programs write unheard, is asked how far the map is: after a transaction of theirs every thing
+    counts as changed. Who writes there without a transaction's number (a bare SPARQL update) is not
+    noticed.
     """
 
     def __init__(self, semantic_map: SemanticMap) -> None:
@@ -33,9 +35,9 @@ class OthersWrites:
         self._assertions = Assertions(semantic_map.base)
         self._lock = threading.Lock()
         self._touched: set[str] = set()
-        self._shared = semantic_map.store.shared
-        self._heard = semantic_map.sequence if self._shared else 0
-        self._things = self._all_things() if self._shared else set()
+        self._blind = not semantic_map.hears_all
+        self._heard = semantic_map.sequence if self._blind else 0
+        self._things = self._all_things() if self._blind else set()
         self._missed = False
         reference = weakref.ref(self)
 
@@ -44,11 +46,12 @@ class OthersWrites:
             if watch is not None:
                 watch._hear(change)
 
-        weakref.finalize(self, semantic_map.listen(hear))
+        weakref.finalize(self, semantic_map.store.listen(hear))
 
     def take(self) -> frozenset[str]:
         """IRIs of what was changed, or pointed at by what was, since the last call."""
-        if self._shared:
+        self._map.catch_up()
+        if self._blind:
             self._ask()
         if not self._touched:
             return frozenset()
@@ -73,10 +76,15 @@ class OthersWrites:
         return {quad.subject.value for quad in quads if isinstance(quad.subject, NamedNode)}
 
     def _hear(self, change: ChangeSet) -> None:
-        if self._shared:
+        if self._blind:
             self._number(change)
-        if change.cause.kind != "frame":
+        if self._map.is_others(change):
             self._note(change)
+
+    def doubt(self, iris: Iterable[str]) -> None:
+        """Have things count as changed."""
+        with self._lock:
+            self._touched |= {*iris}
 
     def _number(self, change: ChangeSet) -> None:
         typed = (q for q in change.added if q.predicate == _TYPE and q.graph_name == _MAP)
@@ -106,6 +114,10 @@ class PerceivedObjects(dict[str, ObjectRecord]):
         self._map = semantic_map
         self._watch = OthersWrites(semantic_map)
         super().__init__((record.iri, record) for record in semantic_map.perceived_objects())
+
+    def doubt(self, iris: Iterable[str]) -> None:
+        """Have objects be read again at the next `refresh`, whatever is known of them."""
+        self._watch.doubt(iris)
 
     def refresh(self) -> frozenset[str]:
         """IRIs of what others changed since the last call; cheap where nothing was."""

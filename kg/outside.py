@@ -18,6 +18,7 @@ from pyoxigraph import Triple as TripleTerm
 
 from kg import vocabulary as v
 from kg.answers import located, square_root
+from kg.assertions import is_unicode
 from kg.errors import QueryError
 from kg.pending import Pending, Term
 from kg.store import MapStore
@@ -33,9 +34,11 @@ def work_out(store: MapStore, sparql: str, base: str | None = None) -> Pending:
 
     Relative IRIs are resolved against `base`, where the request has no BASE of its own.
 
-    Raises QueryError, in one line, for what does not parse (saying where), for SERVICE and LOAD,
-    and for a CLEAR, DROP, CREATE, COPY, MOVE or ADD that fails by the standard.
+    Raises QueryError, in one line, for what is no Unicode or does not parse (saying where), for
+    SERVICE and LOAD, and for a CLEAR, DROP, CREATE, COPY, MOVE or ADD that fails by the standard.
     """
+    if not is_unicode(sparql):
+        raise QueryError(f"update: {sparql[:100]!r} is no Unicode text; write it in UTF-8")
     refuse_loading(sparql)
     prologue = "" if base is None else f"BASE <{base}> "
     try:

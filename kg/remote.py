@@ -55,6 +55,10 @@ class RemoteEngine:
         """The address that queries go to."""
         return self._endpoint.query_url
 
+    def not_before(self, sequence: int) -> None:
+        """Have a running `hereabouts serve` answer with that transaction in it, from now on."""
+        self._endpoint.least = sequence
+
     def close(self) -> None:
         """Let go of the connections."""
         self._endpoint.close()
@@ -104,21 +108,25 @@ class RemoteEngine:
         default_graphs: Sequence[str],
         named_graphs: Sequence[str],
         *,
+        base: str | None = None,
+        at: str | None = None,
         seconds: float,
         most: int,
     ) -> tuple[str, bytes]:
         """The answer as it came, within limits (`Endpoint.fetch`).
 
         Without graphs, and without FROM in the query, the default graph is the union of all.
+        Relative IRIs are of `base`. `at` is a moment of the past, for servers that keep one.
         """
         declared = " ".join(f"PREFIX {name}: <{iri}>" for name, iri in v.PREFIXES.items())
+        if base is not None and has_relative(query):
+            declared += f" BASE <{base}>"
         graphs = [("default-graph-uri", iri) for iri in default_graphs]
         graphs += [("named-graph-uri", iri) for iri in named_graphs]
         united = () if has_word(query, "from") else self._union
+        given = [*(graphs or united), *([] if at is None else [("at", at)])]
         try:
-            return self._endpoint.fetch(
-                f"{declared} {query}", graphs or united, seconds=seconds, most=most
-            )
+            return self._endpoint.fetch(f"{declared} {query}", given, seconds=seconds, most=most)
         except SyntaxError as error:
             raise QueryError(f"{self.where}: {_moved(str(error), len(declared) + 1)}") from error
 

@@ -2,31 +2,20 @@
 
 from __future__ import annotations
 
-import contextlib
-import threading
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Self
 
 import networkx as nx
 import rdflib
-from pyoxigraph import NamedNode, Quad
+from pyoxigraph import NamedNode
 
 from kg import vocabulary as v
-from kg.blank_nodes import anonymous
 from kg.categories import Catalogue
-from kg.commits import Cause, ChangeSet, Listener
-from kg.consequences import draw_consequences
+from kg.commits import ChangeSet, Listener
 from kg.dataset_view import DatasetView
-from kg.door import Door
-from kg.editing.inspection import refuse_malformed
-from kg.editing.taking_in import Taken, take_in
 from kg.endpoint import is_url
-from kg.errors import (
-    MapNotFoundError,
-    QueryParameterError,
-)
-from kg.facts import Facts
+from kg.errors import MapNotFoundError, QueryParameterError
 from kg.history.background import changed_since
 from kg.history.instants import Instant, sequence_of
 from kg.history.log import Log
@@ -34,31 +23,18 @@ from kg.history.past import store_at
 from kg.history.recovery import attach, look_into, one_reader_at_a_time
 from kg.identity import first_quads, identity
 from kg.network import network
-from kg.ontology import Ontology
-from kg.outside import work_out
-from kg.provisional import clean, learn
-from kg.questions import (
-    any_question,
-)
-from kg.reading import Reading
-from kg.records import (
-    MapUpdate,
-    ObjectRecord,
-    PlaceRecord,
-)
-from kg.sayings import Sayings
+from kg.questions import any_question
+from kg.records import ObjectRecord, PlaceRecord
 from kg.selection import is_believed, select_objects, subcategories
 from kg.standing import RowsListener, Standing
 from kg.store import MapStore
-from kg.writer import Writer
-
-LONGEST_NOTE = 500  # characters of an update kept with its transaction
+from kg.writing import Writing
 
 _TYPE = NamedNode(v.RDF_TYPE)
 _MAP = NamedNode(v.MAP_GRAPH)
 
 
-class SemanticMap(Reading):
+class SemanticMap(Writing):
     """A map on disk or in memory; made by `create`, `open`, `open_or_create` or `in_memory`.
 
     A context manager that closes itself. Safe to use from several threads of one process. `base` is
@@ -68,16 +44,9 @@ class SemanticMap(Reading):
     def __init__(
         self, store: MapStore, *, base: str | None = None, catalogue: Catalogue | None = None
     ) -> None:
-        super().__init__(store)
-        self._guard = threading.RLock()
+        super().__init__(store, base=base, catalogue=catalogue)
         self._dataset: rdflib.Dataset | None = None
         self._standing: list[Callable[[], None]] = []
-        self.base, self.title = identity(store, base)
-        self.catalogue = catalogue or Catalogue.from_store(store.engine)
-        self._facts = Facts(self.base, self.catalogue)
-        self._writer = Writer(store, self._facts)
-        self._sayings = Sayings(store, self._facts, self._writer)
-        self._door: Door | None = None  # made when somebody first comes
 
     @classmethod
     def create(
@@ -247,108 +216,17 @@ class SemanticMap(Reading):
         with self._guard:
             return SemanticMap(MapStore.in_memory(self.engine, read_only=True))
 
-    def new_object_iri(self) -> str:
-        """``<base>object/N`` with a number no object of this map has had or will have."""
-        with self._guard:
-            return self._writer.new_object_iri()
+    @property
+    def hears_all(self) -> bool:
+        """Whether every transaction is told, once `catch_up` has run, to who listens at `store`."""
+        return not self._store.shared
 
-    def place_iri(self, number: int) -> str:
-        """``<base>place/N``."""
-        return f"{self.base}place/{number}"
+    def catch_up(self) -> None:
+        """Hear of what others wrote so far; in the process of the writer that is heard anyway."""
 
-    def apply(self, update: MapUpdate, cause: Cause | None = None) -> int:
-        """Write what changed in one transaction; returns the number of triples that changed.
-
-        Without a `cause` it is the mapper's, for the frame that `update` says. Raises
-        InvalidFactError, with nothing written, where a record cannot become facts.
-        """
-        with self._guard:
-            return self._writer.apply(update, cause or _frame_cause(update))
-
-    def update(
-        self, sparql: str, *, by: str | None = None, allow: Collection[str] = ()
-    ) -> ChangeSet | None:
-        """Apply a SPARQL 1.1 Update of a person or program as one transaction; None: no change.
-
-        A triple without GRAPH is one of graph:map; WHERE reads all graphs; relative IRIs are the
-        map's (``<object/17>``). What follows from the edit is written with it (`kg.consequences`).
-        `allow` has names of graphs ("ontology", "commonsense", "dataset", "history", "assertions")
-        that may be written though they usually may not. Raises QueryError for what does not parse
-        or would reach out, ProtectedError and ShapeError for what may not be written; the graph is
-        then untouched.
-        """
-        with self._guard:
-            self._store.refuse_read_only()
-            door = self._door = self._door or Door(self._store)
-            pending = work_out(self._store, sparql, self.base)
-            door.refuse_protected(pending, allow)
-            draw_consequences(pending, self._facts, by)
-            door.refuse_malformed(pending)
-            cause = Cause("update", by, " ".join(sparql.split())[:LONGEST_NOTE])
-            change = self._store.commit(pending.removed, pending.added, cause)
-            if allow and change is not None:
-                self.reread_ontology()
-            return change
-
-    def take_ontology(
-        self, quads: Iterable[Quad], *, by: str | None = None, whole: bool = False
-    ) -> Taken:
-        """Make the quads this map's ontology, in one transaction, while it is in use.
-
-        What was written into graph:commonsense by other means stays. Raises OntologyError, with
-        nothing changed, where they are not well made, lack what the map speaks of, or leave out
-        ontologies of the map and are not said to be the `whole`; `kg.editing` reads and checks
-        files.
-        """
-        ontology = Ontology(tuple(anonymous(quads)), ())
-        refuse_malformed(ontology)
-        with self._guard:
-            taken = take_in(self._store, ontology.quads, by, whole=whole)
-            if taken.commit is not None:
-                self.reread_ontology()
-            return taken
-
-    def learn(self, labels: Iterable[str], kind: str, *, model: str) -> dict[str, str]:
-        """A category for each label of a network: its IRI; None-like labels are left out.
-
-        Labels that no category of that `kind` ("object" or "place") is called get a provisional
-        one, in one transaction of `model`. Labels without a printable character mean nothing.
-        """
-        names = {label: clean(label) for label in labels}
-        with self._guard:
-            self._store.refuse_read_only()
-            unknown = [n for n in names.values() if n and not self.catalogue.for_label(n, kind)]
-            if learn(self._store, self.catalogue, unknown, kind, model) is not None:
-                self.reread_ontology()
-            found = {label: self.catalogue.for_label(n, kind) for label, n in names.items() if n}
-        return {label: category.iri for label, category in found.items() if category is not None}
-
-    def assert_(self, iri: str, prop: str, value: object, *, by: str) -> ChangeSet | None:
-        """Have something be as said, whatever perception believes, until it is retracted.
-
-        Of an object: category (label or IRI), position ((x, y, z) [m]), existence ("present" or
-        "absent"), label; of a place: category, label. ``object/17`` is short for its IRI. Raises
-        UnknownCategoryError, and InvalidFactError for what is not there or cannot be said.
-        """
-        with self._guard:
-            return self._sayings.assert_(iri, prop, value, by)
-
-    def retract(self, iri: str, prop: str, *, by: str | None = None) -> ChangeSet | None:
-        """Take back what was said: the map believes what perception does again.
-
-        Raises InvalidFactError where nothing was said of that.
-        """
-        with self._guard:
-            return self._sayings.retract(iri, prop, by)
-
-    @contextlib.contextmanager
-    def hold(self) -> Iterator[None]:
-        """Keep other threads from writing for the length of a block: between reading and writing.
-
-        Blocks those who write until it ends; keep it to milliseconds.
-        """
-        with self._guard:
-            yield
+    def is_others(self, change: ChangeSet) -> bool:
+        """Whether anybody but this process's mapper made a transaction that was told."""
+        return change.cause.kind != "frame" or change.cause.by is not None
 
     def listen(self, listener: Listener) -> Callable[[], None]:
         """Have `listener` called with each change set once it is stored; returns how to stop.
@@ -363,15 +241,15 @@ class SemanticMap(Reading):
         """Have `callback(added, removed)` called with the rows by which commits change an answer.
 
         `question` is what `query` takes. The callback runs on a thread of its own, with two Tables;
-        the rows of now are not reported. On a server, commits of other programs are noticed within
-        a second. Returns how to stop; closing the map does too.
+        the rows of now are not reported. On a plain SPARQL server, commits of other programs are
+        noticed within a second. Returns how to stop; closing the map does too.
         """
         asked = any_question(question, parameters)
         standing = Standing(
             lambda: self._answer(asked, parameters),
             callback,
             lambda: self.sequence,
-            polls=self._store.shared,
+            polls=not self.hears_all,
         )
         deaf = self.listen(standing.hear)
 
@@ -382,6 +260,7 @@ class SemanticMap(Reading):
             standing.stop()
 
         self._standing.append(stop)
+        standing.look()  # a commit may have come before it was listened to
         return stop
 
     def flush(self) -> None:
@@ -404,12 +283,6 @@ class SemanticMap(Reading):
 
     def _update_by_rdflib(self, sparql: str) -> None:
         self.update(sparql, by="rdflib", allow=("commonsense",))
-
-    def reread_ontology(self) -> None:
-        """Know the categories of the ontology as it stands in the store by now."""
-        self.catalogue = Catalogue.from_store(self.engine)
-        self._facts.catalogue = self.catalogue
-        self._door = None
 
     @classmethod
     def _with_history(cls, store: MapStore, folder: Path | None, power_safe: bool) -> Self:
@@ -435,9 +308,3 @@ class SemanticMap(Reading):
         except BaseException:
             store.close()
             raise
-
-
-def _frame_cause(update: MapUpdate) -> Cause:
-    recording = update.recording
-    note = f"{recording.name}/{recording.last_frame}" if recording else ""
-    return Cause("frame", note=note)

@@ -13,7 +13,7 @@ from contextlib import suppress
 
 from kg.answers import Row, Table
 from kg.commits import ChangeSet
-from kg.errors import GraphError
+from kg.errors import GraphError, RemoteError
 
 POLL_EVERY = 1.0  # [s] where others may write unheard
 
@@ -48,6 +48,11 @@ class Standing:
         """A commit happened; returns at once."""
         self._changed.set()
 
+    def look(self) -> None:
+        """Ask once more where the map has moved since the question was first asked."""
+        if self._moved():
+            self._changed.set()
+
     def stop(self) -> None:
         """Ask no more; no callback runs once this has returned, unless called from within one."""
         self._stopped.set()
@@ -60,8 +65,12 @@ class Standing:
             while not self._stopped.is_set():
                 told = self._changed.wait(self._every)
                 self._changed.clear()
-                if not self._stopped.is_set() and (told or self._moved()):
-                    self._report(self._answer())
+                try:
+                    if not self._stopped.is_set() and (told or self._moved()):
+                        self._report(self._answer())
+                except RemoteError:  # a server may be away, or busy, for a while
+                    self._changed.set()
+                    self._stopped.wait(POLL_EVERY)
 
     def _moved(self) -> bool:
         before, self._heard = self._heard, self._sequence()

@@ -9,8 +9,6 @@ seconds.
 from __future__ import annotations
 
 import contextlib
-import fcntl
-import glob
 import os
 import shutil
 import threading
@@ -24,9 +22,19 @@ from typing import Protocol, Self
 from pyoxigraph import BlankNode, Literal, NamedNode, Quad, Store
 
 from kg import vocabulary as v
+from kg.characters import unwritable
 from kg.commits import Cause, ChangeSet, Listener
 from kg.engine import Engine
-from kg.errors import GraphError, InvalidFactError, MapBusyError, MapNotFoundError
+from kg.errors import GraphError, InvalidFactError
+from kg.map_folder import (
+    engine_of,
+    fill,
+    locked,
+    reason_of,
+    refuse_existing,
+    refuse_what_is_no_map,
+    remove_abandoned,
+)
 from kg.memory import EVERY, give_back
 from kg.remote import RemoteEngine, graph_blocks, reading_ahead
 
@@ -89,23 +97,23 @@ class MapStore:
         Built beside `path` and renamed into place, so a process that dies meanwhile leaves no half
         of a map. Raises GraphError where something lies at `path` already.
         """
-        _refuse_existing(path)
+        refuse_existing(path)
         building = path.parent / f".{path.name}.new-{uuid.uuid4().hex}"
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             remove_abandoned(path)
             building.mkdir()
-            lock = _lock(building / "lock", path, shared=False)
+            lock = locked(building / "lock", path, shared=False)
             try:
-                _fill(building / "store", quads)
+                fill(building / "store", quads)
                 building.rename(path)
-                return cls(_engine(path, False), where=str(path), read_only=False, lock=lock)
+                return cls(engine_of(path, False), where=str(path), read_only=False, lock=lock)
             except BaseException:
                 os.close(lock)
                 shutil.rmtree(building, ignore_errors=True)
                 raise
         except OSError as error:
-            raise GraphError(f"cannot create a map at {path}: {_reason(error)}") from error
+            raise GraphError(f"cannot create a map at {path}: {reason_of(error)}") from error
 
     @classmethod
     def open(cls, path: Path, *, read_only: bool = False) -> Self:
@@ -115,13 +123,13 @@ class MapStore:
         another process (or another handle of this one) writes it, or reads it while this one wants
         to write.
         """
-        _refuse_what_is_no_map(path)
-        lock = _lock(path / "lock", path, shared=read_only)
+        refuse_what_is_no_map(path)
+        lock = locked(path / "lock", path, shared=read_only)
         try:
-            engine = _engine(path, read_only)
+            engine = engine_of(path, read_only)
         except (OSError, RuntimeError) as error:  # RuntimeError: RocksDB finds damaged files
             os.close(lock)
-            raise GraphError(f"cannot open the map at {path}: {_reason(error)}") from error
+            raise GraphError(f"cannot open the map at {path}: {reason_of(error)}") from error
         return cls(engine, where=str(path), read_only=read_only, lock=lock)
 
     @classmethod
@@ -185,7 +193,7 @@ class MapStore:
 
         Only what really changes is written, with the transaction's number; None where nothing does.
         A caller that knows all to change as of the transaction `exact_at` saves the looking.
-        Raises InvalidFactError for blank nodes.
+        Raises InvalidFactError for blank nodes, and for texts that no XML can hold.
         """
         self.refuse_read_only()
         insert, delete = dict.fromkeys(insert), dict.fromkeys(delete)
@@ -199,11 +207,11 @@ class MapStore:
             if not added and not removed:
                 return None
             _refuse_blank_nodes((*added, *removed))
+            _refuse_unwritable(added)
             change = ChangeSet(self.sequence + 1, self._now(), cause, added, removed)
             self._record(change)
             self._sequence = change.sequence
-            for listener in tuple(self._listeners):
-                listener(change)
+            self.tell(change)
         return change
 
     @property
@@ -229,7 +237,7 @@ class MapStore:
             yield copy
             del copy
         except OSError as error:
-            raise GraphError(f"cannot copy the map at {self.where}: {_reason(error)}") from error
+            raise GraphError(f"cannot copy the map at {self.where}: {reason_of(error)}") from error
         finally:
             shutil.rmtree(folder, ignore_errors=True)
 
@@ -237,6 +245,11 @@ class MapStore:
         """Have `listener` called after each commit; returns how to stop that."""
         self._listeners.append(listener)
         return lambda: self._listeners.remove(listener)
+
+    def tell(self, change: ChangeSet) -> None:
+        """Have those who listen hear of a transaction that is stored."""
+        for listener in tuple(self._listeners):
+            listener(change)
 
     def replay(self, change: ChangeSet) -> None:
         """Apply a transaction that the journal holds already; nobody else hears of it."""
@@ -256,7 +269,7 @@ class MapStore:
             try:
                 self.engine.update(text)
             except OSError as error:
-                reason = _reason(error)
+                reason = reason_of(error)
                 raise GraphError(f"cannot write the map at {self.where}: {reason}") from error
 
     def _now(self) -> float:
@@ -288,7 +301,7 @@ class MapStore:
         try:
             self.engine.update(text)
         except OSError as error:
-            raise GraphError(f"cannot write the map at {self.where}: {_reason(error)}") from error
+            raise GraphError(f"cannot write the map at {self.where}: {reason_of(error)}") from error
 
     def refuse_read_only(self) -> None:
         """Raises GraphError where the store was opened for reading only."""
@@ -348,6 +361,16 @@ def _refuse_blank_nodes(quads: Iterable[Quad]) -> None:
             raise InvalidFactError(f"a blank node cannot be written: {quad.triple}; give it an IRI")
 
 
+def _refuse_unwritable(quads: Iterable[Quad]) -> None:
+    for quad in quads:
+        text = quad.object.value if isinstance(quad.object, Literal) else ""
+        if (character := unwritable(text)) is not None:
+            raise InvalidFactError(
+                f"a text with {character} cannot be written, since no XML can hold it: "
+                f"{text[:60]!r}, {quad.predicate} of {quad.subject}; leave that character out"
+            )
+
+
 def sequence_quad(number: int) -> Quad:
     """The fact that the store holds the transaction `number` and all before it."""
     graph = NamedNode(v.DATASET_GRAPH)
@@ -359,81 +382,3 @@ def stored_sequence(engine: Engine) -> int:
     graph = NamedNode(v.DATASET_GRAPH)
     quads = engine.quads_for_pattern(graph, NamedNode(v.SEQUENCE), None, graph)
     return max((int(q.object.value) for q in quads if isinstance(q.object, Literal)), default=0)
-
-
-def _fill(folder: Path, quads: Iterable[Quad]) -> None:
-    engine = Store(str(folder))
-    engine.bulk_extend(quads)
-    engine.flush()
-
-
-def _engine(path: Path, read_only: bool) -> Store:
-    folder = str(path / "store")
-    return Store.read_only(folder) if read_only else Store(folder)
-
-
-def _lock(file: Path, path: Path, *, shared: bool) -> int:
-    try:
-        descriptor = _open_lock(file, shared)
-    except OSError as error:
-        raise GraphError(f"cannot lock the map at {path}: {_reason(error)}") from error
-    try:
-        fcntl.flock(descriptor, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
-    except OSError as error:
-        os.close(descriptor)
-        what = "is being written" if shared else "is already open"
-        raise MapBusyError(
-            f"the map at {path} {what}, here or in another process; close it there first, "
-            "or work on a copy of the folder"
-        ) from error
-    return descriptor
-
-
-def _open_lock(file: Path, shared: bool) -> int:
-    if shared:
-        try:
-            return os.open(file, os.O_RDONLY)
-        except FileNotFoundError:
-            pass  # a copied map may lack it
-    return os.open(file, os.O_RDWR | os.O_CREAT, 0o666)
-
-
-def _refuse_existing(path: Path) -> None:
-    if path.is_dir() and not any(path.iterdir()):
-        return
-    if path.exists() or path.is_symlink():
-        what = "there is a map" if (path / "store" / "CURRENT").is_file() else "something lies"
-        raise GraphError(f"{what} at {path} already; open it, or create at a path that is free")
-
-
-def _refuse_what_is_no_map(path: Path) -> None:
-    if not path.exists():
-        raise MapNotFoundError(f"no map at {path}: nothing is there; create a map first")
-    if not path.is_dir():
-        raise MapNotFoundError(f"no map at {path}: that is a file; a map is a folder with store/")
-    if not (path / "store" / "CURRENT").is_file():
-        raise MapNotFoundError(f"no map at {path}: that folder holds no store/; create a map first")
-
-
-def remove_abandoned(path: Path, kind: str = "new") -> None:
-    """Folders ``.<name>.<kind>-*`` beside `path` of processes that were killed.
-
-    Nobody holds the lock in them any more.
-    """
-    for folder in path.parent.glob(f".{glob.escape(path.name)}.{kind}-*"):
-        try:
-            lock = os.open(folder / "lock", os.O_RDWR)
-        except OSError:
-            continue
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            shutil.rmtree(folder, ignore_errors=True)
-        except OSError:
-            continue
-        finally:
-            os.close(lock)
-
-
-def _reason(error: OSError | RuntimeError) -> str:
-    said = error.strerror if isinstance(error, OSError) else None
-    return " ".join((said or str(error)).split())

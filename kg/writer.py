@@ -81,19 +81,14 @@ class Writer:
         self._next = number + 1
         return f"{self._prefix}{number}"
 
-    def apply(self, update: MapUpdate, cause: Cause) -> int:
-        """Make the map say what `update` says; returns how many triples changed.
+    def change(self, update: MapUpdate, cause: Cause) -> ChangeSet | None:
+        """Make the map say what `update` says; returns the transaction.
 
         Raises InvalidFactError, before anything is written, where a record cannot become facts.
         """
-        change = self.change(update, cause)
-        return len(change) if change else 0
-
-    def change(self, update: MapUpdate, cause: Cause) -> ChangeSet | None:
-        """As `apply`; returns the transaction."""
         self._store.refuse_read_only()
         _refuse_contradictions(update)
-        with writing(), reading_ahead(self._store.engine, self._read_by(update)):
+        with writing(), reading_ahead(self._store.engine, self.subjects(update)):
             self._look()
             return self._change(update, cause)
 
@@ -154,7 +149,8 @@ class Writer:
             self._recent.note(change)
         return change
 
-    def _read_by(self, update: MapUpdate) -> Iterator[NamedNode]:
+    def subjects(self, update: MapUpdate) -> Iterator[NamedNode]:
+        """The things whose facts `update` may change; InvalidFactError for what is no IRI."""
         objects = [*(record.iri for record in update.objects), *update.removed]
         yield from map(_node, objects)
         yield from (_node(self._facts.observation_iri(iri)) for iri in objects)

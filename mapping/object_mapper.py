@@ -90,6 +90,11 @@ class ObjectMapper:
         changed |= self._moved()
         return ObjectChanges(tuple(changed.values()), removed, len(new), len(seen), len(fallen))
 
+    def take_back(self, changes: ObjectChanges) -> None:
+        """Forget the last step, whose changes could not be written."""
+        self._objects.doubt((*(record.iri for record in changes.updated), *changes.removed))
+        self._revision = -1
+
     def refresh(self) -> None:
         """Read again what others changed since the last frame; cheap where nothing was."""
         touched = self._objects.refresh()

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from typing import Final
 
 import numpy as np
 
-from kg.errors import LayoutError, RecordingError
+from kg.errors import ConflictError, LayoutError, RecordingError
 from kg.records import MapUpdate, RecordingRecord, RobotRecord
 from kg.semantic_map import SemanticMap
 from mapping.floor.book import FloorBook
@@ -30,6 +31,8 @@ from perception.frame import (
 )
 
 __all__ = ["FrameReport", "MappingReport", "map_recording"]
+
+TRIES: Final = 10  # of a frame that others get in the way of
 
 OnFrame = Callable[[FrameReport], None]
 OnPicture = Callable[[Frame, Detections, SceneScores | None], None]
@@ -150,16 +153,7 @@ class _Run:
         if self._floor is not None:
             with self.clock.stage("floor"):
                 self._floor.add(frame)
-        with self._map.hold():  # nobody writes between what is read and what follows from it
-            if self._floor is not None:
-                self._floor.refresh()
-            with self.clock.stage("map"):
-                self._places.refresh()
-                changes = self._object_mapper.step(frame, detections)
-                if self._told is not None:
-                    self._told.step(self._object_mapper.objects())
-            with self.clock.stage("graph"):
-                changed = self._map.apply(self._update(index, frame, changes))
+        changed = self._written(index, frame, detections)
         self._done += 1
         report = FrameReport(
             index=index,
@@ -176,13 +170,61 @@ class _Run:
 
     def finish(self) -> None:
         """Write what of the floor no frame was to write any more."""
-        if self._floor is None:
-            return
+        if self._floor is not None:
+            self._insistently(self._write_rest)
+
+    def _written(self, index: int, frame: Frame, detections: Detections) -> int:
+        """Write what a frame shows; returns the number of triples that changed."""
+        return self._insistently(lambda: self._write(index, frame, detections))
+
+    def _insistently(self, write: Callable[[], int]) -> int:
+        """`write`, again where others changed meanwhile what it was about to write.
+
+        On a served map nobody can be kept from it. Raises ConflictError where they never rest.
+        """
+        for _ in range(TRIES - 1):
+            try:
+                return write()
+            except ConflictError:
+                continue
+        return write()
+
+    def _write(self, index: int, frame: Frame, detections: Detections) -> int:
+        with self._map.hold():  # nobody writes between what is read and what follows from it
+            if self._floor is not None:
+                self._floor.refresh()
+            with self.clock.stage("map"):
+                self._places.refresh()
+                changes = self._object_mapper.step(frame, detections)
+                if self._told is not None:
+                    self._told.step(self._object_mapper.objects())
+            update = self._update(index, frame, changes)
+            try:
+                with self.clock.stage("graph"):
+                    return self._map.apply(update)
+            except ConflictError:
+                self._object_mapper.take_back(changes)
+                self._places.take_back(update.places)
+                self._take_back_floor(update)
+                raise
+
+    def _write_rest(self) -> int:
+        assert self._floor is not None
         with self._map.hold(), self.clock.stage("graph"):
             self._floor.refresh()
             rest = self._floor.take_rest()
-            if rest:
-                self._map.apply(MapUpdate(recording=self._progress, floor=rest))
+            if not rest:
+                return 0
+            update = MapUpdate(recording=self._progress, floor=rest)
+            try:
+                return self._map.apply(update)
+            except ConflictError:
+                self._take_back_floor(update)
+                raise
+
+    def _take_back_floor(self, update: MapUpdate) -> None:
+        if self._floor is not None:
+            self._floor.take_back(update.floor)
 
     def _view(self, frame: Frame) -> tuple[str | None, SceneScores | None]:
         """The place this frame was used for, and its scores; the cheap rule goes first."""

@@ -74,6 +74,10 @@ class PlaceBook:
         self._changed.clear()
         return changed
 
+    def take_back(self, records: Iterable[PlaceRecord]) -> None:
+        """Have records count as changed again, that could not be written."""
+        self._changed |= {record.iri for record in records if record.iri in self._places}
+
     def observe(self, points: NDArray[np.float64]) -> None:
         """Let the growing place, where there is one, take in `points` (n, 3) [m] of the map."""
         if self._growing is None:

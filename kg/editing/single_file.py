@@ -8,6 +8,7 @@ from typing import Final
 from pyoxigraph import Literal, NamedNode, RdfFormat, Triple, serialize
 
 from kg import vocabulary as v
+from kg.characters import in_xml
 from kg.editing.imports import headers
 from kg.errors import OntologyError
 from kg.export import write_atomically
@@ -36,6 +37,8 @@ def export_ontology(semantic_map: SemanticMap, path: Path) -> int:
         )
     triples = sorted(set(_with_one_header(semantic_map)), key=_order)
     text = serialize(triples, format=form, prefixes=v.PREFIXES)
+    if form == RdfFormat.RDF_XML:
+        text = in_xml(text or b"")
     write_atomically(path, (text or b"").decode("utf-8"))
     return len(triples)
 

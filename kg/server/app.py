@@ -28,6 +28,7 @@ from kg.server.memento import timemap
 from kg.server.past import diff, log, why
 from kg.server.problems import Problem, problem_of, problem_response
 from kg.server.protocol import sparql
+from kg.server.records import labels, numbers, records
 from kg.server.serving import Serving
 from kg.server.standing import subscribe
 from kg.server.things import resource, thing_at_path
@@ -54,6 +55,9 @@ def application(serving: Serving) -> ASGIApp:
         ("/dump.{ending:str}", dump, get),
         ("/.well-known/void", dataset_description, get),
         ("/assertions", assertions, ["GET", "POST", "DELETE"]),
+        ("/records", records, ["POST"]),
+        ("/numbers", numbers, ["POST"]),
+        ("/labels", labels, ["POST"]),
         ("/log", log, get),
         ("/diff", diff, get),
         ("/why", why, get),

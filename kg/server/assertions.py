@@ -54,7 +54,7 @@ async def _list(serving: Serving, request: Request) -> Response:
     given = bodies.query_parameters(request)
     iri, conflicts = given.one("iri"), given.flag("conflicts")
     if iri is not None:
-        iri = _full(serving, iri)
+        iri = full_iri(serving.semantic_map.base, iri)
     state = state_of(serving.semantic_map)
     headers = {"Vary": "Accept", **state.headers}
     if state.is_known_to(request):
@@ -91,7 +91,8 @@ async def _say(serving: Serving, request: Request, by: str) -> Response:
     if kind != JSON:
         raise Problem(415, f"a body of type {kind[:100] or '(none)'}; what is said is {JSON}")
     told = _object(await bodies.read_body(request, serving.settings.limits))
-    thing, prop = _full(serving, _word(told, "thing")), _property(_word(told, "property"))
+    base = serving.semantic_map.base
+    thing, prop = full_iri(base, _word(told, "thing")), _property(_word(told, "property"))
     value = _value(told["value"])
 
     def say() -> tuple[ChangeSet | None, Assertion]:
@@ -116,7 +117,7 @@ async def _take_back(serving: Serving, request: Request, by: str) -> Response:
     iri, prop = given.one("iri"), given.one("property")
     if not iri or not prop:
         raise Problem(400, "taking back needs ?iri= and &property=, as in iri=object/17")
-    thing = _full(serving, iri)
+    thing = full_iri(serving.semantic_map.base, iri)
     _property(prop)
     change = await _shielded(partial(serving.semantic_map.retract, thing, prop, by=by))
     return written(serving, change, request)
@@ -163,10 +164,10 @@ def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def _full(serving: Serving, iri: str) -> str:
+def full_iri(base: str, iri: str) -> str:
     """``object/17`` as the IRI it is short for; Problem 400 for what is none."""
     try:
-        return NamedNode(iri if ":" in iri else serving.semantic_map.base + iri).value
+        return NamedNode(iri if ":" in iri else base + iri).value
     except ValueError as error:
         raise Problem(400, f"no thing {iri[:200]!r}; write object/17 or its IRI") from error
 

@@ -1,12 +1,18 @@
-"""`/changes`: every commit as a server-sent event, resumed from a sequence number."""
+"""`/changes`: every commit as a server-sent event, resumed from a sequence number.
+
+Who asks for JSON gets what there is by now, a page at a time, and the connection back.
+"""
 
 from __future__ import annotations
 
+import json
 from collections.abc import AsyncIterator, Iterable
 from functools import partial
+from typing import Final
 
-from starlette.concurrency import iterate_in_threadpool
+from starlette.concurrency import iterate_in_threadpool, run_in_threadpool
 from starlette.requests import Request
+from starlette.responses import Response
 from starlette.types import ASGIApp
 
 from kg.commits import ChangeSet
@@ -19,15 +25,21 @@ from kg.server.serving import Serving
 from kg.wire import change_to_json
 from kg.workers.formats import negotiate
 
+JSON: Final = "application/json"
+PAGE: Final = 256  # changes told at once as JSON
+PAGE_BYTES: Final = 4 << 20  # ... and characters after which no further one is begun
+
 
 async def changes(serving: Serving, request: Request) -> ASGIApp:
     """Commits after `Last-Event-ID` or ``?since=``, or from now on.
 
     Raises Problem: 410 where that is too long ago, 503 where too many follow.
     """
-    negotiate(request.headers.get("accept"), (EVENTS,))
+    kind = negotiate(request.headers.get("accept"), (EVENTS, JSON))
     since = _since(request)
     feed = serving.feed
+    if kind == JSON:
+        return await _page(serving, since)
     queue = Queue(serving.settings.limits.feed_backlog)
     feed.add(queue)
     try:
@@ -37,6 +49,27 @@ async def changes(serving: Serving, request: Request) -> ASGIApp:
         raise
     events = _events(queue, past, since or 0)
     return EventStream(events, queue.ended, partial(feed.remove, queue))
+
+
+async def _page(serving: Serving, since: int | None) -> Response:
+    if since is None:
+        raise Problem(400, "changes as JSON need ?since=, a sequence number")
+    past = serving.feed.since(since)
+    body = await run_in_threadpool(partial(_told, past, since))
+    return Response(body, media_type=JSON, headers={"Cache-Control": "no-store"})
+
+
+def _told(past: Iterable[ChangeSet], since: int) -> bytes:
+    """Changes up to a page's end; `sequence` is that of the last, `more` whether others follow."""
+    rows: list[str] = []
+    last, size, more = since, 0, False
+    for change in past:
+        if more := (len(rows) >= PAGE or size > PAGE_BYTES):
+            break
+        rows.append(json.dumps(change_to_json(change), ensure_ascii=False))
+        last, size = change.sequence, size + len(rows[-1])
+    head = f'{{"sequence": {last}, "more": {json.dumps(more)}, "changes": ['
+    return f"{head}{', '.join(rows)}]}}\n".encode()
 
 
 async def _events(queue: Queue, past: Iterable[ChangeSet], sent: int) -> AsyncIterator[bytes]:

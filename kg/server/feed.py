@@ -111,7 +111,8 @@ class Feed:
         """
         now = self._map.sequence
         if sequence > now:
-            raise Problem(410, f"this map is at {now}, not at {sequence}; read it anew")
+            message = f"this map is at {now}, not at {sequence}; read it anew"
+            raise Problem(410, message, kind="HistoryError")
         if sequence == now:
             return ()
         recent = [change for change in self._recent if change.sequence > sequence]
@@ -120,7 +121,7 @@ class Feed:
         try:
             return self._map.changes(sequence)
         except HistoryError as error:
-            raise Problem(410, f"{error}; read the map anew") from error
+            raise Problem(410, f"{error}; read the map anew", kind="HistoryError") from error
 
     def _deliver(self, change: ChangeSet) -> None:
         self.commits += 1

@@ -22,12 +22,14 @@ from starlette.responses import Response
 
 from kg import vocabulary as v
 from kg.blank_nodes import anonymous_triple
+from kg.characters import in_xml
 from kg.editing.taking_in import Taken
+from kg.endpoint import SEQUENCE
 from kg.server import bodies
 from kg.server.conditions import State, refuse_unforeseen, state_of
 from kg.server.media_types import GRAPH_FORMATS, prefixes_of
 from kg.server.problems import Problem
-from kg.server.protocol import SEQUENCE, write, written
+from kg.server.protocol import write, written
 from kg.server.serving import Serving
 from kg.workers.formats import negotiate
 
@@ -152,7 +154,8 @@ def _serialised(
             serialize(statements, out, form, prefixes=prefixes_of(serving.semantic_map.base))
         except OSError as error:
             raise out.too_long() from error
-        return out.getvalue()
+        body = out.getvalue()
+        return in_xml(body) if form == RdfFormat.RDF_XML else body
 
 
 class _Capped(io.BytesIO):

@@ -8,6 +8,7 @@ from typing import Final
 from pyoxigraph import Quad, RdfFormat, Triple, serialize
 
 from kg import vocabulary as v
+from kg.characters import in_xml
 from kg.jsonld import to_jsonld
 
 HTML: Final = "text/html"
@@ -34,7 +35,8 @@ def document(triples: Iterable[Triple], media_type: str, prefixes: dict[str, str
     if form in (RdfFormat.TRIG, RdfFormat.N_QUADS):
         quads = [Quad(t.subject, t.predicate, t.object) for t in triples]
         return serialize(quads, format=form, prefixes=prefixes) or b""
-    return serialize(triples, format=form, prefixes=prefixes) or b""
+    body = serialize(triples, format=form, prefixes=prefixes) or b""
+    return in_xml(body) if form == RdfFormat.RDF_XML else body
 
 
 def prefixes_of(base: str) -> dict[str, str]:

@@ -70,7 +70,7 @@ async def memento(serving: Serving, request: Request, iri: str) -> Memento | Non
         if version is None:  # what has no versions is as it is
             return None
     else:
-        sequence = await sequence_at(serving, moment)
+        sequence = await sequence_at(serving.semantic_map, moment)
         version = await run_in_threadpool(partial(version_at, log, iri, sequence))
     about = await run_in_threadpool(partial(_said, log, iri, version))
     if version is None or not about:

@@ -10,13 +10,13 @@ from starlette.concurrency import run_in_threadpool
 
 from kg.errors import HistoryError
 from kg.history.instants import moment, sequence_of
+from kg.semantic_map import SemanticMap
 from kg.server.problems import Problem
-from kg.server.serving import Serving
 
 MOST_DIGITS: Final = 18  # of a transaction's number
 
 
-async def sequence_at(serving: Serving, text: str) -> int:
+async def sequence_at(semantic_map: SemanticMap, text: str) -> int:
     """The last transaction at or before a moment: ISO 8601, or a number, 42 or #42.
 
     Raises Problem: 400 for what is no moment, 404 where that past is not kept.
@@ -32,4 +32,4 @@ async def sequence_at(serving: Serving, text: str) -> int:
             raise Problem(
                 400, f"no moment {text[:60]!r}; write 42 (a transaction) or 2026-08-01T12:30:00Z"
             ) from error
-    return await run_in_threadpool(partial(sequence_of, serving.semantic_map.history, when))
+    return await run_in_threadpool(partial(sequence_of, semantic_map.history, when))

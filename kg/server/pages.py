@@ -13,6 +13,7 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Quad
 
 from kg import vocabulary as v
 from kg.answers import Value
+from kg.characters import shown
 
 if TYPE_CHECKING:
     from kg.server.thing import Thing
@@ -44,7 +45,7 @@ def front_page(
         f'<option value="{escape(sparql)}">{escape(name)}: {escape(summary)}</option>'
         for name, summary, sparql in questions
     )
-    return template("front.html").substitute(
+    page = template("front.html").substitute(
         head=head(title),
         title=escape(title),
         base=escape(base),
@@ -56,6 +57,7 @@ def front_page(
         questions=options,
         access="updates with a token" if writable else "reading only",
     )
+    return shown(page)
 
 
 def thing_page(thing: Thing, title: str, link: Link) -> str:
@@ -65,7 +67,7 @@ def thing_page(thing: Thing, title: str, link: Link) -> str:
     pointing = "".join(
         _fact(quad.predicate.value, _term(quad.subject, link), link) for quad in thing.pointing
     )
-    return template("thing.html").substitute(
+    page = template("thing.html").substitute(
         head=head(title),
         title=escape(title),
         iri=escape(thing.iri),
@@ -73,6 +75,7 @@ def thing_page(thing: Thing, title: str, link: Link) -> str:
         pointing=pointing,
         pointing_class="" if pointing else "hidden",
     )
+    return shown(page)
 
 
 def compact(iri: str, base: str) -> str:

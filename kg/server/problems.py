@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import http
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 from starlette.responses import Response
 
 from kg.errors import (
+    ConflictError,
     GraphError,
     HereaboutsError,
     HistoryError,
@@ -24,6 +25,7 @@ from kg.errors import (
 )
 
 LONGEST = 2000  # characters of a message: a client may be quoted in it
+MOST = 1000  # things named with a conflict
 #: what an error of the tree means to a client; the first that fits counts
 _STATUS: tuple[tuple[type[HereaboutsError], int], ...] = (
     (NotAcceptableError, 406),
@@ -35,6 +37,7 @@ _STATUS: tuple[tuple[type[HereaboutsError], int], ...] = (
     (InvalidFactError, 422),
     (OntologyError, 422),
     (HistoryError, 404),
+    (ConflictError, 409),
     (GraphError, 503),
 )
 
@@ -52,11 +55,13 @@ class Problem(ServerError):  # noqa: N818  RFC 9457 calls it so
         headers: Mapping[str, str] | None = None,
         *,
         kind: str | None = None,
+        things: Iterable[str] = (),
     ) -> None:
         super().__init__(message)
         self.status = status
         self.headers = dict(headers or {})
         self.kind = kind  # the error of `kg.errors` it comes from, for who wants to raise it anew
+        self.things = tuple(things)  # IRIs of what a ConflictError is about
 
 
 def problem_of(error: HereaboutsError) -> Problem:
@@ -66,7 +71,8 @@ def problem_of(error: HereaboutsError) -> Problem:
     status = next((status for kind, status in _STATUS if isinstance(error, kind)), 500)
     passing = isinstance(error, _PASSING) and status == 503
     headers = {"Retry-After": "1"} if passing else None
-    return Problem(status, str(error), headers, kind=type(error).__name__)
+    things = error.things[:MOST] if isinstance(error, ConflictError) else ()
+    return Problem(status, str(error), headers, kind=type(error).__name__, things=things)
 
 
 def problem_response(problem: Problem, accept: str | None) -> Response:
@@ -78,6 +84,7 @@ def problem_response(problem: Problem, accept: str | None) -> Response:
             "status": problem.status,
             "detail": message,
             **({} if problem.kind is None else {"error": problem.kind}),
+            **({"things": problem.things} if problem.things else {}),
         }
         return Response(
             json.dumps(body, ensure_ascii=False) + "\n",

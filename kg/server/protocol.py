@@ -13,6 +13,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from kg.commits import ChangeSet
+from kg.endpoint import SEQUENCE
 from kg.server import bodies
 from kg.server.bodies import Parameters
 from kg.server.description import service_description
@@ -26,7 +27,6 @@ from kg.wire import change_to_json
 QUERY: Final = "application/sparql-query"
 UPDATE: Final = "application/sparql-update"
 T = TypeVar("T")
-SEQUENCE: Final = "Here-Sequence"  # which state of the map an answer is about
 
 
 async def sparql(serving: Serving, request: Request) -> Response:
@@ -68,7 +68,7 @@ async def _form(serving: Serving, request: Request, url: Parameters) -> Response
 
 async def _query(serving: Serving, request: Request, given: Parameters) -> Response:
     moment = given.one("at")
-    at = None if moment is None else await sequence_at(serving, moment)
+    at = None if moment is None else await sequence_at(serving.semantic_map, moment)
     query = asyncio.ensure_future(
         serving.pool.run_async(
             given.one("query") or "",
@@ -76,7 +76,7 @@ async def _query(serving: Serving, request: Request, given: Parameters) -> Respo
             accept=request.headers.get("accept"),
             default_graphs=graphs_of(given, "default-graph-uri"),
             named_graphs=graphs_of(given, "named-graph-uri"),
-            at_least=serving.written,
+            at_least=max(serving.written, _least(serving, request)),
             at=at,
         )
     )
@@ -86,6 +86,17 @@ async def _query(serving: Serving, request: Request, given: Parameters) -> Respo
         media_type=answer.media_type,
         headers={"Vary": "Accept", SEQUENCE: str(answer.sequence)},
     )
+
+
+def _least(serving: Serving, request: Request) -> int:
+    """The transaction the client knows of already; Problem where the map has not got so far."""
+    given = request.headers.get(SEQUENCE, "0")
+    if not (given.isascii() and given.isdigit() and len(given) < 19):
+        raise Problem(400, f"{SEQUENCE} must be a sequence number, got {given[:40]!r}")
+    if int(given) > serving.semantic_map.sequence:
+        now = serving.semantic_map.sequence
+        raise Problem(412, f"this map is at {now}, not at {given}; read it anew")
+    return int(given)
 
 
 async def unless_gone(request: Request, query: asyncio.Future[T]) -> T:

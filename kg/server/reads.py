@@ -47,11 +47,12 @@ class Reads:
 ANYTHING = Reads(anything=True)
 
 
-def reads_of(sparql: str) -> Reads:
-    """What `sparql` reads; `ANYTHING` where its text does not tell."""
+def reads_of(sparql: str, base: str | None = None) -> Reads:
+    """What `sparql` reads, relative IRIs of `base`; `ANYTHING` where its text does not tell."""
     if len(sparql) > LONGEST or _depth(sparql) > DEEPEST:
         return ANYTHING
-    header = "".join(f"PREFIX {name}: <{iri}>\n" for name, iri in v.PREFIXES.items())
+    header = "" if base is None else f"BASE <{base}>\n"
+    header += "".join(f"PREFIX {name}: <{iri}>\n" for name, iri in v.PREFIXES.items())
     try:
         query = translateQuery(parseQuery(header + sparql))
     except Exception:  # noqa: BLE001  rdflib's parser fails in many ways; the engine may read it

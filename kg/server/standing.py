@@ -60,7 +60,7 @@ async def subscribe(serving: Serving, request: Request) -> ASGIApp:
     dirty = Dirty()
     serving.standing.add(dirty)
     try:
-        dirty.reads = await run_in_threadpool(partial(reads_of, sparql))
+        dirty.reads = await run_in_threadpool(partial(reads_of, sparql, serving.semantic_map.base))
         serving.feed.add(dirty)
         first = await _evaluate(serving, sparql, serving.semantic_map.sequence)
         _rows(first)
@@ -97,7 +97,8 @@ async def _events(
 
 async def _evaluate(serving: Serving, sparql: str, least: int) -> Answer:
     """The answer to a state of the map that is not older than `least`."""
-    answer = await serving.pool.run_async(sparql, accept=SOLUTIONS, at_least=least)
+    base = serving.semantic_map.base
+    answer = await serving.pool.run_async(sparql, accept=SOLUTIONS, at_least=least, base=base)
     if len(answer.body) > LARGEST:
         raise Problem(503, f"an answer over {LARGEST} bytes cannot be followed; narrow the query")
     return answer

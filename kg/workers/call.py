@@ -26,6 +26,11 @@ class Call:
         self._worker: WorkerProcess | None = None
         self._guard = threading.Lock()
 
+    @property
+    def is_of_past(self) -> bool:
+        """Whether it is about what was: a state of the past, or the history."""
+        return self.at is not None or self.kind == b"T"
+
     def begin(self, worker: WorkerProcess) -> None:
         """It is `worker`'s now. Raises QueryError where it was cancelled before."""
         with self._guard:

@@ -27,6 +27,7 @@ from typing import IO, TYPE_CHECKING, Any, BinaryIO, cast
 
 from pyoxigraph import Literal, NamedNode, QueryResultsFormat, QueryTriples, RdfFormat, Store
 
+from kg.characters import XmlPieces, is_xml
 from kg.errors import HistoryError, NotAcceptableError, QueryError, QueryTooLargeError
 from kg.workers.vetting import reads_chosen_graphs, refuse_other_graph, vet
 
@@ -138,7 +139,7 @@ class Evaluator:
         head = {"media_type": media_type, "sequence": self._sequence}
         self._send(b"H", json.dumps(head).encode())
         sink.write(body)
-        sink.flush()
+        sink.end()
         self._send(b".", b"")
 
     def _write(self, request: Request, state: Store | Moment, sequence: int) -> None:
@@ -154,12 +155,12 @@ class Evaluator:
             raise NotAcceptableError(f"the answer is {what}: no format accepted can carry it")
         head = {"media_type": media_type, "sequence": sequence}
         self._send(b"H", json.dumps(head).encode())
-        sink = _Sink(self._send, request["max_bytes"])
+        sink = _Sink(self._send, request["max_bytes"], xml=is_xml(media_type))
         if isinstance(results, QueryTriples):
             results.serialize(cast(IO[bytes], sink), RdfFormat.from_media_type(media_type))
         else:
             results.serialize(cast(IO[bytes], sink), QueryResultsFormat.from_media_type(media_type))
-        sink.flush()
+        sink.end()
         self._send(b".", b"")
 
     def _fail(self, name: str, message: str) -> None:
@@ -178,8 +179,11 @@ class Evaluator:
 class _Sink:
     """What the engine writes an answer into: sent on in chunks, refused beyond the limit."""
 
-    def __init__(self, send: Callable[[bytes, bytes], None], limit: int) -> None:
+    def __init__(
+        self, send: Callable[[bytes, bytes], None], limit: int, *, xml: bool = False
+    ) -> None:
         self._send = send
+        self._pieces = XmlPieces() if xml else None
         self._limit = limit
         self._left = limit
         self._chunk = bytearray()
@@ -190,10 +194,16 @@ class _Sink:
             raise QueryTooLargeError(
                 f"the answer has more than {self._limit:,} bytes; ask for less, or with LIMIT"
             )
-        self._chunk += data
+        self._chunk += data if self._pieces is None else self._pieces.take(bytes(data))
         if len(self._chunk) >= CHUNK:
             self.flush()
         return len(data)
+
+    def end(self) -> None:
+        """Send on what is left."""
+        if self._pieces is not None:
+            self._chunk += self._pieces.rest()
+        self.flush()
 
     def flush(self) -> None:
         if self._chunk:

@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from typing import Any, Self
 
-from kg.errors import GraphError, HistoryError, NotAcceptableError, PoolBusyError, QueryError
+from kg.errors import GraphError, HistoryError, NotAcceptableError, PoolBusyError
 from kg.semantic_map import SemanticMap
 from kg.store import MapStore
 from kg.workers.call import Call
@@ -20,7 +20,8 @@ from kg.workers.formats import Form, choose_format
 from kg.workers.pasts import Pasts
 from kg.workers.process import Answer, WorkerDiedError, WorkerProcess, settings_of
 from kg.workers.snapshots import Snapshot, Snapshots
-from kg.workers.vetting import MAX_LENGTH, refuse_length
+from kg.workers.turns import Turns
+from kg.workers.vetting import MAX_LENGTH, refuse_length, refuse_surrogates
 
 _WARM = 10.0  # [s] without a query until the snapshot is no longer kept fresh ahead of questions
 _TICK = 0.05  # [s] between looks at whether the snapshot is due, at the least
@@ -31,7 +32,8 @@ class QueryPool:
 
     Safe from several threads, and from an event loop through `run_async`. `timeout` [s] is each
     query's, `memory_mb` what a worker may need beyond its start, `queue` how many queries may wait,
-    `services` the endpoints SERVICE may name. An answer is at most `refresh` seconds behind the map
+    `services` the endpoints SERVICE may name. Questions about the past leave one worker free, where
+    there are several. An answer is at most `refresh` seconds behind the map
     (twice that while writing never pauses).
     """
 
@@ -57,6 +59,7 @@ class QueryPool:
         self._idle: list[WorkerProcess] = []
         self._all: set[WorkerProcess] = set()
         self._workers, self._starting = workers, 0
+        self._turns = Turns(workers)
         self._last_query = time.monotonic()
         self._closed = threading.Event()
         store = source if isinstance(source, MapStore) else source.store
@@ -211,7 +214,7 @@ class QueryPool:
     ) -> dict[str, Any]:
         refuse_length(sparql, self.max_query_length)
         for text in (sparql, *default, *named):
-            _refuse_surrogates(text)
+            refuse_surrogates(text)
         result_type, graph_type = _acceptable(accept, "select"), _acceptable(accept, "construct")
         if result_type is None and graph_type is None:
             choose_format(accept, "select")
@@ -237,14 +240,20 @@ class QueryPool:
         return stack
 
     def _run(self, call: Call) -> Answer:
-        for _ in range(self._workers):
-            try:
-                return self._try(call)
-            except WorkerDiedError:  # ended by somebody else: once more, on another worker
-                if call.cancelled:
-                    raise
-        # all there were may have been killed together, before they were asked: this one is new
-        return self._try(call)
+        with self._turns.turn(call, self._patience):
+            for _ in range(self._workers):
+                try:
+                    return self._try(call)
+                except WorkerDiedError:  # ended by somebody else: once more, on another worker
+                    if call.cancelled:
+                        raise
+            # all there were may have been killed together, before they were asked: this one is new
+            return self._try(call)
+
+    @property
+    def _patience(self) -> float:
+        """[s] to wait for a worker: one that runs into its limit is outlasted."""
+        return 2 * self.timeout
 
     def _try(self, call: Call) -> Answer:
         self._last_query = time.monotonic()
@@ -281,7 +290,7 @@ class QueryPool:
         return self._pasts
 
     def _take(self) -> WorkerProcess:
-        deadline = time.monotonic() + 2 * self.timeout  # one that runs into its limit is outlasted
+        deadline = time.monotonic() + self._patience
         while True:
             worker = self._next(deadline)
             if worker is None:
@@ -391,12 +400,3 @@ def _acceptable(accept: str | None, form: Form) -> str | None:
         return choose_format(accept, form)
     except NotAcceptableError:
         return None
-
-
-def _refuse_surrogates(text: str) -> None:
-    try:
-        text.encode()
-    except UnicodeEncodeError as error:
-        raise QueryError(
-            f"the query is no Unicode text: character {error.start} is half of a surrogate pair"
-        ) from error

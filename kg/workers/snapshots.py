@@ -21,7 +21,8 @@ from pathlib import Path
 from pyoxigraph import Store
 
 from kg.errors import GraphError
-from kg.store import MapStore, remove_abandoned
+from kg.map_folder import remove_abandoned
+from kg.store import MapStore
 
 
 @dataclass(frozen=True, slots=True, eq=False)

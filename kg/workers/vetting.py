@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 
-from kg.errors import QueryRefusedError
+from kg.errors import QueryError, QueryRefusedError
 from kg.sparql_text import tokens, without_escapes
 
 MAX_LENGTH = 200_000  # characters; a VALUES of 2,000 IRIs is half of it
@@ -26,6 +26,16 @@ _SERVICE = re.compile(
 _UPDATES = frozenset(
     ("insert", "delete", "load", "clear", "drop", "create", "add", "move", "copy", "with")
 )
+
+
+def refuse_surrogates(text: str) -> None:
+    """Raises QueryError where a text is no Unicode."""
+    try:
+        text.encode()
+    except UnicodeEncodeError as error:
+        raise QueryError(
+            f"the query is no Unicode text: character {error.start} is half of a surrogate pair"
+        ) from error
 
 
 def refuse_length(sparql: str, limit: int = MAX_LENGTH) -> None:

@@ -108,6 +108,17 @@ class FloorBook:
         """All that the graph has not been told yet."""
         return self._told(list(self._fresh), 1)
 
+    def take_back(self, tiles: Iterable[FloorTile]) -> None:
+        """Have tiles count as not told, that could not be written."""
+        for tile in tiles:
+            place = (tile.storey, (tile.column, tile.row))
+            page = self._pages.get(place)
+            if page is not None:
+                known = self._known(place)
+                page.told = np.full_like(tile.cells, UNKNOWN) if known is None else known.cells
+                page.written, page.unread = -np.inf, True
+                self._fresh[place] = None
+
     def _told(self, places: Iterable[_Place], least: int) -> tuple[FloorTile, ...]:
         s, found = self._settings, list[FloorTile]()
         for place in places:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 
 from kg.commits import Cause
-from kg.errors import GraphError
+from kg.errors import ConflictError, GraphError
 from kg.records import (
     LookRecord,
     MapUpdate,
@@ -22,6 +24,8 @@ from kg.records import (
 )
 from kg.semantic_map import SemanticMap
 from planner.executive.protocol import RobotPose
+
+TRIES: Final = 10  # to write what others get in the way of
 
 
 class Diary:
@@ -47,13 +51,15 @@ class Diary:
         clock: Callable[[], float] = time.time,
     ) -> Diary:
         """A new search, in the map from now on."""
-        with semantic_map.hold():
-            numbers = [_number(s.iri, semantic_map.base) for s in semantic_map.searches()]
-            iri = f"{semantic_map.base}search/{max(numbers, default=0) + 1}"
-            record = SearchRecord(iri, tuple(words), tuple(categories), "running", clock())
-            diary = cls(semantic_map, record, clock)
-            diary._write("begun", MapUpdate(search=record))
-        return diary
+        for _ in range(TRIES):
+            with semantic_map.hold(), suppress(ConflictError):  # another robot took the number
+                numbers = [_number(s.iri, semantic_map.base) for s in semantic_map.searches()]
+                iri = f"{semantic_map.base}search/{max(numbers, default=0) + 1}"
+                record = SearchRecord(iri, tuple(words), tuple(categories), "running", clock())
+                diary = cls(semantic_map, record, clock)
+                semantic_map.apply(MapUpdate(search=record), diary._cause("begun"))
+                return diary
+        raise GraphError(f"others begin searches too fast: {TRIES} numbers were taken; try again")
 
     @classmethod
     def resume(
@@ -137,7 +143,7 @@ class Diary:
     def change(self, note: str, objects: Sequence[ObjectRecord], removed: Sequence[str]) -> None:
         """Write objects that a look has put in doubt, and drop those it has done away with."""
         update = MapUpdate(tuple(objects), tuple(removed), search=self.record)
-        self._write(note, update)
+        self._write(note, update, shown=False)
 
     def end(
         self,
@@ -149,7 +155,8 @@ class Diary:
         """Write how the search, or this run of it, ended."""
         self.record = replace(self.record, state=state, ended=self._clock())
         robot = None if pose is None else self._robot(pose)
-        self._write(state, MapUpdate(tuple(objects), tuple(removed), (), robot, search=self.record))
+        update = MapUpdate(tuple(objects), tuple(removed), (), robot, search=self.record)
+        self._write(state, update, shown=False)
 
     def _found(self, iris: Sequence[str]) -> None:
         self.record = replace(self.record, found=tuple(dict.fromkeys((*self.record.found, *iris))))
@@ -158,8 +165,29 @@ class Diary:
         p_map = np.array([pose.x, pose.y, self._height])
         return RobotRecord(p_map, math.remainder(pose.heading, 2 * math.pi), self._clock())
 
-    def _write(self, note: str, update: MapUpdate) -> None:
-        self._map.apply(update, Cause("search", self.name, note))
+    def _write(self, note: str, update: MapUpdate, *, shown: bool = True) -> None:
+        """Apply `update`; where others changed its objects meanwhile, the later word counts.
+
+        That is the robot's where the objects were `shown` to it, else the others'.
+        """
+        for _ in range(TRIES):
+            try:
+                self._map.apply(update, self._cause(note))
+                return
+            except ConflictError as conflict:
+                self._map.catch_up()
+                update = update if shown else _without(update, conflict.things)
+        raise GraphError(f"others change what {self.name} writes, {TRIES} times on end; stop them")
+
+    def _cause(self, note: str) -> Cause:
+        return Cause("search", self.name, note)
+
+
+def _without(update: MapUpdate, things: Sequence[str]) -> MapUpdate:
+    """`update` but for the objects among `things`."""
+    kept = tuple(record for record in update.objects if record.iri not in things)
+    removed = tuple(iri for iri in update.removed if iri not in things)
+    return replace(update, objects=kept, removed=removed)
 
 
 def to_resume(semantic_map: SemanticMap, words: Sequence[str]) -> SearchRecord:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from kg.others import PerceivedObjects
-from kg.records import ObjectRecord
+from kg.records import ObjectRecord, PlaceRecord
 from kg.semantic_map import SemanticMap
 from mapping.association import Sighting, associate, most_confident
 from mapping.confidence import existence, lowered
@@ -51,8 +51,9 @@ class Findings:
         kappa = self._settings.kappa
         sightings, unknown = self._sightings(things)
         found = associate(sightings, tuple(self._objects.values()), kappa)
-        records = [self._again(iri, s, stamp) for iri, s in found.matched.items()]
-        new = [self._first(s, stamp) for s in most_confident(found.new, kappa)]
+        places = self._map.places() if sightings else ()  # once: on a server it is a question
+        records = [self._again(iri, s, stamp, places) for iri, s in found.matched.items()]
+        new = [self._first(s, stamp, places) for s in most_confident(found.new, kappa)]
         for record in (*records, *new):
             self._objects[record.iri] = record
         return Seen((*records, *new), tuple(record.iri for record in new), unknown)
@@ -97,21 +98,26 @@ class Findings:
             sightings.append(Sighting(category, thing.score, p_map, 0.0, _NO_BOX))
         return sightings, tuple(dict.fromkeys(unknown))
 
-    def _again(self, iri: str, sighting: Sighting, stamp: float) -> ObjectRecord:
+    def _again(
+        self, iri: str, sighting: Sighting, stamp: float, places: Sequence[PlaceRecord]
+    ) -> ObjectRecord:
         after = seen_again(self._objects[iri], sighting, stamp, self._settings)
-        return replace(after, place=self._place(after.p_map))
+        return replace(after, place=_place_of(after.p_map, places))
 
-    def _first(self, sighting: Sighting, stamp: float) -> ObjectRecord:
+    def _first(
+        self, sighting: Sighting, stamp: float, places: Sequence[PlaceRecord]
+    ) -> ObjectRecord:
         record = first_seen(self._map.new_object_iri(), sighting, stamp, self._settings)
-        return replace(record, place=self._place(record.p_map))
-
-    def _place(self, p_map: np.ndarray) -> str | None:
-        x, y = float(p_map[0]), float(p_map[1])
-        for place in self._map.places():
-            if place.xmin <= x < place.xmax and place.ymin <= y < place.ymax:
-                return place.iri
-        return None
+        return replace(record, place=_place_of(record.p_map, places))
 
     def _said_to_be_there(self, iri: str) -> bool:
         said = self._map.assertions(iri)
         return any(a.property == "existence" and a.value == "present" for a in said)
+
+
+def _place_of(p_map: np.ndarray, places: Sequence[PlaceRecord]) -> str | None:
+    x, y = float(p_map[0]), float(p_map[1])
+    for place in places:
+        if place.xmin <= x < place.xmax and place.ymin <= y < place.ymax:
+            return place.iri
+    return None

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from kg.errors import LayoutError
 from kg.floor import tile_iri
 from kg.records import UNKNOWN
 from planner.finding.places import Place
@@ -92,7 +93,11 @@ def ground_of(
 
 
 def _as_seen(assumed: Ground, rooms: Sequence[Room], floor: MappedFloor, base: str) -> Ground:
-    seen, frontiers = with_frontiers(seen_space(assumed.space, rooms, floor, margin=_MARGIN))
+    try:
+        known = seen_space(assumed.space, rooms, floor, margin=_MARGIN)
+    except LayoutError:
+        return assumed  # nowhere to stand as it was seen, and yet a robot stood there
+    seen, frontiers = with_frontiers(known)
     beyond = _unexplored(frontiers, floor, base)
     return Ground(
         seen.space,

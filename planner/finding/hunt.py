@@ -309,7 +309,8 @@ def _stands(
 ) -> Cells:
     """Positions in every room, or in those that hold most of `weight` (c,) where rooms are many.
 
-    Two covers, or one more where there are positions `besides`.
+    Of those that one can stand in as many at least: a room full of tables is seen from others. Two
+    covers, or one more where there are positions `besides`.
     """
     space = ground.space
     covers = 1 if len(np.asarray(besides)) else 2
@@ -317,7 +318,9 @@ def _stands(
         of_cell = space.room.reshape(-1)[cells]
         mass = np.bincount(of_cell, weight, minlength=len(ground.rooms))
         size = np.bincount(of_cell, minlength=len(ground.rooms))
-        best = np.argsort(-mass / np.sqrt(np.maximum(size, 1)), kind="stable")[:MOST_ROOMS]
+        ranked = np.argsort(-mass / np.sqrt(np.maximum(size, 1)), kind="stable")
+        stood_in = ranked[np.isin(ranked, space.room[space.free])]
+        best = np.union1d(ranked[:MOST_ROOMS], stood_in[:MOST_ROOMS])
         inside = space.inside()
         space = space.without(inside[~np.isin(space.room.reshape(-1)[inside], best)])
     return standing_cells(space, sensor.far, near=sensor.near, covers=covers, besides=besides)

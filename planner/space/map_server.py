@@ -48,7 +48,7 @@ def read_grid(path: Path) -> Occupancy:
         negate = bool(int(keys.get("negate", "0")))
         solid = float(keys.get("occupied_thresh", _OCCUPIED))
         clear = float(keys.get("free_thresh", _FREE))
-        image = path.parent / keys["image"].strip("\"'")
+        image = path.parent / keys["image"]
     except KeyError as missing:
         raise LayoutError(
             f"{path.name}: no {missing}; a map_server file has image, resolution and origin"
@@ -65,7 +65,7 @@ def read_grid(path: Path) -> Occupancy:
 
 
 def _check(path: Path, keys: Mapping[str, str], origin: Sequence[float]) -> None:
-    if keys.get("mode", "trinary").strip("\"'") != "trinary":
+    if keys.get("mode", "trinary") != "trinary":
         raise LayoutError(f"{path.name}: mode {keys['mode']} is not read, only trinary")
     if len(origin) != 3 or not abs(origin[2]) <= 1e-6:
         raise LayoutError(f"{path.name}: origin must be [x, y, 0]; a turned map is not read")
@@ -103,14 +103,28 @@ def _keys(path: Path) -> dict[str, str]:
         raise LayoutError(f"cannot read {path.name}: {error.strerror}") from error
     keys: dict[str, str] = {}
     last = ""
-    for line in text.splitlines():
-        plain = re.sub(r"(^|\s)#.*", "", line).strip()
-        if plain.startswith("- ") and last:
-            keys[last] = f"{keys[last]},{plain[2:]}".strip(",")
-        elif ":" in plain:
-            last, _, value = (part.strip() for part in plain.partition(":"))
-            keys[last] = value
+    for line in map(str.strip, text.splitlines()):
+        if line.startswith("- ") and last:
+            keys[last] = f"{keys[last]},{_scalar(line[2:])}".strip(",")
+        elif ":" in line and not line.startswith("#"):
+            last, _, value = (part.strip() for part in line.partition(":"))
+            keys[last] = _scalar(value)
     return keys
+
+
+_QUOTED = re.compile(r"""("(?:[^"\\]|\\.)*"|'(?:[^']|'')*')\s*(?:\s\#.*)?""")
+
+
+def _scalar(text: str) -> str:
+    """A value without quotes and comment; within quotes ``#`` begins none."""
+    text = text.strip()
+    quoted = _QUOTED.fullmatch(text)
+    if quoted is None:
+        return re.sub(r"(^|\s)#.*", "", text).strip()
+    inside = quoted[1][1:-1]
+    if quoted[1].startswith("'"):
+        return inside.replace("''", "'")
+    return re.sub(r"\\(.)", r"\1", inside)
 
 
 _HEADER = re.compile(

@@ -248,3 +248,13 @@ def test_a_negative_seed_is_wrong_usage(tmp_path: Path) -> None:
     with pytest.raises(SystemExit, match="2"):
         main(["demo", "--folder", str(tmp_path), "--seed", "-1"])
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("update", ["\udcff\udcfe", " \udcff", "INSERT DATA { <a> <b> '\udcff' }"])
+def test_an_update_of_bytes_that_are_no_text(lab: Path, update: str, fails: Fails) -> None:
+    assert "no Unicode text" in fails("update", lab, "-e", update)
+
+
+def test_a_file_of_bytes_that_are_no_text(lab: Path, tmp_path: Path, fails: Fails) -> None:
+    (tmp_path / "update.ru").write_bytes(b"\xff\xfe\xfd")
+    assert "cannot read the update" in fails("update", lab, tmp_path / "update.ru")

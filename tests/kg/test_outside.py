@@ -265,7 +265,9 @@ def test_on_disk_operations_see_each_other_and_leave_nothing_behind(tmp_path) ->
         ("MOVE e:nowhere TO e:g", "there is no graph"),
         ("CLEAR ALL ALL", "does not parse"),
         ("INSERT { e:a e:b 1 } WHERE { ", "does not parse"),
-        ("INSERT DATA { \ud800 }", ""),
+        ("INSERT DATA { \ud800 }", "no Unicode"),
+        ("\udcff\udcfe", "no Unicode"),
+        ("\udcff", "no Unicode"),
     ],
 )
 def test_what_cannot_be_worked_out_is_refused_in_one_line(text: str, said: str) -> None:

@@ -28,7 +28,9 @@ from kg.errors import (
 )
 from kg.semantic_map import SemanticMap
 from kg.workers import process
+from kg.workers.call import Call
 from kg.workers.pool import QueryPool
+from kg.workers.turns import Turns
 
 ENDLESS = "SELECT (SUM(STRLEN(STR(?a))) AS ?n) {?a ?b ?c. ?d ?e ?f. ?g ?h ?i. ?j ?k ?l}"
 
@@ -263,3 +265,45 @@ def test_closing_ends_queries_that_still_run(live: SemanticMap) -> None:
     pool.close()
     thread.join()
     assert len(raised) == 1
+
+
+def test_questions_about_the_past_leave_a_worker_for_the_present(live: SemanticMap) -> None:
+    for number in range(3):
+        write(live, number)
+    refused: list[BaseException] = []
+
+    def ask(at: int) -> None:
+        try:
+            pool.run(ENDLESS, at=at)
+        except GraphError as error:
+            refused.append(error)
+
+    with QueryPool(live, workers=2, timeout=600) as pool:
+        asking = [threading.Thread(target=ask, args=(at,)) for at in (0, 1, 2)]
+        for thread in asking:
+            thread.start()
+        while not pool.busy:
+            time.sleep(0.01)
+        for _ in range(3):  # however many wait for the other, this one is never theirs
+            assert rows(pool, "SELECT (COUNT(*) AS ?n) {?s <urn:says> ?o}", at_least=3) == [["3"]]
+        assert all(thread.is_alive() for thread in asking)
+    for thread in asking:
+        thread.join()
+    assert len(refused) == 3
+
+
+def test_a_turn_in_the_past_is_given_back_and_not_waited_for_for_ever(pool: QueryPool) -> None:
+    for _ in range(3):
+        with pytest.raises(QueryError, match="expected"):
+            pool.run("SELEKT", at=0)
+    assert b"true" in pool.run("ASK {}", at=0).body
+    turns, call = Turns(1), Call({}, 1.0, 0, at=0)
+    with (
+        turns.turn(call, 0.0),
+        turns.turn(Call({}, 1.0, 0), 0.0),
+        pytest.raises(PoolBusyError, match="about the past"),
+        turns.turn(Call({}, 1.0, 0, kind=b"T"), 0.0),
+    ):
+        raise AssertionError("two at once")
+    with turns.turn(call, 0.0):
+        pass

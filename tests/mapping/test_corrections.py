@@ -10,10 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kg.commits import Cause
+from kg.commits import Cause, ChangeSet
+from kg.errors import ConflictError
 from kg.records import MapUpdate, PlaceRecord
 from kg.semantic_map import SemanticMap
+from kg.served_map import ServedMap
+from kg.server import MapServer, Settings, Tokens
 from mapping.object_mapper import ObjectMapper
+from mapping.pipeline import TRIES
 from mapping.place_book import PlaceBook
 from mapping.settings import ReferenceSettings
 from perception.frame import Frame
@@ -28,6 +32,8 @@ from tests.mapping.correction_stage import (
     play,
     runs,
 )
+
+TOKEN = "a-token-of-the-tests-0123"
 
 
 @pytest.fixture(scope="module")
@@ -78,6 +84,60 @@ def test_people_and_mapper_are_two_programs_on_one_server(
         for steps in runs(script.steps):
             play(semantic_map, steps, make_frame, people)
         as_told(semantic_map, script)
+
+
+@pytest.mark.parametrize("script", SCRIPTS[6::14], ids=lambda script: script.name)
+@pytest.mark.parametrize("afar", [True, False], ids=["people afar", "people beside the server"])
+def test_a_mapper_writes_into_a_served_map_as_into_its_folder(
+    script: Script, afar: bool, make_frame: Callable[..., Frame], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HEREABOUTS_TOKEN", TOKEN)
+    settings = Settings(port=0, tokens=Tokens((("ann", TOKEN.encode()),)))
+    with (
+        SemanticMap.in_memory(base=BASE) as semantic_map,
+        MapServer(semantic_map, settings) as server,
+        SemanticMap.open(server.url) as mapper,
+        SemanticMap.open(server.url) as people,
+    ):
+        for steps in runs(script.steps):
+            play(mapper, steps, make_frame, people if afar else semantic_map)
+        as_told(semantic_map, script)
+
+
+@pytest.mark.parametrize("times", [1, 3, TRIES])
+def test_a_frame_that_somebody_gets_in_the_way_of_is_mapped_anew(
+    times: int, make_frame: Callable[..., Frame], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HEREABOUTS_TOKEN", TOKEN)
+    settings = Settings(port=0, tokens=Tokens((("ann", TOKEN.encode()),)))
+    with (
+        SemanticMap.in_memory(base=BASE) as semantic_map,
+        MapServer(semantic_map, settings) as server,
+        ServedMap.open(server.url) as far,
+    ):
+        assert isinstance(far, ServedMap)
+        play(far, ["see cup", "see cup"], make_frame)
+        frames = semantic_map.recordings()[0].frames_applied
+        write, left = far.write, times
+
+        def contested(update: MapUpdate, cause: Cause | None = None) -> ChangeSet | None:
+            nonlocal left
+            if left and update.objects:
+                left -= 1  # a cup is put elsewhere between what was read and what is written
+                Acts(semantic_map).do("move", ["1", f"{2.1 + 0.05 * left}", "0"])
+            return write(update, cause)
+
+        monkeypatch.setattr(far, "write", contested)
+        if times == TRIES:
+            with pytest.raises(ConflictError, match=r"others have changed object/1 since #\d+"):
+                play(far, ["blind", "see cup"], make_frame)
+            assert semantic_map.objects()[0].observations == 2
+            return
+        play(far, ["blind", "see cup"], make_frame)
+        (cup,) = semantic_map.objects()
+        assert cup.p_map[0] == pytest.approx((2 * 2.1 + 2) / 3, abs=0.01)
+        assert cup.observations == 3, "each sighting counts once"
+        assert (frames, [r.frames_applied for r in semantic_map.recordings()]) == (2, [2, 2])
 
 
 def test_the_mapper_hears_of_what_another_program_moves_removes_and_adds(

@@ -76,6 +76,28 @@ def test_plain_sixteen_bit_and_negated_images_and_lists_below_keys_say_the_same(
         np.testing.assert_array_equal(grid.origin, (-1, 2))
 
 
+@pytest.mark.parametrize(
+    ("name", "written_as"),
+    [
+        ("floor # 2.pgm", '"floor # 2.pgm"'),
+        ("floor # 2.pgm", "'floor # 2.pgm'   # the second"),
+        ("floor #2.pgm", '"floor #2.pgm" # the "second"'),
+        ("floor#2.pgm", "floor#2.pgm # not a comment before the blank"),
+        ("ann's floor.pgm", "'ann''s floor.pgm'"),
+        ('a "floor".pgm', '"a \\"floor\\".pgm"'),
+        ("a: floor.pgm", "'a: floor.pgm' # 'quoted'"),
+        ("floor.pgm", "floor.pgm # it's plain"),
+    ],
+)
+def test_a_name_is_what_stands_between_its_quotes(
+    name: str, written_as: str, tmp_path: Path
+) -> None:
+    (tmp_path / name).write_bytes(b"P5 3 2 255\n" + PIXELS.tobytes())
+    yaml = PLAIN.replace("floor.pgm", written_as) + "mode: 'trinary' # 'raw'\n# image: none.pgm\n"
+    (tmp_path / "floor.yaml").write_text(yaml, encoding="utf-8")
+    np.testing.assert_array_equal(read_grid(tmp_path / "floor.yaml").occupied, WALL)
+
+
 def test_an_array_may_stand_for_the_image_with_its_first_row_at_the_smallest_y(
     tmp_path: Path,
 ) -> None:

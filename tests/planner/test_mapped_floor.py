@@ -13,9 +13,10 @@ import pytest
 from kg.records import FREE, LOW, TALL, UNKNOWN, FloorTile, MapUpdate, PlaceRecord, RobotRecord
 from kg.semantic_map import SemanticMap
 from planner.commands import main
-from planner.finding.hunt import Hunt, prepare
+from planner.finding.ground import Ground
+from planner.finding.hunt import Hunt, _stands, prepare
 from planner.finding.plan import plan
-from planner.finding.settings import BELIEF
+from planner.finding.settings import BELIEF, MOST_ROOMS
 from planner.finding.telling import explained
 from planner.space.building import free_space
 from planner.space.frontier import with_frontiers
@@ -24,6 +25,7 @@ from planner.space.grid import NO_ROOM, FreeSpace, Room
 from planner.space.mapped import SeenSpace, mapped_floor, seen_space
 from planner.space.sight import visible
 from planner.viewing.covers import standing_cells
+from planner.viewing.sensor import Sensor
 
 SIDE = 64
 CELL = 0.05
@@ -325,3 +327,39 @@ def test_walls_of_one_cell_hold_robot_and_eye() -> None:
         space = space_of(drawing, Room(0.0, 8.0, 0.0, 4.0)).space
         wall = space.room == NO_ROOM
         assert wall.any(axis=1)[1:-1].all()
+
+
+def of_tables(number: int) -> FloorTile:
+    """A tile with something to look over everywhere but in one small cell."""
+    cells = np.full((SIDE, SIDE), LOW, np.uint8)
+    cells[0, 0] = FREE
+    return FloorTile(0, number, 0, 0.0, CELL, cells, 1e9)
+
+
+def test_a_floor_without_a_place_to_stand_is_taken_for_what_its_rectangles_say() -> None:
+    side = SIDE * CELL
+    with SemanticMap.in_memory() as semantic_map:
+        kitchen = semantic_map.catalogue.find("kitchen", "place").iri
+        room = PlaceRecord(semantic_map.place_iri(1), "room", 0, side, 0, side, 9, {kitchen: 0.9})
+        robot = RobotRecord(np.array([1.0, 1.0, 1.2]), 0.0, 1e9)
+        semantic_map.apply(MapUpdate(places=(room,), floor=(of_tables(0),), robot=robot))
+        hunt = prepare(semantic_map, ["banana"])
+    assert hunt is not None
+    assert hunt.space.free.any()
+    assert len(hunt.looks.stands)
+
+
+@pytest.mark.parametrize("tables", [10, MOST_ROOMS, MOST_ROOMS + 9])
+def test_many_rooms_of_tables_are_looked_at_from_where_one_can_stand(tables: int) -> None:
+    rooms = tables + 3  # of 5 x 5 cells in a row, open to each other; in the last three is floor
+    room = np.repeat(np.arange(rooms, dtype=np.int32), 5)[:, None].repeat(5, axis=1)
+    space = FreeSpace(np.zeros(2), 0.2, room, low=room < tables)
+    names = tuple(f"room {n}" for n in range(rooms))
+    cells = space.inside()
+    weight = np.where(room.reshape(-1)[cells] < tables, 1.0, 0.001)  # it is on one of the tables
+    stands = _stands(Ground(space, names, names), cells, weight, Sensor())
+    assert set(space.room.reshape(-1)[stands]) <= set(range(tables, rooms))
+    seen = {
+        int(room.reshape(-1)[c]) for stand in stands for c in visible(space, int(stand), 4.6)[0]
+    }
+    assert tables - 1 in seen, "tables beside the floor are seen from it"

@@ -23,6 +23,7 @@ from kg.server.app import file, not_this_way
 from kg.server.fleet import pages
 from kg.server.fleet.members import Asked, Member, ask_all, lines
 from kg.server.fleet.queries import FleetServing, missing, refuse_past, sparql
+from kg.server.fleet.told import PATHS, told
 from kg.server.guard import Guard
 from kg.server.media_types import GRAPH_FORMATS, HTML, document
 from kg.server.pages import thing_page
@@ -32,7 +33,7 @@ from kg.workers.formats import negotiate
 
 Answer = Callable[[FleetServing, Request], Awaitable[Response]]
 #: what each map has and a fleet of them has not
-_MEMBERS_OWN = ("/assertions", "/log", "/diff", "/why", "/timemap", "/changes", "/subscribe")
+_MEMBERS_OWN = ("/timemap", "/changes", "/subscribe")
 
 
 def fleet_application(fleet: FleetServing) -> ASGIApp:
@@ -47,6 +48,7 @@ def fleet_application(fleet: FleetServing) -> ASGIApp:
         ("/metrics", _metrics, ["GET"]),
         ("/files/{name:str}", _file, ["GET"]),
         ("/resource", _resource, ["GET"]),
+        *((path, told, ["GET", "POST", "DELETE"]) for path in PATHS),
         *((path, _members_own, ["GET", "POST", "DELETE"]) for path in _MEMBERS_OWN),
     ]
     routes = [Route(path, _endpoint(fleet, answer), methods=how) for path, answer, how in table]
@@ -131,7 +133,7 @@ async def _file(fleet: FleetServing, request: Request) -> Response:
 
 
 async def _members_own(fleet: FleetServing, request: Request) -> Response:
-    """Refused: what people said, what was, why and what changes is for each map to tell."""
+    """Refused: versions of things and what changes is for each map to tell."""
     if request.method in ("POST", "DELETE"):
         raise Problem(403, "a fleet only reads: write to the member it is for")
     names = ", ".join(member.name for member in fleet.members)

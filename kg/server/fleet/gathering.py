@@ -24,6 +24,7 @@ from pyoxigraph import (
 )
 
 from kg import vocabulary as v
+from kg.characters import in_xml, is_xml
 from kg.errors import QueryError, QueryTooLargeError, RemoteError
 from kg.fleet import MEMBER, ROW
 from kg.server.media_types import GRAPH_FORMATS, SOLUTIONS, document
@@ -128,7 +129,8 @@ def written_triples(triples: Iterable[Triple], media_type: str) -> bytes:
     if media_type in GRAPH_FORMATS:
         return document(triples, media_type, v.PREFIXES)
     form = RdfFormat.from_media_type(media_type)
-    return serialize(triples, format=form, prefixes=v.PREFIXES) or b""
+    body = serialize(triples, format=form, prefixes=v.PREFIXES) or b""
+    return in_xml(body) if is_xml(media_type) else body
 
 
 def _results(told: Mapping[str, object], media_type: str) -> bytes:
@@ -136,7 +138,8 @@ def _results(told: Mapping[str, object], media_type: str) -> bytes:
     if media_type == SOLUTIONS:
         return body
     form = QueryResultsFormat.from_media_type(media_type)
-    return parse_query_results(body, format=QueryResultsFormat.JSON).serialize(format=form) or b""
+    written = parse_query_results(body, format=QueryResultsFormat.JSON).serialize(format=form)
+    return in_xml(written or b"") if is_xml(media_type) else written or b""
 
 
 def _parsed(name: str, body: bytes) -> dict[str, Any]:

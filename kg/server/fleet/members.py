@@ -3,21 +3,36 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import threading
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from typing import Protocol, TypeVar
 
 from kg.endpoint import is_url, without_secrets
 from kg.engine import Engine
-from kg.errors import GraphError, HereaboutsError, QueryTimeoutError, UnreachableError
+from kg.errors import (
+    GraphError,
+    HereaboutsError,
+    HistoryError,
+    InvalidFactError,
+    QueryTimeoutError,
+    UnreachableError,
+)
 from kg.identity import identity
 from kg.remote import RemoteEngine
 from kg.semantic_map import SemanticMap
+from kg.served import Served, served_at
+from kg.server.assertions import full_iri
+from kg.server.bodies import Parameters
 from kg.server.media_types import SOLUTIONS
+from kg.server.moments import sequence_at
+from kg.server.past import JSON, tell
 from kg.server.settings import Limits
 from kg.store import MapStore
+from kg.wire import assertion_to_json
 from kg.workers.pool import QueryPool
 
 TRIPLES = "application/n-triples"
@@ -36,6 +51,7 @@ class Asked:
     sparql: str
     default_graphs: tuple[str, ...] = ()
     named_graphs: tuple[str, ...] = ()
+    at: str | None = None  # the time that is asked about, ISO 8601; None: now
 
 
 class _Open(Protocol):
@@ -50,6 +66,9 @@ class _Open(Protocol):
 
     async def ask(self, asked: Asked) -> bytes:
         """The answer, as JSON results or N-Triples."""
+
+    async def tell(self, what: str, given: Parameters, media_type: str) -> tuple[str, bytes]:
+        """Its assertions (JSON), log, diff or why: media type and body."""
 
     def close(self) -> None:
         """Let go of it."""
@@ -78,13 +97,29 @@ class _Folder:
         return self._map.engine
 
     async def ask(self, asked: Asked) -> bytes:
+        at = None if asked.at is None else await sequence_at(self._map, asked.at)
         answer = await self._pool.run_async(
             asked.sparql,
             accept=ACCEPT,
             default_graphs=asked.default_graphs,
             named_graphs=asked.named_graphs,
+            base=self.base,
+            at=at,
         )
         return answer.body
+
+    async def tell(self, what: str, given: Parameters, media_type: str) -> tuple[str, bytes]:
+        if what == "assertions":
+            return JSON, await asyncio.to_thread(self._said, given)
+        answer = await tell(self._pool, self._map, what, given, media_type)
+        return answer.media_type, answer.body
+
+    def _said(self, given: Parameters) -> bytes:
+        iri = given.one("iri")
+        found = self._map.assertions(None if iri is None else full_iri(self.base, iri))
+        if given.flag("conflicts"):
+            found = tuple(said for said in found if said.since is not None)
+        return json.dumps({"assertions": [assertion_to_json(said) for said in found]}).encode()
 
     def close(self) -> None:
         self._pool.close()
@@ -95,10 +130,11 @@ class _Server:
     """A map on a SPARQL server."""
 
     def __init__(self, address: str, limits: Limits, threads: ThreadPoolExecutor) -> None:
-        self._limits, self._threads = limits, threads
+        self._address, self._limits, self._threads = address, limits, threads
         self._store = MapStore.connect(address, read_only=True)
         try:
             self.base, self.title = identity(self._store)
+            self._served = served_at(self._store)
         except BaseException:
             self._store.close()
             raise
@@ -113,14 +149,36 @@ class _Server:
     def _fetch(self, asked: Asked) -> bytes:
         engine, limits = self._store.engine, self._limits
         assert isinstance(engine, RemoteEngine)
+        if asked.at is not None:
+            self._refuse_plain("keeps no past")
         _, body = engine.fetch(
             asked.sparql,
             asked.default_graphs,
             asked.named_graphs,
+            base=self.base,
+            at=asked.at,
             seconds=limits.query_seconds,
             most=limits.result,
         )
         return body
+
+    async def tell(self, what: str, given: Parameters, media_type: str) -> tuple[str, bytes]:
+        act = partial(self._tell, what, given, media_type)
+        return await asyncio.get_running_loop().run_in_executor(self._threads, act)
+
+    def _tell(self, what: str, given: Parameters, media_type: str) -> tuple[str, bytes]:
+        served = self._refuse_plain(f"tells no /{what}")
+        limits = self._limits
+        return served.fetch(
+            what, given.pairs, media_type, seconds=limits.query_seconds, most=limits.result
+        )
+
+    def _refuse_plain(self, why: str) -> Served:
+        """The member, where it is a running `hereabouts serve`; HistoryError where it is none."""
+        if self._served is None:
+            where = without_secrets(self._address)
+            raise HistoryError(f"{where} is a plain SPARQL server: it {why}")
+        return self._served
 
     def close(self) -> None:
         self._store.close()
@@ -157,6 +215,10 @@ class Member:
         """The whole answer; raises HereaboutsError where there is none within the limits."""
         return await self._bounded(lambda there: there.ask(asked))
 
+    async def tell(self, what: str, given: Parameters, media_type: str) -> tuple[str, bytes]:
+        """Its assertions (as JSON), log, diff or why; raises as `ask`, and what it refuses."""
+        return await self._bounded(lambda there: there.tell(what, given, media_type))
+
     async def look_up(self, read: Callable[[_Open], T]) -> T:
         """What `read`, on a thread, makes of the open member."""
         loop = asyncio.get_running_loop()
@@ -180,6 +242,9 @@ class Member:
         except TimeoutError:
             self.away = f"no answer within {seconds:g} s"
             raise QueryTimeoutError(self.away) from None
+        except (HistoryError, InvalidFactError):
+            self.away = ""  # it is there, and says no
+            raise
         except GraphError as error:
             self.away = " ".join(str(error).split())
             if isinstance(error, UnreachableError):

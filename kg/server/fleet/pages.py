@@ -11,6 +11,7 @@ from urllib.parse import quote
 from pyoxigraph import Literal, NamedNode, RdfFormat, Triple, parse
 
 from kg import vocabulary as v
+from kg.characters import shown
 from kg.questions import ready_questions
 from kg.server import pages
 from kg.server.fleet.members import Member
@@ -28,7 +29,7 @@ class MemberState(TypedDict):
 
 def front(states: Sequence[MemberState]) -> str:
     """The page of the fleet."""
-    return pages.template("fleet.html").substitute(
+    page = pages.template("fleet.html").substitute(
         head=pages.head("fleet"),
         members="".join(map(_row, states)),
         questions="".join(
@@ -36,6 +37,7 @@ def front(states: Sequence[MemberState]) -> str:
             for name, summary, sparql in ready_questions()
         ),
     )
+    return shown(page)
 
 
 def service(root: str) -> list[Triple]:

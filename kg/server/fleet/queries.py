@@ -18,8 +18,10 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
 
-from kg.errors import HereaboutsError, QueryError
+from kg import vocabulary as v
+from kg.errors import HereaboutsError, HistoryError, QueryError
 from kg.fleet import MEMBER
+from kg.history.instants import iso, moment
 from kg.server import bodies
 from kg.server.bodies import Parameters
 from kg.server.fleet import gathering
@@ -96,9 +98,24 @@ async def _parameters(fleet: FleetServing, request: Request) -> Parameters | Non
 
 
 def refuse_past(given: Parameters) -> None:
-    """Raises Problem 400 where a moment is asked for: each map has a past of its own."""
+    """Raises Problem 400 where a moment is asked for: a thing's past is for its map to tell."""
     if "at" in given:
-        raise Problem(400, "a fleet is asked as it is now: leave out 'at', or ask one map")
+        raise Problem(400, "a fleet shows things as they are now: leave out 'at', or ask one map")
+
+
+def _time(given: Parameters) -> str | None:
+    """The time that is asked about; Problem 400 for what is none."""
+    text = given.one("at")
+    if text is None:
+        return None
+    try:
+        return iso(moment(text.strip()))
+    except HistoryError as error:
+        raise Problem(
+            400,
+            f"a fleet is asked at a time, as in 2026-08-01T12:30:00Z, got {text[:60]!r}: "
+            "transactions are counted by each map, ask one of them",
+        ) from error
 
 
 def _only_reads() -> Problem:
@@ -117,10 +134,10 @@ async def _answer(fleet: FleetServing, given: Parameters, accept: str | None) ->
 async def _plan(fleet: FleetServing, given: Parameters, accept: str | None) -> _Plan:
     text = given.one("query") or ""
     refuse_length(text)
-    refuse_past(given)
+    at = _time(given)
     default, named = graphs_of(given, "default-graph-uri"), graphs_of(given, "named-graph-uri")
     tried = await fleet.scribe.run_async(
-        text, accept=ACCEPT, default_graphs=default, named_graphs=named
+        text, accept=ACCEPT, default_graphs=default, named_graphs=named, base=v.HERE
     )
     told = json.loads(tried.body) if tried.media_type == SOLUTIONS else {}
     form = "ask" if "boolean" in told else "select" if told else "construct"
@@ -131,7 +148,7 @@ async def _plan(fleet: FleetServing, given: Parameters, accept: str | None) -> _
         _refuse_what_cannot_be_gathered(form, columns, tail)
     return _Plan(
         sparql=text,
-        asked=Asked(totals.members if totals else text, default, named),
+        asked=Asked(totals.members if totals else text, default, named, at),
         form=form,
         columns=columns,
         tail=tail,

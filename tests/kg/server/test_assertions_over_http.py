@@ -19,7 +19,6 @@ from kg.errors import (
     RemoteError,
     UnknownCategoryError,
 )
-from kg.records import MapUpdate
 from kg.semantic_map import SemanticMap
 from kg.served import Served as FarServer
 from kg.server import Limits, Tokens
@@ -207,8 +206,6 @@ def test_what_the_server_refuses_is_the_same_error_from_afar(served: Served) -> 
             far.update("INSERT DATA { GRAPH graph:history { <object/9> a here:Cup } }")
         with pytest.raises(InvalidFactError, match="finite"):
             far.assert_("object/1", "position", (1.0, float("nan"), 0.0), by="ann")
-        with pytest.raises(GraphError, match="is served"):
-            far.apply(MapUpdate())
         with pytest.raises(GraphError, match="is served"):
             far.take_ontology((), whole=True)
         for ask in (far.log, far.why, far.update, far.assertions):

@@ -17,6 +17,7 @@ import requests
 from pyoxigraph import RdfFormat, parse
 
 from kg.errors import GraphError
+from kg.history.instants import iso
 from kg.records import MapUpdate, ObjectRecord
 from kg.semantic_map import SemanticMap
 from kg.server import FleetServer, Limits, MapServer, Settings
@@ -250,20 +251,124 @@ def test_a_fleet_only_reads(fleet: Fleet) -> None:
     )
 
 
-@pytest.mark.parametrize("path", ["assertions", "log", "diff", "why", "timemap", "changes"])
+@pytest.mark.parametrize("path", ["timemap", "changes", "subscribe"])
 def test_what_each_map_has_of_its_own_is_not_a_fleets(fleet: Fleet, path: str) -> None:
     answer = fleet.get(path, iri="object/1")
     assert answer.status_code == 404
     assert f"ask the map it is about ({', '.join(fleet.members)})" in answer.text
 
 
-def test_a_fleet_is_asked_as_it_is_now_and_told_nothing(fleet: Fleet) -> None:
+@pytest.fixture(scope="module")
+def remembering(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fleet]:
+    """Two maps with a past: a folder, and a served map; in each somebody said something."""
+    folder = tmp_path_factory.mktemp("remembering")
+    for name in ("east", "west"):
+        with SemanticMap.create(folder / name, base=f"{BASE}{name}/") as made:
+            fill(made, "cup", 0.9)
+            made.assert_("object/1", "category", "bowl", by=f"ann of {name}")
+            fill(made, "chair", 0.5)
+    with (
+        SemanticMap.open(folder / "west", read_only=True) as west,
+        MapServer(west, PATIENT) as served,
+        FleetServer([str(folder / "east"), served.url.rstrip("/")], PATIENT) as server,
+    ):
+        yield Fleet(server, [str(folder / "east"), served.url.rstrip("/")])
+
+
+@pytest.mark.parametrize("number", [0, 1], ids=["folder", "server"])
+def test_the_owner_of_a_thing_tells_its_past(remembering: Fleet, number: int) -> None:
+    name, member = ("east", "west")[number], remembering.members[number]
+    cup = f"{BASE}{name}/object/1"
+    log = remembering.get("log", "application/json", iri=cup, last=1)
+    assert (log.status_code, log.headers["Here-Member"]) == (200, member)
+    assert [entry["by"] for entry in log.json()] == [f"ann of {name}"]
+    assert f"by ann of {name}" in remembering.get("log", "text/plain", iri=cup).text
+    for params in ({"iri": cup}, {"what": f"{cup} a here:Bowl"}, {"what": f"<{cup}>"}):
+        why = remembering.get("why", "text/plain", **params)
+        assert (why.status_code, f"ann of {name}" in why.text) == (200, True), why.text
+    assert b"wasAssociatedWith" in remembering.get("why", "text/turtle", iri=cup).content
+    diff = remembering.get("diff", "application/json", member=member, **{"from": 1, "to": "#2"})
+    assert (diff.status_code, diff.json()["before"], diff.json()["after"]) == (200, 1, 2)
+    short = remembering.get("log", "application/json", iri="object/1", member=member)
+    assert len(short.json()) == 2
+
+
+def test_what_was_said_is_told_by_all_or_by_its_owner(remembering: Fleet) -> None:
+    told = remembering.get("assertions", "application/json").json()["assertions"]
+    assert [(a["member"], a["by"]) for a in told] == [
+        (remembering.members[0], "ann of east"),
+        (remembering.members[1], "ann of west"),
+    ]
+    for given in ({"iri": f"{BASE}west/object/1"}, {"member": remembering.members[1]}):
+        told = remembering.get("assertions", **given).json()["assertions"]
+        assert [a["by"] for a in told] == ["ann of west"]
+    assert remembering.get("assertions", iri=f"{BASE}west/object/9").json()["assertions"] == []
+    conflicts = remembering.get("assertions", conflicts=1).json()["assertions"]
+    assert len(conflicts) == 2  # perception still believes in cups
+    assert remembering.get("assertions", "text/turtle").status_code == 406
+
+
+def test_a_fleet_is_asked_how_it_was(remembering: Fleet) -> None:
+    with SemanticMap.open(remembering.members[0], read_only=True) as east:
+        began = max(change.time for change in east.changes(0))
+    with SemanticMap.open(remembering.members[1]) as west:
+        first = min(change.time for change in west.changes(0))
+        last = max(change.time for change in west.changes(0))
+    count = "SELECT (COUNT(*) AS ?n) { ?o here:existence ?e }"
+    for time, counts in ((first, ["2", "1"]), (max(last, began), ["2", "2"])):
+        rows = remembering.rows(count, at=iso(time))
+        assert [row[1] for row in rows[1:]] == counts
+
+
+@pytest.mark.parametrize(
+    ("status", "path", "given", "said"),
+    [
+        (400, "log", {}, "needs iri="),
+        (400, "why", {}, "needs iri="),
+        (400, "log", {"iri": "object/1"}, "give its whole IRI, or member="),
+        (400, "why", {"what": "object/1 here:x"}, "give its whole IRI, or member="),
+        (400, "assertions", {"iri": "object/1"}, "give its whole IRI, or member="),
+        (400, "assertions", {"iri": f"{BASE}east/a b"}, "no thing"),
+        (400, "log", {"iri": f"{BASE}east/object/99"}, "knows nothing of object/99"),
+        (404, "log", {"iri": "urn:nobody"}, "no map of this fleet can tell /log of that"),
+        (400, "why", {"iri": "https://w3id.org/hereabouts#Cup"}, "several maps can tell"),
+        (400, "diff", {"from": 1, "to": 2}, "add member=, one of"),
+        (404, "diff", {"from": 1, "to": 2, "member": "north"}, "no member 'north'; there are"),
+        (400, "sparql", {"query": "ASK {}", "at": "3"}, "asked at a time"),
+        (400, "sparql", {"query": "ASK {}", "at": "yesterday"}, "asked at a time"),
+        (404, "sparql", {"query": "ASK {}", "at": "1999-01-01"}, "not kept"),
+        (400, "resource", {"iri": f"{BASE}east/object/1", "at": "3"}, "ask one map"),
+    ],
+)
+def test_what_is_not_clear_is_said_in_one_line(
+    remembering: Fleet, status: int, path: str, given: dict[str, object], said: str
+) -> None:
+    answer = remembering.get(path, **given)
+    assert (answer.status_code, said in answer.text) == (status, True), answer.text
+    assert answer.text.count("\n") == 1
+
+
+def test_a_plain_server_among_them_says_what_it_has_not(
+    start: Callable[..., Fleet], start_server: Callable[..., str]
+) -> None:
+    address = start_server("plain")
+    with SemanticMap.create(address, base=f"{BASE}plain/") as plain:
+        fill(plain, "cup", 0.5)
+    fleet = start(address)
+    for path, given in (
+        ("log", {"iri": f"{BASE}plain/object/1"}),
+        ("assertions", {}),
+        ("sparql", {"query": "ASK {}", "at": "2026-01-01T00:00:00Z"}),
+    ):
+        answer = fleet.get(path, **given)
+        assert (answer.status_code, "a plain SPARQL server" in answer.text) == (404, True)
+    assert fleet.get("health").json()["status"] == "ok", "it is not away for that"
+
+
+def test_a_fleet_is_told_nothing(fleet: Fleet) -> None:
     said = {"thing": "object/1", "property": "category", "value": "bowl"}
     refused = requests.post(fleet.server.url + "assertions", json=said, timeout=PATIENCE)
     assert (refused.status_code, "write to the member" in refused.text) == (403, True)
-    for path, given in (("sparql", {"query": E}), ("resource", {"iri": f"{BASE}north/object/1"})):
-        answer = fleet.get(path, at="1", **given)
-        assert (answer.status_code, "one map" in answer.text) == (400, True)
 
 
 def test_a_member_that_is_away_is_no_silently_short_answer(

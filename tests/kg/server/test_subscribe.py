@@ -102,3 +102,13 @@ def test_standing_queries_are_limited(serve: Callable[..., Served]) -> None:
     served = serve(limits=Limits(standing_queries=1))
     with served.stream("subscribe", params={"query": CUPS}):
         assert served.get("subscribe", params={"query": CUPS}).status_code == 503
+
+
+def test_relative_iris_are_the_maps_as_everywhere(served: Served) -> None:
+    query = "SELECT ?n { <object/1> <note> ?n }"
+    with served.stream("subscribe", params={"query": query}) as stream:
+        _, _, data = stream.next()
+        assert data["added"] == []
+        assert served.write("INSERT DATA { <object/1> <note> 'blue' }").status_code == 200
+        _, _, data = stream.next()
+        assert [row["n"]["value"] for row in data["added"]] == ["blue"]  # type: ignore[index, attr-defined]

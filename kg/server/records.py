@@ -1,0 +1,132 @@
+"""`/records`, `/numbers`, `/labels`: what a mapper or a robot far away writes into the map.
+
+A POST to `/records` is one transaction: all of a frame, or of a look, or nothing. It goes through
+the one writer, which lays over it what people said. The answer comes once the transaction is in the
+history: what was acknowledged survives the death of either side.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Callable, Mapping
+from typing import Any, Final, TypeVar
+
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import Response
+
+from kg.assertions import is_unicode
+from kg.commits import Cause, ChangeSet
+from kg.reception import receive
+from kg.server import bodies
+from kg.server.problems import Problem
+from kg.server.protocol import written
+from kg.server.serving import Serving
+from kg.update_wire import LARGEST, update_of
+
+JSON: Final = "application/json"
+#: on whose account records come: a mapper's frames, a robot's search, an import
+_KINDS: Final = ("frame", "search", "import")
+_LONGEST: Final = 500  # characters of a note
+_MOST: Final = 10_000  # labels, or own transactions, of one request
+T = TypeVar("T")
+
+
+async def records(serving: Serving, request: Request) -> Response:
+    """Apply an update of records in one transaction; Problem 409 where others came in between."""
+    by = serving.settings.tokens.holder(request.headers.get("authorization"))
+    told = await _object(serving, request, ("update", "cause", "seen", "own"))
+    seen, own = _seen(told["seen"]), _own(told["own"])
+    cause = _cause(told["cause"], by)
+
+    def act() -> ChangeSet | None:
+        update = update_of(told["update"])
+        return receive(serving.semantic_map, update, cause, seen=seen, own=own)
+
+    return written(serving, await _shielded(act), request)
+
+
+async def numbers(serving: Serving, request: Request) -> Response:
+    """The IRI of an object that is yet to be written; nobody else gets the same."""
+    serving.settings.tokens.holder(request.headers.get("authorization"))
+    await _object(serving, request, ())
+    iri = await _shielded(serving.semantic_map.new_object_iri)
+    return _answer({"iri": iri})
+
+
+async def labels(serving: Serving, request: Request) -> Response:
+    """Categories of a network's labels; made, in one transaction, where nothing is called so."""
+    serving.settings.tokens.holder(request.headers.get("authorization"))
+    told = await _object(serving, request, ("labels", "kind", "model"))
+    names, kind = told["labels"], told["kind"]
+    if not isinstance(names, list) or len(names) > _MOST or not all(map(_is_text, names)):
+        raise Problem(400, f"'labels' must be a list of up to {_MOST} texts")
+    if kind not in ("object", "place"):
+        raise Problem(400, f"'kind' is object or place, got {str(kind)[:100]!r}")
+    if not _is_text(told["model"]):
+        raise Problem(400, "'model' must be a text: the name of the network")
+
+    def act() -> dict[str, str]:
+        return serving.semantic_map.learn(names, kind, model=told["model"])
+
+    found = await _shielded(act)
+    serving.written = max(serving.written, serving.semantic_map.sequence)
+    return _answer({"categories": found, "sequence": serving.semantic_map.sequence})
+
+
+async def _object(
+    serving: Serving, request: Request, members: tuple[str, ...]
+) -> Mapping[str, Any]:
+    kind = bodies.media_type(request)
+    if kind != JSON:
+        raise Problem(415, f"a body of type {kind[:100] or '(none)'}; this takes {JSON}")
+    body = await bodies.read_body(request, serving.settings.limits)
+    try:
+        told = await run_in_threadpool(json.loads, body)
+    except (ValueError, RecursionError) as error:
+        raise Problem(400, f"the body is no JSON: {str(error)[:200]}") from error
+    if not isinstance(told, dict) or set(told) != set(members):
+        raise Problem(400, f"the body must be a JSON object of {', '.join(members) or 'nothing'}")
+    return told
+
+
+def _seen(told: object) -> int | None:
+    if told is not None and not _is_number(told):
+        raise Problem(400, f"'seen' is the number of a transaction, or null, got {str(told)[:40]}")
+    return told  # type: ignore[return-value]
+
+
+def _own(told: object) -> frozenset[int]:
+    if not isinstance(told, list) or len(told) > _MOST or not all(map(_is_number, told)):
+        raise Problem(400, f"'own' must be a list of up to {_MOST} numbers of transactions")
+    return frozenset(told)
+
+
+def _cause(told: object, by: str) -> Cause:
+    """What the writer says it does; a search is its own account, all else that of the token."""
+    if not isinstance(told, dict) or set(told) != {"kind", "by", "note"}:
+        raise Problem(400, "'cause' must be an object of kind, by and note")
+    kind, name, note = told["kind"], told["by"], told["note"]
+    if kind not in _KINDS:
+        raise Problem(400, f"'kind' is one of {', '.join(_KINDS)}, got {str(kind)[:40]!r}")
+    if not _is_text(note) or not (name is None or _is_text(name)):
+        raise Problem(400, "'note' must be a text, 'by' a text or null")
+    return Cause(kind, name if kind == "search" and name else by, note[:_LONGEST])
+
+
+def _is_text(value: object) -> bool:
+    return isinstance(value, str) and is_unicode(value)
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= LARGEST
+
+
+def _answer(told: object) -> Response:
+    return Response(json.dumps(told, ensure_ascii=False) + "\n", media_type=JSON)
+
+
+async def _shielded(act: Callable[[], T]) -> T:
+    # a client that leaves meanwhile must not leave half of a decision behind
+    return await asyncio.shield(run_in_threadpool(act))

@@ -1,0 +1,329 @@
+"""A mapper or a robot far away writes into a served map, and gets in nobody's way."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import requests
+
+from kg.commits import Cause
+from kg.errors import (
+    ConflictError,
+    GraphError,
+    HistoryError,
+    InvalidFactError,
+    RemoteError,
+)
+from kg.others import PerceivedObjects
+from kg.records import MapUpdate, RobotRecord, SearchRecord
+from kg.semantic_map import SemanticMap
+from kg.served_map import ServedMap
+from kg.server import Tokens
+from kg.update_wire import update_to_json
+from tests.kg.server.conftest import BASE, TOKEN, Served, thing
+
+CUP, CHAIR = f"{BASE}object/1", f"{BASE}object/2"
+ROBOT = MapUpdate(robot=RobotRecord(np.array([1.0, 2.0, 1.2]), 0.5, 1_700_000_100.0))
+
+
+@pytest.fixture(autouse=True)
+def token(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HEREABOUTS_TOKEN", TOKEN)
+
+
+def open_far(served: Served) -> ServedMap:
+    far = SemanticMap.open(served.url)
+    assert isinstance(far, ServedMap)
+    return far
+
+
+def cup_at(far: SemanticMap, x: float, number: int = 1) -> MapUpdate:
+    return MapUpdate(objects=(thing(far, number, "cup", x, 0.5),))
+
+
+def place_of(semantic_map: SemanticMap, iri: str) -> float:
+    (record,) = semantic_map.perceived_objects((iri,))
+    return float(record.p_map[0])
+
+
+def edit(semantic_map: SemanticMap, number: int, x: float) -> None:
+    thing = f"<{BASE}object/{number}> here:x"
+    change = f"DELETE {{ {thing} ?x }} INSERT {{ {thing} {x} }} WHERE {{ {thing} ?x }}"
+    assert semantic_map.update(change) is not None
+
+
+def test_a_frame_from_afar_is_one_transaction_of_the_tokens_holder(served: Served) -> None:
+    before = served.map.sequence
+    with open_far(served) as far:
+        change = far.write(cup_at(far, 2.5))
+        assert far.apply(ROBOT, Cause("frame", note="run/frame-7")) > 0
+        assert far.write(cup_at(far, 2.5)) is None, "it says so already"
+    first, second = served.map.changes(before)
+    assert change is not None
+    assert (set(first.added), set(first.removed)) == (set(change.added), set(change.removed))
+    assert (second.cause.kind, second.cause.by, second.cause.note) == (
+        *("frame", "ann"),
+        "run/frame-7",
+    )
+    assert place_of(served.map, CUP) == 2.5
+    assert served.map.robot() is not None
+
+
+def test_what_people_said_outranks_what_is_seen_from_afar(served: Served) -> None:
+    served.map.assert_("object/1", "category", "bowl", by="bob")
+    with open_far(served) as far:
+        far.apply(cup_at(far, 2.5))
+        label = far.catalogue.label
+        assert [label(o.category) for o in far.objects()] == ["bowl", "chair"]
+        assert [label(o.category) for o in far.perceived_objects()] == ["cup", "chair"]
+        (conflict,) = served.map.conflicts()
+        assert (conflict.subject, conflict.by) == (CUP, "bob")
+
+
+def test_an_edit_in_between_is_seen_before_it_is_written_over(served: Served) -> None:
+    with open_far(served) as far:
+        edit(served.map, 1, 3.25)
+        before = served.map.sequence
+        update = MapUpdate(objects=(*cup_at(far, 2.5).objects, *cup_at(far, 1.0, 9).objects))
+        with pytest.raises(ConflictError, match=r"changed object/1 since #1") as refused:
+            far.apply(update)
+        assert refused.value.things == (CUP,)
+        assert served.map.sequence == before, "not even the other object is written"
+        far.catch_up()
+        assert far.apply(update) > 0
+        assert place_of(served.map, CUP) == 2.5
+
+
+def test_what_was_deleted_in_between_is_not_brought_back_unseen(served: Served) -> None:
+    with open_far(served) as far:
+        objects = PerceivedObjects(far)
+        served.map.update("DELETE WHERE { <object/1> ?p ?o }")
+        with pytest.raises(ConflictError):
+            far.apply(cup_at(far, 2.5))
+        assert objects.refresh() >= {CUP}
+        assert list(objects) == [CHAIR]
+
+
+def test_an_edit_of_something_else_is_in_nobodys_way_and_is_heard_of(served: Served) -> None:
+    with open_far(served) as far:
+        objects = PerceivedObjects(far)
+        edit(served.map, 2, 3.25)
+        assert far.apply(cup_at(far, 2.5)) > 0
+        with pytest.raises(ConflictError, match="object/2"):  # it was not read since
+            far.apply(MapUpdate(removed=(CHAIR,)))
+        touched = objects.refresh()
+        assert CHAIR in touched and CUP not in touched, "its own frames a mapper knows"
+        assert objects[CHAIR].p_map[0] == 3.25
+        assert far.apply(MapUpdate(removed=(CHAIR,))) > 0
+
+
+def test_ones_own_frames_are_never_in_the_way(served: Served) -> None:
+    with open_far(served) as far:
+        for number in range(20):
+            edit(served.map, 2, 2.1 + number / 10)
+            assert far.apply(cup_at(far, 1.1 + number / 10)) > 0
+        assert place_of(served.map, CUP) == 3.0
+
+
+def test_what_is_written_in_a_block_is_held_to_what_was_there_when_it_began(
+    served: Served,
+) -> None:
+    with open_far(served) as far:
+        objects = PerceivedObjects(far)
+        with far.hold():
+            edit(served.map, 1, 3.25)
+            objects.refresh()  # too late: what follows from the block's beginning is written
+            with pytest.raises(ConflictError, match="object/1"):
+                far.apply(cup_at(far, 2.5))
+        with far.hold():
+            objects.refresh()
+            assert objects[CUP].p_map[0] == 3.25
+            assert far.apply(cup_at(far, 2.5)) > 0
+
+
+def test_two_robots_and_the_server_never_take_the_same_number(served: Served) -> None:
+    with open_far(served) as one, open_far(served) as other:
+        iris = [m.new_object_iri() for _ in range(5) for m in (one, other, served.map)]
+    assert len(set(iris)) == 15
+    with pytest.raises(ConflictError), open_far(served) as one, open_far(served) as other:
+        one.apply(cup_at(one, 1.0, 50))
+        other.apply(cup_at(other, 2.0, 50))
+
+
+def test_mappers_side_by_side_lose_nothing_of_each_other(served: Served) -> None:
+    """Each counts up one object of its own and one they share, in turns as they come."""
+    rounds, errors = 12, list[BaseException]()
+
+    def count(number: int) -> None:
+        try:
+            with open_far(served) as far:
+                objects = PerceivedObjects(far)
+                for _ in range(rounds):
+                    for iri in (f"{BASE}object/{number}", CUP):
+                        raise_one(far, objects, iri)
+        except BaseException as error:  # noqa: BLE001  it is the test's to tell
+            errors.append(error)
+
+    def raise_one(far: ServedMap, objects: PerceivedObjects, iri: str) -> None:
+        while True:
+            with far.hold():
+                objects.refresh()
+                record = replace(objects[iri], observations=objects[iri].observations + 1)
+                with suppress(ConflictError):
+                    far.apply(MapUpdate(objects=(record,)))
+                    objects[iri] = record
+                    return
+
+    with open_far(served) as far:
+        far.apply(MapUpdate(objects=(thing(far, 11, "cup", 0, 0), thing(far, 12, "cup", 3, 2))))
+    threads = [threading.Thread(target=count, args=(n,)) for n in (11, 12)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert errors == []
+    counts = {o.iri: o.observations for o in served.map.objects()}
+    assert counts[CUP] == 3 + 2 * rounds
+    assert counts[f"{BASE}object/11"] == counts[f"{BASE}object/12"] == 3 + rounds
+
+
+def test_labels_nobody_knows_become_categories_of_the_served_map(served: Served) -> None:
+    with open_far(served) as far, open_far(served) as other:
+        found = far.learn(["gizmo", "cup", "\u200b"], "object", model="net")
+        assert found["cup"] == far.catalogue.find("cup").iri
+        assert served.map.catalogue.find("gizmo").iri == far.catalogue.find("gizmo").iri
+        assert "\u200b" not in found
+        sequence = served.map.sequence
+        assert far.learn(["gizmo"], "object", model="net") == {"gizmo": found["gizmo"]}
+        assert served.map.sequence == sequence
+        assert other.catalogue.get("gizmo") is None
+        other.catch_up()
+        assert other.catalogue.find("gizmo").provisional
+
+
+def test_changes_are_told_from_any_number_on(served: Served) -> None:
+    for n in range(600):  # more than a page holds
+        served.map.apply(ROBOT if n % 2 else cup_at(served.map, n / 100))
+    with open_far(served) as far:
+        for since in (0, 1, 300, served.map.sequence):
+            here, there = list(served.map.changes(since)), list(far.changes(since))
+            assert [c.sequence for c in there] == [c.sequence for c in here]
+            assert [(c.time, c.cause, set(c.added)) for c in there] == [
+                (c.time, c.cause, set(c.added)) for c in here
+            ]
+        with pytest.raises(HistoryError, match="not at 9999"):
+            list(far.changes(9999))
+
+
+def test_a_reader_is_answered_by_what_it_has_heard_of(served: Served) -> None:
+    with open_far(served) as far:
+        for n in range(10):
+            served.map.apply(cup_at(served.map, n / 10))  # by the server's own mapper, unasked
+            far.catch_up()
+            assert place_of(far, CUP) == n / 10
+    ask = {"query": "ASK {}"}
+    for number, status in (("99999", 412), ("one", 400), ("1", 200)):
+        answer = served.get("sparql", params=ask, headers={"Here-Sequence": number})
+        assert answer.status_code == status
+
+
+def body(**changed: Any) -> dict[str, Any]:
+    cause = {"kind": "frame", "by": None, "note": ""}
+    return {"update": update_to_json(ROBOT), "cause": cause, "seen": None, "own": [], **changed}
+
+
+SEARCH = SearchRecord(CUP, ("cup",), (BASE,), "running", 1.0)
+
+
+@pytest.mark.parametrize(
+    ("status", "told"),
+    [
+        (400, b"{"),
+        (400, b"[" * 100_000),
+        (400, b"\xff"),
+        (400, []),
+        (400, {"update": {}}),
+        (400, body(seen=-1)),
+        (400, body(seen="1")),
+        (400, body(own=[True])),
+        (400, body(own=3)),
+        (400, body(cause={"kind": "assert", "by": None, "note": ""})),
+        (400, body(cause={"kind": "frame", "by": 3, "note": ""})),
+        (400, body(cause={"kind": "search", "by": "\ud800", "note": ""})),
+        (422, body(update={})),
+        (422, body(update={**update_to_json(ROBOT), "removed": ["object/1"]})),
+        (422, body(update={**update_to_json(ROBOT), "removed": [f"{BASE}robot"]})),
+        (422, body(update={**update_to_json(ROBOT), "removed": [BASE]})),
+        (422, body(update=update_to_json(MapUpdate(search=SEARCH)))),
+        (409, body(seen=999, update=update_to_json(MapUpdate(removed=(CUP,))))),
+    ],
+)
+def test_what_cannot_be_written_is_told_in_one_line_and_changes_nothing(
+    lasting: Served, status: int, told: object
+) -> None:
+    before = lasting.map.sequence
+    data = told if isinstance(told, bytes) else json.dumps(told).encode()
+    headers = {"Content-Type": "application/json", **lasting.bearer()}
+    answer = lasting.post("records", data=data, headers=headers)
+    assert answer.status_code == status, answer.text
+    assert answer.text.count("\n") == 1
+    assert lasting.map.sequence == before
+
+
+@pytest.mark.parametrize(
+    "objects",
+    [
+        lambda m: (thing(m, 10**18, "cup", 0, 0),),
+        lambda m: (thing(m, 1, "cup", float("nan"), 0),),
+        lambda m: (thing(m, 1, "cup", 0, 0), thing(m, 1, "cup", 1, 0)),
+    ],
+)
+def test_records_that_make_no_facts_are_the_same_error_from_afar(
+    lasting: Served, objects: Callable[[SemanticMap], Any]
+) -> None:
+    before = lasting.map.sequence
+    with open_far(lasting) as far, pytest.raises(InvalidFactError) as refused:
+        far.apply(MapUpdate(objects=objects(far)))
+    assert "\n" not in str(refused.value)
+    assert lasting.map.sequence == before
+
+
+def test_who_may_not_write_may_not_map(
+    serve: Callable[..., Served], served: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for path in ("records", "numbers", "labels"):
+        assert served.post(path, json={}).status_code == 401
+        assert served.get(path, headers=served.bearer()).status_code == 404
+        assert served.post(path, data=b"x", headers=served.bearer()).status_code == 415
+    with (
+        SemanticMap.open(serve(tokens=Tokens()).url) as far,
+        pytest.raises(RemoteError, match="only reads"),
+    ):
+        far.apply(ROBOT)
+    with (
+        SemanticMap.open(served.url, read_only=True) as far,
+        pytest.raises(GraphError, match="reading only"),
+    ):
+        far.apply(ROBOT)
+    monkeypatch.delenv("HEREABOUTS_TOKEN")
+    with open_far(served) as far, pytest.raises(RemoteError, match="HEREABOUTS_TOKEN"):
+        far.new_object_iri()
+
+
+def test_changes_as_json_say_from_where(lasting: Served) -> None:
+    def changes(**params: object) -> requests.Response:
+        return lasting.get("changes", params=params, headers={"Accept": "application/json"})
+
+    assert changes().status_code == 400
+    assert changes(since="x").status_code == 400
+    now = lasting.map.sequence
+    assert changes(since=now).json() == {"sequence": now, "more": False, "changes": []}
+    gone = changes(since=now + 1)
+    assert (gone.status_code, gone.json()["error"]) == (410, "HistoryError")
