@@ -71,7 +71,7 @@ def search(
         listener = Listener(robot, terms.patience, terms.stopping)
         hello = _greeted(listener)
         at = before.started if before else terms.clock()
-        guide = Guide(semantic_map, words, hello, at)
+        guide = Guide(semantic_map, words, hello, at, terms.give_up_at)
         if before:
             diary = Diary.resume(semantic_map, before, terms.clock)
         else:

@@ -6,13 +6,14 @@ import hashlib
 import multiprocessing
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from kg.errors import InvalidFactError
+from planner.finding.settings import BELIEF
 from planner.trials.building import Building
 from planner.trials.hidden import Hidden
 from planner.trials.homes import Home, read_homes
@@ -43,6 +44,7 @@ class Settings:
     apart: bool = False  # the CSV did not count these homes
     seed: int = 0
     queries: int | None = None  # at most so many, evenly over all
+    give_up_at: float = BELIEF.rest  # chance that ours missed a thing, at which it gives up
     robustness: bool = False  # also with beliefs that mislead
     processes: int = 2
 
@@ -124,32 +126,35 @@ def _search(building: Building, kind: str, prior: Prior, settings: Settings) -> 
     cells = _hiding_places(building, kind, rng)
     start = int(rng.choice(building.space.floor()))
     hidden = Hidden(building.space, settings.sensor, cells, name)
+    plain = Manner(give_up_at=settings.give_up_at)
     found = {
-        "ours": ours(building, start, hidden, prior.chances),
+        "ours": ours(building, start, hidden, prior.chances, plain),
         "thesis": thesis_rule(building, start, hidden, prior.listed),
         "brute_force": brute_force(building, start, hidden),
         "clairvoyant": clairvoyant(building, start, hidden),
     }
     for part, manner in PARTS.items():
-        found[part] = ours(building, start, hidden, prior.chances, manner)
+        found[part] = ours(
+            building, start, hidden, prior.chances, replace(manner, give_up_at=plain.give_up_at)
+        )
     if settings.robustness:
-        found |= _robustness(building, start, hidden, prior, name)
+        found |= _robustness(building, start, hidden, prior, name, plain)
     return found
 
 
 def _robustness(
-    building: Building, start: int, hidden: Hidden, prior: Prior, name: str
+    building: Building, start: int, hidden: Hidden, prior: Prior, name: str, plain: Manner
 ) -> dict[str, Outcome]:
     rng = _generator(f"{name} misled")
     found = {
-        how: ours(building, start, hidden, mislead(prior.chances, rng))
+        how: ours(building, start, hidden, mislead(prior.chances, rng), plain)
         for how, mislead in MISLED.items()
     }
     unlisted = [room for room in building.covers if not prior.listed[room]]
     if unlisted:
         cells = np.concatenate([building.space.floor(room) for room in unlisted])
         elsewhere = Hidden(building.space, building.sensor, [int(rng.choice(cells))], name)
-        found[UNLISTED[0]] = ours(building, start, elsewhere, prior.chances)
+        found[UNLISTED[0]] = ours(building, start, elsewhere, prior.chances, plain)
         found[UNLISTED[1]] = thesis_rule(building, start, elsewhere, prior.listed)
         found[UNLISTED[2]] = clairvoyant(building, start, elsewhere)
     return found
