@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 
@@ -22,6 +23,9 @@ from kg.records import (
 )
 from kg.semantic_map import SemanticMap
 from planner.executive.protocol import RobotPose
+
+#: [s] for which what stood in the way of one search counts in others; doors are opened again
+SHUT: Final = 1800.0
 
 
 class Diary:
@@ -160,6 +164,17 @@ class Diary:
 
     def _write(self, note: str, update: MapUpdate) -> None:
         self._map.apply(update, Cause("search", self.name, note))
+
+
+def shut_lately(semantic_map: SemanticMap, search: str, now: float) -> tuple[ObstacleRecord, ...]:
+    """What stood in the way of other searches than `search` within `SHUT` before `now` [s]."""
+    return tuple(
+        obstacle
+        for other in semantic_map.searches()
+        if other.iri != search
+        for obstacle in semantic_map.obstacles(other.iri)
+        if now - SHUT <= obstacle.stamp <= now
+    )
 
 
 def to_resume(semantic_map: SemanticMap, words: Sequence[str]) -> SearchRecord:

@@ -64,6 +64,11 @@ class Guide:
         return self._hunt.left
 
     @property
+    def unsure(self) -> bool:
+        """Whether a thing on this floor may still have been missed by more than is put up with."""
+        return self._hunt.overlooked > self._settings.rest
+
+    @property
     def field_of_view(self) -> float:
         """[rad] what one picture shows, across."""
         return self._sensor.field_of_view

@@ -151,7 +151,11 @@ class Hunt:
         two, so that a belief that misleads does not end a search. Floor that no look shows is left
         out once every position was thought of.
         """
-        counted = self.tourist.seeable | (self.unseen < 1.0) if self.rounds else slice(None)
+        return self._overlooked(self.tourist.seeable)
+
+    def _overlooked(self, seeable: NDArray[np.bool_]) -> float:
+        """As `overlooked`, on floor that was seen or is `seeable` (c,)."""
+        counted = seeable | (self.unseen < 1.0) if self.rounds else np.ones_like(seeable)
         rows = np.isin(self.prospects.target, self.wanted)
         believed = self.prospects.weight[rows].sum(axis=0)[counted]
         unseen = self.unseen[counted]
@@ -164,21 +168,25 @@ class Hunt:
     def next(self, at: Standing) -> int | None:
         """The look to take next from `at`; None where it is given up.
 
-        It is once a thing on this floor would have been found, but for a chance of `settings.rest`.
+        It is once a thing on floor that can be seen from where there is a way to would have been
+        found, but for a chance of `settings.rest`.
         Until then looks that are worth little, or show little that was not looked at from there
         before, have the hunt go on with fresh positions, which see round what hid it from the old.
         """
-        while self.wanted and self.overlooked > self.settings.rest:
-            look = self.choose(at, self.unseen, self.memory, self._least())
+        while self.wanted:
+            seeable = self.tourist.seeable_from(at)
+            if self._overlooked(seeable) <= self.settings.rest:
+                return None
+            look = self.choose(at, self.unseen, self.memory, self._least(seeable))
             if look is not None and not self._worn(look):
                 return look
             if not self._refreshed():
                 return look
         return None
 
-    def _least(self) -> float:
-        """What a look must find to be worth its way, in a search under way."""
-        worth = float(self.weights(self.unseen).sum())
+    def _least(self, seeable: NDArray[np.bool_]) -> float:
+        """What a look must find to be worth its way, of what is left on `seeable` (c,) floor."""
+        worth = float(self.weights(self.unseen)[seeable].sum())
         return self.settings.give_up * worth / 2.0**self.rounds
 
     def _worn(self, look: int) -> bool:
@@ -207,15 +215,14 @@ class Hunt:
         least = self.settings.give_up * self._first if least is None else least
         weight = self.weights(unseen)
         gains = memory.gains(weight)
-        gains[gains < least] = 0.0
+        gains[(gains < least) | ~self.tourist.reached(at)] = 0.0
         if not gains.max() > 0:
             return None
         look = self.tourist.best(at, weight, memory, gains)
         if look is None or not gains[look] > 0:  # it led on to better ones, and is nothing itself
             rates = gains / self.tourist.costs(at, np.arange(len(gains)))
             look = int(np.argmax(rates))
-        costs = self.tourist.costs(at, np.array([look]))
-        return look if np.isfinite(costs[0]) else None
+        return look
 
     def missed(self, look: int) -> None:
         """Learn that `look` was taken and showed nothing that is wanted."""

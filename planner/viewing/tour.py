@@ -52,9 +52,19 @@ class Tourist:
         self._ahead = ahead
         rooms = looks.space.room.reshape(-1)[looks.stands][looks.stand]
         self._rooms = [_room(looks, np.flatnonzero(rooms == room)) for room in np.unique(rooms)]
-        self.seeable = np.zeros(len(looks.cells), np.bool_)  # (c,) cells that some look shows
-        for one in self._rooms:
-            self.seeable[one.cells] = True
+        shown = (looks.chance.reshape(len(looks.stands), -1, len(looks.cells)) > 0).any(axis=1)
+        self._shown = shown  # (s, c) what is seen from each position
+        self.seeable = shown.any(axis=0)  # (c,) cells that some look shows
+
+    def seeable_from(self, at: Standing) -> NDArray[np.bool_]:
+        """(c,) cells that some look shows to which there is a way."""
+        there = np.isfinite(self.looks.metres_from(at.cell))
+        return np.asarray(self._shown[there].any(axis=0), np.bool_)
+
+    def reached(self, at: Standing) -> NDArray[np.bool_]:
+        """(n,) the looks to which there is a way."""
+        there = np.isfinite(self.looks.metres_from(at.cell))
+        return np.asarray(there[self.looks.stand], np.bool_)
 
     def costs(self, at: Standing, among: NDArray[np.intp]) -> NDArray[np.float64]:
         """(k,) [s] to drive, turn and look, for each of the looks `among`."""
