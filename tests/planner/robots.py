@@ -26,7 +26,10 @@ FAR_APPLE = ["apple", 2.0, 6.0, 0.8, 0.9]  # in the bedroom
 
 
 def ring(semantic_map: SemanticMap, apples: int = 0, rooms: int = 3) -> None:
-    """Three rooms, each next to both others (or the first `rooms` of them), and perhaps apples that are remembered in one."""
+    """Three rooms, each next to both others, and perhaps apples that are remembered in one.
+
+    Or the first two of these `rooms`, with one door between them.
+    """
     iri = semantic_map.catalogue.find
     plan = [
         ("corridor", 0.0, 4.0, 0.0, 4.0),

@@ -113,6 +113,18 @@ def test_a_belief_that_misleads_does_not_end_a_search() -> None:
     assert misled.overlooked <= Belief().rest
 
 
+def test_floor_that_is_cut_off_keeps_nobody_looking_at_the_rest() -> None:
+    shut = hunt(Belief())
+    edge = np.abs(home().centres(home().inside())[:, 1] - 4.0) < 0.5  # before and behind the wall
+    shut.blocked(home().inside()[edge])
+    taken = searched_in_vain(shut)
+    at = Standing(int(home().floor()[0]))
+    seen = shut.tourist.seeable_from(at)
+    assert 0 < seen.mean() < 1
+    assert np.isfinite(shut.looks.metres_from(at.cell)[np.isin(shut.looks.stands, taken)]).all()
+    assert shut.unseen[seen].mean() <= Belief().rest < shut.overlooked
+
+
 def test_what_no_position_sees_does_not_keep_a_search_going() -> None:
     space = free_space([Room(0, 4, 0, 3), Room(20, 20.4, 20, 20.4)])
     away = candidate_looks(space, Sensor(far=3.0), stands=standing_cells(space, 3.0, covers=1))

@@ -136,6 +136,16 @@ def test_a_search_gives_up_where_there_is_nothing() -> None:
         assert np.isfinite(outcome.seconds)
 
 
+def test_the_surer_one_wants_to_be_the_later_one_gives_up() -> None:
+    nothing = Hidden(building().space, building().sensor, [], "nothing")
+    start = building().space.nearest((4, 5), 2)
+    outcomes = [
+        ours(building(), start, nothing, np.ones(3) / 3, Manner(give_up_at=limit))
+        for limit in (0.1, 1e-5)
+    ]
+    assert outcomes[0].seconds < outcomes[1].seconds
+
+
 def test_scores_of_searches_are_what_they_say() -> None:
     best = [Outcome(True, 10, 2, 1)] * 2
     told = score([Outcome(True, 90, 4, 3), Outcome(False, 2 * HORIZON, 40, 9)], best)
