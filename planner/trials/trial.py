@@ -33,6 +33,9 @@ PARTS: Final[Mapping[str, Manner]] = {
 #: What is hidden where the ontology does not list it, searched by these.
 UNLISTED: Final = tuple(f"{who}, unlisted place" for who in ("ours", "thesis", "clairvoyant"))
 
+#: How long it takes to give up what is not there: searched once in each home, by ours.
+NOWHERE: Final = "ours, not there at all"
+
 
 @dataclass(frozen=True, slots=True)
 class Settings:
@@ -116,11 +119,14 @@ def search_home(task: _Task) -> tuple[int, tuple[Searched, ...]]:
     building = Building(home, settings.sensor, settings.motion)
     priors = Knowledge([home], settings.rooms, apart=settings.apart).priors(home)
     return number, tuple(
-        Searched(home.name, kind, _search(building, kind, priors[kind], settings)) for kind in kinds
+        Searched(home.name, kind, _search(building, kind, priors[kind], settings, kind == kinds[0]))
+        for kind in kinds
     )
 
 
-def _search(building: Building, kind: str, prior: Prior, settings: Settings) -> dict[str, Outcome]:
+def _search(
+    building: Building, kind: str, prior: Prior, settings: Settings, first: bool
+) -> dict[str, Outcome]:
     name = f"{settings.seed} {building.home.name} {kind}"
     rng = _generator(name)
     cells = _hiding_places(building, kind, rng)
@@ -139,6 +145,9 @@ def _search(building: Building, kind: str, prior: Prior, settings: Settings) -> 
         )
     if settings.robustness:
         found |= _robustness(building, start, hidden, prior, name, plain)
+    if settings.robustness and first:
+        nothing = Hidden(building.space, settings.sensor, [], name)
+        found[NOWHERE] = ours(building, start, nothing, prior.chances, plain)
     return found
 
 

@@ -52,9 +52,13 @@ class Tourist:
         self._ahead = ahead
         rooms = looks.space.room.reshape(-1)[looks.stands][looks.stand]
         self._rooms = [_room(looks, np.flatnonzero(rooms == room)) for room in np.unique(rooms)]
-        shown = (looks.chance.reshape(len(looks.stands), -1, len(looks.cells)) > 0).any(axis=1)
-        self._shown = shown  # (s, c) what is seen from each position
-        self.seeable = shown.any(axis=0)  # (c,) cells that some look shows
+        from_stands = looks.chance.reshape(len(looks.stands), -1, len(looks.cells)) > 0
+        self._shown: NDArray[np.bool_] = np.asarray(from_stands.any(axis=1), np.bool_)  # (s, c)
+
+    @property
+    def seeable(self) -> NDArray[np.bool_]:
+        """(c,) cells that some look shows."""
+        return np.asarray(self._shown.any(axis=0), np.bool_)
 
     def seeable_from(self, at: Standing) -> NDArray[np.bool_]:
         """(c,) cells that some look shows to which there is a way."""

@@ -217,6 +217,20 @@ def test_the_command_searches_real_homes_and_repeats_itself(
     assert told["clairvoyant"]["mean_seconds"] <= told["ours"]["mean_seconds"]
 
 
+def test_beliefs_that_mislead_and_what_is_not_there_are_rows_of_their_own(
+    shared: Shared, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    home = shared("data/homes/00245-741Fdj7NLF9.json")
+    (tmp_path / home.name).symlink_to(home)
+    command = ["bench", "search", "--homes", str(tmp_path), "--queries", "1", "--robustness"]
+    assert main([*command, "--give-up-at", "0.1", "--processes", "1", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["settings"]["give_up_at"] == 0.1
+    nowhere = told["robustness"]["ours, not there at all"]
+    assert (nowhere["success"], nowhere["queries"]) == (0, 1)
+    assert nowhere["mean_seconds"] > told["ours"]["mean_seconds"]
+
+
 def test_wrong_usage_and_missing_homes_are_told_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
