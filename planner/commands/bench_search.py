@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from planner.commands.arguments import add_json, count, positive, share, speed
 from planner.commands.console import heading, note, print_table, progress, write_json
+from planner.finding.settings import BELIEF
 
 if TYPE_CHECKING:
     from planner.trials.scores import Score
@@ -42,6 +43,14 @@ def add(benches: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     parser.add_argument("--recall", type=share, default=0.7, metavar="P", help="(default: 0.7)")
     parser.add_argument("--far", type=positive, default=4.6, metavar="M", help="(default: 4.6)")
     parser.add_argument("--speed", type=speed, metavar="M/S", help="of the robot (default: 0.2412)")
+    parser.add_argument(
+        "--give-up-at",
+        type=share,
+        default=BELIEF.rest,
+        metavar="P",
+        help="ours gives up once looks would have missed a thing by a chance of P only "
+        f"(default: {BELIEF.rest:g})",
+    )
     parser.add_argument("--robustness", action="store_true", help="also with beliefs that mislead")
     parser.add_argument(
         "--processes", type=count, default=2, metavar="N", help="homes at a time (default: 2)"
@@ -98,6 +107,7 @@ def _settings(arguments: argparse.Namespace) -> Settings:
         seed=arguments.seed,
         queries=arguments.queries,
         robustness=arguments.robustness,
+        give_up_at=arguments.give_up_at,
         processes=arguments.processes,
     )
 

@@ -13,8 +13,9 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Final
 
 from kg.errors import LayoutError, did_you_mean
-from planner.commands.arguments import FARTHEST, add_map, count, positive
+from planner.commands.arguments import FARTHEST, add_map, count, positive, share
 from planner.commands.console import note, write
+from planner.finding.settings import BELIEF
 
 if TYPE_CHECKING:
     from kg.semantic_map import SemanticMap
@@ -63,6 +64,14 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         help="give up after S seconds by the robot's clock (default: when no look is worth it)",
     )
     parser.add_argument(
+        "--give-up-at",
+        type=share,
+        default=BELIEF.rest,
+        metavar="P",
+        help="give up once looks would have missed a thing on this floor by a chance of P only "
+        f"(default: {BELIEF.rest:g})",
+    )
+    parser.add_argument(
         "--resume", action="store_true", help="go on with the latest search that found not all"
     )
     parser.add_argument(
@@ -97,6 +106,7 @@ def run(arguments: argparse.Namespace) -> int:
         robot = _robot(arguments, semantic_map)
         terms = Terms(
             budget=arguments.budget,
+            give_up_at=arguments.give_up_at,
             patience=arguments.patience,
             stopping=lambda: bool(caught),
             tell=_teller(arguments),

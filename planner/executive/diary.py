@@ -26,6 +26,8 @@ from kg.semantic_map import SemanticMap
 from planner.executive.protocol import RobotPose
 
 TRIES: Final = 10  # to write what others get in the way of
+#: [s] for which what stood in the way of one search counts in others; doors are opened again
+SHUT: Final = 1800.0
 
 
 class Diary:
@@ -188,6 +190,17 @@ def _without(update: MapUpdate, things: Sequence[str]) -> MapUpdate:
     kept = tuple(record for record in update.objects if record.iri not in things)
     removed = tuple(iri for iri in update.removed if iri not in things)
     return replace(update, objects=kept, removed=removed)
+
+
+def shut_lately(semantic_map: SemanticMap, search: str, now: float) -> tuple[ObstacleRecord, ...]:
+    """What stood in the way of other searches than `search` within `SHUT` before `now` [s]."""
+    return tuple(
+        obstacle
+        for other in semantic_map.searches()
+        if other.iri != search
+        for obstacle in semantic_map.obstacles(other.iri)
+        if now - SHUT <= obstacle.stamp <= now
+    )
 
 
 def to_resume(semantic_map: SemanticMap, words: Sequence[str]) -> SearchRecord:

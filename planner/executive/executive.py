@@ -14,7 +14,7 @@ from typing import Any, Final, Literal
 from kg.errors import HereaboutsError, RobotError
 from kg.records import ObjectRecord, SearchState
 from kg.semantic_map import SemanticMap
-from planner.executive.diary import Diary, to_resume
+from planner.executive.diary import Diary, shut_lately, to_resume
 from planner.executive.findings import Findings
 from planner.executive.guide import Guide, Proposal
 from planner.executive.listening import Listener, SearchStopped
@@ -71,7 +71,7 @@ def search(
         listener = Listener(robot, terms.patience, terms.stopping)
         hello = _greeted(listener)
         at = before.started if before else terms.clock()
-        guide = Guide(semantic_map, words, hello, at)
+        guide = Guide(semantic_map, words, hello, at, terms.give_up_at)
         if before:
             diary = Diary.resume(semantic_map, before, terms.clock)
         else:
@@ -104,6 +104,7 @@ class _Run:
         self._failures: dict[tuple[float, float], int] = {}
         self._failed = 0
         self._near = self._related()
+        self._shut = shut_lately(semantic_map, diary.record.iri, terms.clock())
         self._before = diary.record.seconds
         self._narrator = Narrator(terms.tell, lambda: self._before + listener.seconds)
 
@@ -144,6 +145,8 @@ class _Run:
         while self._wanted():
             self._refuse_over_budget()
             proposal = self._guide.next(self._robot.pose)
+            if proposal is None and self._tried_again():
+                continue
             if proposal is None:
                 return "given up", "no look is worth the way any more"
             if len(self._diary.looks) >= MOST_LOOKS:
@@ -152,6 +155,15 @@ class _Run:
             if self._drive(proposal) == "arrived":
                 self._look(proposal)
         return "found", "all that was wanted is found"
+
+    def _tried_again(self) -> bool:
+        """Whether ways that were shut to earlier searches are to be tried before giving up."""
+        if not self._shut or not self._guide.unsure:
+            return False
+        self._shut = ()
+        self._narrator.surprise("what was in the way of earlier searches may be gone by now")
+        self._learn_again()
+        return True
 
     def _wanted(self) -> tuple[Target, ...]:
         return tuple(t for t in self._targets if t.text not in self._found)
@@ -384,7 +396,8 @@ class _Run:
 
     def _learn_again(self) -> None:
         found = [(text, p_map) for text, (_, p_map) in self._found.items()]
-        self._guide.again(self._diary.looks, self._diary.obstacles, found)
+        obstacles = (*self._shut, *self._diary.obstacles)
+        self._guide.again(self._diary.looks, obstacles, found)
 
     def _refuse_over_budget(self) -> None:
         budget = self._terms.budget

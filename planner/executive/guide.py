@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from kg.semantic_map import SemanticMap
 from planner.executive.protocol import Hello, RobotPose
 from planner.finding.candidates import Candidate
 from planner.finding.hunt import Hunt, prepare
+from planner.finding.settings import BELIEF
 from planner.viewing.sensor import Motion, Sensor, angle_between
 
 NEAR: float = 0.5  # [m] a look from this near to a planned one, and ...
@@ -42,11 +43,17 @@ class Guide:
     """Keeps a hunt in step with a robot. `prepare` begins, and begins afresh what was learnt."""
 
     def __init__(
-        self, semantic_map: SemanticMap, words: Sequence[str], robot: Hello, at: float
+        self,
+        semantic_map: SemanticMap,
+        words: Sequence[str],
+        robot: Hello,
+        at: float,
+        give_up_at: float = BELIEF.rest,
     ) -> None:
         self._map = semantic_map
         self._at = at  # [s] the moment that memories are judged from, the same in each run
         self._words = tuple(words)
+        self._settings = replace(BELIEF, rest=give_up_at)
         self._sensor, self._motion = sensor_of(robot), motion_of(robot)
         self._hunt = self._prepared()
         self._nowhere = False  # whether no position is left to look from
@@ -55,6 +62,11 @@ class Guide:
     def left(self) -> float:
         """Probability that any of what is still wanted is there to be found."""
         return self._hunt.left
+
+    @property
+    def unsure(self) -> bool:
+        """Whether a thing on this floor may still have been missed by more than is put up with."""
+        return self._hunt.overlooked > self._settings.rest
 
     @property
     def field_of_view(self) -> float:
@@ -158,7 +170,12 @@ class Guide:
 
     def _prepared(self) -> Hunt:
         hunt = prepare(
-            self._map, self._words, sensor=self._sensor, motion=self._motion, at=self._at
+            self._map,
+            self._words,
+            sensor=self._sensor,
+            motion=self._motion,
+            at=self._at,
+            settings=self._settings,
         )
         if hunt is None:
             raise LayoutError(

@@ -9,6 +9,7 @@ from typing import Any
 
 from kg.records import SearchState
 from planner.executive.events import Tell
+from planner.finding.settings import BELIEF
 
 
 def percent(share: float) -> str:
@@ -54,6 +55,7 @@ class Terms:
     """How a search is to be made."""
 
     budget: float | None = None  # [s] of the robot's clock for this run
+    give_up_at: float = BELIEF.rest  # chance that looks missed a thing, at which to give up
     patience: float = 30.0  # [s] a robot may be silent
     stopping: Callable[[], bool] = field(default=lambda: False)
     tell: Tell = field(default=lambda event: None)

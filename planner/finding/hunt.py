@@ -9,7 +9,7 @@ A `Hunt` is changed in place by what happens; it never writes to the map.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -59,6 +59,7 @@ class Find:
 class Hunt:
     """One search for one or several targets; all of them are wanted.
 
+    `fresh` gives further looks to a search in vain; by default it is `with_fresh_stands`.
     `space`, `rooms` (place IRI by number of room, "" where a room is no place), `looks`, `tourist`
     and `memory` are replaced by `blocked`; look numbers from before do not hold after it.
     """
@@ -71,22 +72,21 @@ class Hunt:
         candidates: tuple[Candidate, ...],
         known: Prospects,
         settings: Belief = BELIEF,
+        fresh: Callable[[Ground, Looks, NDArray[np.float64]], Looks] | None = None,
     ) -> None:
         self.targets, self.candidates, self.prospects = targets, candidates, known
         self.settings = settings
         self.finds: list[Find] = []
         self.unseen = np.ones(len(looks.cells))  # (c,) chance that all looks missed what lies there
-        self._ground = ground
+        self._ground, self._fresh = ground, fresh or with_fresh_stands
         self._first = known.left(self.unseen, range(len(targets)))
         self.rounds = 0  # how often fresh positions were taken
-        self.looks, self.tourist = looks, Tourist(looks)
-        self.memory = Memory(looks, settings.give_up * self._first)
+        self.looks, self.tourist, self.memory = looks, Tourist(looks), Memory(looks)
 
     def _use(self, looks: Looks) -> None:
         """Go on with other looks over the same cells."""
-        least = self.settings.give_up * self._first / 2**self.rounds
-        self.memory = self.memory.moved_to(looks, least)
         self.looks, self.tourist = looks, Tourist(looks)
+        self.memory = self.memory.moved_to(looks)
 
     @property
     def space(self) -> FreeSpace:
@@ -143,42 +143,86 @@ class Hunt:
         of[list(self.wanted)] = needed[list(self.wanted)]
         return self.prospects.expected(unseen, of)
 
-    def next(self, at: Standing) -> int | None:
-        """The look to take next from `at`; None where no look is worth the way any more.
+    @property
+    def overlooked(self) -> float:
+        """Chance that what lies on this floor was missed by all looks so far.
 
-        Where none is, and too much is left to be found, the hunt goes on with fresh positions,
-        which see round what hid it from the old ones.
+        Of what lies where it is believed to be, or anywhere on the floor at all: the greater of the
+        two, so that a belief that misleads does not end a search. Floor that no look shows is left
+        out once every position was thought of.
         """
-        look = None
-        while self.wanted and look is None:
-            look = self.choose(at, self.unseen, self.memory)
-            if look is None and not self._refreshed():
-                break
-        return look
+        return self._overlooked(self.tourist.seeable)
+
+    def _overlooked(self, seeable: NDArray[np.bool_]) -> float:
+        """As `overlooked`, on floor that was seen or is `seeable` (c,)."""
+        counted = seeable | (self.unseen < 1.0) if self.rounds else np.ones_like(seeable)
+        rows = np.isin(self.prospects.target, self.wanted)
+        believed = self.prospects.weight[rows].sum(axis=0)[counted]
+        unseen = self.unseen[counted]
+        if not len(unseen):
+            return 0.0
+        total = float(believed.sum())
+        where_believed = float(believed @ unseen) / total if total > 0 else 0.0
+        return max(where_believed, float(unseen.mean()))
+
+    def next(self, at: Standing) -> int | None:
+        """The look to take next from `at`; None where it is given up.
+
+        It is once a thing on floor that can be seen from where there is a way to would have been
+        found, but for a chance of `settings.rest`.
+        Until then looks that are worth little, or show little that was not looked at from there
+        before, have the hunt go on with fresh positions, which see round what hid it from the old.
+        """
+        while self.wanted:
+            seeable = self.tourist.seeable_from(at)
+            if self._overlooked(seeable) <= self.settings.rest:
+                return None
+            look = self.choose(at, self.unseen, self.memory, self._least(seeable))
+            if look is not None and not self._worn(look):
+                return look
+            if not self._refreshed():
+                return look
+        return None
+
+    def _least(self, seeable: NDArray[np.bool_]) -> float:
+        """What a look must find to be worth its way, of what is left on `seeable` (c,) floor."""
+        worth = float(self.weights(self.unseen)[seeable].sum())
+        return self.settings.give_up * worth / 2.0**self.rounds
+
+    def _worn(self, look: int) -> bool:
+        """Whether most of what `look` shows was looked at from there before."""
+        weight = self.weights(self.unseen)
+        fresh = float(self.looks.chance[look] @ weight)
+        return bool(self.memory.chance(look) @ weight < self.settings.worn * fresh)
 
     def _refreshed(self) -> bool:
         """Take fresh positions, and be content with looks that find half as much; False at last."""
-        if self.rounds == MOST_ROUNDS or self.left <= self.settings.rest * self._first:
+        if self.rounds == MOST_ROUNDS:
             return False
         self.rounds += 1
-        old = self.looks
         unseen = self.prospects.expected(self.unseen, np.ones(len(self.targets)))
-        fresh = _stands(self._ground, old.cells, unseen, old.sensor, old.stands)
-        self._use(old.with_stands(self.space, np.union1d(old.stands, fresh)))
+        self._use(self._fresh(self._ground, self.looks, unseen))
         return True
 
-    def choose(self, at: Standing, unseen: NDArray[np.float64], memory: Memory) -> int | None:
-        """As `next`, on trial: with other things `unseen` (c,) and remembered."""
+    def choose(
+        self, at: Standing, unseen: NDArray[np.float64], memory: Memory, least: float | None = None
+    ) -> int | None:
+        """As `next`, on trial: with other things `unseen` (c,) and remembered.
+
+        None where no look finds at least `least`, by default `settings.give_up` of what there was
+        to find at first.
+        """
+        least = self.settings.give_up * self._first if least is None else least
         weight = self.weights(unseen)
         gains = memory.gains(weight)
+        gains[(gains < least) | ~self.tourist.reached(at)] = 0.0
         if not gains.max() > 0:
             return None
-        look = self.tourist.best(at, weight, memory)
+        look = self.tourist.best(at, weight, memory, gains)
         if look is None or not gains[look] > 0:  # it led on to better ones, and is nothing itself
             rates = gains / self.tourist.costs(at, np.arange(len(gains)))
             look = int(np.argmax(rates))
-        costs = self.tourist.costs(at, np.array([look]))
-        return look if np.isfinite(costs[0]) else None
+        return look
 
     def missed(self, look: int) -> None:
         """Learn that `look` was taken and showed nothing that is wanted."""
@@ -192,9 +236,8 @@ class Hunt:
         counts less in the next.
         """
         chance = picture(self.looks, cell, heading)
-        stand = int(np.argmin(self.looks.metres_from(cell)))
-        self.unseen = self.unseen * (1.0 - self.memory.lessened(stand, chance))
-        self.memory.note_shown(stand, chance)
+        self.unseen = self.unseen * (1.0 - self.memory.lessened(cell, chance))
+        self.memory.note_shown(cell, chance)
 
     def found(self, target: str, p_map: ArrayLike) -> None:
         """Learn that `target`, by text or label, is at `p_map`; it is wanted no more.
@@ -300,6 +343,12 @@ def _ground(
     return ground_of(places, spots, settings, floor, semantic_map.base)
 
 
+def with_fresh_stands(ground: Ground, looks: Looks, weight: NDArray[np.float64]) -> Looks:
+    """`looks` and such from positions that are not among theirs; `weight` (c,) of the cells."""
+    fresh = _stands(ground, looks.cells, weight, looks.sensor, looks.stands)
+    return looks.with_stands(ground.space, np.union1d(looks.stands, fresh))
+
+
 def _stands(
     ground: Ground,
     cells: Cells,
@@ -310,10 +359,9 @@ def _stands(
     """Positions in every room, or in those that hold most of `weight` (c,) where rooms are many.
 
     Of those that one can stand in as many at least: a room full of tables is seen from others. Two
-    covers, or one more where there are positions `besides`.
+    covers; none of `besides` is in them.
     """
     space = ground.space
-    covers = 1 if len(np.asarray(besides)) else 2
     if len(ground.rooms) > MOST_ROOMS:
         of_cell = space.room.reshape(-1)[cells]
         mass = np.bincount(of_cell, weight, minlength=len(ground.rooms))
@@ -323,4 +371,4 @@ def _stands(
         best = np.union1d(ranked[:MOST_ROOMS], stood_in[:MOST_ROOMS])
         inside = space.inside()
         space = space.without(inside[~np.isin(space.room.reshape(-1)[inside], best)])
-    return standing_cells(space, sensor.far, near=sensor.near, covers=covers, besides=besides)
+    return standing_cells(space, sensor.far, near=sensor.near, besides=besides)

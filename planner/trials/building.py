@@ -8,6 +8,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from planner.finding.ground import Ground
+from planner.finding.hunt import with_fresh_stands
 from planner.space.building import free_space, shifts
 from planner.space.geodesic import distance_fields
 from planner.space.grid import Cells, FreeSpace
@@ -33,6 +35,7 @@ class Building:
             ]
         )
         self._fields: dict[int, NDArray[np.float32]] = {}
+        self._fresh: dict[int, tuple[Looks, Looks]] = {}  # by the old ones' id, which are kept
 
     @cached_property
     def covers(self) -> dict[int, Cells]:
@@ -61,6 +64,12 @@ class Building:
             seconds=looks.seconds[turns],
             chance=looks.chance[turns],
         )
+
+    def fresh(self, ground: Ground, looks: Looks, weight: NDArray[np.float64]) -> Looks:
+        """`with_fresh_stands`, worked out once for all searches: homes have few rooms."""
+        if id(looks) not in self._fresh:
+            self._fresh[id(looks)] = (looks, with_fresh_stands(ground, looks, weight))
+        return self._fresh[id(looks)][1]
 
     def field(self, stand: int) -> NDArray[np.float32]:
         """(nx, ny) [m] shortest ways to a position of `covers`."""

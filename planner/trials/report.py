@@ -66,5 +66,6 @@ def _settings(settings: Settings) -> dict[str, object]:
         "motion": motion,
         "rooms": settings.rooms.name if settings.rooms else None,
         "seed": settings.seed,
+        "give_up_at": settings.give_up_at,
         "horizon_seconds": HORIZON,
     }

@@ -3,26 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from planner.finding.ground import Ground
 from planner.finding.hunt import Hunt
 from planner.finding.prospects import Prospects
+from planner.finding.settings import BELIEF
 from planner.finding.targets import Target
 from planner.trials.building import Building
 from planner.trials.hidden import Hidden
 from planner.trials.robot import Outcome
-from planner.viewing.belief import belief_from, room_weights
+from planner.viewing.belief import CellBelief, belief_from, room_weights
 from planner.viewing.looks import Looks
 from planner.viewing.tour import Standing
 
 #: Probability that it is there at all, before the search.
 PRESENT: Final = 0.9
-_MOST: Final = 1000  # looks
+_MOST: Final = 5000  # looks and pictures
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +33,7 @@ class Manner:
     on_the_way: bool = True  # pictures while driving
     whole_turns: bool = False  # looks are whole turns only
     everywhere: float = 0.1  # share of belief spread over all cells
+    give_up_at: float = BELIEF.rest  # chance that looks missed a thing, at which to give up
 
 
 class Touring:
@@ -88,12 +90,14 @@ def ours(
     looks = building.whole_turns if manner.whole_turns else building.looks
     weights = room_weights(looks.space, looks.cells, chances)
     belief = belief_from(looks.cells, weights, 1 - PRESENT, everywhere=manner.everywhere)
-    return Touring(building, start, _hunt(looks, belief.weight), manner).search(hidden)
+    return Touring(building, start, _hunt(building, looks, belief, manner), manner).search(hidden)
 
 
-def _hunt(looks: Looks, weight: NDArray[np.float64]) -> Hunt:
-    """A hunt for one thing that lies in each of the belief's cells with `weight` (c,)."""
+def _hunt(building: Building, looks: Looks, belief: CellBelief, manner: Manner) -> Hunt:
+    """A hunt for one thing that lies where `belief` has it."""
     thing = Target("it", "it", None, {}, {})
     nameless = ("",) * (int(looks.space.room.max()) + 1)
-    known = Prospects(looks.cells, weight[np.newaxis], np.zeros(1, np.intp), ())
-    return Hunt((thing,), Ground(looks.space, nameless, nameless), looks, (), known)
+    known = Prospects(looks.cells, belief.weight[np.newaxis], np.zeros(1, np.intp), ())
+    ground = Ground(looks.space, nameless, nameless)
+    settings = replace(BELIEF, rest=manner.give_up_at)
+    return Hunt((thing,), ground, looks, (), known, settings, building.fresh)

@@ -6,13 +6,14 @@ import hashlib
 import multiprocessing
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from kg.errors import InvalidFactError
+from planner.finding.settings import BELIEF
 from planner.trials.building import Building
 from planner.trials.hidden import Hidden
 from planner.trials.homes import Home, read_homes
@@ -32,6 +33,9 @@ PARTS: Final[Mapping[str, Manner]] = {
 #: What is hidden where the ontology does not list it, searched by these.
 UNLISTED: Final = tuple(f"{who}, unlisted place" for who in ("ours", "thesis", "clairvoyant"))
 
+#: How long it takes to give up what is not there: searched once in each home, by ours.
+NOWHERE: Final = "ours, not there at all"
+
 
 @dataclass(frozen=True, slots=True)
 class Settings:
@@ -43,6 +47,7 @@ class Settings:
     apart: bool = False  # the CSV did not count these homes
     seed: int = 0
     queries: int | None = None  # at most so many, evenly over all
+    give_up_at: float = BELIEF.rest  # chance that ours missed a thing, at which it gives up
     robustness: bool = False  # also with beliefs that mislead
     processes: int = 2
 
@@ -114,42 +119,51 @@ def search_home(task: _Task) -> tuple[int, tuple[Searched, ...]]:
     building = Building(home, settings.sensor, settings.motion)
     priors = Knowledge([home], settings.rooms, apart=settings.apart).priors(home)
     return number, tuple(
-        Searched(home.name, kind, _search(building, kind, priors[kind], settings)) for kind in kinds
+        Searched(home.name, kind, _search(building, kind, priors[kind], settings, kind == kinds[0]))
+        for kind in kinds
     )
 
 
-def _search(building: Building, kind: str, prior: Prior, settings: Settings) -> dict[str, Outcome]:
+def _search(
+    building: Building, kind: str, prior: Prior, settings: Settings, first: bool
+) -> dict[str, Outcome]:
     name = f"{settings.seed} {building.home.name} {kind}"
     rng = _generator(name)
     cells = _hiding_places(building, kind, rng)
     start = int(rng.choice(building.space.floor()))
     hidden = Hidden(building.space, settings.sensor, cells, name)
+    plain = Manner(give_up_at=settings.give_up_at)
     found = {
-        "ours": ours(building, start, hidden, prior.chances),
+        "ours": ours(building, start, hidden, prior.chances, plain),
         "thesis": thesis_rule(building, start, hidden, prior.listed),
         "brute_force": brute_force(building, start, hidden),
         "clairvoyant": clairvoyant(building, start, hidden),
     }
     for part, manner in PARTS.items():
-        found[part] = ours(building, start, hidden, prior.chances, manner)
+        found[part] = ours(
+            building, start, hidden, prior.chances, replace(manner, give_up_at=plain.give_up_at)
+        )
     if settings.robustness:
-        found |= _robustness(building, start, hidden, prior, name)
+        found |= _robustness(building, start, hidden, prior, name, plain)
+    if settings.robustness and first:
+        nothing = Hidden(building.space, settings.sensor, [], name)
+        found[NOWHERE] = ours(building, start, nothing, prior.chances, plain)
     return found
 
 
 def _robustness(
-    building: Building, start: int, hidden: Hidden, prior: Prior, name: str
+    building: Building, start: int, hidden: Hidden, prior: Prior, name: str, plain: Manner
 ) -> dict[str, Outcome]:
     rng = _generator(f"{name} misled")
     found = {
-        how: ours(building, start, hidden, mislead(prior.chances, rng))
+        how: ours(building, start, hidden, mislead(prior.chances, rng), plain)
         for how, mislead in MISLED.items()
     }
     unlisted = [room for room in building.covers if not prior.listed[room]]
     if unlisted:
         cells = np.concatenate([building.space.floor(room) for room in unlisted])
         elsewhere = Hidden(building.space, building.sensor, [int(rng.choice(cells))], name)
-        found[UNLISTED[0]] = ours(building, start, elsewhere, prior.chances)
+        found[UNLISTED[0]] = ours(building, start, elsewhere, prior.chances, plain)
         found[UNLISTED[1]] = thesis_rule(building, start, elsewhere, prior.listed)
         found[UNLISTED[2]] = clairvoyant(building, start, elsewhere)
     return found

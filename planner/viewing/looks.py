@@ -78,11 +78,25 @@ class Looks:
 
     def with_stands(self, space: FreeSpace, stands: Cells) -> Looks:
         """Such looks over the same cells from other `stands`, on a floor that may have changed."""
+        kinds = self.kinds
+        known = stands[np.isin(stands, self.stands)] if space is self.space else stands[:0]
+        new = stands[~np.isin(stands, known)]
+        shape = (len(stands), len(kinds), len(self.cells))
+        chance = np.zeros(shape, np.float32)
+        fields = np.zeros((len(stands), *self.fields.shape[1:]), np.float32)
+        kept = np.searchsorted(self.stands, known)
+        chance[np.isin(stands, known)] = self.chance.reshape(-1, *shape[1:])[kept]
+        fields[np.isin(stands, known)] = self.fields[kept]
+        if len(new):
+            chance[np.isin(stands, new)] = _chances(space, self.sensor, self.cells, new, kinds)
+            fields[np.isin(stands, new)] = distance_fields(space, new)
+        return _looks(space, self.sensor, self.motion, self.cells, stands, kinds, chance, fields)
+
+    @property
+    def kinds(self) -> list[tuple[float, float]]:
+        """(heading, extent) [rad] of the looks from every position."""
         one = self.stand == self.stand[0]
-        kinds = list(zip(self.heading[one].tolist(), self.extent[one].tolist(), strict=True))
-        return candidate_looks(
-            space, self.sensor, self.motion, cells=self.cells, stands=stands, kinds=kinds
-        )
+        return list(zip(self.heading[one].tolist(), self.extent[one].tolist(), strict=True))
 
     def starts(self, looks: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Headings [rad] at the two ends of each sweep; the robot begins at the nearer one."""
@@ -109,11 +123,35 @@ def candidate_looks(
     if stands is None:
         stands = standing_cells(space, sensor.far, near=sensor.near)
     kinds = kinds or _kinds(sensor.field_of_view)
-    chance = np.zeros((len(stands) * len(kinds), len(cells)), np.float32)
-    for number, stand in enumerate(stands):
-        rows = chance[number * len(kinds) : (number + 1) * len(kinds)]
+    chance = _chances(space, sensor, cells, stands, kinds)
+    fields = distance_fields(space, stands)
+    return _looks(space, sensor, motion, cells, stands, kinds, chance, fields)
+
+
+def _chances(
+    space: FreeSpace,
+    sensor: Sensor,
+    cells: Cells,
+    stands: Cells,
+    kinds: Sequence[tuple[float, float]],
+) -> NDArray[np.float32]:
+    """(s, k, c) what looks of `kinds` from each of `stands` show."""
+    chance = np.zeros((len(stands), len(kinds), len(cells)), np.float32)
+    for rows, stand in zip(chance, stands, strict=True):
         _fill(rows, space, sensor, cells, int(stand), kinds)
-    heading = np.tile([h for h, _ in kinds], len(stands))
+    return chance
+
+
+def _looks(
+    space: FreeSpace,
+    sensor: Sensor,
+    motion: Motion,
+    cells: Cells,
+    stands: Cells,
+    kinds: Sequence[tuple[float, float]],
+    chance: NDArray[np.float32],
+    fields: NDArray[np.float32],
+) -> Looks:
     extent = np.tile([e for _, e in kinds], len(stands))
     return Looks(
         space=space,
@@ -122,11 +160,11 @@ def candidate_looks(
         cells=cells,
         stands=stands,
         stand=np.repeat(np.arange(len(stands)), len(kinds)),
-        heading=heading,
+        heading=np.tile([h for h, _ in kinds], len(stands)),
         extent=extent,
         seconds=motion.sweep_seconds(extent, sensor.field_of_view),
-        chance=chance,
-        fields=distance_fields(space, stands),
+        chance=chance.reshape(-1, len(cells)),
+        fields=fields,
     )
 
 

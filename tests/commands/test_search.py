@@ -67,6 +67,17 @@ def test_given_up_is_3_and_says_what_is_left(
     assert "given up" in capsys.readouterr().out
 
 
+def test_one_who_wants_less_certainty_gives_up_sooner(
+    path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    seconds = []
+    for words in ([], ["--give-up-at", "0.3"]):
+        robot = ["--robot", f"stdio:{command()}", "--json"]
+        assert main(["search", str(path), "apple", *robot, *words]) == 3
+        seconds.append(json.loads(capsys.readouterr().out.splitlines()[-1])["seconds"])
+    assert seconds[1] < seconds[0]
+
+
 def test_the_simulated_house_has_a_place_for_its_apple(
     path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -17,6 +17,7 @@ from planner.executive.events import Event
 from planner.executive.executive import search
 from planner.executive.line_robot import ChildRobot
 from planner.executive.terms import Outcome, Terms
+from planner.finding.settings import BELIEF
 
 SCRIPT = Path(__file__).with_name("point_robot.py")
 START = 1_772_442_000.0
@@ -24,10 +25,13 @@ APPLE = ["apple", 6.0, 2.0, 0.8, 0.9]  # in the kitchen
 FAR_APPLE = ["apple", 2.0, 6.0, 0.8, 0.9]  # in the bedroom
 
 
-def ring(semantic_map: SemanticMap, apples: int = 0) -> None:
-    """Three rooms, each next to both others, and perhaps apples that are remembered in one."""
+def ring(semantic_map: SemanticMap, apples: int = 0, rooms: int = 3) -> None:
+    """Three rooms, each next to both others, and perhaps apples that are remembered in one.
+
+    Or the first two of these `rooms`, with one door between them.
+    """
     iri = semantic_map.catalogue.find
-    rooms = [
+    plan = [
         ("corridor", 0.0, 4.0, 0.0, 4.0),
         ("kitchen", 4.0, 8.0, 0.0, 4.0),
         ("bedroom", 0.0, 8.0, 4.0, 8.0),
@@ -36,7 +40,7 @@ def ring(semantic_map: SemanticMap, apples: int = 0) -> None:
         PlaceRecord(
             semantic_map.place_iri(n), f"place {n}", *edges, 6, {iri(name, "place").iri: 0.9}
         )
-        for n, (name, *edges) in enumerate(rooms, start=1)
+        for n, (name, *edges) in enumerate(plan[:rooms], start=1)
     ]
     objects = [
         ObjectRecord(
@@ -66,9 +70,17 @@ def run(
     resume: bool = False,
     patience: float = 120.0,
     budget: float | None = None,
+    later: float = 60.0,
+    give_up_at: float = BELIEF.rest,
     tell: Callable[[Event], None] = lambda event: None,
     **settings: Any,
 ) -> Outcome:
     """Search with a point robot in a process of its own."""
-    terms = Terms(budget=budget, patience=patience, tell=tell, clock=lambda: START + 60)
+    terms = Terms(
+        budget=budget,
+        give_up_at=give_up_at,
+        patience=patience,
+        tell=tell,
+        clock=lambda: START + later,
+    )
     return search(semantic_map, words, ChildRobot(command(**settings)), terms, resume=resume)

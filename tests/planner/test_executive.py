@@ -9,6 +9,7 @@ import pytest
 
 from kg.check import check_map
 from kg.errors import GraphError, LayoutError, RobotError, UnknownCategoryError
+from kg.records import MapUpdate
 from kg.semantic_map import SemanticMap
 from planner.executive.events import Event
 from planner.executive.executive import search
@@ -126,6 +127,39 @@ def test_a_closed_door_leads_to_another_plan(semantic_map: SemanticMap) -> None:
     into_kitchen = first["place"] == second["place"] == "place 2"
     assert not into_kitchen or second["expected_seconds"] > first["expected_seconds"] + 5
     assert _well_made(semantic_map)
+
+
+def test_what_was_in_the_way_counts_in_the_next_search_and_is_forgotten_in_time(
+    semantic_map: SemanticMap,
+) -> None:
+    door, first = [4.0, 2.1], {}
+    for when, later, shut in (("before", 0.0, 1), ("soon", 60.0, 0), ("later", 7200.0, 0)):
+        events: list[Event] = []
+        run(
+            semantic_map,
+            "apple",
+            later=later,
+            objects=[APPLE],
+            blocked_at_goto=shut,
+            door=door,
+            tell=events.append,
+        )
+        semantic_map.apply(MapUpdate(removed=tuple(o.iri for o in semantic_map.objects("apple"))))
+        first[when] = next(e.data for e in events if e.kind == "plan")
+    assert first["soon"]["expected_seconds"] > first["before"]["expected_seconds"] + 5
+    assert first["later"]["expected_seconds"] == first["before"]["expected_seconds"]
+
+
+def test_ways_that_were_shut_to_others_are_tried_before_giving_up() -> None:
+    with SemanticMap.in_memory() as semantic_map:
+        ring(semantic_map, rooms=2)
+        far = ["apple", 7.5, 0.5, 0.8, 0.9]
+        shut = run(semantic_map, "apple", blocked_at_goto=1, door=[4.0, 2.0], objects=[far])
+        assert shut.state == "given up"
+        assert shut.looks < 100  # what is behind the door keeps nobody looking at the corridor
+        events: list[Event] = []
+        assert run(semantic_map, "apple", objects=[far], tell=events.append).state == "found"
+        assert sum("may be gone by now" in e.text for e in events) == 1
 
 
 def test_a_robot_that_cannot_stand_there_is_not_sent_there_for_ever(

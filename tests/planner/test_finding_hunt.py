@@ -41,23 +41,20 @@ def one_thing(weight: np.ndarray) -> Prospects:
     return Prospects(looks().cells, weight[None, :], np.zeros(1, np.intp), ())
 
 
-def hunt(belief: Belief) -> Hunt:
-    cells = looks().cells
-    names = ("",) * (int(home().room.max()) + 1)
-    weight = 0.9 * room_weights(home(), cells, {0: 0.8, 1: 0.15, 2: 0.05})
-    return Hunt(
-        (Target("it", "it", None, {}, {}),),
-        Ground(home(), names, names),
-        looks(),
-        (),
-        one_thing(weight),
-        belief,
-    )
+def hunt(belief: Belief, weight: np.ndarray | None = None, among: Looks | None = None) -> Hunt:
+    among = among or looks()
+    space, cells = among.space, among.cells
+    names = ("",) * (int(space.room.max()) + 1)
+    if weight is None:
+        weight = 0.9 * room_weights(space, cells, {0: 0.8, 1: 0.15, 2: 0.05})
+    known = Prospects(cells, weight[None, :], np.zeros(1, np.intp), ())
+    it = Target("it", "it", None, {}, {})
+    return Hunt((it,), Ground(space, names, names), among, (), known, belief)
 
 
 def searched_in_vain(one: Hunt) -> list[int]:
     """Cells looked from until it is given up."""
-    at, cells = Standing(int(home().floor()[0])), []
+    at, cells = Standing(int(one.space.floor()[0])), []
     while (look := one.next(at)) is not None:
         at = one.tourist.after(at, look)
         cells.append(at.cell)
@@ -95,15 +92,45 @@ def test_a_remembered_site_and_its_room_are_one_belief() -> None:
     assert after.weight[~near].sum() > before.weight[~near].sum()
 
 
-def test_a_search_in_vain_goes_on_from_fresh_positions_until_little_is_left() -> None:
-    first, patient = hunt(Belief(rest=1.0)), hunt(Belief())
-    begun, total = searched_in_vain(first), searched_in_vain(patient)
+def test_a_search_in_vain_goes_on_from_fresh_positions_until_little_was_overlooked() -> None:
+    hasty, patient = hunt(Belief(rest=0.1)), hunt(Belief())
+    begun, total = searched_in_vain(hasty), searched_in_vain(patient)
     assert total[: len(begun)] == begun
+    assert len(begun) < len(total)
     assert set(looks().stands) < set(patient.looks.stands)
-    assert not set(total[len(begun) :]) <= set(looks().stands.tolist())
-    assert patient.left < first.left
-    assert patient.left <= 0.01 * 0.9 or patient.rounds == MOST_ROUNDS
-    assert first.rounds == 0
+    assert not set(total) <= set(looks().stands.tolist())
+    assert hasty.overlooked <= 0.1
+    assert patient.overlooked <= Belief().rest < hasty.overlooked
+
+
+def test_a_belief_that_misleads_does_not_end_a_search() -> None:
+    weight = 0.89 * room_weights(home(), looks().cells, {0: 1.0}) + 0.01 / len(looks().cells)
+    misled = hunt(Belief(), weight)
+    searched_in_vain(misled)
+    elsewhere = home().room.reshape(-1)[looks().cells] != 0
+    seen = misled.tourist.seeable & elsewhere
+    assert misled.unseen[seen].mean() < 0.01
+    assert misled.overlooked <= Belief().rest
+
+
+def test_floor_that_is_cut_off_keeps_nobody_looking_at_the_rest() -> None:
+    shut = hunt(Belief())
+    edge = np.abs(home().centres(home().inside())[:, 1] - 4.0) < 0.5  # before and behind the wall
+    shut.blocked(home().inside()[edge])
+    taken = searched_in_vain(shut)
+    at = Standing(int(home().floor()[0]))
+    seen = shut.tourist.seeable_from(at)
+    assert 0 < seen.mean() < 1
+    assert np.isfinite(shut.looks.metres_from(at.cell)[np.isin(shut.looks.stands, taken)]).all()
+    assert shut.unseen[seen].mean() <= Belief().rest < shut.overlooked
+
+
+def test_what_no_position_sees_does_not_keep_a_search_going() -> None:
+    space = free_space([Room(0, 4, 0, 3), Room(20, 20.4, 20, 20.4)])
+    away = candidate_looks(space, Sensor(far=3.0), stands=standing_cells(space, 3.0, covers=1))
+    one = hunt(Belief(), np.full(len(away.cells), 0.9 / len(away.cells)), away)
+    searched_in_vain(one)
+    assert one.overlooked <= Belief().rest or one.rounds == MOST_ROUNDS
 
 
 def test_what_was_looked_at_is_remembered_among_other_positions() -> None:
@@ -114,7 +141,7 @@ def test_what_was_looked_at_is_remembered_among_other_positions() -> None:
     weight = np.ones(len(looks().cells))
     kept = looks().stand >= 1
     before = memory.gains(weight)[kept]
-    assert memory.moved_to(fewer, 0.0).gains(weight) == pytest.approx(before)
+    assert memory.moved_to(fewer).gains(weight) == pytest.approx(before)
     assert before[40 - int((~kept).sum())] < Memory(fewer).gains(weight)[40 - int((~kept).sum())]
 
 

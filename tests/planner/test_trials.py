@@ -136,6 +136,16 @@ def test_a_search_gives_up_where_there_is_nothing() -> None:
         assert np.isfinite(outcome.seconds)
 
 
+def test_the_surer_one_wants_to_be_the_later_one_gives_up() -> None:
+    nothing = Hidden(building().space, building().sensor, [], "nothing")
+    start = building().space.nearest((4, 5), 2)
+    outcomes = [
+        ours(building(), start, nothing, np.ones(3) / 3, Manner(give_up_at=limit))
+        for limit in (0.1, 1e-5)
+    ]
+    assert outcomes[0].seconds < outcomes[1].seconds
+
+
 def test_scores_of_searches_are_what_they_say() -> None:
     best = [Outcome(True, 10, 2, 1)] * 2
     told = score([Outcome(True, 90, 4, 3), Outcome(False, 2 * HORIZON, 40, 9)], best)
@@ -205,6 +215,20 @@ def test_the_command_searches_real_homes_and_repeats_itself(
     assert told["clairvoyant"]["success"] == 1
     assert told["ours"]["success"] == 1
     assert told["clairvoyant"]["mean_seconds"] <= told["ours"]["mean_seconds"]
+
+
+def test_beliefs_that_mislead_and_what_is_not_there_are_rows_of_their_own(
+    shared: Shared, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    home = shared("data/homes/00245-741Fdj7NLF9.json")
+    (tmp_path / home.name).symlink_to(home)
+    command = ["bench", "search", "--homes", str(tmp_path), "--queries", "1", "--robustness"]
+    assert main([*command, "--give-up-at", "0.1", "--processes", "1", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["settings"]["give_up_at"] == 0.1
+    nowhere = told["robustness"]["ours, not there at all"]
+    assert (nowhere["success"], nowhere["queries"]) == (0, 1)
+    assert nowhere["mean_seconds"] > told["ours"]["mean_seconds"]
 
 
 def test_wrong_usage_and_missing_homes_are_told_in_one_line(
