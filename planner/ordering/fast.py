@@ -11,11 +11,12 @@ from planner.ordering.ascent import Prices, ascend
 from planner.ordering.exhaust import MOST_PLACES, exhaust
 from planner.ordering.kernel import Ints, Kernel
 from planner.ordering.memories import Array, Memories
+from planner.ordering.rises import Rises
 from planner.ordering.shares import ShareWalks
 from planner.ordering.tangent import Tangent
 from planner.ordering.timed import TimedWalks
 
-__all__ = ["bounded", "fits"]
+__all__ = ["Rises", "bounded", "fits"]
 
 #: what walks in time remember, and the share of the time left for their prices
 _TIMED_MEMORY, _ON_TIMED = 4, 0.15

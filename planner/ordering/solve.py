@@ -28,11 +28,9 @@ _ON_ORDERS, _ON_MANY = 0.45, 0.7
 _FEW = 40
 #: share of the time spent on orders of that few, and on prices of what is left after that
 _ON_FEW, _ON_PRICES = 0.25, 0.4
-#: share of what is left after the orders for split legs
-_ON_SPLITS = 0.08
-#: share of the rest for clusters, where walks come after them; up to so many places, as a step
-#: takes as long as the square of them
-_ON_TREES, _TREES = 0.25, 700
+#: share of what is left after the orders for clusters, where walks come after them, and a proof;
+#: up to so many places, as a step takes as long as the square of them
+_ON_TREES, _ON_SPLITS, _TREES = 0.25, 0.08, 700
 #: up to so many places a second walks bound; they remember so many others, more before a proof
 _WALKED, _MEMORY, _LONG_MEMORY = 85, 3, 6
 #: where compiled walks are at hand: the share of the time spent on orders of places that may be
@@ -105,13 +103,13 @@ def _anytime(kernel: Kernel, begin: float, limit: float, seed: int) -> tuple[Int
     share = _ON_PROVEN if native is not None else share
     order, cost = improve(kernel, order, now + (end - now) * share, seed)
     if native is not None:
-        bound = _without_walks(kernel, cost, end, _ON_FIRST if few else _ON_TREES / 2)
+        bound = _without_walks(kernel, order, end, _ON_FIRST if few else _ON_TREES / 2)
         order, walked_bound = native.bounded(kernel, order, end)
         return order, max(bound, walked_bound)
     known = Tangent.of(kernel, order)
     if not walked or not fits(kernel, known, _MEMORY):
-        return order, _without_walks(kernel, cost, end, 1.0)
-    bound = _without_walks(kernel, cost, end, _ON_SPLITS if few else _ON_TREES)
+        return order, _without_walks(kernel, order, end, 1.0)
+    bound = _without_walks(kernel, order, end, _ON_SPLITS if few else _ON_TREES)
     walks = Walks(kernel, known, _MEMORY, _NEAREST)
     now = time.perf_counter()
     until = now + (end - now) * (_ON_PRICES if few else 1.0)
@@ -123,14 +121,15 @@ def _anytime(kernel: Kernel, begin: float, limit: float, seed: int) -> tuple[Int
     return order, bound if values is None else max(bound, values.bound)
 
 
-def _without_walks(kernel: Kernel, cost: float, end: float, share: float) -> float:
-    """The bound of split legs and then of clusters, in a share of the time left."""
+def _without_walks(kernel: Kernel, order: Ints, end: float, share: float) -> float:
+    """The bound of clusters, of split legs where places are many, in a share of the time left."""
     now = time.perf_counter()
     until = now + (end - now) * share
     if kernel.size > _TREES:
-        return best_split(kernel, cost, until).bound
-    split = best_split(kernel, cost, now + (until - now) * _ON_SPLITS)
-    return max(split.bound, tree_bound(kernel, cost, until, split.inward, split.out))
+        return best_split(kernel, kernel.cost(order), until).bound
+    native = fast()
+    rises = None if native is None else native.Rises(kernel).at
+    return tree_bound(kernel, order, until, rises=rises)
 
 
 def _exhausted(
