@@ -1,7 +1,7 @@
 """The clusters' bound of `trees`, compiled: one step of it in a fraction of a millisecond.
 
-The same spanning tree, clusters and schedule; Prim's way over the dense matrix of legs, prices taken
-off on the way, and Horn's joined jobs in skew heaps (Sleator, Tarjan 1986).
+The same spanning tree, clusters and schedule; the tree by Prim's way over the dense matrix of legs,
+prices taken off on the way.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Rises:
         self._height, self._start = np.empty(2 * m + 1), np.empty(2 * m + 1, dtype=np.bool_)
 
     def at(self, inward: Array, out: Array) -> Rise:
-        """The bound where `inward` (m,) and `out` (m + 1,) are taken off the legs, and its slopes."""
+        """The bound where `inward` (m,) and `out` (m + 1,) are taken off the legs; its slopes."""
         kernel, m = self._kernel, self._kernel.size
         _spanning_tree(self._legs, self._onto, inward, out, self._length, self._edge)
         _clusters(self._length, self._edge, self._parent, self._height, self._start)
@@ -124,7 +124,7 @@ def _rise(
             cost[node] += inward[node] + out[node] * (1.0 - w[node] if some else 1.0)
     jobs, before, after = np.empty(n, dtype=np.int64), np.zeros(n), np.zeros(m)
     left_along(jobs, horn(parent, start, cost, w, some, jobs), w, some, before, after)
-    bound = out[m] * norm
+    bound: float = out[m] * norm
     for node in range(n):
         bound += price[node] * before[node]
     slope_out[m] = norm

@@ -29,11 +29,11 @@ from planner.ordering.kernel import Floats, Ints, Kernel
 
 Array = NDArray[np.float64]
 #: a step is so many times as long as one along the slope that would reach a known order's cost if
-#: the bound went on as it does; longer still while the bound gets better, shorter after so many
-#: steps without
-_LONG, _LONGER, _SHORTER, _PATIENCE = 4.0, 1.05, 0.8, 12
-#: how much of its direction a step keeps from the one before
-_KEPT = 0.97
+#: the bound went on as it does; longer still with each better bound, shorter after a while without
+_LONG, _LONGER, _SHORTER = 4.0, 1.05, 0.8
+#: that while, in steps, and over how many steps directions are averaged: at first, so many steps
+#: for each more, and at most; who can make few steps needs long ones, who can make many good ones
+_PATIENCE, _AVERAGED = (4, 50, 16), (10, 15, 50)
 #: below this share of a first step prices stay where they are
 _LEAST_SCALE = 1e-3
 #: prices of places that come late move further, by what is left there to the power -_EVEN: the
@@ -75,14 +75,14 @@ def tree_bound(
     m, cost, weight = kernel.size, kernel.cost(order), _weight(kernel, order)
     at = np.concatenate([_least_legs(kernel), np.zeros(m + 1)])
     best, scale, since, drift = -np.inf, _LONG, 0, np.zeros_like(at)
-    for _ in range(steps):
+    for step in range(steps):
         begin = time.perf_counter()
         rise = rises(at[:m], at[m:])
         if rise.bound > best:
             best, since, scale = rise.bound, 0, scale * _LONGER
         else:
             since += 1
-        if since >= _PATIENCE:
+        if since >= _grown(_PATIENCE, step):
             scale, since = scale * _SHORTER, 0
         slope = np.concatenate([rise.inward, rise.out])
         steep = float(weight @ (slope * slope))
@@ -90,9 +90,14 @@ def tree_bound(
         # not begun where it could not be ended: a step is not interrupted
         if 2 * now - begin > deadline or scale < _LONG * _LEAST_SCALE or steep < 1e-18:
             break
-        drift = _KEPT * drift + (1 - _KEPT) * weight * slope
+        drift = drift + (weight * slope - drift) / _grown(_AVERAGED, step)
         at = at + drift * (scale * max(cost - rise.bound, 1e-3 * cost) / steep)
     return best
+
+
+def _grown(growth: tuple[int, int, int], step: int) -> float:
+    least, pace, most = growth
+    return min(least + step / pace, most)
 
 
 def _least_legs(kernel: Kernel) -> Array:
