@@ -41,6 +41,33 @@ class Rises:
         return Rise(bound, slope_in, slope_out)
 
 
+@compiled("i8(f8[::1])")
+def _least_at(values: Array) -> int:
+    """Where the first least of `values` stands: by sixteens, four at once, then in the best.
+
+    One after another would take two and a half times as long, as each waits for the one before.
+    """
+    whole, at, least = len(values) // 16 * 16, -1, np.inf
+    for top in range(0, whole, 16):
+        a, b, c, d = values[top], values[top + 1], values[top + 2], values[top + 3]
+        for k in range(top + 4, top + 16, 4):
+            a = values[k] if values[k] < a else a
+            b = values[k + 1] if values[k + 1] < b else b
+            c = values[k + 2] if values[k + 2] < c else c
+            d = values[k + 3] if values[k + 3] < d else d
+        a, c = (b if b < a else a), (d if d < c else c)
+        a = c if c < a else a
+        if a < least:
+            least, at = a, top
+    if at >= 0:
+        while values[at] != least:
+            at += 1
+    for k in range(whole, len(values)):
+        if values[k] < least:
+            least, at = values[k], k
+    return max(at, 0)
+
+
 @compiled("void(f8[:,::1],f8[:,::1],f8[::1],f8[::1],f8[::1],i8[:,::1])")
 def _spanning_tree(
     legs: Array, onto: Array, inward: Array, out: Array, length: Array, edge: Whole
@@ -51,27 +78,24 @@ def _spanning_tree(
     """
     m = len(inward)
     best, come = np.full(m, np.inf), np.full(m, m, dtype=np.int64)
-    done = np.zeros(m)
+    # of what is in the tree nothing is taken off but endlessly much added: no leg leads there
+    to, away = inward.copy(), out.copy()
     k = m
     for step in range(m):
-        come_in = inward[k] if k < m else np.inf
-        go = out[k]
+        come_in, go = inward[k] if k < m else 0.0, out[k]
+        row, column = legs[k], onto[k]
         for j in range(m):
-            forth, back = legs[k, j] - inward[j] - go, onto[k, j] - come_in - out[j]
-            least = (forth if forth < back or k == m else back) + done[j]
+            forth, back = row[j] - to[j] - go, column[j] - come_in - away[j]
+            least = forth if forth < back else back
             nearer = least < best[j]
             best[j] = least if nearer else best[j]
             come[j] = k if nearer else come[j]
-        k, least = 0, np.inf
-        for j in range(m):
-            if best[j] < least:
-                k, least = j, best[j]
-        length[step] = least
-        a = come[k]
+        k = _least_at(best)
+        length[step], a = best[k], come[k]
         edge[step, 0], edge[step, 1] = a, k
         if a < m and legs[k, a] - inward[a] - out[k] < legs[a, k] - inward[k] - out[a]:
             edge[step, 0], edge[step, 1] = k, a
-        best[k], done[k] = np.inf, np.inf
+        best[k], to[k], away[k] = np.inf, -np.inf, -np.inf
 
 
 @compiled("void(f8[::1],i8[:,::1],i8[::1],f8[::1],b1[::1])")
