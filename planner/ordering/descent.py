@@ -20,6 +20,8 @@ Seed = NDArray[np.uint64]
 LEAST = 1e-12
 #: legs between which stretches are exchanged, and to which power of their length they are drawn
 _CUTS, _DRAWN = 20, 1.5
+#: moves that make one place follow another: exchanges, and two turns where that one is ahead
+_BEHIND, _AHEAD = 4 * CHAIN, 4 * CHAIN + 2
 #: positions after which less than this is left are not worth moving
 _WORTH = 1e-9
 
@@ -50,6 +52,29 @@ def _tried(
     return best
 
 
+@compiled("UniTuple(i8,4)(i8,i8,i8)")
+def _move(u: int, v: int, n: int) -> tuple[int, int, int, int]:
+    """Move number `n` of those that make the place at `v` follow the one at `u`."""
+    long, kind = n // 4, n % 4
+    if u < v:
+        if long == CHAIN:
+            return (u + 1, v, v, WHOLE) if kind == 0 else (u, v - 1, v - 1, WHOLE)
+        if kind == 0:
+            return u + 1, v - 1, v + long, 0  # the chain from v comes after u
+        if kind == 1:
+            return u + 1, v - long - 1, v, 1  # the chain up to v, turned, comes after u
+        if kind == 2:
+            return u - long, u, v - 1, 0  # the chain up to u comes before v
+        return u, u + long, v - 1, 2  # the chain from u, turned, comes before v
+    if kind == 0:
+        return v, v + long, u, 0  # behind: the chain from v comes after u
+    if kind == 1:
+        return v - long, v, u, 2  # the chain up to v, turned, comes after u
+    if kind == 2:
+        return v, u - long - 1, u, 0  # the chain up to u comes before v
+    return v, u - 1, u + long, 1  # the chain from u, turned, comes before v
+
+
 @compiled("f8(i8,i8[::1],i8[::1],f8[:,::1],f8[:,::1],i8[:,::1],i8,f8,i8[::1])")
 def _best_from(
     a: int, place: Whole, position: Whole, sums: Array, legs: Array, near_to: Whole, end: int,
@@ -63,20 +88,9 @@ def _best_from(
         v = position[near_to[a, k]]
         if v > end or v == u + 1:
             continue
-        if u < v:
-            best = _tried(place, sums, legs, u + 1, v, v, WHOLE, end, best, move)
-            best = _tried(place, sums, legs, u, v - 1, v - 1, WHOLE, end, best, move)
-            for n in range(CHAIN):
-                best = _tried(place, sums, legs, u + 1, v - 1, v + n, 0, end, best, move)
-                best = _tried(place, sums, legs, u + 1, v - n - 1, v, 1, end, best, move)
-                best = _tried(place, sums, legs, u - n, u, v - 1, 0, end, best, move)
-                best = _tried(place, sums, legs, u, u + n, v - 1, 2, end, best, move)
-        else:
-            for n in range(CHAIN):
-                best = _tried(place, sums, legs, v, v + n, u, 0, end, best, move)
-                best = _tried(place, sums, legs, v - n, v, u, 2, end, best, move)
-                best = _tried(place, sums, legs, v, u - n - 1, u, 0, end, best, move)
-                best = _tried(place, sums, legs, v, u - 1, u + n, 1, end, best, move)
+        for n in range(_AHEAD if u < v else _BEHIND):
+            i, c, j, turn = _move(u, v, n)
+            best = _tried(place, sums, legs, i, c, j, turn, end, best, move)
     return best
 
 
@@ -95,7 +109,13 @@ def draw_cuts(place: Whole, legs: Array, end: int, state: Seed) -> Whole:
                 drawn[at], cuts[at] = drawn[at - 1], cuts[at - 1]
                 at -= 1
             drawn[at], cuts[at] = value, k
-    return np.sort(cuts)
+    for k in range(1, count):
+        cut, at = cuts[k], k
+        while at > 0 and cuts[at - 1] > cut:
+            cuts[at] = cuts[at - 1]
+            at -= 1
+        cuts[at] = cut
+    return cuts
 
 
 @compiled("f8(i8[::1],i8[::1],f8[:,::1],f8[:,::1],i8,f8,i8[::1])")

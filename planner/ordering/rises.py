@@ -32,10 +32,12 @@ class Rises:
         """The bound where `inward` (m,) and `out` (m + 1,) are taken off the legs; its slopes."""
         kernel, m = self._kernel, self._kernel.size
         _spanning_tree(self._legs, self._onto, inward, out, self._length, self._edge)
-        _clusters(self._length, self._edge, self._parent, self._height, self._start)
+        order = np.argsort(self._length, kind="stable")
+        edge = self._edge[order]
+        _clusters(self._length[order], edge, self._parent, self._height, self._start)
         slope_in, slope_out = np.empty(m), np.empty(m + 1)
         bound = _rise(
-            self._parent, self._height, self._edge, self._start, kernel.w, kernel.any,
+            self._parent, self._height, edge, self._start, kernel.w, kernel.any,
             kernel.norm, inward, out, slope_in, slope_out,
         )  # fmt: skip
         return Rise(bound, slope_in, slope_out)
@@ -100,20 +102,18 @@ def _spanning_tree(
 
 @compiled("void(f8[::1],i8[:,::1],i8[::1],f8[::1],b1[::1])")
 def _clusters(length: Array, edge: Whole, parent: Whole, height: Array, start: np.ndarray) -> None:
-    """Nest the tree's clusters; `edge` is sorted by length, `parent`, `height`, `start` are filled.
+    """Nest the clusters of a tree, its edges by rising length; fills `parent`, `height`, `start`.
 
     Places 0..m-1, the start m, then m joined clusters: each one's parent (2 m + 1 of the last),
     height and whether the start is in it.
     """
     m = len(length)
-    order = np.argsort(length, kind="mergesort")
-    edge[:] = edge[order]
     root = np.arange(2 * m + 1)
     height[: m + 1], start[:] = 0.0, False
     start[m], parent[2 * m] = True, 2 * m + 1
     for k in range(m):
         new = m + 1 + k
-        height[new] = length[order[k]]
+        height[new] = length[k]
         for side in range(2):
             end = edge[k, side]
             while root[end] != end:
