@@ -24,8 +24,8 @@ from planner.ordering.walks import Values, Walks, fits, raise_prices
 _SUBSETS = 17
 #: share of the time spent on orders, by numpy; compiled; and of more places than clusters bound
 _ON_ORDERS, _ON_COMPILED, _ON_MANY = 0.45, 0.4, 0.7
-#: up to so many places clusters bound, as a step takes as long as the square of them
-_TREES = 700
+#: up to so many places clusters bound, as a step takes as long as the square of them; compiled
+_TREES, _MANY_TREES = 700, 1500
 #: up to so many places a proof by exhaustion is tried
 _FEW = 40
 #: share of the time spent on orders of that few, and on prices of what is left after that
@@ -90,7 +90,7 @@ def solve(problem: OrderingProblem, time_limit: float = 1.0, seed: int = 0) -> O
 
 def _anytime(kernel: Kernel, begin: float, limit: float, seed: int) -> tuple[Ints, float]:
     end = begin + limit * (1 - _RESERVE)
-    if fast() is not None and kernel.size <= _TREES:
+    if fast() is not None and kernel.size <= _MANY_TREES:
         return _compiled(kernel, end, seed)
     order = by_ratio(kernel)
     if kernel.size > MANY:
@@ -135,9 +135,9 @@ def _part(end: float, share: float) -> float:
 
 def _without_walks(kernel: Kernel, order: Ints, until: float) -> float:
     """The bound of clusters, of split legs where places are many."""
-    if kernel.size > _TREES:
-        return best_split(kernel, kernel.cost(order), until).bound
     native = fast()
+    if native is None and kernel.size > _TREES:
+        return best_split(kernel, kernel.cost(order), until).bound
     rises = None if native is None else native.Rises(kernel).at
     return tree_bound(kernel, order, until, rises=rises)
 
