@@ -1,4 +1,4 @@
-"""Bounds and proofs with compiled steps; loaded by `compiled.warm_up` alone."""
+"""Orders, bounds and proofs with compiled steps; loaded by `compiled.warm_up` alone."""
 
 from __future__ import annotations
 
@@ -11,11 +11,13 @@ from planner.ordering.ascent import Prices, ascend
 from planner.ordering.exhaust import MOST_PLACES, exhaust
 from planner.ordering.kernel import Ints, Kernel
 from planner.ordering.memories import Array, Memories
+from planner.ordering.rises import Rises
+from planner.ordering.search import searched
 from planner.ordering.shares import ShareWalks
 from planner.ordering.tangent import Tangent
 from planner.ordering.timed import TimedWalks
 
-__all__ = ["bounded", "fits"]
+__all__ = ["Rises", "bounded", "fits", "searched"]
 
 #: what walks in time remember, and the share of the time left for their prices
 _TIMED_MEMORY, _ON_TIMED = 4, 0.15
@@ -32,7 +34,7 @@ _CLOSE = 0.5
 
 
 def fits(kernel: Kernel) -> bool:
-    """Whether these steps are for `kernel`; clusters bound more places better (`trees`)."""
+    """Whether walks and proofs are for `kernel`; clusters bound more places better (`trees`)."""
     return kernel.size <= MOST_PLACES and timed.shortest(kernel) > 0
 
 

@@ -22,22 +22,21 @@ from planner.ordering.walks import Values, Walks, fits, raise_prices
 
 #: places up to which all subsets can be gone through in half a second
 _SUBSETS = 17
-#: share of the time spent on orders, where walks bound and of more places; then comes the bound
-_ON_ORDERS, _ON_MANY = 0.45, 0.7
+#: share of the time spent on orders, by numpy; compiled; and of more places than clusters bound
+_ON_ORDERS, _ON_COMPILED, _ON_MANY = 0.45, 0.4, 0.7
+#: up to so many places clusters bound, as a step takes as long as the square of them; compiled
+_TREES, _MANY_TREES = 700, 1500
 #: up to so many places a proof by exhaustion is tried
 _FEW = 40
 #: share of the time spent on orders of that few, and on prices of what is left after that
 _ON_FEW, _ON_PRICES = 0.25, 0.4
-#: share of what is left after the orders for split legs
-_ON_SPLITS = 0.08
-#: share of the rest for clusters, where walks come after them; up to so many places, as a step
-#: takes as long as the square of them
-_ON_TREES, _TREES = 0.25, 700
+#: share of what is left after the orders for clusters, where walks come after them, and a proof
+_ON_TREES, _ON_FIRST = 0.5, 0.08
 #: up to so many places a second walks bound; they remember so many others, more before a proof
-_WALKED, _MEMORY, _LONG_MEMORY = 85, 3, 6
+_WALKED, _MEMORY, _LONG_MEMORY = 45, 3, 6
 #: where compiled walks are at hand: the share of the time spent on orders of places that may be
-#: proven, and of what is left on split legs
-_ON_PROVEN, _ON_FIRST = 0.15, 0.02
+#: proven, and of what is left on clusters
+_ON_PROVEN, _BEFORE_WALKS, _BEFORE_PROOF = 0.15, 0.15, 0.03
 #: gap beyond which a proof takes too long to be tried
 _HOPELESS = 0.07
 #: places that a walk reaches with its memory kept
@@ -91,31 +90,21 @@ def solve(problem: OrderingProblem, time_limit: float = 1.0, seed: int = 0) -> O
 
 def _anytime(kernel: Kernel, begin: float, limit: float, seed: int) -> tuple[Ints, float]:
     end = begin + limit * (1 - _RESERVE)
+    if fast() is not None and kernel.size <= _MANY_TREES:
+        return _compiled(kernel, end, seed)
     order = by_ratio(kernel)
     if kernel.size > MANY:
         bound = quick_bound(kernel)
         return improve(kernel, order, end, seed)[0], bound
     few = kernel.size <= _FEW
-    now = time.perf_counter()
-    walked = kernel.size <= _WALKED * max(1.0, limit)
-    share = _ON_FEW if few else _ON_ORDERS if walked else _ON_MANY
-    native = fast()
-    if native is not None and not native.fits(kernel):
-        native = None
-    share = _ON_PROVEN if native is not None else share
-    order, cost = improve(kernel, order, now + (end - now) * share, seed)
-    if native is not None:
-        bound = _without_walks(kernel, cost, end, _ON_FIRST if few else _ON_TREES / 2)
-        order, walked_bound = native.bounded(kernel, order, end)
-        return order, max(bound, walked_bound)
+    share = _ON_FEW if few else _ON_ORDERS if kernel.size <= _TREES else _ON_MANY
+    order, cost = improve(kernel, order, _part(end, share), seed)
     known = Tangent.of(kernel, order)
-    if not walked or not fits(kernel, known, _MEMORY):
-        return order, _without_walks(kernel, cost, end, 1.0)
-    bound = _without_walks(kernel, cost, end, _ON_SPLITS if few else _ON_TREES)
+    if kernel.size > _WALKED * max(1.0, limit) or not fits(kernel, known, _MEMORY):
+        return order, _without_walks(kernel, order, end)
+    bound = _without_walks(kernel, order, _part(end, _ON_FIRST if few else _ON_TREES))
     walks = Walks(kernel, known, _MEMORY, _NEAREST)
-    now = time.perf_counter()
-    until = now + (end - now) * (_ON_PRICES if few else 1.0)
-    values = raise_prices(walks, cost, until, 1000)
+    values = raise_prices(walks, cost, _part(end, _ON_PRICES if few else 1.0), 1000)
     if values is not None and few:
         better, values = _exhausted(kernel, walks, values, end)
         if better is not None:
@@ -123,14 +112,34 @@ def _anytime(kernel: Kernel, begin: float, limit: float, seed: int) -> tuple[Int
     return order, bound if values is None else max(bound, values.bound)
 
 
-def _without_walks(kernel: Kernel, cost: float, end: float, share: float) -> float:
-    """The bound of split legs and then of clusters, in a share of the time left."""
+def _compiled(kernel: Kernel, end: float, seed: int) -> tuple[Ints, float]:
+    """The order and the bound of what clusters bound, by compiled steps."""
+    native = fast()
+    assert native is not None, "loaded"
+    walked = native.fits(kernel)
+    share = _ON_PROVEN if walked else _ON_COMPILED
+    order, _ = native.searched(kernel, _part(end, share), seed)
+    if not walked:
+        return order, _without_walks(kernel, order, end)
+    share = _BEFORE_PROOF if kernel.size <= _FEW else _BEFORE_WALKS
+    bound = _without_walks(kernel, order, _part(end, share))
+    order, walked_bound = native.bounded(kernel, order, end)
+    return order, max(bound, walked_bound)
+
+
+def _part(end: float, share: float) -> float:
+    """The end of a share of the time until `end`."""
     now = time.perf_counter()
-    until = now + (end - now) * share
-    if kernel.size > _TREES:
-        return best_split(kernel, cost, until).bound
-    split = best_split(kernel, cost, now + (until - now) * _ON_SPLITS)
-    return max(split.bound, tree_bound(kernel, cost, until, split.inward, split.out))
+    return now + (end - now) * share
+
+
+def _without_walks(kernel: Kernel, order: Ints, until: float) -> float:
+    """The bound of clusters, of split legs where places are many."""
+    native = fast()
+    if native is None and kernel.size > _TREES:
+        return best_split(kernel, kernel.cost(order), until).bound
+    rises = None if native is None else native.Rises(kernel).at
+    return tree_bound(kernel, order, until, rises=rises)
 
 
 def _exhausted(
@@ -139,9 +148,8 @@ def _exhausted(
     """The result of `prove`, and the best values; a longer memory first, where that may help."""
     cost = walks.known.cost
     if fits(kernel, walks.known, _LONG_MEMORY):
-        now = time.perf_counter()
         longer = Walks(kernel, walks.known, _LONG_MEMORY, _NEAREST)
-        until = now + (end - now) * _ON_PRICES
+        until = _part(end, _ON_PRICES)
         found = raise_prices(longer, cost, until, 1000, values)
         if found is not None and found.bound > values.bound:
             walks, values = longer, found

@@ -17,7 +17,9 @@ from __future__ import annotations
 
 import heapq
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -26,10 +28,17 @@ from numpy.typing import NDArray
 from planner.ordering.kernel import Floats, Ints, Kernel
 
 Array = NDArray[np.float64]
-#: steps without a better bound after which steps become shorter
-_PATIENCE, _SHORTER = 10, 0.8
-#: below this share of a full step prices stay where they are
+#: a step is so many times as long as one along the slope that would reach a known order's cost if
+#: the bound went on as it does; longer still with each better bound, shorter after a while without
+_LONG, _LONGER, _SHORTER = 4.0, 1.05, 0.8
+#: that while, in steps, and over how many steps directions are averaged: at first, so many steps
+#: for each more, and at most; who can make few steps needs long ones, who can make many good ones
+_PATIENCE, _AVERAGED = (4, 50, 16), (10, 15, 50)
+#: below this share of a first step prices stay where they are
 _LEAST_SCALE = 1e-3
+#: prices of places that come late move further, by what is left there to the power -_EVEN: the
+#: slope there is as small as that, the leg is not; what is left counts as at least this share
+_EVEN, _SOME = 0.3, 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,35 +60,63 @@ class _Clusters(NamedTuple):
 
 
 def tree_bound(
-    kernel: Kernel, cost: float, deadline: float, inward: Array, out: Array, steps: int = 10_000
+    kernel: Kernel,
+    order: Ints,
+    deadline: float,
+    steps: int = 100_000,
+    rises: Callable[[Array, Array], Rise] | None = None,
 ) -> float:
     """The best bound found until `deadline` (of time.perf_counter) or in so many `steps`.
 
-    `cost` is a known order's; `inward` (m,) and `out` (m + 1,) are what is taken off legs to begin
-    with, any numbers.
+    `order` (m,) is a known one, the better the sooner the bound is good. `rises` stands for
+    `rise_at` of the kernel.
     """
-    best, scale, since = -np.inf, 1.0, 0
-    at = centre = np.concatenate([inward, out])
-    drift, m = np.zeros_like(at), kernel.size
-    for _ in range(steps):
+    rises = partial(rise_at, kernel) if rises is None else rises
+    m, cost, weight = kernel.size, kernel.cost(order), _weight(kernel, order)
+    at = np.concatenate([_least_legs(kernel), np.zeros(m + 1)])
+    best, scale, since, drift = -np.inf, _LONG, 0, np.zeros_like(at)
+    for step in range(steps):
         begin = time.perf_counter()
-        rise = rise_at(kernel, at[:m], at[m:])
-        slope = np.concatenate([rise.inward, rise.out])
-        if rise.bound > best + 1e-6 * abs(best) or best == -np.inf:
-            best, centre, since = rise.bound, at, 0
+        rise = rises(at[:m], at[m:])
+        if rise.bound > best:
+            best, since, scale = rise.bound, 0, scale * _LONGER
         else:
             since += 1
-        steep = float(slope @ slope)
+        if since >= _grown(_PATIENCE, step):
+            scale, since = scale * _SHORTER, 0
+        slope = np.concatenate([rise.inward, rise.out])
+        steep = float(weight @ (slope * slope))
         now = time.perf_counter()
         # not begun where it could not be ended: a step is not interrupted
-        if 2 * now - begin > deadline or scale < _LEAST_SCALE or steep < 1e-18:
+        if 2 * now - begin > deadline or scale < _LONG * _LEAST_SCALE or steep < 1e-18:
             break
-        if since >= _PATIENCE:
-            scale, since, at, drift = scale * _SHORTER, 0, centre, np.zeros_like(at)
-            continue
-        drift = 0.9 * drift + 0.1 * slope
+        drift = drift + (weight * slope - drift) / _grown(_AVERAGED, step)
         at = at + drift * (scale * max(cost - rise.bound, 1e-3 * cost) / steep)
     return best
+
+
+def _grown(growth: tuple[int, int, int], step: int) -> float:
+    least, pace, most = growth
+    return min(least + step / pace, most)
+
+
+def _least_legs(kernel: Kernel) -> Array:
+    """(m,) [s] the shortest leg to each place: a price to begin with."""
+    D = kernel.D.astype(np.float64)
+    np.fill_diagonal(D, np.inf)
+    least: Array = D.min(axis=0)
+    return least
+
+
+def _weight(kernel: Kernel, order: Ints) -> Array:
+    """(2 m + 1,) how far each price moves for its slope."""
+    w = kernel.w[order]
+    left = np.append(1.0, np.cumprod(1.0 - w)) if kernel.any else 1.0 - np.append(0, np.cumsum(w))
+    before, after = np.empty(kernel.size), np.empty(kernel.size)
+    before[order], after[order] = left[:-1] - left[-1], left[1:] - left[-1]
+    share = np.concatenate([before, after, [kernel.norm]]) / kernel.norm
+    weight: Array = (np.maximum(share, 0.0) + _SOME) ** -_EVEN
+    return weight
 
 
 def rise_at(kernel: Kernel, inward: Array, out: Array) -> Rise:

@@ -20,10 +20,12 @@ from planner.ordering.exhaust import exhaust
 from planner.ordering.improve import by_ratio, improve
 from planner.ordering.kernel import Kernel, reduce_problem
 from planner.ordering.memories import Memories
+from planner.ordering.rises import Rises
 from planner.ordering.shares import ShareWalks, units_for
 from planner.ordering.subsets import best_order
 from planner.ordering.tangent import Tangent
 from planner.ordering.timed import TimedWalks
+from planner.ordering.trees import rise_at, tree_bound
 from planner.ordering.walks import Walks
 from tests.planner.scattered_problems import MODELS, kernels, scattered, with_no_leg
 
@@ -37,6 +39,38 @@ def least_cost(kernel: Kernel) -> float:
 
 def usual_weight(known: Tangent) -> np.ndarray:
     return np.abs(known.marginal) + 1e-6 * np.abs(known.marginal).max()
+
+
+@settings(max_examples=60)
+@given(
+    kernels(odd=(0.0, 1e-7, 1.0)), st.integers(0, 1000), st.sampled_from([0.0, 1.0, 50.0, 500.0])
+)
+def test_compiled_clusters_prove_what_numpy_does_and_bound_every_order(
+    kernel: Kernel, seed: int, size: float
+) -> None:
+    rng, m, optimum = np.random.default_rng(seed), kernel.size, least_cost(kernel)
+    slack = 1e-9 * (1 + optimum + size)
+    rises = Rises(kernel)
+    for _ in range(4):
+        inward, out = rng.normal(0, size, m), rng.normal(0, size, m + 1)
+        bound = rises.at(inward, out).bound
+        assert bound == pytest.approx(rise_at(kernel, inward, out).bound, abs=slack)
+        assert bound <= optimum + slack
+    bound = tree_bound(kernel, rng.permutation(m), np.inf, steps=60, rises=rises.at)
+    assert bound <= optimum + slack
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_compiled_clusters_have_the_slopes_of_numpy(model: str) -> None:
+    for size, seed in ((40, 1), (120, 2)):
+        kernel = reduce_problem(scattered(size, seed, model, metric=seed == 1))
+        rng, rises = np.random.default_rng(seed), Rises(kernel)
+        for _ in range(3):
+            inward, out = rng.normal(20, 10, size), rng.normal(20, 10, size + 1)
+            ours, theirs = rises.at(inward, out), rise_at(kernel, inward, out)
+            assert ours.bound == pytest.approx(theirs.bound, rel=1e-12)
+            np.testing.assert_allclose(ours.inward, theirs.inward, atol=1e-12)
+            np.testing.assert_allclose(ours.out, theirs.out, atol=1e-12)
 
 
 @settings(max_examples=60)
