@@ -6,9 +6,7 @@ import math
 from collections.abc import Callable, Iterator
 from typing import Final
 
-import numpy as np
-
-from kg.errors import ConflictError, LayoutError, RecordingError
+from kg.errors import ConflictError, RecordingError
 from kg.records import MapUpdate, RecordingRecord, RobotRecord
 from kg.semantic_map import SemanticMap
 from mapping.floor.book import FloorBook
@@ -19,6 +17,7 @@ from mapping.place_book import PlaceBook
 from mapping.place_mapper import PlaceMapper
 from mapping.places_from_objects import PlacesFromObjects
 from mapping.report import FrameReport, MappingReport, StageClock
+from mapping.resuming import as_before
 from mapping.settings import ReferenceSettings
 from mapping.viewpoint import map_points
 from perception.frame import (
@@ -62,8 +61,9 @@ def map_recording(
     also goes into an occupancy grid of the floor (docs/floor.md).
 
     Raises RecordingError at the first unreadable frame, LayoutError where the layout contradicts
-    the ontology or the recording already lies in the map by another transform, LabelsError where
-    `labels` names what is no category.
+    the ontology or another recording of that name, or this one by another transform, lies in the
+    map already, LabelsError where `labels` names what is no category. A recording that has grown
+    since is stood as it was (`mapping.resuming`).
     """
     chosen, table = settings or ReferenceSettings(), labels or LabelsMap()
     table.refuse_unknown(semantic_map.catalogue)
@@ -101,9 +101,9 @@ class _Run:
     ) -> None:
         self.clock = StageClock()
         self._done = 0
+        recording, self._progress = as_before(recording, semantic_map)
         self._recording, self._map, self._settings = recording, semantic_map, settings
         self._detector, self._scene = detector, scene
-        self._progress = _progress(recording, semantic_map)
         self._places = PlaceBook(semantic_map, layout, recording=recording.name)
         self._place_mapper = PlaceMapper(
             semantic_map,
@@ -284,16 +284,3 @@ def robot_at(frame: Frame) -> RobotRecord:
     T = frame.T_map_cam
     heading = math.atan2(float(T[1, 2]), float(T[0, 2]))
     return RobotRecord(p_map=T[:3, 3].copy(), heading=heading, stamp=frame.stamp)
-
-
-def _progress(recording: Recording, semantic_map: SemanticMap) -> RecordingRecord | None:
-    """How far the map holds `recording`; LayoutError where it lies there by another transform."""
-    for record in semantic_map.recordings():
-        if record.name == recording.name:
-            if not np.allclose(record.T_map_world, recording.T_map_world, atol=1e-3):
-                raise LayoutError(
-                    f"recording {recording.name!r} is in this map by another T_map_world; "
-                    "the same transform, another name or another map would work"
-                )
-            return record
-    return None

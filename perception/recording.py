@@ -41,6 +41,11 @@ class FolderRecording:
     rectifier: Rectifier
     depth_scale: float  # depth units a metre
     start_time: float  # [s] added to every stamp; 0 where stamps are absolute
+    stood_upright: bool = False  # whether T_map_world was found from what it shows, not given
+
+    def placed(self, T_map_world: NDArray[np.float64]) -> FolderRecording:
+        """The same recording by the transform (4, 4)."""
+        return replace(self, T_map_world=T_map_world, stood_upright=False)
 
     def __len__(self) -> int:
         return len(self.listing.shots)
@@ -125,9 +130,9 @@ def open_recording(
     if T_map_world is not None:
         T = np.asarray(T_map_world, np.float64)
         checked_pose(T, "given T_map_world")
-    else:
-        T = upright_transform(recording, up=up if up is not None else read_gravity(folder))
-    return replace(recording, T_map_world=T)
+        return recording.placed(T)
+    T = upright_transform(recording, up=up if up is not None else read_gravity(folder))
+    return replace(recording, T_map_world=T, stood_upright=up is None)
 
 
 def _with_scale(given: Intrinsics, listing: Listing) -> Intrinsics:
