@@ -56,4 +56,5 @@ def _step(words: Words) -> Path:
         found = Path((name,), True, False)
     if words.took("*", "?"):
         return Path(found.predicates, False, True)
-    return found._replace(single=found.single and not (words.took("+") or back))
+    more = words.took("+")
+    return found._replace(single=found.single and not (more or back))

@@ -12,6 +12,7 @@ from kg.query_words import UnreadError, words_of
 END: Final = ("end", "")
 _ABSOLUTE = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
 _PLAIN = re.compile(r"\w+(?:/\w+)*", re.ASCII)  # relative, and resolved by appending
+_FOLDER = re.compile(r"[^?#]*/")  # as a base, one that is appended to
 
 Word = tuple[str, str]  # kind and text
 Term = NamedNode | Variable | Literal["a literal"] | None  # None for a blank node, and the like
@@ -24,7 +25,7 @@ class Words:
         self._words = [*words_of(sparql)]
         self._at = 0
         self._prefixes = prefixes  # those that the query declares are added
-        self._base = base
+        self._base = base if base and _FOLDER.fullmatch(base) else None
 
     def peek(self) -> Word:
         """The next one."""
@@ -63,6 +64,8 @@ class Words:
     def _declare(self, name: Word, iri: Word) -> None:
         if name[0] != "name" or iri[0] != "iri" or not name[1].endswith(":"):
             raise UnreadError(name)
+        if not _ABSOLUTE.match(iri[1][1:]):  # with a colon in a local name it would look so
+            raise UnreadError(iri)
         self._prefixes[name[1][:-1]] = iri[1][1:-1]
 
     def variable(self) -> Variable:
@@ -113,7 +116,7 @@ class Words:
             iri = text[1:-1]
         else:
             raise UnreadError(text)
-        if self._base and self._base.endswith("/") and _PLAIN.fullmatch(iri):
+        if self._base and _PLAIN.fullmatch(iri):
             iri = self._base + iri
         if not _ABSOLUTE.match(iri):
             return None

@@ -218,7 +218,7 @@ class _Reader:
             if self._words.took("exists"):
                 with self._at(_FREE):
                     self._group(graph)
-                before = ""
+                before = "word"
                 continue
             kind, text = self._words.next()
             if text in ("{", "}", "[", "]", "") or (kind == "iri" and before in _OPERANDS):
