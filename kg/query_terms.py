@@ -81,7 +81,7 @@ class Words:
         start = self._at
         while not self.took("}"):
             kind, text = self.next()
-            if kind == "end" or text == "{":
+            if kind == "end" or text in ("{", "<"):  # << begins a triple term
                 raise UnreadError(text)
         return self._words[start : self._at - 1]
 

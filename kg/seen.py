@@ -31,7 +31,9 @@ _MOST = 200_000  # characters; a longer text sees everything
 _BACKGROUND: Final = (NamedNode(v.ONTOLOGY_GRAPH), NamedNode(v.COMMONSENSE_GRAPH))
 _FREE, _MUST, _MAY = range(3)  # where a pattern stands: anywhere, in every solution, in an OPTIONAL
 _RDF = v.RDF_TYPE.removesuffix("type")
-_OPERANDS = frozenset(("iri", "name", "literal", "variable", "number", "language", "word"))
+_OPERANDS = frozenset(  # after these words, and perhaps after a less-than, comes no IRI
+    ("iri", "name", "literal", "variable", "number", "language", "word", ")", "<")
+)
 
 
 def seen_by(
@@ -223,8 +225,10 @@ class _Reader:
             kind, text = self._words.next()
             if text in ("{", "}", "[", "]", "") or (kind == "iri" and before in _OPERANDS):
                 raise UnreadError(text)  # what looks like an IRI may be a less-than
+            if before == text == "<":  # a triple term
+                raise UnreadError(text)
             depth += (text == "(") - (text == ")")
-            before = "word" if text == ")" else kind
+            before = text if text in (")", "<") else kind
 
     def _values(self, *, binding: bool = False) -> None:
         if self._words.took("("):

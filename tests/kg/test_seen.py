@@ -85,6 +85,9 @@ SHAPES = (
     "SELECT ?s { ?s rdfs:label ?l FILTER(REGEX(?l, '[{(]chair') || ?l = 'chair 1'@en) }",
     "SELECT ?s { ?s here:x ?x FILTER(EXISTS { ?s <urn:no> ?y }<true#>||'''\n"
     " || EXISTS { ?s here:inPlace ?p } #'''\n) }",
+    "SELECT ?s { ?s here:x ?x FILTER(BOUND(?y) || <<(?s?x'>')>> = 1"
+    " || EXISTS { ?s here:inPlace ?p } #'\n) }",
+    "CONSTRUCT { ?s ?p <<(?s?p'>')>> } WHERE { ?s ?p ?q } #' } WHERE { ?s here:x ?x }",
     "SELECT ?s { (1 ?s) rdf:rest ?r }",
     "SELECT ?l { ?l rdf:first ?m ; rdf:rest () }",
     "PREFIX h: <https://w3id.org/hereabouts#> SELECT ?s { ?s h:x ?x ; h:inPlace/a h:Place }",
