@@ -88,6 +88,7 @@ SHAPES = (
     "SELECT ?s { ?s here:x ?x FILTER(BOUND(?y) || <<(?s?x'>')>> = 1"
     " || EXISTS { ?s here:inPlace ?p } #'\n) }",
     "CONSTRUCT { ?s ?p <<(?s?p'>')>> } WHERE { ?s ?p ?q } #' } WHERE { ?s here:x ?x }",
+    "SELECT ?s { VALUES ?v { '''a' } ?s here:inPlace ?p } #\\q''' } ?s here:x ?x }",
     "SELECT ?s { (1 ?s) rdf:rest ?r }",
     "SELECT ?l { ?l rdf:first ?m ; rdf:rest () }",
     "PREFIX h: <https://w3id.org/hereabouts#> SELECT ?s { ?s h:x ?x ; h:inPlace/a h:Place }",
