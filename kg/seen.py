@@ -64,6 +64,7 @@ class _Reader:
         self._words = words
         self._found: set[Pattern] = set()
         self._where = _FREE
+        self._any_graph = False  # what is read stands in a GRAPH of a variable
         self._bound: set[Variable] = set()  # by what stands before in this group
         self._must: list[tuple[Variable, Pattern, Term]] = []  # subject, pattern, object
         self._may: list[tuple[Variable, Pattern]] = []
@@ -154,7 +155,7 @@ class _Reader:
             with self._at(_FREE):
                 self._projection()
                 self._words.took("where")
-                self._group(graph)
+                self._apart(graph)
                 self._tail(graph)
             self._words.expect("}")
             return False  # a count of nothing is a solution
@@ -198,15 +199,23 @@ class _Reader:
         if self._where == _MUST:
             self._bound = set()  # an OPTIONAL in it adds to what stands in it alone
         # else it matters which graphs there are
-        if not self._group(name if isinstance(name, NamedNode) else None):
+        graph = name if isinstance(name, NamedNode) else None
+        around, self._any_graph = self._any_graph, graph is None
+        if not self._group(graph):
             raise UnreadError("graph")
+        self._any_graph = around
         self._bound |= before
+
+    def _apart(self, graph: NamedNode | None) -> None:
+        """A group of a subquery or EXISTS: which graph is meant around it is not known to it."""
+        with self._at(_FREE):
+            if not self._group(graph) and self._any_graph:
+                raise UnreadError("graph")  # it has a solution in each graph there is
 
     def _filter(self, graph: NamedNode | None) -> None:
         self._words.took("not")
         if self._words.took("exists"):
-            with self._at(_FREE):
-                self._group(graph)
+            self._apart(graph)
             return
         if self._words.peek()[0] in ("word", "iri", "name"):  # a function
             self._words.next()
@@ -218,8 +227,7 @@ class _Reader:
         depth, before = 1, ""
         while depth:
             if self._words.took("exists"):
-                with self._at(_FREE):
-                    self._group(graph)
+                self._apart(graph)
                 before = "word"
                 continue
             kind, text = self._words.next()

@@ -42,6 +42,8 @@ SHAPES = (
     "SELECT ?g { GRAPH ?g { OPTIONAL { ?s here:x ?x } } }",
     "SELECT ?g { GRAPH ?g { SELECT (COUNT(*) AS ?n) { ?s here:x ?x } } }",
     "SELECT ?g { GRAPH ?g { ?s here:x ?x } }",
+    "SELECT ?g { GRAPH ?g { ?s here:x ?x { SELECT ?y { OPTIONAL { ?q here:y ?y } } } } }",
+    "SELECT * { GRAPH ?g { BIND(EXISTS { {} MINUS { ?s here:x ?x } } AS ?e) ?s here:y ?y } }",
     "SELECT ?g { GRAPH ?g { { ?s here:x ?x } UNION { FILTER(true) } } }",
     "SELECT * { GRAPH graph:map { OPTIONAL { ?s <urn:no> ?x } } }",
     "SELECT * { GRAPH graph:map { GRAPH graph:dataset { ?s a ?x } } }",
