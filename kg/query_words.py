@@ -6,13 +6,16 @@ import re
 from collections.abc import Iterator
 from typing import Final
 
+# with any other escape in what three quotes begin, the engine reads them as '' and one that begins
+_ESCAPED = r"\\[tbnrf\\\"']"
 _LOCAL = r"(?:[\w:-]|%[0-9A-Fa-f]{2})"
 _TOKEN: Final = re.compile(
     rf"""
       (?P<gap> \s+ | \#[^\n\r]* )
     | (?P<iri> <[^<>"{{}}|^`\\\x00-\x20]*> )
-    | (?P<literal> \"\"\"(?:[^"\\] | \\. | "(?!""))*\"\"\" | '''(?:[^'\\] | \\. | '(?!''))*'''
-        | "(?:[^"\\\n\r] | \\.)*" | '(?:[^'\\\n\r] | \\.)*' )
+    | (?P<literal> \"\"\"(?:[^"\\] | {_ESCAPED} | "(?!""))*\"\"\"
+        | '''(?:[^'\\] | {_ESCAPED} | '(?!''))*'''
+        | "(?:[^"\\\n\r] | {_ESCAPED})*" | '(?:[^'\\\n\r] | {_ESCAPED})*' )
     | (?P<variable> [?$]\w+ )
     | (?P<blank> _:\w(?:[\w.-]*[\w-])? )
     | (?P<name> (?:[^\W\d_][\w.-]*)?:(?:(?!-){_LOCAL}(?:\.*{_LOCAL})*)? )
