@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Final
 
 from pyoxigraph import Literal, NamedNode
 
@@ -17,17 +18,21 @@ from kg.errors import QueryError
 
 Term = NamedNode | Literal
 
+_ESCAPED = r"\\[tbnrf\\\"'uU]"  # where another stands, the engine takes no long string to begin
+STRING: Final = rf"""
+    \"\"\"(?:[^"\\] | {_ESCAPED} | "(?!""))*\"\"\" | \'\'\'(?:[^'\\] | {_ESCAPED} | '(?!''))*\'\'\'
+    | "(?:[^"\\\n\r] | {_ESCAPED})*" | '(?:[^'\\\n\r] | {_ESCAPED})*'
+"""
 _TOKEN = re.compile(
-    r"""
+    rf"""
       (?P<skip> \\.
         | \#[^\n\r]*
-        | (?P<iri> <(?:[^<>"{}|^`\\\x00-\x20] | \\u[0-9a-fA-F]{4} | \\U[0-9a-fA-F]{8})*> )
-        | \"\"\"(?:[^"\\] | \\. | "(?!""))*\"\"\"  | '''(?:[^'\\] | \\. | '(?!''))*'''
-        | "(?:[^"\\\n\r] | \\.)*"  | '(?:[^'\\\n\r] | \\.)*'
+        | (?P<iri> <(?:[^<>"{{}}|^`\\\x00-\x20] | \\u[0-9a-fA-F]{{4}} | \\U[0-9a-fA-F]{{8}})*> )
+        | {STRING}
         | \?\w+ | (?P<name> (?:\w[\w.-]*)?:(?:[\w:%.-] | \\.)* ) )
     | \$(?P<parameter>\w+)
     | (?P<word>\w+)
-    | (?P<bracket>[(){}\[\]])
+    | (?P<bracket>[(){{}}\[\]])
     """,
     re.VERBOSE | re.DOTALL,
 )

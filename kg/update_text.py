@@ -13,21 +13,20 @@ from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 from kg.errors import QueryError
-from kg.sparql_text import refuse_reaching_out, without_escapes
+from kg.sparql_text import STRING, refuse_reaching_out, without_escapes
 
 #: Stands for a variable where a template is read as if it were data.
 VARIABLE: Final = "urn:hereabouts:variable:"
 
 _TOKEN = re.compile(
-    r"""
+    rf"""
       (?P<skip> \#[^\n\r]*)
-    | (?P<iri> <(?:[^<>"{}|^`\\\x00-\x20] | \\u[0-9a-fA-F]{4} | \\U[0-9a-fA-F]{8})*>)
-    | (?P<string> \"\"\"(?:[^"\\] | \\. | "(?!""))*\"\"\"  | '''(?:[^'\\] | \\. | '(?!''))*'''
-        | "(?:[^"\\\n\r] | \\.)*"  | '(?:[^'\\\n\r] | \\.)*')
+    | (?P<iri> <(?:[^<>"{{}}|^`\\\x00-\x20] | \\u[0-9a-fA-F]{{4}} | \\U[0-9a-fA-F]{{8}})*>)
+    | (?P<string> {STRING})
     | (?P<variable> [?$]\w+)
     | (?P<name> _?(?:\w[\w.-]*)?:(?:[\w:%.-] | \\.)*)
     | (?P<word> @?\w+)
-    | (?P<mark> [{};])
+    | (?P<mark> [{{}};])
     """,
     re.VERBOSE | re.DOTALL,
 )

@@ -5,8 +5,11 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pyoxigraph import Store
 
 from kg.errors import QueryRefusedError
+from kg.sparql_text import tokens
+from kg.update_text import operations
 from kg.workers.vetting import MAX_DEPTH, refuse_length, vet
 
 OWN = "urn:own"
@@ -140,3 +143,19 @@ def test_any_text_is_vetted_or_refused(sparql: str) -> None:
         vetted(sparql)
     except QueryRefusedError as error:
         assert str(error)
+
+
+def test_no_long_string_begins_where_the_engine_sees_none() -> None:
+    # \\q is no escape, so the engine reads two short strings and what stands behind them
+    query = "ASK { VALUES ?x { '''a' } GRAPH <urn:own> { ?s ?p ?o } } #\\q'''"
+    assert [m["word"] for m in tokens(query) if m["word"]] == ["ASK", "VALUES", "GRAPH"]
+    assert Store().query(query) is not None
+    update = "DELETE { } WHERE { VALUES ?x { '''a' } }; CLEAR ALL #\\q'''"
+    assert [operation.verb for operation in operations(update)] == ["MODIFY", "CLEAR"]
+
+
+@pytest.mark.parametrize("text", [r"a\"b", r"a\\", r"\u0041", r"\t\'", "it's"])
+def test_strings_end_where_the_engine_ends_them(text: str) -> None:
+    query = f'ASK {{ ?s ?p "{text}" }}'
+    assert [m["word"] for m in tokens(query) if m["word"]] == ["ASK"]
+    assert not Store().query(query)
