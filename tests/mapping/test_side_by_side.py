@@ -54,7 +54,7 @@ def test_a_recording_that_two_map_at_once_is_mapped_by_one_of_them(
             if report.index == 1:
                 assert map_recording(recording, second, detector).frames == 4
 
-        with pytest.raises(MapBusyError, match=r"somebody else maps recording 'room' .* at frame 6"):
+        with pytest.raises(MapBusyError, match=r"else maps recording 'room' .* at frame 6"):
             map_recording(recording, one, detector, on_frame=meanwhile)
     assert [*dict.fromkeys(notes(semantic_map))] == [f"room/{f.id}" for f in frames]
     (cup,) = semantic_map.objects()
