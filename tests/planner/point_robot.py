@@ -12,6 +12,7 @@ import os
 import signal
 import sys
 import time
+from pathlib import Path
 from typing import Any
 
 
@@ -97,7 +98,7 @@ def misbehave(how: str, settings: dict[str, Any]) -> None:
     elif how == "end":
         sys.exit(7)
     elif how == "wait":
-        while not os.path.exists(settings["until"]):
+        while not Path(settings["until"]).exists():
             time.sleep(0.02)
     elif how == "flood":
         while True:
