@@ -107,11 +107,13 @@ def _cause(told: object, by: str) -> Cause:
     kind, name, note = told["kind"], told["by"], told["note"]
     if kind not in _KINDS:
         raise Problem(400, f"'kind' is one of {', '.join(_KINDS)}, got {str(kind)[:40]!r}")
-    if not _is_text(note):
-        raise Problem(400, "'note' must be a text")
-    if name is not None and not (isinstance(name, str) and _SEARCH.fullmatch(name)):
-        raise Problem(400, "'by' is a search, as in search/3, or null: the token says who you are")
-    return Cause(kind, name if kind == "search" and name else by, note[:_LONGEST])
+    if not _is_text(note) or not (name is None or _is_text(name)):
+        raise Problem(400, "'note' must be a text, 'by' a text or null")
+    if kind != "search" or name is None:
+        return Cause(kind, by, note[:_LONGEST])
+    if not _SEARCH.fullmatch(name):
+        raise Problem(400, "'by' is the search, as in search/3: the token says who you are")
+    return Cause(kind, name, note[:_LONGEST])
 
 
 def _is_text(value: object) -> bool:

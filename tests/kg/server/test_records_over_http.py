@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import requests
 
-from kg.commits import Cause
+from kg.commits import Cause, Kind
 from kg.errors import (
     ConflictError,
     GraphError,
@@ -82,6 +82,19 @@ def test_a_frame_from_afar_is_one_transaction_of_the_tokens_holder(served: Serve
     )
     assert place_of(served.map, CUP) == 2.5
     assert served.map.robot() is not None
+
+
+@pytest.mark.parametrize(
+    ("kind", "by", "account"),
+    [("import", "bob", "ann"), ("search", None, "ann"), ("search", "search/3", "search/3")],
+)
+def test_only_a_search_is_its_own_account(
+    served: Served, kind: Kind, by: str | None, account: str
+) -> None:
+    with open_far(served) as far:
+        change = far.write(cup_at(far, 2.5), Cause(kind, by))
+    assert change is not None
+    assert change.cause.by == account
 
 
 def test_what_people_said_outranks_what_is_seen_from_afar(served: Served) -> None:
