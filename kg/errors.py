@@ -55,7 +55,7 @@ class MapNotFoundError(GraphError):
 
 
 class MapBusyError(GraphError):
-    """Another process holds the map."""
+    """Another process holds the map, or maps the same recording into it."""
 
 
 class HistoryError(GraphError):

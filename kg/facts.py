@@ -76,7 +76,7 @@ class Facts:
             raise InvalidFactError(f"{what}: first seen must not be after last seen")
         x, y, z = _position(record.p_map, what)
         facts: list[tuple[str, NamedNode | Literal]] = [
-            (v.RDF_TYPE, known_iri(self._known(record.category, what))),
+            (v.RDF_TYPE, known_iri(self._known(record.category, what, "object"))),
             (v.RDFS_LABEL, Literal(self.object_label(record))),
             (v.X, Literal(x)),
             (v.Y, Literal(y)),
@@ -158,6 +158,11 @@ class Facts:
         transform = np.asarray(record.T_map_world, dtype=np.float64)
         if transform.shape != (4, 4) or not np.isfinite(transform).all():
             raise InvalidFactError(f"recording {record.name}: transform must be (4, 4) and finite")
+        if record.frames_applied < 0:
+            raise InvalidFactError(
+                f"recording {record.name}: frames applied must be 0 or more, "
+                f"got {record.frames_applied}"
+            )
         facts: list[tuple[str, NamedNode | Literal]] = [
             (v.RDF_TYPE, known_iri(v.RECORDING)),
             (v.RDFS_LABEL, Literal(record.name)),
@@ -247,12 +252,19 @@ class Facts:
             found.append(RecordingRecord(name, applied, last, transform, scene))
         return tuple(sorted(found, key=lambda record: record.name))
 
-    def _known(self, category: str, what: str) -> str:
-        if self.catalogue.by_iri(category) is None:
+    def _known(self, iri: str, what: str, kind: str) -> str:
+        """The IRI of a category of things of that `kind`, or of several."""
+        category = self.catalogue.by_iri(iri)
+        if category is None:
             raise InvalidFactError(
-                f"{what}: {category!r} is no category of the ontology; find one with its catalogue"
+                f"{what}: {iri!r} is no category of the ontology; find one with its catalogue"
             )
-        return category
+        if {category.kind, kind} == {"object", "place"}:
+            raise InvalidFactError(
+                f"{what}: {category.label!r} is a category of {category.kind}s; "
+                f"find one of {kind}s with the catalogue"
+            )
+        return iri
 
     def object_label(self, record: ObjectRecord) -> str:
         """The label of an object to which nobody gave one: its category and its number."""
@@ -283,7 +295,7 @@ class Facts:
         held: dict[str, list[tuple[str, Literal]]] = {}
         for category in sorted(record.beliefs.keys() | scene.keys()):
             what = f"place {record.iri}: belief"
-            self._known(category, what)
+            self._known(category, what, "place")
             belief, views = record.beliefs.get(category, 0.0), scene.get(category, 0.0)
             stated = [(v.BELIEF, _share(belief, what))]
             views_say = _share(views, what)

@@ -50,7 +50,7 @@ def iri_of(base: str, tile: FloorTile) -> str:
 
 
 def facts_of_tile(base: str, tile: FloorTile) -> list[Quad]:
-    """Facts of a tile; raises InvalidFactError for one that is not square or has no size."""
+    """Facts of a tile; InvalidFactError for one that is not square, has no size or lies too far."""
     iri = iri_of(base, tile)
     sides = tile.cells.shape
     if len(sides) != 2 or sides[0] != sides[1] or not 0 < sides[0] <= MOST_CELLS:
@@ -61,6 +61,8 @@ def facts_of_tile(base: str, tile: FloorTile) -> list[Quad]:
         raise InvalidFactError(
             f"{iri}: cells must be 0 to {TALL}, the storey 0 or more and the resolution above 0 m"
         )
+    if max(abs(tile.column), abs(tile.row)) > MOST_TILES:
+        raise InvalidFactError(f"{iri}: a tile is up to {MOST_TILES} tiles from the origin")
     x, y = tile.corner
     facts: list[tuple[str, NamedNode | Literal]] = [
         (v.RDF_TYPE, _KIND),

@@ -7,6 +7,7 @@ nothing is written, and it has to look again.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterator
 from typing import Final
 
@@ -15,11 +16,19 @@ from kg.assertions import Assertions
 from kg.commits import Cause, ChangeSet
 from kg.errors import ConflictError, HistoryError, InvalidFactError
 from kg.records import MapUpdate
-from kg.searches import subjects_of
 from kg.semantic_map import SemanticMap
 
 _TOLD: Final = 3  # things named in one message
-_DIGITS: Final = 15  # of the number of a thing
+_NUMBER: Final = r"(?:0|[1-9][0-9]{0,14})"
+#: what things are called in their map, N being a number
+_NAMES: Final = {
+    "object": "object/N",
+    "place": "place/N",
+    "search": "search/N",
+    "look": "search/N/look/N",
+    "obstacle": "search/N/obstacle/N",
+}
+_AHEAD: Final = 1_000_000  # a number this far beyond the next one would use them up
 _WATCHED: Final = {v.MAP_GRAPH, v.DATASET_GRAPH}
 
 
@@ -82,7 +91,8 @@ def _touched(semantic_map: SemanticMap, seen: int, own: Collection[int]) -> set[
 def _refuse_strange(semantic_map: SemanticMap, update: MapUpdate) -> None:
     """Refuse records of things that are no objects, places or searches of this map."""
     base = semantic_map.base
-    strange = {(iri, kind) for iri, kind in _things(update) if not _is_own(base, iri, kind)}
+    most = semantic_map.next_object + _AHEAD
+    strange = {(iri, kind) for iri, kind in _things(update) if not _is_own(base, iri, kind, most)}
     if not strange:
         return
     # people may have given things of their own other names
@@ -90,7 +100,7 @@ def _refuse_strange(semantic_map: SemanticMap, update: MapUpdate) -> None:
     known |= {(record.iri, "place") for record in semantic_map.perceived_places()}
     for iri, kind in sorted(strange - known):
         raise InvalidFactError(
-            f"{iri[:200]!r} is no {kind} of this map; a new one is called {base}{kind}/N"
+            f"{iri[:200]!r} is no {kind} of this map; a new one is called {base}{_NAMES[kind]}"
         )
 
 
@@ -98,11 +108,16 @@ def _things(update: MapUpdate) -> Iterator[tuple[str, str]]:
     yield from ((record.iri, "object") for record in update.objects)
     yield from ((iri, "object") for iri in update.removed)
     yield from ((place.iri, "place") for place in update.places)
-    yield from ((iri, "search") for iri in subjects_of(update))
+    if update.search is not None:
+        yield update.search.iri, "search"
+    for kind, records in (("look", update.looks), ("obstacle", update.obstacles)):
+        yield from ((record.iri, kind) for record in records)
+        yield from ((record.search, "search") for record in records)
 
 
-def _is_own(base: str, iri: str, kind: str) -> bool:
-    local = iri.removeprefix(f"{base}{kind}/")
-    number, _, rest = local.partition("/")
-    whole = number.isascii() and number.isdigit() and len(number) <= _DIGITS
-    return local != iri and whole and (kind == "search" or not rest)
+def _is_own(base: str, iri: str, kind: str, most: int) -> bool:
+    """Whether a thing is called as one of the map is; of objects with a number up to `most`."""
+    local = iri.removeprefix(base)
+    if local == iri or not re.fullmatch(_NAMES[kind].replace("N", _NUMBER), local):
+        return False
+    return kind != "object" or int(local.removeprefix("object/")) <= most

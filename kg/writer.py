@@ -77,9 +77,14 @@ class Writer:
     def new_object_iri(self) -> str:
         """The IRI of an object that is yet to be written."""
         self._store.refuse_read_only()
-        number = max(self._next, self._stored_next())
+        number = self.next_number
         self._next = number + 1
         return f"{self._prefix}{number}"
+
+    @property
+    def next_number(self) -> int:
+        """The least number that no object has had or was given."""
+        return max(self._next, self._stored_next())
 
     def change(self, update: MapUpdate, cause: Cause) -> ChangeSet | None:
         """Make the map say what `update` says; returns the transaction.
@@ -274,6 +279,8 @@ def _node(iri: str) -> NamedNode:
 def _refuse_contradictions(update: MapUpdate) -> None:
     written = Counter(record.iri for record in update.objects)
     written.update(place.iri for place in update.places)
+    written.update(subjects_of(update))
+    written.update(f"floor/{t.storey}/{t.column}_{t.row}" for t in update.floor)
     for iri, times in written.items():
         if times > 1:
             raise InvalidFactError(f"{iri} is written {times} times in one update; give one record")

@@ -49,6 +49,12 @@ class Writing(Reading):
         with self._guard:
             return self._writer.new_object_iri()
 
+    @property
+    def next_object(self) -> int:
+        """The number of the next object."""
+        with self._guard:
+            return self._writer.next_number
+
     def place_iri(self, number: int) -> str:
         """``<base>place/N``."""
         return f"{self.base}place/{number}"

@@ -17,7 +17,7 @@ from mapping.place_book import PlaceBook
 from mapping.place_mapper import PlaceMapper
 from mapping.places_from_objects import PlacesFromObjects
 from mapping.report import FrameReport, MappingReport, StageClock
-from mapping.resuming import as_before
+from mapping.resuming import OneMapper, as_before
 from mapping.settings import ReferenceSettings
 from mapping.viewpoint import map_points
 from perception.frame import (
@@ -62,7 +62,8 @@ def map_recording(
 
     Raises RecordingError at the first unreadable frame, LayoutError where the layout contradicts
     the ontology or another recording of that name, or this one by another transform, lies in the
-    map already, LabelsError where `labels` names what is no category. A recording that has grown
+    map already, LabelsError where `labels` names what is no category, MapBusyError where somebody
+    else maps the recording into a served map meanwhile. A recording that has grown
     since is stood as it was (`mapping.resuming`).
     """
     chosen, table = settings or ReferenceSettings(), labels or LabelsMap()
@@ -101,6 +102,7 @@ class _Run:
     ) -> None:
         self.clock = StageClock()
         self._done = 0
+        self._alone = OneMapper(semantic_map, recording.name)
         recording, self._progress = as_before(recording, semantic_map)
         self._recording, self._map, self._settings = recording, semantic_map, settings
         self._detector, self._scene = detector, scene
@@ -191,6 +193,7 @@ class _Run:
 
     def _write(self, index: int, frame: Frame, detections: Detections) -> int:
         with self._map.hold():  # nobody writes between what is read and what follows from it
+            self._alone.refuse_others()
             if self._floor is not None:
                 self._floor.refresh()
             with self.clock.stage("map"):
@@ -201,16 +204,19 @@ class _Run:
             update = self._update(index, frame, changes)
             try:
                 with self.clock.stage("graph"):
-                    return self._map.apply(update)
+                    changed = self._map.apply(update)
             except ConflictError:
                 self._object_mapper.take_back(changes)
                 self._places.take_back(update.places)
                 self._take_back_floor(update)
                 raise
+            self._alone.note(update.recording)
+            return changed
 
     def _write_rest(self) -> int:
         assert self._floor is not None
         with self._map.hold(), self.clock.stage("graph"):
+            self._alone.refuse_others()
             self._floor.refresh()
             rest = self._floor.take_rest()
             if not rest:

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from kg.errors import LayoutError
+from kg.errors import LayoutError, MapBusyError
+from kg.others import OthersWrites
 from kg.records import RecordingRecord
 from kg.semantic_map import SemanticMap
 from perception.frame import Recording
@@ -36,6 +37,38 @@ def as_before(
             "the same transform, another name or another map would work"
         )
     return recording, before
+
+
+class OneMapper:
+    """Whether a recording is mapped by nobody else meanwhile, into a map that others write too."""
+
+    def __init__(self, semantic_map: SemanticMap, recording: str) -> None:
+        self._map, self._recording = semantic_map, recording
+        self._watch = OthersWrites(semantic_map)
+        self._left = self._progress()
+
+    def note(self, record: RecordingRecord | None) -> None:
+        """Remember how far this mapper has brought the recording."""
+        if record is not None:
+            self._left = (record.frames_applied, record.last_frame)
+
+    def refuse_others(self) -> None:
+        """Raise MapBusyError where somebody else maps the recording; cheap where nobody wrote."""
+        if not self._watch.take():
+            return
+        there = self._progress()
+        if there != self._left:
+            raise MapBusyError(
+                f"somebody else maps recording {self._recording!r} into this map and is at frame "
+                f"{there[0]}, {there[1] or 'none'}; let one of you do it, and map again afterwards"
+            )
+
+    def _progress(self) -> tuple[int, str]:
+        """Frames that the map holds, and the last of them."""
+        for record in self._map.recordings():
+            if record.name == self._recording:
+                return record.frames_applied, record.last_frame
+        return 0, ""
 
 
 def _refuse_another(recording: Recording, before: RecordingRecord) -> None:

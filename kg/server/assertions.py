@@ -90,7 +90,7 @@ async def _say(serving: Serving, request: Request, by: str) -> Response:
     kind = bodies.media_type(request)
     if kind != JSON:
         raise Problem(415, f"a body of type {kind[:100] or '(none)'}; what is said is {JSON}")
-    told = _object(await bodies.read_body(request, serving.settings.limits))
+    told = bodies.json_object(await bodies.read_body(request, serving.settings.limits), _MEMBERS)
     base = serving.semantic_map.base
     thing, prop = full_iri(base, _word(told, "thing")), _property(_word(told, "property"))
     value = _value(told["value"])
@@ -126,16 +126,6 @@ async def _take_back(serving: Serving, request: Request, by: str) -> Response:
 async def _shielded(act: Callable[[], T]) -> T:
     # a client that leaves meanwhile must not leave half of a decision behind
     return await asyncio.shield(run_in_threadpool(act))
-
-
-def _object(body: bytes) -> Mapping[str, Any]:
-    try:
-        told = json.loads(body)
-    except (ValueError, RecursionError) as error:
-        raise Problem(400, f"the body is no JSON: {str(error)[:200]}") from error
-    if not isinstance(told, dict) or set(told) != set(_MEMBERS):
-        raise Problem(400, f"the body must be a JSON object of {', '.join(_MEMBERS)}")
-    return told
 
 
 def _word(told: Mapping[str, Any], name: str) -> str:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import json
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 from urllib.parse import parse_qsl
 
 from starlette.requests import ClientDisconnect, Request
@@ -13,6 +16,7 @@ from kg.server.settings import Limits
 
 FORM = "application/x-www-form-urlencoded"
 FIELDS = 200  # parameters of one request
+DEEPEST = 32  # levels of JSON: deeper ones are no request, and may be too deep to be shown
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +66,23 @@ def text(body: bytes) -> str:
         return body.decode("utf-8")
     except UnicodeDecodeError as error:
         raise Problem(400, f"the body is not UTF-8 at byte {error.start}") from error
+
+
+def json_object(body: bytes, members: Iterable[str]) -> Mapping[str, Any]:
+    """A body that is a JSON object of just these `members`; Problem 400 where it is none."""
+    try:
+        told = json.loads(body)
+    except (ValueError, RecursionError) as error:
+        raise Problem(400, f"the body is no JSON: {str(error)[:200]}") from error
+    if not isinstance(told, dict) or set(told) != {*members}:
+        raise Problem(400, f"the body must be a JSON object of {', '.join(members) or 'nothing'}")
+    level: list[Any] = [told]
+    for _ in range(DEEPEST):
+        held = (outer.values() if isinstance(outer, dict) else outer for outer in level)
+        level = [inner for values in held for inner in values if isinstance(inner, dict | list)]
+        if not level:
+            return told
+    raise Problem(400, f"the body is JSON of more than {DEEPEST} levels")
 
 
 def media_type(request: Request) -> str:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 from collections.abc import Callable, Mapping
 from typing import Any, Final, TypeVar
 
@@ -28,7 +29,9 @@ from kg.update_wire import LARGEST, update_of
 JSON: Final = "application/json"
 #: on whose account records come: a mapper's frames, a robot's search, an import
 _KINDS: Final = ("frame", "search", "import")
-_LONGEST: Final = 500  # characters of a note
+_LONGEST: Final = 500  # characters of a note, a label, the name of a network
+#: a search is its own account, and nobody else's
+_SEARCH: Final = re.compile(r"search/[0-9]{1,15}")
 _MOST: Final = 10_000  # labels, or own transactions, of one request
 T = TypeVar("T")
 
@@ -60,12 +63,12 @@ async def labels(serving: Serving, request: Request) -> Response:
     serving.settings.tokens.holder(request.headers.get("authorization"))
     told = await _object(serving, request, ("labels", "kind", "model"))
     names, kind = told["labels"], told["kind"]
-    if not isinstance(names, list) or len(names) > _MOST or not all(map(_is_text, names)):
-        raise Problem(400, f"'labels' must be a list of up to {_MOST} texts")
+    if not isinstance(names, list) or len(names) > _MOST or not all(map(_is_name, names)):
+        raise Problem(400, f"'labels' must be a list of up to {_MOST} texts of up to {_LONGEST}")
     if kind not in ("object", "place"):
         raise Problem(400, f"'kind' is object or place, got {str(kind)[:100]!r}")
-    if not _is_text(told["model"]):
-        raise Problem(400, "'model' must be a text: the name of the network")
+    if not _is_name(told["model"]):
+        raise Problem(400, f"'model' must be the name of the network, of up to {_LONGEST}")
 
     def act() -> dict[str, str]:
         return serving.semantic_map.learn(names, kind, model=told["model"])
@@ -82,13 +85,7 @@ async def _object(
     if kind != JSON:
         raise Problem(415, f"a body of type {kind[:100] or '(none)'}; this takes {JSON}")
     body = await bodies.read_body(request, serving.settings.limits)
-    try:
-        told = await run_in_threadpool(json.loads, body)
-    except (ValueError, RecursionError) as error:
-        raise Problem(400, f"the body is no JSON: {str(error)[:200]}") from error
-    if not isinstance(told, dict) or set(told) != set(members):
-        raise Problem(400, f"the body must be a JSON object of {', '.join(members) or 'nothing'}")
-    return told
+    return await run_in_threadpool(bodies.json_object, body, members)
 
 
 def _seen(told: object) -> int | None:
@@ -112,11 +109,19 @@ def _cause(told: object, by: str) -> Cause:
         raise Problem(400, f"'kind' is one of {', '.join(_KINDS)}, got {str(kind)[:40]!r}")
     if not _is_text(note) or not (name is None or _is_text(name)):
         raise Problem(400, "'note' must be a text, 'by' a text or null")
-    return Cause(kind, name if kind == "search" and name else by, note[:_LONGEST])
+    if kind != "search" or name is None:
+        return Cause(kind, by, note[:_LONGEST])
+    if not _SEARCH.fullmatch(name):
+        raise Problem(400, "'by' is the search, as in search/3: the token says who you are")
+    return Cause(kind, name, note[:_LONGEST])
 
 
 def _is_text(value: object) -> bool:
     return isinstance(value, str) and is_unicode(value)
+
+
+def _is_name(value: object) -> bool:
+    return _is_text(value) and len(str(value)) <= _LONGEST
 
 
 def _is_number(value: object) -> bool:

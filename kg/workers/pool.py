@@ -59,7 +59,7 @@ class QueryPool:
         self._idle: list[WorkerProcess] = []
         self._all: set[WorkerProcess] = set()
         self._workers, self._starting = workers, 0
-        self._turns = Turns(workers)
+        self._turns = Turns(workers, queue)
         self._last_query = time.monotonic()
         self._closed = threading.Event()
         store = source if isinstance(source, MapStore) else source.store
@@ -112,8 +112,9 @@ class QueryPool:
         GraphError where the pool is closed.
         """
         request = self._request(sparql, accept, default_graphs, named_graphs, base)
-        with self._place():
-            return self._run(Call(request, self._limit(timeout), at_least, at))
+        call = Call(request, self._limit(timeout), at_least, at)
+        with self._place(call):
+            return self._run(call)
 
     async def run_async(
         self,
@@ -147,7 +148,7 @@ class QueryPool:
         return await self._in_thread(Call(request, self.timeout, at_least, None, b"T"))
 
     async def _in_thread(self, call: Call) -> Answer:
-        place = self._place()
+        place = self._place(call)
 
         def evaluate() -> Answer:
             with place:
@@ -231,13 +232,16 @@ class QueryPool:
     def _limit(self, timeout: float | None) -> float:
         return self.timeout if timeout is None else max(0.001, min(timeout, self.timeout))
 
-    def _place(self) -> ExitStack:
+    def _place(self, call: Call) -> ExitStack:
         """A place in the queue, given back when the stack closes."""
-        if not self._places.acquire(blocking=False):
-            raise PoolBusyError("all query workers are busy and the queue is full; ask again later")
-        stack = ExitStack()
-        stack.callback(self._places.release)
-        return stack
+        with ExitStack() as stack:
+            stack.enter_context(self._turns.place(call))
+            if not self._places.acquire(blocking=False):
+                raise PoolBusyError(
+                    "all query workers are busy and the queue is full; ask again later"
+                )
+            stack.callback(self._places.release)
+            return stack.pop_all()
 
     def _run(self, call: Call) -> Answer:
         with self._turns.turn(call, self._patience):

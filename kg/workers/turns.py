@@ -9,16 +9,36 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Final
 
 from kg.errors import PoolBusyError
 from kg.workers.call import Call
 
+_BUSY: Final = (
+    "as many questions about the past are being answered as may be at once; ask again later"
+)
+
 
 class Turns:
-    """Bounds how many of a pool's `workers` are busy with the past at once."""
+    """Bounds how many of a pool's `workers`, and of its `queue`, are taken by the past at once."""
 
-    def __init__(self, workers: int) -> None:
-        self._past = threading.BoundedSemaphore(max(1, workers - 1))
+    def __init__(self, workers: int, queue: int) -> None:
+        most = max(1, workers - 1)
+        self._past = threading.BoundedSemaphore(most)
+        self._places = threading.BoundedSemaphore(most + queue // 2)
+
+    @contextmanager
+    def place(self, call: Call) -> Iterator[None]:
+        """Begins when the call may wait for its turn; PoolBusyError where too many do."""
+        if not call.is_of_past:
+            yield
+            return
+        if not self._places.acquire(blocking=False):
+            raise PoolBusyError(_BUSY)
+        try:
+            yield
+        finally:
+            self._places.release()
 
     @contextmanager
     def turn(self, call: Call, seconds: float) -> Iterator[None]:
@@ -27,10 +47,7 @@ class Turns:
             yield
             return
         if not self._past.acquire(timeout=seconds):
-            raise PoolBusyError(
-                "as many questions about the past are being answered as may be at once; "
-                "ask again later"
-            )
+            raise PoolBusyError(_BUSY)
         try:
             yield
         finally:

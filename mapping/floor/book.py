@@ -113,11 +113,13 @@ class FloorBook:
         for tile in tiles:
             place = (tile.storey, (tile.column, tile.row))
             page = self._pages.get(place)
-            if page is not None:
-                known = self._known(place)
-                page.told = np.full_like(tile.cells, UNKNOWN) if known is None else known.cells
-                page.written, page.unread = -np.inf, True
-                self._fresh[place] = None
+            if page is None:  # it was to be forgotten here, once it was told
+                page = self._pages[place] = _Page(self._settings, tile)
+                page.seen = tile.changed
+            known = self._known(place)
+            page.told = np.full_like(tile.cells, UNKNOWN) if known is None else known.cells
+            page.written, page.unread = -np.inf, True
+            self._fresh[place] = None
 
     def _told(self, places: Iterable[_Place], least: int) -> tuple[FloorTile, ...]:
         s, found = self._settings, list[FloorTile]()

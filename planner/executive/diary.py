@@ -193,13 +193,17 @@ def _without(update: MapUpdate, things: Sequence[str]) -> MapUpdate:
 
 
 def shut_lately(semantic_map: SemanticMap, search: str, now: float) -> tuple[ObstacleRecord, ...]:
-    """What stood in the way of other searches than `search` within `SHUT` before `now` [s]."""
+    """What stood in the way of other searches than `search` within `SHUT` of `now` [s].
+
+    After it too, as clocks of robots differ and stamps are rounded. Searches that ended before are
+    not asked for: each is a question, and there may be many.
+    """
     return tuple(
         obstacle
         for other in semantic_map.searches()
-        if other.iri != search
+        if other.iri != search and (other.ended is None or other.ended >= now - SHUT)
         for obstacle in semantic_map.obstacles(other.iri)
-        if now - SHUT <= obstacle.stamp <= now
+        if abs(now - obstacle.stamp) <= SHUT
     )
 
 

@@ -88,22 +88,18 @@ def horn(parent: Whole, idle: np.ndarray, cost: Array, w: Array, some: bool, job
 @compiled("void(i8[::1],i8,f8[::1],b1,f8[::1],f8[::1])")
 def left_along(jobs: Whole, count: int, w: Array, some: bool, before: Array, after: Array) -> None:
     """Fill what is left `before` (n,) each of `count` jobs and `after` (m,) each place."""
-    m = len(w)
+    m, rest, left = len(w), 0.0, 1.0
+    for k in range(count - 1, -1, -1):  # from the last: nothing is taken off what it is close to
+        job = jobs[k]
+        if job < m:
+            after[job] = rest
+            rest = w[job] + (1.0 - w[job] if some else 1.0) * rest
+        before[job] = rest
     if not some:
-        left = 0.0
-        for k in range(count - 1, -1, -1):
-            job = jobs[k]
-            if job < m:
-                after[job] = left
-                left += w[job]
-            before[job] = left
         return
-    gone, left = 1.0, 1.0
-    for j in range(m):
-        gone *= 1.0 - w[j]
     for k in range(count):
         job = jobs[k]
-        before[job] = left - gone
+        before[job] *= left
         if job < m:
             left *= 1.0 - w[job]
-            after[job] = max(0.0, left - gone)
+            after[job] *= left

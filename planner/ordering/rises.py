@@ -137,7 +137,7 @@ def _rise(
     slope_in: Array,
     slope_out: Array,
 ) -> float:
-    """The bound; fills its slopes (m,) and (m + 1,)."""
+    """The bound, but for `trees.rounding`; fills its slopes (m,) and (m + 1,)."""
     m, n = len(w), len(parent)
     price, cost = np.zeros(n), np.zeros(n)
     for node in range(n - 1):

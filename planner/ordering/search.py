@@ -80,7 +80,7 @@ class Search:
         # all places wait, in their order
         self._queue, self._ends = place[:-1].copy(), np.array([0, m + 1])
         self._waits = np.ones(m + 1, dtype=np.bool_)
-        self._seed = np.array([seed], dtype=np.uint64)
+        self._seed = np.array([seed % (1 << 64)], dtype=np.uint64)
         self._given = (legs, w, 1.0 - w if kernel.any else np.ones(m))
         self._near = near(kernel, start, NEIGHBOURS).astype(np.int64)
         self._move, self._room = np.zeros(4, dtype=np.int64), place.copy()

@@ -39,6 +39,8 @@ _LEAST_SCALE = 1e-3
 #: prices of places that come late move further, by what is left there to the power -_EVEN: the
 #: slope there is as small as that, the leg is not; what is left counts as at least this share
 _EVEN, _SOME = 0.3, 0.01
+#: relative rounding of a few sums
+_EPSILON = 4 * float(np.finfo(np.float64).eps)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,8 +80,9 @@ def tree_bound(
     for step in range(steps):
         begin = time.perf_counter()
         rise = rises(at[:m], at[m:])
-        if rise.bound > best:
-            best, since, scale = rise.bound, 0, scale * _LONGER
+        sure = rise.bound - rounding(kernel, at)
+        if sure > best:
+            best, since, scale = sure, 0, scale * _LONGER
         else:
             since += 1
         if since >= _grown(_PATIENCE, step):
@@ -93,6 +96,14 @@ def tree_bound(
         drift = drift + (weight * slope - drift) / _grown(_AVERAGED, step)
         at = at + drift * (scale * max(cost - rise.bound, 1e-3 * cost) / steep)
     return best
+
+
+def rounding(kernel: Kernel, prices: Array) -> float:
+    """By how much rounding may lift a bound where `prices` (2 m + 1,) nearly cancel each other.
+
+    Beyond what is a share of the bound itself: where slopes are next to nothing, steps lead far.
+    """
+    return float(_EPSILON * len(prices) * np.abs(prices).max()) * kernel.norm
 
 
 def _grown(growth: tuple[int, int, int], step: int) -> float:
@@ -224,8 +235,11 @@ def _left(kernel: Kernel, jobs: Ints) -> tuple[Array, Array]:
     m = kernel.size
     w = np.append(kernel.w, np.zeros(m + 1))[jobs]
     if kernel.any:
-        left = np.append(1.0, np.cumprod(1.0 - w))
-        left -= left[-1]
+        with np.errstate(divide="ignore"):  # of what is certain
+            missed = np.log1p(-w)
+        # that one of those to come is first to be present: nothing is taken off what is close to it
+        to_come = np.append(-np.expm1(np.cumsum(missed[::-1])[::-1]), 0.0)
+        left = np.append(1.0, np.cumprod(1.0 - w)) * to_come
     else:
         left = np.append(np.cumsum(w[::-1])[::-1], 0.0)
     before, after = np.zeros(2 * m + 1), np.zeros(2 * m + 1)

@@ -6,6 +6,7 @@ import asyncio
 import csv
 import io
 import json
+import queue
 import subprocess
 import sys
 import threading
@@ -292,12 +293,36 @@ def test_questions_about_the_past_leave_a_worker_for_the_present(live: SemanticM
     assert len(refused) == 3
 
 
+def test_questions_about_the_past_leave_places_in_the_queue_for_the_present(
+    live: SemanticMap,
+) -> None:
+    write(live, 0)
+    ended: queue.Queue[BaseException] = queue.Queue()
+
+    def ask() -> None:
+        try:
+            pool.run(ENDLESS, at=0)
+        except (GraphError, QueryError) as error:
+            ended.put(error)
+
+    with QueryPool(live, workers=2, queue=4, timeout=600) as pool:
+        asking = [threading.Thread(target=ask) for _ in range(9)]
+        for thread in asking:
+            thread.start()
+        refused = [ended.get(timeout=120) for _ in range(6)]  # one is answered, two wait for that
+        assert {type(error) for error in refused} == {PoolBusyError}
+        assert b"true" in pool.run("ASK {}", accept="application/json").body
+    for thread in asking:
+        thread.join()
+    assert ended.qsize() == 3
+
+
 def test_a_turn_in_the_past_is_given_back_and_not_waited_for_for_ever(pool: QueryPool) -> None:
     for _ in range(3):
         with pytest.raises(QueryError, match="expected"):
             pool.run("SELEKT", at=0)
     assert b"true" in pool.run("ASK {}", at=0).body
-    turns, call = Turns(1), Call({}, 1.0, 0, at=0)
+    turns, call = Turns(1, 0), Call({}, 1.0, 0, at=0)
     with (
         turns.turn(call, 0.0),
         turns.turn(Call({}, 1.0, 0), 0.0),

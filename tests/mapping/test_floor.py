@@ -148,6 +148,20 @@ def test_another_run_goes_on_from_the_graph(semantic_map, look):
     assert state(tiles, 2.4, 2.9) == FREE  # seen in the second only
 
 
+@pytest.mark.parametrize("kept", [1, 1000])
+def test_tiles_that_could_not_be_written_are_told_again(semantic_map, look, kept):
+    book = FloorBook(semantic_map, FloorSettings(kept=kept))
+    book.add(look(WALL, stamp=1e9))
+    lost = book.take_changed(1e9) + book.take_rest()
+    assert book.take_rest() == ()
+    book.take_back(lost)
+    again = book.take_rest()
+    assert len(again) == len(lost) > 1
+    assert {tile.changed for tile in again} == {1e9}
+    cells = {(tile.column, tile.row): tile.cells for tile in lost}
+    assert all(np.array_equal(cells[tile.column, tile.row], tile.cells) for tile in again)
+
+
 def test_memory_is_bounded_and_nothing_is_lost(semantic_map, look):
     book = FloorBook(semantic_map, FloorSettings(kept=3))
     reference = FloorBook(SemanticMap.in_memory())

@@ -11,6 +11,8 @@ import math
 import os
 import signal
 import sys
+import time
+from pathlib import Path
 from typing import Any
 
 
@@ -76,7 +78,7 @@ def main() -> None:
     for line in sys.stdin:
         command = json.loads(line)
         if command["type"] == "look" and robot.looks + 1 == settings.get("at_look"):
-            misbehave(settings["then"])
+            misbehave(settings["then"], settings)
         for message in robot.handle(command):
             text = json.dumps(message)
             if settings.get("chatter"):
@@ -87,7 +89,7 @@ def main() -> None:
             sys.stdout.flush()
 
 
-def misbehave(how: str) -> None:
+def misbehave(how: str, settings: dict[str, Any]) -> None:
     if how == "kill":
         os.kill(os.getppid(), signal.SIGKILL)
         sys.exit(0)
@@ -95,6 +97,9 @@ def misbehave(how: str) -> None:
         os.kill(os.getppid(), signal.SIGTERM)
     elif how == "end":
         sys.exit(7)
+    elif how == "wait":
+        while not Path(settings["until"]).exists():
+            time.sleep(0.02)
     elif how == "flood":
         while True:
             sys.stdout.write("x" * 100_000 + "\n")

@@ -9,11 +9,12 @@ import pytest
 
 from kg.check import check_map
 from kg.errors import GraphError, LayoutError, RobotError, UnknownCategoryError
-from kg.records import MapUpdate
+from kg.records import MapUpdate, SearchState
 from kg.semantic_map import SemanticMap
+from planner.executive.diary import SHUT, Diary, shut_lately
 from planner.executive.events import Event
 from planner.executive.executive import search
-from planner.executive.protocol import Command, Message, encoded, message_of
+from planner.executive.protocol import Command, Message, RobotPose, encoded, message_of
 from planner.executive.robots import Inbox
 from planner.executive.terms import Terms
 from tests.planner.point_robot import PointRobot
@@ -148,6 +149,32 @@ def test_what_was_in_the_way_counts_in_the_next_search_and_is_forgotten_in_time(
         first[when] = next(e.data for e in events if e.kind == "plan")
     assert first["soon"]["expected_seconds"] > first["before"]["expected_seconds"] + 5
     assert first["later"]["expected_seconds"] == first["before"]["expected_seconds"]
+
+
+@pytest.mark.parametrize(
+    ("seconds", "state", "counts"),
+    [
+        (0.4, "given up", True),  # stamps are whole seconds, this one lies ahead
+        (-5.0, "given up", True),  # by the slower clock of another robot
+        (SHUT - 1, "running", True),  # it was killed
+        (SHUT + 1, "running", False),
+        (SHUT + 1, "given up", False),
+        (-SHUT - 1, "given up", False),
+    ],
+)
+def test_what_lately_was_in_the_way_of_another_search_counts(
+    seconds: float, state: SearchState, counts: bool
+) -> None:
+    at = 1_000_000.6
+    with SemanticMap.in_memory() as semantic_map:
+        apple = semantic_map.catalogue.find("apple").iri
+        diary = Diary.begin(semantic_map, ["apple"], [apple], lambda: at)
+        diary.obstacle(RobotPose(1.0, 1.0, 0.0), 4.0, 2.0, "the door is closed")
+        if state != "running":
+            diary.end(state, None)
+        found = shut_lately(semantic_map, f"{semantic_map.base}search/2", at + seconds)
+        assert [o.reason for o in found] == ["the door is closed"] * counts
+        assert shut_lately(semantic_map, diary.record.iri, at) == ()
 
 
 def test_ways_that_were_shut_to_others_are_tried_before_giving_up() -> None:

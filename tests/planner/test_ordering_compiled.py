@@ -25,7 +25,7 @@ from planner.ordering.shares import ShareWalks, units_for
 from planner.ordering.subsets import best_order
 from planner.ordering.tangent import Tangent
 from planner.ordering.timed import TimedWalks
-from planner.ordering.trees import rise_at, tree_bound
+from planner.ordering.trees import Rise, rise_at, rounding, tree_bound
 from planner.ordering.walks import Walks
 from tests.planner.scattered_problems import MODELS, kernels, scattered, with_no_leg
 
@@ -58,6 +58,45 @@ def test_compiled_clusters_prove_what_numpy_does_and_bound_every_order(
         assert bound <= optimum + slack
     bound = tree_bound(kernel, rng.permutation(m), np.inf, steps=60, rises=rises.at)
     assert bound <= optimum + slack
+
+
+@pytest.mark.parametrize("least", [1e-15, 1e-12, 1e-4, 1.0])
+def test_bounds_of_what_is_hardly_there_hold_as_exactly_as_others(least: float) -> None:
+    """What is left before such places is next to nothing, and no difference of two ones."""
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        p = least * rng.uniform(0.01, 1.0, 3)
+        T, t0, explore = rng.uniform(0, 100, (3, 3)), rng.uniform(0, 100, 3), rng.uniform(0, 30, 3)
+        kernel = reduce_problem(OrderingProblem(p, T, t0, explore, "any"))
+        optimum, order = least_cost(kernel), by_ratio(kernel)
+        for rises in (Rises(kernel).at, None):
+            bound = tree_bound(kernel, order, np.inf, steps=60, rises=rises)
+            assert 0 < bound <= optimum * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("size", [1e6, 1e9, 1e12])
+def test_prices_that_cancel_each_other_lift_no_bound(model: str, size: float) -> None:
+    """Seconds taken off all legs to places and added to all from them change nothing but digits."""
+    for seed in range(8):
+        kernel = reduce_problem(scattered(12, seed, model))
+        inward, out = np.full(12, 20.0), np.zeros(13)
+        exact = rise_at(kernel, inward, out).bound
+        prices = np.concatenate([inward + size, out - size])
+        for at in (Rises(kernel).at, lambda a, b, k=kernel: rise_at(k, a, b)):
+            lifted = at(prices[:12], prices[12:]).bound - exact
+            assert abs(lifted) <= rounding(kernel, prices) <= 1e-12 * size
+
+
+def test_the_best_bound_is_told_less_its_rounding() -> None:
+    kernel, told = reduce_problem(scattered(9, 1, "any")), list[float]()
+
+    def lifted(inward: np.ndarray, out: np.ndarray) -> Rise:
+        rise = rise_at(kernel, inward, out)
+        told.append(rise.bound - rounding(kernel, np.concatenate([inward, out])))
+        return rise
+
+    assert tree_bound(kernel, by_ratio(kernel), np.inf, steps=20, rises=lifted) == max(told)
 
 
 @pytest.mark.parametrize("model", MODELS)

@@ -102,6 +102,13 @@ def test_the_same_seed_makes_the_same_search_and_kicks_go_on_where_they_ended() 
     assert once == again
 
 
+def test_any_whole_number_is_a_seed() -> None:
+    kernel = reduce_problem(scattered(20, 1, "single"))
+    for seed in (-1, (1 << 64) + 3):
+        once, again = (searched(kernel, np.inf, seed, kicks=3)[0].tolist() for _ in range(2))
+        assert once == again
+
+
 def test_kicks_never_make_an_order_worse() -> None:
     search = Search(kernel := reduce_problem(scattered(60, 2, "any")), by_ratio(kernel), 0)
     costs = [search.cost]

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import requests
 
-from kg.commits import Cause
+from kg.commits import Cause, Kind
 from kg.errors import (
     ConflictError,
     GraphError,
@@ -22,7 +22,15 @@ from kg.errors import (
     RemoteError,
 )
 from kg.others import PerceivedObjects
-from kg.records import MapUpdate, RobotRecord, SearchRecord
+from kg.records import (
+    FloorTile,
+    LookRecord,
+    MapUpdate,
+    ObjectRecord,
+    RecordingRecord,
+    RobotRecord,
+    SearchRecord,
+)
 from kg.semantic_map import SemanticMap
 from kg.served_map import ServedMap
 from kg.server import Tokens
@@ -74,6 +82,19 @@ def test_a_frame_from_afar_is_one_transaction_of_the_tokens_holder(served: Serve
     )
     assert place_of(served.map, CUP) == 2.5
     assert served.map.robot() is not None
+
+
+@pytest.mark.parametrize(
+    ("kind", "by", "account"),
+    [("import", "bob", "ann"), ("search", None, "ann"), ("search", "search/3", "search/3")],
+)
+def test_only_a_search_is_its_own_account(
+    served: Served, kind: Kind, by: str | None, account: str
+) -> None:
+    with open_far(served) as far:
+        change = far.write(cup_at(far, 2.5), Cause(kind, by))
+    assert change is not None
+    assert change.cause.by == account
 
 
 def test_what_people_said_outranks_what_is_seen_from_afar(served: Served) -> None:
@@ -242,6 +263,18 @@ def body(**changed: Any) -> dict[str, Any]:
 SEARCH = SearchRecord(CUP, ("cup",), (BASE,), "running", 1.0)
 
 
+def look(name: str = "search/1/look/1", of: str = f"{BASE}search/1") -> LookRecord:
+    return LookRecord(BASE + name, of, 1, 1.0, (1.0, 1.0), 0.5, 0.5, (BASE,))
+
+
+def tile(column: int = 0) -> FloorTile:
+    return FloorTile(0, column, 0, 0.0, 0.05, np.zeros((64, 64), np.uint8), 1e9)
+
+
+def recording(frames: int) -> RecordingRecord:
+    return RecordingRecord("run", frames, "frame-1", np.eye(4), "")
+
+
 @pytest.mark.parametrize(
     ("status", "told"),
     [
@@ -257,11 +290,16 @@ SEARCH = SearchRecord(CUP, ("cup",), (BASE,), "running", 1.0)
         (400, body(cause={"kind": "assert", "by": None, "note": ""})),
         (400, body(cause={"kind": "frame", "by": 3, "note": ""})),
         (400, body(cause={"kind": "search", "by": "\ud800", "note": ""})),
+        (400, body(cause={"kind": "search", "by": "bob", "note": "he was not asked"})),
         (422, body(update={})),
         (422, body(update={**update_to_json(ROBOT), "removed": ["object/1"]})),
         (422, body(update={**update_to_json(ROBOT), "removed": [f"{BASE}robot"]})),
         (422, body(update={**update_to_json(ROBOT), "removed": [BASE]})),
         (422, body(update=update_to_json(MapUpdate(search=SEARCH)))),
+        (422, body(update=update_to_json(MapUpdate(looks=(look("search/1"),))))),
+        (422, body(update=update_to_json(MapUpdate(looks=(look("search/1/look/../2"),))))),
+        (422, body(update=update_to_json(MapUpdate(looks=(look(of=CUP),))))),
+        (422, body(update=update_to_json(MapUpdate(looks=(look(), look()))))),
         (409, body(seen=999, update=update_to_json(MapUpdate(removed=(CUP,))))),
     ],
 )
@@ -277,21 +315,56 @@ def test_what_cannot_be_written_is_told_in_one_line_and_changes_nothing(
     assert lasting.map.sequence == before
 
 
+@pytest.mark.parametrize("path", ["records", "labels", "assertions"])
+def test_json_too_deep_to_be_shown_is_refused_in_one_line(lasting: Served, path: str) -> None:
+    told = {
+        "records": json.dumps(body(seen="deep")),
+        "labels": json.dumps({"labels": [], "kind": "deep", "model": "net"}),
+        "assertions": json.dumps({"thing": CUP, "property": "position", "value": "deep"}),
+    }[path]
+    headers = {"Content-Type": "application/json", **lasting.bearer()}
+    for depth in (40, *range(900, 1000, 10)):
+        data = told.replace('"deep"', "[" * depth + "]" * depth)
+        answer = lasting.post(path, data=data.encode(), headers=headers)
+        assert answer.status_code == 400
+        assert answer.text.count("\n") == 1
+
+
+def of_kind(semantic_map: SemanticMap, kind: str) -> ObjectRecord:
+    category = semantic_map.catalogue.find(kind).iri
+    return replace(thing(semantic_map, 1, "cup", 0, 0), category=category)
+
+
 @pytest.mark.parametrize(
-    "objects",
+    "update",
     [
-        lambda m: (thing(m, 10**18, "cup", 0, 0),),
-        lambda m: (thing(m, 1, "cup", float("nan"), 0),),
-        lambda m: (thing(m, 1, "cup", 0, 0), thing(m, 1, "cup", 1, 0)),
+        lambda m: MapUpdate(objects=(thing(m, 10**18, "cup", 0, 0),)),
+        lambda m: MapUpdate(objects=(thing(m, 10**15 - 1, "cup", 0, 0),)),
+        lambda m: MapUpdate(removed=(f"{BASE}object/01",)),
+        lambda m: MapUpdate(objects=(thing(m, 1, "cup", float("nan"), 0),)),
+        lambda m: MapUpdate(objects=(thing(m, 1, "cup", 0, 0), thing(m, 1, "cup", 1, 0))),
+        lambda m: MapUpdate(objects=(of_kind(m, "kitchen"),)),
+        lambda m: MapUpdate(floor=(tile(), tile())),
+        lambda m: MapUpdate(floor=(tile(1 << 53),)),
+        lambda m: MapUpdate(recording=recording(-1)),
     ],
 )
 def test_records_that_make_no_facts_are_the_same_error_from_afar(
-    lasting: Served, objects: Callable[[SemanticMap], Any]
+    lasting: Served, update: Callable[[SemanticMap], MapUpdate]
 ) -> None:
     before = lasting.map.sequence
     with open_far(lasting) as far, pytest.raises(InvalidFactError) as refused:
-        far.apply(MapUpdate(objects=objects(far)))
+        far.apply(update(far))
     assert "\n" not in str(refused.value)
+    assert lasting.map.sequence == before
+
+
+def test_a_label_or_network_has_no_name_without_end(lasting: Served) -> None:
+    before = lasting.map.sequence
+    for labels, model in ((["x" * 501], "net"), (["gadget"], "m" * 501)):
+        told = {"labels": labels, "kind": "object", "model": model}
+        answer = lasting.post("labels", json=told, headers=lasting.bearer())
+        assert (answer.status_code, answer.text.count("\n")) == (400, 1)
     assert lasting.map.sequence == before
 
 

@@ -1,0 +1,82 @@
+"""Two mappers on one served map: other recordings side by side, one recording by one of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from kg.errors import MapBusyError
+from kg.semantic_map import SemanticMap
+from kg.server import MapServer, Settings, Tokens
+from mapping.pipeline import map_recording
+from perception.frame import Detections, Frame
+
+TOKEN = "a-token-of-the-tests-0123"
+
+
+@pytest.fixture
+def server(
+    semantic_map: SemanticMap, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Callable[[], SemanticMap]]:
+    """Callable: `semantic_map` as a mapper far away has it."""
+    monkeypatch.setenv("HEREABOUTS_TOKEN", TOKEN)
+    settings = Settings(port=0, tokens=Tokens((("ann", TOKEN.encode()),)))
+    with MapServer(semantic_map, settings) as running:
+        yield lambda: SemanticMap.open(running.url)
+
+
+@pytest.fixture
+def frames(make_frame: Callable[..., Frame]) -> list[Frame]:
+    return [make_frame(2.0, id=f"frame-{n}", stamp=1_000_000.0 + n) for n in range(6)]
+
+
+def notes(semantic_map: SemanticMap) -> list[str]:
+    return [c.cause.note for c in semantic_map.changes(0) if c.cause.kind == "frame"]
+
+
+@pytest.mark.parametrize("here", [True, False], ids=["beside the server", "afar"])
+def test_a_recording_that_two_map_at_once_is_mapped_by_one_of_them(
+    here: bool,
+    semantic_map: SemanticMap,
+    server: Callable[[], SemanticMap],
+    frames: list[Frame],
+    list_recording: Callable[..., object],
+    scripted_detector: Callable[..., object],
+    make_detections: Callable[..., Detections],
+) -> None:
+    recording = list_recording(frames)
+    detector = scripted_detector({}, make_detections(("cup", 0.5, (20, 15, 40, 30))))
+    with server() as one, server() as other:
+        second = semantic_map if here else other
+
+        def meanwhile(report: object) -> None:
+            if report.index == 1:
+                assert map_recording(recording, second, detector).frames == 4
+
+        with pytest.raises(MapBusyError, match=r"else maps recording 'room' .* at frame 6"):
+            map_recording(recording, one, detector, on_frame=meanwhile)
+    assert [*dict.fromkeys(notes(semantic_map))] == [f"room/{f.id}" for f in frames]
+    (cup,) = semantic_map.objects()
+    assert cup.observations == 6, "each sighting counts once"
+
+
+def test_recordings_are_mapped_side_by_side(
+    semantic_map: SemanticMap,
+    server: Callable[[], SemanticMap],
+    frames: list[Frame],
+    list_recording: Callable[..., object],
+    scripted_detector: Callable[..., object],
+    make_detections: Callable[..., Detections],
+) -> None:
+    detector = scripted_detector({}, make_detections(("cup", 0.5, (20, 15, 40, 30))))
+    with server() as one, server() as other:
+
+        def meanwhile(report: object) -> None:
+            if report.index == 1:
+                map_recording(list_recording(frames, name="hall"), other, detector)
+
+        assert map_recording(list_recording(frames), one, detector, on_frame=meanwhile).frames == 6
+    assert {r.name: r.frames_applied for r in semantic_map.recordings()} == {"room": 6, "hall": 6}
+    (cup,) = semantic_map.objects()
+    assert cup.observations == 12, "each sighting counts once"
