@@ -21,6 +21,7 @@ from kg.semantic_map import SemanticMap
 STORE = "hereabouts on disk"
 LOOKUPS = tuple(q.name for q in shipped_questions() if q.answer == "lookup")
 FLAT = "objects-within-radius"  # asked now and then in a long run
+WARM = 1.0  # [s] of live writing that does not count
 EXPORT_MOST = 10_000  # objects; an export is made whole in memory
 
 
@@ -108,32 +109,34 @@ def live(
 ) -> LiveRun:
     """Write `rate` frames a second while two readers ask lookups as fast as they can.
 
-    `frame` makes the update of that number, `how` says of what robot.
+    `frame` makes the update of that number, `how` says of what robot. The first second warms up.
     """
     stop = threading.Event()
     reads: list[float] = []
     readers = [
         threading.Thread(target=_read, args=(semantic_map, building, stop, reads)) for _ in (1, 2)
     ]
-    updates = [frame(number) for number in range(int(seconds * rate))]
+    updates = [frame(number) for number in range(int((WARM + seconds) * rate))]
+    warm = int(WARM * rate)
     with settled():
         for reader in readers:
             reader.start()
         durations, late, due = [], 0, time.perf_counter()
-        for update in updates:
+        for number, update in enumerate(updates):
             time.sleep(max(0.0, due - time.perf_counter()))
             start = time.perf_counter()
             semantic_map.apply(update)
             done = time.perf_counter()
-            durations.append(1000 * (done - start))
             due += 1 / rate
-            late += done > due
+            if number >= warm:
+                durations.append(1000 * (done - start))
+                late += done > due
     stop.set()
     for reader in readers:
         reader.join()
     written = timing(f"update, 30 a second, 2 readers, {how}", STORE, building.size, durations)
     read = timing(f"lookup beside that writer, {how}", STORE, building.size, reads)
-    return LiveRun(len(updates), late, written, len(reads), read)
+    return LiveRun(len(durations), late, written, len(reads), read)
 
 
 def _read(
