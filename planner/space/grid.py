@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from kg.errors import LayoutError
 
 CELL: Final = 0.2  # [m]
+LONGEST: Final = 10_000  # cells along a side of a grid: 2 km in cells of 0.2 m
 NO_ROOM: Final = -1
 
 Cells = NDArray[np.intp]  # (n,) numbers of floor cells, ix * ny + iy
@@ -138,13 +139,21 @@ def room_labels(
     """(nx, ny) the room of each cell, and the grid's corner (2,) [m]; no walls or doors yet.
 
     Where rooms overlap the smaller one has the cell, since a large box often spans a small room.
-    A margin of one cell stays free of floor all around. Raises LayoutError without rooms.
+    A margin of one cell stays free of floor all around. Raises LayoutError without rooms, and where
+    they span more than a grid can hold.
     """
     if not rooms:
         raise LayoutError("a layout needs at least one room")
     corner = np.array([min(r.xmin for r in rooms), min(r.ymin for r in rooms)]) - cell
     far = np.array([max(r.xmax for r in rooms), max(r.ymax for r in rooms)]) + cell
-    nx, ny = (int(n) for n in np.ceil((far - corner) / cell - 1e-9))
+    with np.errstate(over="ignore"):
+        span = far - corner
+    if not (span <= LONGEST * cell).all():
+        raise LayoutError(
+            f"the places span {span[0]:.4g} m x {span[1]:.4g} m, more than can be planned on; "
+            f"correct their edges to within {LONGEST * cell:.0f} m"
+        )
+    nx, ny = (int(n) for n in np.ceil(span / cell - 1e-9))
     x, y = (corner[i] + (np.arange(n) + 0.5) * cell for i, n in enumerate((nx, ny)))
     labels = np.full((nx, ny), NO_ROOM, np.int32)
     for number in sorted(range(len(rooms)), key=lambda i: -rooms[i].area):

@@ -162,6 +162,14 @@ def test_a_turn_in_the_middle_of_a_room_of_the_thesis_sees_less_than_half_of_it(
     assert far[1] == pytest.approx(0.37, abs=0.015)  # kitchen
 
 
+@pytest.mark.parametrize("east", [2e6, 1e308])
+def test_rooms_that_no_grid_holds_are_refused(east: float) -> None:
+    with pytest.raises(
+        LayoutError, match=r"the places span .* correct their edges to within 2000 m"
+    ):
+        free_space([Room(-east, east, 0.0, 300.0, 0.0), Room(0.0, 3.0, 0.0, 3.0, 0.0)])
+
+
 def test_a_layout_without_floor_is_refused() -> None:
     with pytest.raises(LayoutError, match="at least one room"):
         free_space([])
