@@ -15,8 +15,6 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from pyoxigraph import (
-    Literal,
-    NamedNode,
     QueryBoolean,
     QuerySolutions,
     QueryTriples,
@@ -30,6 +28,7 @@ from kg import vocabulary as v
 from kg.endpoint import Solutions, Triples
 from kg.engine import Engine
 from kg.errors import QueryError
+from kg.functions import FUNCTIONS
 from kg.right_of_way import give_way
 from kg.rows import Row, Value, rows_of, value_of
 from kg.sparql_text import has_word, refuse_reaching_out, refuse_update
@@ -41,7 +40,6 @@ __all__ = [
     "Value",
     "evaluate",
     "located",
-    "square_root",
     "value_of",
 ]
 
@@ -121,7 +119,7 @@ def evaluate(engine: Engine, sparql: str, name: str = "query", *, base: str | No
             base_iri=base,
             prefixes=v.PREFIXES,
             use_default_graph_as_union=not has_word(sparql, "from"),
-            custom_functions={NamedNode(v.MATH_SQRT): square_root},
+            custom_functions=FUNCTIONS,
         )
         return _answer(results)
     except SyntaxError as error:
@@ -149,14 +147,6 @@ def _triples(results: QueryTriples | Triples) -> Iterable[Triple]:
     # as in `kg.rows`: evaluated whole, without the interpreter's lock
     text = results.serialize(format=RdfFormat.N_TRIPLES) or b""
     return (quad.triple for quad in parse(text, format=RdfFormat.N_TRIPLES))
-
-
-def square_root(term: object) -> Literal | None:
-    """XPath's math:sqrt, which the engine lacks; unbound for what has none."""
-    try:
-        return Literal(math.sqrt(float(getattr(term, "value", ""))))
-    except ValueError:
-        return None
 
 
 def _rows(terms: Iterable[Iterable[object]]) -> tuple[tuple[Value, ...], ...]:

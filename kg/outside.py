@@ -17,9 +17,10 @@ from pyoxigraph import BlankNode, DefaultGraph, Literal, NamedNode, Quad, QueryS
 from pyoxigraph import Triple as TripleTerm
 
 from kg import vocabulary as v
-from kg.answers import located, square_root
+from kg.answers import located
 from kg.assertions import is_unicode
 from kg.errors import QueryError
+from kg.functions import FUNCTIONS
 from kg.pending import Pending, Term
 from kg.store import MapStore
 from kg.update_text import VARIABLE, Operation, UnclearError, marked, operations, refuse_loading
@@ -166,7 +167,7 @@ def _solutions(
             prefixes=v.PREFIXES,
             use_default_graph_as_union=not given and not alone,
             default_graph=[within] if alone else None,
-            custom_functions={NamedNode(v.MATH_SQRT): square_root},
+            custom_functions=FUNCTIONS,
         )
     except (SyntaxError, OSError, RuntimeError, ValueError) as error:
         raise QueryError(f"update: {' '.join(str(error).split())}") from error

@@ -29,6 +29,7 @@ from pyoxigraph import Literal, NamedNode, QueryResultsFormat, QueryTriples, Rdf
 
 from kg.characters import XmlPieces, is_xml
 from kg.errors import HistoryError, NotAcceptableError, QueryError, QueryTooLargeError
+from kg.functions import FUNCTIONS
 from kg.workers.vetting import reads_chosen_graphs, refuse_other_graph, vet
 
 if TYPE_CHECKING:
@@ -147,6 +148,7 @@ class Evaluator:
             request["sparql"],
             base_iri=request["base_iri"],
             prefixes=self._settings["prefixes"],
+            custom_functions=FUNCTIONS,
             **_dataset(request),
         )
         media_type = request["graph_type" if isinstance(results, QueryTriples) else "result_type"]

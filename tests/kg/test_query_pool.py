@@ -27,6 +27,7 @@ from kg.errors import (
     QueryRefusedError,
     QueryTimeoutError,
 )
+from kg.questions import find_question
 from kg.semantic_map import SemanticMap
 from kg.workers import process
 from kg.workers.call import Call
@@ -65,6 +66,16 @@ def rows(pool: QueryPool, sparql: str, **options: object) -> list[list[str]]:
 def test_an_answer_is_what_the_map_itself_answers(live: SemanticMap, pool: QueryPool) -> None:
     sparql = "SELECT ?label {here:Kitchen rdfs:label ?label} ORDER BY ?label"
     assert rows(pool, sparql) == [[str(cell) for cell in row] for row in live.ask_text(sparql).rows]
+
+
+def test_a_shipped_question_is_answered_as_by_the_map_itself(live: SemanticMap) -> None:
+    live.update("INSERT DATA { <object/1> a here:Cup ; here:x 3.0 ; here:y 4.0 ; here:z 0.5 }")
+    question = find_question("objects-within-radius")
+    around = {"x": 0.0, "y": 0.0, "radius": 10.0}
+    distance = question.columns.index("distance")
+    with QueryPool(live, timeout=60) as pool:
+        (row,) = rows(pool, question.bind(around, lambda _, text: text))
+    assert float(row[distance]) == 5.0 == live.ask(question.name, **around).rows[0][distance]
 
 
 def test_each_form_comes_in_the_format_asked_for(pool: QueryPool) -> None:
