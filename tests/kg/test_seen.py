@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from pyoxigraph import Literal, NamedNode, Quad, QueryBoolean, Store
 
 from kg import vocabulary as v
-from kg.answers import square_root
 from kg.commits import Cause
 from kg.engine import Engine
+from kg.functions import square_root
 from kg.history.log import Log
 from kg.history.moment import SINGLY, Moment
 from kg.history.past import quads_at
