@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import Final
 
 from kg.errors import PoolBusyError
@@ -27,28 +27,20 @@ class Turns:
         self._past = threading.BoundedSemaphore(most)
         self._places = threading.BoundedSemaphore(most + queue // 2)
 
-    @contextmanager
-    def place(self, call: Call) -> Iterator[None]:
+    def place(self, call: Call) -> AbstractContextManager[None]:
         """Begins when the call may wait for its turn; PoolBusyError where too many do."""
-        if not call.is_of_past:
-            yield
-            return
-        if not self._places.acquire(blocking=False):
-            raise PoolBusyError(_BUSY)
-        try:
-            yield
-        finally:
-            self._places.release()
+        return _held(self._places, 0.0) if call.is_of_past else nullcontext()
 
-    @contextmanager
-    def turn(self, call: Call, seconds: float) -> Iterator[None]:
+    def turn(self, call: Call, seconds: float) -> AbstractContextManager[None]:
         """Begins when the call may take a worker; PoolBusyError where that takes too long."""
-        if not call.is_of_past:
-            yield
-            return
-        if not self._past.acquire(timeout=seconds):
-            raise PoolBusyError(_BUSY)
-        try:
-            yield
-        finally:
-            self._past.release()
+        return _held(self._past, seconds) if call.is_of_past else nullcontext()
+
+
+@contextmanager
+def _held(bound: threading.BoundedSemaphore, seconds: float) -> Iterator[None]:
+    if not bound.acquire(timeout=seconds):
+        raise PoolBusyError(_BUSY)
+    try:
+        yield
+    finally:
+        bound.release()
