@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 from pyoxigraph import NamedNode
@@ -27,21 +28,24 @@ def verb(words: Words) -> Path:
 
 
 def _path(words: Words) -> Path:
-    found = _sequence(words)
-    while words.took("|"):
-        other = _sequence(words)
-        steps = found.predicates + other.predicates
-        found = Path(steps, False, found.empty or other.empty)
-    return found
+    return _joined(words, "|", _sequence, any)
 
 
 def _sequence(words: Words) -> Path:
-    found = _step(words)
-    while words.took("/"):
-        other = _step(words)
-        steps = found.predicates + other.predicates
-        found = Path(steps, False, found.empty and other.empty)
-    return found
+    return _joined(words, "/", _step, all)
+
+
+def _joined(
+    words: Words, mark: str, part: Callable[[Words], Path], of: Callable[[Iterable[bool]], bool]
+) -> Path:
+    """One part, or several with `mark` between; `of` says whether such may be of no step."""
+    parts = [part(words)]
+    while words.took(mark):
+        parts.append(part(words))
+    if len(parts) == 1:
+        return parts[0]
+    steps = tuple(step for each in parts for step in each.predicates)
+    return Path(steps, False, of(each.empty for each in parts))
 
 
 def _step(words: Words) -> Path:
