@@ -14,7 +14,7 @@ from typing import Any, Final, NoReturn
 import numpy as np
 from pyoxigraph import BlankNode, DefaultGraph, NamedNode, Quad, Store
 
-from kg.engine import Engine, Functions, Object, Subject
+from kg.engine import Engine, Object, Subject
 from kg.errors import GraphError
 from kg.history.background import background_at
 from kg.history.coding import INTERNED, Term
@@ -73,20 +73,11 @@ class Moment:
         *,
         base_iri: str | None = None,
         prefixes: dict[str, str] | None = None,
-        use_default_graph_as_union: bool = False,
-        custom_functions: Functions | None = None,
-        **dataset: Any,
+        **more: Any,
     ) -> Any:
-        """As that of `Engine`; `dataset` is more that pyoxigraph's takes."""
+        """As that of `Engine`; `more` is whatever else pyoxigraph's takes."""
         self.make(seen_by(query, prefixes, base_iri))
-        return self._store.query(
-            query,
-            base_iri=base_iri,
-            prefixes=prefixes,
-            use_default_graph_as_union=use_default_graph_as_union,
-            custom_functions=custom_functions,
-            **dataset,
-        )
+        return self._store.query(query, base_iri=base_iri, prefixes=prefixes, **more)
 
     def update(self, update: str, /) -> NoReturn:
         """Refused: the past is not rewritten."""
