@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 
-from pyoxigraph import Literal, NamedNode
+from pyoxigraph import Literal, NamedNode, Quad
 
 from kg.engine import Engine
 from kg.errors import InvalidFactError
@@ -69,6 +69,15 @@ def properties_of(engine: Engine, subject: str, graph: NamedNode) -> Properties:
     for quad in engine.quads_for_pattern(NamedNode(subject), None, None, graph):
         held.setdefault(quad.predicate.value, []).append(text_of(quad.object))
     return held
+
+
+def by_subject(quads: Iterable[Quad]) -> dict[str, Properties]:
+    """What is said of each subject of `quads`, whatever the graph."""
+    subjects: dict[str, Properties] = {}
+    for subject, predicate, value, _ in quads:
+        properties = subjects.setdefault(text_of(subject), {})
+        properties.setdefault(predicate.value, []).append(text_of(value))
+    return subjects
 
 
 def text_of(term: object) -> str:

@@ -21,6 +21,7 @@ from kg.engine import Engine
 from kg.errors import InvalidFactError
 from kg.fact_values import (
     Properties,
+    by_subject,
     first,
     iri_node,
     iri_order,
@@ -180,7 +181,7 @@ class Facts:
 
     def objects_among(self, quads: Iterable[Quad]) -> tuple[ObjectRecord, ...]:
         """The objects that `quads` of graph:map tell of, in the order of their numbers."""
-        return self._objects(_by_subject(quads))
+        return self._objects(by_subject(in_pieces(quads, 10 * PIECE)))
 
     def some_objects(self, store: Engine, iris: Iterable[str]) -> tuple[ObjectRecord, ...]:
         """Those of `iris` that are objects, in the order of their numbers."""
@@ -389,14 +390,6 @@ def _position(p_map: np.ndarray, what: str) -> tuple[float, float, float]:
         raise InvalidFactError(f"{what}: position must have shape (3,), got {np.shape(p_map)}")
     x, y, z = (quantised(value, f"{what}: position") for value in p_map)
     return x, y, z
-
-
-def _by_subject(quads: Iterable[Quad]) -> dict[str, Properties]:
-    subjects: dict[str, Properties] = {}
-    for subject, predicate, value, _ in in_pieces(quads, 10 * PIECE):
-        properties = subjects.setdefault(text_of(subject), {})
-        properties.setdefault(predicate.value, []).append(text_of(value))
-    return subjects
 
 
 def _point(properties: Properties) -> np.ndarray:
