@@ -13,13 +13,13 @@ import json
 import socket
 import threading
 from collections.abc import Iterator
-from typing import Any, Final
+from typing import Final
 from urllib.parse import unquote, urlsplit
 
 from kg.commits import ChangeSet
 from kg.endpoint import without_secrets
 from kg.errors import HistoryError, RemoteError
-from kg.wire import change_of
+from kg.wire import change_of, understood
 
 SILENCE: Final = 60.0  # [s] without so much as a heartbeat after which a connection is given up
 PAUSES: Final = (0.1, 0.5, 2.0, 5.0)  # [s] before the 1st, 2nd, ... try after one that failed
@@ -79,7 +79,9 @@ class Follower:
                 with contextlib.closing(link.getresponse()) as reply:
                     self._refuse(reply)
                     if not self._over.is_set():  # or nobody is there to wake it up
-                        yield from map(self._read, _data(reply))
+                        where = without_secrets(self._root)
+                        for data in _data(reply):
+                            yield understood(where, _change, data)
             finally:
                 with self._guard:
                     self._socket = None
@@ -103,15 +105,9 @@ class Follower:
             f"{without_secrets(self._root)} tells no changes ({reply.status}): {said}"
         )
 
-    def _read(self, data: str) -> ChangeSet:
-        try:
-            told: Any = json.loads(data)
-            return change_of(told)
-        except (KeyError, TypeError, ValueError, SyntaxError, RecursionError) as error:
-            raise RemoteError(
-                f"{without_secrets(self._root)} tells changes as no `hereabouts serve` of this "
-                f"version does ({type(error).__name__})"
-            ) from error
+
+def _change(data: str) -> ChangeSet:
+    return change_of(json.loads(data))
 
 
 def _data(reply: http.client.HTTPResponse) -> Iterator[str]:

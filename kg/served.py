@@ -41,6 +41,7 @@ from kg.wire import (
     difference_of,
     entry_of,
     reason_of,
+    understood,
 )
 
 _JSON: Final = "application/json"
@@ -193,14 +194,7 @@ class Served:
 
     def _told(self, read: Callable[[Any], T], *asked: Any, **body: Any) -> T:
         """What `read` makes of the answer; RemoteError where it is none of ours."""
-        told = self._ask(*asked, **body)
-        try:
-            return read(told)
-        except (KeyError, TypeError, ValueError, SyntaxError, RecursionError) as error:
-            raise RemoteError(
-                f"{self.where} answered what no `hereabouts serve` of this version answers "
-                f"({type(error).__name__})"
-            ) from error
+        return understood(self.where, read, self._ask(*asked, **body))
 
     def _ask(
         self,

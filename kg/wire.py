@@ -5,8 +5,8 @@ The server writes it, `kg.served` reads it. Quads and terms are N-Quads; times I
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import Any, get_args
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, TypeVar, get_args
 
 from pyoxigraph import Quad, RdfFormat, parse
 
@@ -20,7 +20,20 @@ from kg.history.why import Reason
 from kg.records import Assertion
 
 Json = dict[str, Any]
+A = TypeVar("A")
+T = TypeVar("T")
 _ROW = ("change", "subject", "predicate", "before", "after")
+
+
+def understood(where: str, read: Callable[[A], T], told: A) -> T:
+    """What `read` makes of what was told at `where`; RemoteError where that is none of ours."""
+    try:
+        return read(told)
+    except (KeyError, TypeError, ValueError, SyntaxError, RecursionError) as error:
+        raise RemoteError(
+            f"{where} answered what no `hereabouts serve` of this version answers "
+            f"({type(error).__name__})"
+        ) from error
 
 
 def assertion_to_json(said: Assertion) -> Json:
