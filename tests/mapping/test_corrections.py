@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -86,19 +86,28 @@ def test_people_and_mapper_are_two_programs_on_one_server(
         as_told(semantic_map, script)
 
 
-@pytest.mark.parametrize("script", SCRIPTS[6::14], ids=lambda script: script.name)
-@pytest.mark.parametrize("afar", [True, False], ids=["people afar", "people beside the server"])
-def test_a_mapper_writes_into_a_served_map_as_into_its_folder(
-    script: Script, afar: bool, make_frame: Callable[..., Frame], monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture
+def served(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[SemanticMap, str]]:
+    """A map, and the address where it is served to whoever has the token in the environment."""
     monkeypatch.setenv("HEREABOUTS_TOKEN", TOKEN)
     settings = Settings(port=0, tokens=Tokens((("ann", TOKEN.encode()),)))
     with (
         SemanticMap.in_memory(base=BASE) as semantic_map,
         MapServer(semantic_map, settings) as server,
-        SemanticMap.open(server.url) as mapper,
-        SemanticMap.open(server.url) as people,
     ):
+        yield semantic_map, server.url
+
+
+@pytest.mark.parametrize("script", SCRIPTS[6::14], ids=lambda script: script.name)
+@pytest.mark.parametrize("afar", [True, False], ids=["people afar", "people beside the server"])
+def test_a_mapper_writes_into_a_served_map_as_into_its_folder(
+    script: Script,
+    afar: bool,
+    make_frame: Callable[..., Frame],
+    served: tuple[SemanticMap, str],
+) -> None:
+    semantic_map, url = served
+    with SemanticMap.open(url) as mapper, SemanticMap.open(url) as people:
         for steps in runs(script.steps):
             play(mapper, steps, make_frame, people if afar else semantic_map)
         as_told(semantic_map, script)
@@ -106,15 +115,13 @@ def test_a_mapper_writes_into_a_served_map_as_into_its_folder(
 
 @pytest.mark.parametrize("times", [1, 3, TRIES])
 def test_a_frame_that_somebody_gets_in_the_way_of_is_mapped_anew(
-    times: int, make_frame: Callable[..., Frame], monkeypatch: pytest.MonkeyPatch
+    times: int,
+    make_frame: Callable[..., Frame],
+    served: tuple[SemanticMap, str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setenv("HEREABOUTS_TOKEN", TOKEN)
-    settings = Settings(port=0, tokens=Tokens((("ann", TOKEN.encode()),)))
-    with (
-        SemanticMap.in_memory(base=BASE) as semantic_map,
-        MapServer(semantic_map, settings) as server,
-        ServedMap.open(server.url) as far,
-    ):
+    semantic_map, url = served
+    with ServedMap.open(url) as far:
         assert isinstance(far, ServedMap)
         play(far, ["see cup", "see cup"], make_frame)
         frames = semantic_map.recordings()[0].frames_applied

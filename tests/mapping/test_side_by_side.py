@@ -31,6 +31,14 @@ def frames(make_frame: Callable[..., Frame]) -> list[Frame]:
     return [make_frame(2.0, id=f"frame-{n}", stamp=1_000_000.0 + n) for n in range(6)]
 
 
+@pytest.fixture
+def detector(
+    scripted_detector: Callable[..., object], make_detections: Callable[..., Detections]
+) -> object:
+    """Sees one cup in each frame."""
+    return scripted_detector({}, make_detections(("cup", 0.5, (20, 15, 40, 30))))
+
+
 def notes(semantic_map: SemanticMap) -> list[str]:
     return [c.cause.note for c in semantic_map.changes(0) if c.cause.kind == "frame"]
 
@@ -42,11 +50,9 @@ def test_a_recording_that_two_map_at_once_is_mapped_by_one_of_them(
     server: Callable[[], SemanticMap],
     frames: list[Frame],
     list_recording: Callable[..., object],
-    scripted_detector: Callable[..., object],
-    make_detections: Callable[..., Detections],
+    detector: object,
 ) -> None:
     recording = list_recording(frames)
-    detector = scripted_detector({}, make_detections(("cup", 0.5, (20, 15, 40, 30))))
     with server() as one, server() as other:
         second = semantic_map if here else other
 
@@ -66,10 +72,8 @@ def test_recordings_are_mapped_side_by_side(
     server: Callable[[], SemanticMap],
     frames: list[Frame],
     list_recording: Callable[..., object],
-    scripted_detector: Callable[..., object],
-    make_detections: Callable[..., Detections],
+    detector: object,
 ) -> None:
-    detector = scripted_detector({}, make_detections(("cup", 0.5, (20, 15, 40, 30))))
     with server() as one, server() as other:
 
         def meanwhile(report: object) -> None:
