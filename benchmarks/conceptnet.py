@@ -1,6 +1,6 @@
 """What the ConceptNet import comes to: Table 6.1 of the thesis, the fit of probability, the cost.
 
-python -m benchmarks.conceptnet table GRAPH        docs/table_6_1.md, on stdout
+python -m benchmarks.conceptnet table GRAPH        docs/research/table_6_1.md, on stdout
 python -m benchmarks.conceptnet ship GRAPH         kg/placement/tables/conceptnet.csv, on stdout
 python -m benchmarks.conceptnet fit GRAPH HOMES    probability over weight, in real homes
 python -m benchmarks.conceptnet cost FILE [LINES]  time and memory; with LINES, of a file that long
@@ -26,15 +26,15 @@ from pathlib import Path
 import numpy as np
 
 from kg import vocabulary as v
-from kg.categories import Catalogue
 from kg.conceptnet.importing import import_conceptnet
-from kg.conceptnet.relate import Found
+from kg.conceptnet.relate import ImportedRelation
 from kg.conceptnet.strength import HALF, NEAR_HALF, NEAR_STEEPNESS, STEEPNESS, probability_of
-from kg.ontology import load_ontologies
-from kg.placement.commonplace import table_text
+from kg.ontology.catalogue import Catalogue
+from kg.ontology.loading import load_ontologies
+from kg.placement.shipped_conceptnet import table_text
 
 TABLE = Path(__file__).parent / "thesis" / "table_6_1.csv"
-#: Room labels of the homes that are another name than ours, as in docs/ontology.md.
+#: Room labels of the homes that are another name than ours, as in docs/explanation/ontology.md.
 ROOMS = {"office": "home office"}
 PARAMETERS = {
     v.LOCATED_AT: {"half": HALF, "steepness": STEEPNESS},
@@ -44,7 +44,7 @@ _BINS = ((1, 1.01), (1.01, 2), (2, 2.01), (2.01, 3), (3, 4), (4, 6), (6, 9), (9,
 
 
 def table_6_1(graph: Path) -> str:
-    """`docs/table_6_1.md`: the thesis' weights beside those imported from `graph`."""
+    """`docs/research/table_6_1.md`: the thesis' weights beside those imported from `graph`."""
     catalogue = Catalogue.from_quads(load_ontologies().quads)
     weights = {
         (catalogue.label(f.subject), catalogue.label(f.target)): f
@@ -83,7 +83,7 @@ def ship(graph: Path) -> str:
     )
 
 
-def _weight(found: Found | None) -> str:
+def _weight(found: ImportedRelation | None) -> str:
     return "-" if found is None else f"{found.weight:.2f}"
 
 
@@ -109,7 +109,9 @@ def fit(graph: Path, homes: Path) -> Iterator[str]:
                 yield f"{present[within].mean():.3f} present, {given:.3f} given\n"
 
 
-def _pairs(found: tuple[Found, ...], kind: str, homes: Path) -> tuple[np.ndarray, np.ndarray]:
+def _pairs(
+    found: tuple[ImportedRelation, ...], kind: str, homes: Path
+) -> tuple[np.ndarray, np.ndarray]:
     """Net weight, and 1 where the object is there, for each relation in each room it speaks of."""
     catalogue = Catalogue.from_quads(load_ontologies().quads)
     rooms = [
@@ -183,8 +185,9 @@ Each cell: weight as imported here / weight as published (its text layer; the al
 is the text's). Both are on ConceptNet 5's scale: 2 sqrt(n - 1) for n votes.
 """
 _FOOT = """The import also reads what has, and is part of, a place, what is near it, spellings and
-lemmas ("live room"), doubtful names ("notebook") and kinds (fruit, food): docs/conceptnet.md. It
-leaves out what too few say, and what is said of another meaning: of the mouse in attic, basement
+lemmas ("live room"), doubtful names ("notebook") and kinds (fruit, food), as
+docs/how-to/statistics.md describes.
+It leaves out what too few say, and what is said of another meaning: of the mouse in attic, basement
 and closet nothing is left; 60 % of "mouse in kitchen" is, wrongly, because electronics (stoves)
 are in kitchens much more often than animals are. ConceptNet 4 is older than the
 service that the thesis asked: weights differ where people have voted since. Of wine glasses it says

@@ -18,18 +18,19 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from kg.floor import encoded
-from kg.semantic_map import SemanticMap
-from mapping.floor.book import FloorBook
-from mapping.pipeline import map_recording
-from perception.detector import load_detector
-from perception.frame import Detector, Frame, Recording, SceneClassifier
-from perception.recording import open_recording
-from perception.scene import load_scene_classifier
+from kg.facts.occupancy import encoded
+from kg.maps.semantic_map import SemanticMap
+from kg.opening import create_map, in_memory_map
+from mapping.occupancy.occupancy_map import OccupancyMap
+from mapping.recording_mapper import map_recording
+from perception.frames import Detector, Frame, Recording, SceneClassifier
+from perception.inference.detector import load_detector
+from perception.inference.scene_classifier import load_scene_classifier
+from perception.recordings.recording import open_recording
 from planner.simulation.camera import SimulatedCamera
 from planner.simulation.house import furnished_house
-from planner.simulation.senses import SimulatedDetector, SimulatedSceneClassifier
-from planner.simulation.tour import SimulatedTour
+from planner.simulation.mapping_tour import SimulatedTour
+from planner.simulation.sensors import SimulatedDetector, SimulatedSceneClassifier
 
 HEADER = (
     "| recording | frames | ms a frame | of it floor | share | floor alone | tiles | floor kB | "
@@ -62,9 +63,9 @@ def mapped(
 ) -> tuple[float, SemanticMap, int]:
     """[s] of the processor, the map, and the bytes of its history."""
     path = folder / f"{recording.name}-{floor}.map"
-    semantic_map = SemanticMap.create(path)
+    semantic_map = create_map(path)
     before = time.process_time()
-    map_recording(recording, semantic_map, detector, scene, floor=floor)
+    map_recording(recording, semantic_map, detector, scene, occupancy=floor)
     spent = time.process_time() - before
     semantic_map.flush()
     history = sum(file.stat().st_size for file in path.glob("history.sqlite*"))
@@ -73,8 +74,8 @@ def mapped(
 
 def alone(frames: list[Frame]) -> tuple[float, int]:
     """[s] of the processor for the grid without the graph, and how many tiles it would write."""
-    with SemanticMap.in_memory() as semantic_map:
-        book, writes = FloorBook(semantic_map), 0
+    with in_memory_map() as semantic_map:
+        book, writes = OccupancyMap(semantic_map), 0
         before = time.process_time()
         for frame in frames:
             book.add(frame)
@@ -105,7 +106,7 @@ def row(recording: Timed, detector: Detector, scene: SceneClassifier) -> str:
 
 def transform(path: str, sequence: str) -> NDArray[np.float64] | None:
     """Where a recording lies, if there is a file that says it."""
-    from mapping.transform import load_transform
+    from mapping.transform_file import load_transform
 
     return load_transform(Path(path), sequence) if path else None
 
@@ -125,7 +126,7 @@ def main() -> None:
         sys.stdout.write(row(recording, *networks) + "\n")
     if arguments.demo:
         camera = SimulatedCamera(furnished_house())
-        with SemanticMap.in_memory() as known:
+        with in_memory_map() as known:
             places = [c.label for c in known.catalogue.categories if c.kind == "place"]
         recording = Timed(SimulatedTour(camera, name="demo tour"))
         senses = SimulatedDetector(camera), SimulatedSceneClassifier(camera, places)

@@ -22,16 +22,18 @@ from pyoxigraph import Literal, NamedNode, Quad, Store
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from kg import vocabulary as v
-from kg.answers import Table, evaluate
-from kg.categories import Catalogue
-from kg.cells import cell_of
-from kg.commits import Cause, ChangeSet
-from kg.engine import Engine
-from kg.history.compaction import compact
-from kg.history.log import Log
-from kg.history.past import members_at, quads_at, state_of, store_at
-from kg.identity import first_quads
-from kg.questions import find_question
+from kg.facts.map_metadata import first_quads
+from kg.history.replay.past_state import PastStates, replay
+from kg.history.replay.point_in_time import state_of
+from kg.history.storage.compaction import compact
+from kg.history.storage.log import HistoryLog
+from kg.ontology.catalogue import Catalogue
+from kg.query.evaluation import Table, evaluate
+from kg.query.query_files import find_query
+from kg.rdf.grid_cells import cell_of
+from kg.rdf.quad_store import QuadStore
+from kg.store.transactional import sequence_quad
+from kg.transactions import Cause, ChangeSet
 
 BASE = "https://w3id.org/hereabouts/maps/bench/"
 _MAP, _ONTOLOGY = NamedNode(v.MAP_GRAPH), NamedNode(v.ONTOLOGY_GRAPH)
@@ -75,7 +77,7 @@ def robot(frame: int) -> set[Quad]:
     return {Quad(subject, NamedNode(p), value, _MAP) for p, value in facts.items()}
 
 
-def write(log: Log, observations: int, objects: int) -> list[float]:
+def write(log: HistoryLog, observations: int, objects: int) -> list[float]:
     """That many observations; seconds of each append."""
     rng = random.Random(1)
     now: dict[int, set[Quad]] = {}
@@ -114,21 +116,14 @@ def timed(ask: Callable[[], object], rounds: int) -> str:
     return " | ".join(f"{number:.2f}" for pair in told for number in pair)
 
 
-def asked(log: Log, engine: Engine, sparql: str, sequence: int) -> Table:
-    """The answer of the map right after a transaction, of which nothing is made yet."""
-    return evaluate(store_at(log, lambda: engine, sequence).engine, sparql, base=BASE)
-
-
-def one_by_one(log: Log, engine: Engine, sequence: int) -> Store:
-    """The whole map of then, folded and made one subject and one quad at a time."""
-    store = Store()
-    store.bulk_extend(quads_at(log, engine, sequence))
-    return store
+def asked(log: HistoryLog, engine: QuadStore, sparql: str, sequence: int) -> Table:
+    """The answer of the map right after a transaction, whose state is not cached."""
+    return evaluate(replay(log, engine, sequence), sparql, base=BASE)
 
 
 def lookups(objects: int, rng: random.Random) -> dict[str, Callable[[], str]]:
     """Queries whose predicates are known: shipped ones, and a plain one."""
-    radius, kinds = (find_question(f"objects-{name}") for name in ("within-radius", "by-category"))
+    radius, kinds = (find_query(f"objects-{name}") for name in ("within-radius", "by-category"))
 
     def near() -> str:
         return radius.bind({"x": rng.randrange(objects), "y": 0.0}, lambda kind, text: text)
@@ -154,7 +149,7 @@ def main() -> None:
     rng = random.Random(2)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "history.sqlite"
-        log = Log.open(file, BASE)
+        log = HistoryLog.open(file, BASE)
         log.begin(0, 1e9, ())
         spent = write(log, arguments.observations, arguments.objects)
         tenth = len(spent) // 10
@@ -166,6 +161,8 @@ def main() -> None:
         print(f"bytes an observation: {each:.1f} ({done.bytes_before / 1e6:.0f} MB before)")  # noqa: T201
         engine = Store()
         engine.bulk_extend(FIRST)
+        engine.add(sequence_quad(log.last))
+        states, last = PastStates(), log.last
 
         def any_time() -> int:
             return rng.randrange(1, log.last)
@@ -175,22 +172,15 @@ def main() -> None:
 
         questions: dict[str, tuple[Callable[[], object], int]] = {
             "one object at a moment": (lambda: state_of(log, any_thing(), any_time()), 300),
-            "one class at a moment": (
-                lambda: members_at(log, rng.choice(KINDS), any_time()),
-                100,
-            ),
         }
         for name, sparql in lookups(arguments.objects, rng).items():
             ask = partial(lambda text: asked(log, engine, text(), any_time()), sparql)
             questions[f"query: {name}"] = ask, 40
         questions |= {
-            "the whole map, all quads listed": (
-                lambda: list(store_at(log, lambda: engine, any_time()).engine),
-                10,
-            ),
-            "the same, one subject at a time": (
-                lambda: list(one_by_one(log, engine, any_time())),
-                10,
+            "a state replayed": (lambda: replay(log, engine, any_time()), 40),
+            "a state asked before, three predicates": (
+                lambda: evaluate(states.at(log, engine, last), THREE, base=BASE),
+                40,
             ),
         }
         for name, (ask, rounds) in questions.items():

@@ -18,8 +18,9 @@ from pathlib import Path
 import numpy as np
 
 from kg import vocabulary as v
+from kg.maps.semantic_map import SemanticMap
+from kg.opening import create_map
 from kg.records import Evidence, MapUpdate, ObjectRecord
-from kg.semantic_map import SemanticMap
 
 OBJECTS = 200
 SEEN = 20  # objects a frame
@@ -41,7 +42,7 @@ def main() -> None:
 def measure(path: Path, keep: float | None) -> None:
     """Write all frames, and print a row every `TOLD_EVERY` of them."""
     luck, took = random.Random(1), []
-    with SemanticMap.create(path) as semantic_map:
+    with create_map(path) as semantic_map:
         if keep is not None:
             semantic_map.retain(keep)
         for frame in range(1, FRAMES + 1):

@@ -1,4 +1,4 @@
-"""Latency of a served map, alone and beside a runaway query, and of a fleet of two.
+"""Latency of a served map, alone and beside a runaway query.
 
     python -m benchmarks.server [OBJECTS ...]        (from the repository's root; 1000 100000)
 
@@ -21,9 +21,10 @@ from pyoxigraph import Literal, NamedNode, Quad
 
 from benchmarks.workers import RUNAWAY, _objects
 from kg import vocabulary as v
-from kg.commits import Cause
-from kg.semantic_map import SemanticMap
-from kg.server import FleetServer, Limits, MapServer, Settings
+from kg.maps.semantic_map import SemanticMap
+from kg.opening import create_map, open_map
+from kg.server import Limits, MapServer, Settings
+from kg.transactions import Cause
 
 ASK = "ASK {here:Kitchen here:isA here:Place}"
 LOOKUP = "SELECT ?p ?o {<urn:object:7> ?p ?o}"
@@ -40,7 +41,7 @@ def main() -> None:
     for objects in [int(size) for size in sys.argv[1:]] or [1_000, 100_000]:
         with tempfile.TemporaryDirectory() as folder:
             for name in ("one", "two"):
-                with SemanticMap.create(Path(folder) / name, base=f"urn:{name}/") as made:
+                with create_map(Path(folder) / name, base=f"urn:{name}/") as made:
                     made.engine.bulk_extend(_objects(objects))  # type: ignore[attr-defined]
                     made.flush()
             _measure(Path(folder), objects)
@@ -48,7 +49,7 @@ def main() -> None:
 
 def _measure(folder: Path, objects: int) -> None:
     with (
-        SemanticMap.open(folder / "one") as semantic_map,
+        open_map(folder / "one") as semantic_map,
         MapServer(semantic_map, Settings(port=0, limits=LIMITS)) as server,
     ):
         client = _Client(server.url, objects)
@@ -60,12 +61,6 @@ def _measure(folder: Path, objects: int) -> None:
         client.report("front page", "", accept="text/html")
         _beside(client, server.url, lambda: client.once("sparql", query=ASK))
         _beside_writer(client, semantic_map)
-    members = [str(folder / name) for name in ("one", "two")]
-    with FleetServer(members, Settings(port=0, limits=LIMITS)) as fleet:
-        client = _Client(fleet.url, objects, client.least)
-        client.report("fleet of two folders: ASK", "sparql", query=ASK)
-        client.report("fleet: a thing's facts", "sparql", query=LOOKUP)
-        client.report("fleet: top 20 of a class, ordered over all", "sparql", query=CUPS)
 
 
 class _Client:

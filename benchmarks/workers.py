@@ -19,9 +19,10 @@ import numpy as np
 from pyoxigraph import Literal, NamedNode, Quad
 
 from kg import vocabulary as v
-from kg.commits import Cause
 from kg.errors import QueryTimeoutError, QueryTooLargeError
-from kg.semantic_map import SemanticMap
+from kg.maps.semantic_map import SemanticMap
+from kg.opening import create_map
+from kg.transactions import Cause
 from kg.workers.pool import QueryPool
 from kg.workers.process import WorkerProcess
 from kg.workers.snapshots import Snapshots
@@ -37,7 +38,7 @@ def main() -> None:
     for objects in [int(size) for size in sys.argv[1:]] or [1_000, 100_000]:
         with (
             tempfile.TemporaryDirectory(dir=Path.cwd()) as folder,
-            SemanticMap.create(Path(folder) / "home") as live,
+            create_map(Path(folder) / "home") as live,
         ):
             live.engine.bulk_extend(_objects(objects))
             live.flush()

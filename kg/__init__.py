@@ -1,5 +1,6 @@
 """The knowledge graph: the only room that speaks RDF.
 
-Everything the map knows lives in one RDF dataset. `kg.semantic_map.SemanticMap` is its front door;
+Everything the map knows lives in one RDF dataset. `kg.maps.semantic_map.SemanticMap` is its front
+door;
 the other rooms see the frozen records of `kg.records`, never a triple.
 """

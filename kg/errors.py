@@ -8,15 +8,17 @@
     │   ├── ConflictError        somebody else has changed meanwhile what would be written
     │   ├── InvalidFactError     a record that cannot become facts (not finite, unknown class, ...)
     │   │   ├── ShapeError       an update that would leave the map badly made
-    │   │   └── ProtectedError   an update of what is not written that way
+    │   │   ├── ProtectedError   an update of what is not written that way
+    │   │   └── UnconfirmedDeletionError   a large deletion that nobody confirmed
     │   └── RemoteError          a server that refuses, fails, or breaks off its answer
     │       └── UnreachableError nothing answers at the address
-    ├── QueryError               a question that cannot be asked
+    ├── QueryError               a query that cannot be evaluated
     │   ├── UnknownQueryError    no query file of that name
     │   ├── QueryParameterError  missing, unknown or malformed parameter
     │   ├── QueryRefusedError    reaches outside the map, writes, or is nested too deeply
     │   ├── QueryTimeoutError    stopped at its time limit
     │   ├── QueryTooLargeError   stopped at its limit of memory or of result bytes
+    │   ├── EngineFailureError   the query engine broke down on it
     │   ├── NotAcceptableError   no format the asker accepts can carry the answer
     │   └── PoolBusyError        all query workers are busy and the queue is full
     ├── OntologyError            an ontology that does not parse, or breaks its shapes
@@ -28,7 +30,7 @@
     ├── LabelsError              a table of what a network's labels mean that makes no sense
     ├── OrderingError            a search problem that makes no sense: sizes, signs, no probability
     ├── RobotError               a robot that does not answer, or says what makes no sense
-    ├── ServerError              a server that cannot start as asked, or a request it refuses
+    ├── ServerError              a server that cannot start as configured, or a request it refuses
     └── PictureError             a picture that cannot be drawn or written
 
 A message is one line: what was wrong, what was given, and what would have worked. The command line
@@ -86,6 +88,10 @@ class ProtectedError(InvalidFactError):
     """An update from outside would write what is kept by other means; says by which."""
 
 
+class UnconfirmedDeletionError(InvalidFactError):
+    """A change would delete a large share of the map, and its author has not confirmed it."""
+
+
 class RemoteError(GraphError):
     """A server that holds a map refuses, fails, or breaks off its answer."""
 
@@ -95,7 +101,7 @@ class UnreachableError(RemoteError):
 
 
 class QueryError(HereaboutsError):
-    """A question that cannot be asked: it does not parse, or cannot be evaluated."""
+    """A query that does not parse or cannot be evaluated."""
 
 
 class UnknownQueryError(QueryError):
@@ -116,6 +122,10 @@ class QueryTimeoutError(QueryError):
 
 class QueryTooLargeError(QueryError):
     """A query was stopped at its limit of memory, or of result bytes."""
+
+
+class EngineFailureError(QueryError):
+    """The query engine broke down while it evaluated a query: a defect of the engine."""
 
 
 class NotAcceptableError(QueryError):
@@ -163,7 +173,7 @@ class RobotError(HereaboutsError):
 
 
 class ServerError(HereaboutsError):
-    """A server cannot start as asked (host, port, token file), or refuses a request."""
+    """A server cannot start as configured (host, port, token file), or refuses a request."""
 
 
 class PictureError(HereaboutsError):

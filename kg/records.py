@@ -14,6 +14,52 @@ from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, slots=True)
+class Rectangle:
+    """Axis-aligned rectangle of the map's horizontal plane [m]; its sides belong to it.
+
+    Not validated here: who reads one from outside checks it (`kg.facts`, `mapping.places.layout`).
+    """
+
+    xmin: float
+    xmax: float
+    ymin: float
+    ymax: float
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Width along x and depth along y [m]."""
+        return self.xmax - self.xmin, self.ymax - self.ymin
+
+    @property
+    def area(self) -> float:
+        """Area [m^2]."""
+        return (self.xmax - self.xmin) * (self.ymax - self.ymin)
+
+    @property
+    def centre(self) -> tuple[float, float]:
+        """Midpoint (x, y) [m]."""
+        return (self.xmin + self.xmax) / 2, (self.ymin + self.ymax) / 2
+
+    def contains(self, x: float, y: float) -> bool:
+        """Point-in-rectangle test of (x, y) [m]."""
+        return self.xmin <= x <= self.xmax and self.ymin <= y <= self.ymax
+
+    def contains_each(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Point-in-rectangle test of many points, `x` and `y` [m] of one shape or broadcast."""
+        inside = (x >= self.xmin) & (x <= self.xmax) & (y >= self.ymin) & (y <= self.ymax)
+        return np.asarray(inside)
+
+    def union(self, other: Rectangle) -> Rectangle:
+        """Bounding rectangle of both."""
+        return Rectangle(
+            min(self.xmin, other.xmin),
+            max(self.xmax, other.xmax),
+            min(self.ymin, other.ymin),
+            max(self.ymax, other.ymax),
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class Evidence:
     """The observation that explains an object best: the most confident one so far."""
 
@@ -37,8 +83,15 @@ class ObjectRecord:
     observations: int
     first_seen: float  # [s]
     last_seen: float  # [s]
-    place: str | None = None  # IRI of the place it stands in
+    place: str | None = None  # IRI of the place that contains it
     evidence: Evidence | None = None
+    extent: NDArray[np.float64] | None = None  # (3,) [m] of its box along the map's axes
+    deviation: float | None = None  # [m] standard deviation of each coordinate of `p_map`
+
+    @property
+    def covariance(self) -> NDArray[np.float64] | None:
+        """(3, 3) [m^2] of `p_map`; None where it is not known."""
+        return None if self.deviation is None else np.eye(3) * self.deviation**2
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +108,11 @@ class PlaceRecord:
     beliefs: Mapping[str, float] = field(default_factory=dict)  # category IRI -> belief
     scene_beliefs: Mapping[str, float] = field(default_factory=dict)  # the views', if told_by
     told_by: tuple[str, ...] = ()  # IRIs of objects that count in beliefs beside the views
+
+    @property
+    def rectangle(self) -> Rectangle:
+        """Its rectangle."""
+        return Rectangle(self.xmin, self.xmax, self.ymin, self.ymax)
 
     @property
     def from_views(self) -> Mapping[str, float]:
@@ -79,18 +137,18 @@ class RecordingRecord:
     frames_applied: int
     last_frame: str
     T_map_world: NDArray[np.float64]  # (4, 4)
-    scene_model: str = ""  # name of what told the kinds of its places; "" where nothing did
+    scene_model: str = ""  # name of the scene classifier; "" without one
 
 
 @dataclass(frozen=True, slots=True)
 class Assertion:
-    """What somebody said of one property of an object or place, and what perception believes."""
+    """Assertion by a person of one property of an object or place, and the perceived value."""
 
     subject: str  # IRI of the object or place
     property: str  # "category", "position", "existence" or "label"
     value: str  # IRI of a category; "x y z" [m]; "present" or "absent"; a label
     by: str
-    stamp: float  # [s] when it was said
+    stamp: float  # [s] when it was asserted
     perceived: str | None = None  # like value; of existence a number 0..1; None: no opinion
     strength: float = 0.0  # how strongly perception believes that, 0..1
     since: float | None = None  # [s] since when the two contradict each other; None: they agree
@@ -105,7 +163,7 @@ class SearchRecord:
     """A search by a robot: for what, how far it is, how it ended."""
 
     iri: str  # <base>search/N
-    words: tuple[str, ...]  # what was asked for, e.g. "something to drink from"
+    words: tuple[str, ...]  # the targets as given, e.g. "something to drink from"
     categories: tuple[str, ...]  # IRIs of the categories that are wanted
     state: SearchState
     started: float  # [s]
@@ -146,8 +204,8 @@ class ObstacleRecord:
 #: what is known of a cell of the floor
 UNKNOWN: Final = 0  # nobody has seen it
 FREE: Final = 1
-LOW: Final = 2  # something stands there that a camera looks over: a table, a bed
-TALL: Final = 3  # something stands there that hides what is behind it: a wall, a cupboard
+LOW: Final = 2  # an obstacle that a camera sees over: a table, a bed
+TALL: Final = 3  # an obstacle that occludes what is behind it: a wall, a cupboard
 
 
 @dataclass(frozen=True, slots=True, eq=False)

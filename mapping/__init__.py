@@ -1,1 +1,1 @@
-"""From detections to changes of the map: localisation, association, confidence, place beliefs."""
+"""Mapping: detections and depth to objects, places and occupancy of a map."""

@@ -1,4 +1,4 @@
-"""From recordings to detections: the only room that imports onnxruntime and OpenCV.
+"""Perception: RGB-D recordings, object detectors, scene classifiers.
 
-It reads RGB-D frames, runs networks on them, and knows nothing of the graph.
+The only package that imports onnxruntime and OpenCV; it knows nothing of the graph.
 """

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import os
+import shutil
 import socket
 import subprocess
 import sys
@@ -21,8 +23,18 @@ settings.register_profile("same", derandomize=True, deadline=None, suppress_heal
 settings.register_profile("explore", deadline=None, suppress_health_check=_PATIENT)
 settings.load_profile("explore" if os.environ.get("HEREABOUTS_EXPLORE") else "same")
 
+# the commands that tests start are compiled once, not at each start
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
 ROOT = Path(__file__).resolve().parent.parent
 SHARED = Path(os.environ.get("HEREABOUTS_SHARED", ROOT.parent / "shared"))
+
+
+def pytest_collection_finish() -> None:
+    """Leave what every test shares out of garbage collections: there is much of it."""
+    gc.collect()
+    gc.freeze()
 
 
 def shared_path(relative: str) -> Path:
@@ -34,27 +46,25 @@ def shared_path(relative: str) -> Path:
     return path
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def shared() -> object:
     """Callable: relative path -> path of shared data."""
     return shared_path
 
 
 @contextmanager
-def running_server(folder: Path, *options: str) -> Iterator[str]:
-    """A real Oxigraph server over `folder`; gives its address."""
+def running_server(folder: Path, *options: str, port: int | None = None) -> Iterator[str]:
+    """A real Oxigraph server over `folder`, at `port` or a free one; gives its address."""
     binary = Path(sys.executable).with_name("oxigraph")
     for _ in range(5):  # somebody else may take the port between finding and binding it
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            port = free.getsockname()[1]
-        command = [str(binary), "serve", "-l", str(folder), "-b", f"127.0.0.1:{port}", *options]
+        at = f"127.0.0.1:{port or _free_port()}"
+        command = [str(binary), "serve", "-l", str(folder), "-b", at, *options]
         with subprocess.Popen(
             command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
         ) as server:
             try:
-                if _answers(port, server):
-                    yield f"http://127.0.0.1:{port}"
+                if _answers(int(at.rpartition(":")[2]), server):
+                    yield f"http://{at}"
                     return
             finally:
                 server.kill()
@@ -73,6 +83,16 @@ def _answers(port: int, server: subprocess.Popen[bytes]) -> bool:
     raise AssertionError("the oxigraph server did not answer within a minute")
 
 
+@contextmanager
+def _other_server(folder: Path) -> Iterator[str]:
+    if address := os.environ.get("HEREABOUTS_TEST_SERVER"):
+        _empty(address)
+        yield address
+        return
+    with running_server(folder) as address:
+        yield address
+
+
 @pytest.fixture
 def sparql_server(tmp_path: Path) -> Iterator[str]:
     """Address of a fresh SPARQL server of another vendor's making, empty.
@@ -80,19 +100,22 @@ def sparql_server(tmp_path: Path) -> Iterator[str]:
     `HEREABOUTS_TEST_SERVER` names another one to take, which runs already and may be written; the
     graphs of a map that it holds are dropped.
     """
-    if address := os.environ.get("HEREABOUTS_TEST_SERVER"):
-        _empty(address)
+    with _other_server(tmp_path / "served") as address:
         yield address
-        return
-    with running_server(tmp_path / "served") as address:
+
+
+@pytest.fixture(scope="module")
+def lasting_sparql_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """As `sparql_server`, for tests that come before those with a server of their own."""
+    with _other_server(tmp_path_factory.mktemp("served")) as address:
         yield address
 
 
 def _empty(address: str) -> None:
-    from kg.endpoint import Endpoint
-    from kg.remote import GRAPHS
+    from kg.store.sparql_backend import GRAPHS
+    from kg.store.sparql_client import SparqlClient
 
-    endpoint = Endpoint.at(address)
+    endpoint = SparqlClient.at(address)
     for graph in GRAPHS:
         endpoint.update(f"DROP SILENT GRAPH <{graph}>")
     endpoint.close()
@@ -116,9 +139,76 @@ def _only_loopback(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
     def guarded(self: socket.socket, address: object) -> None:
         host = address[0] if isinstance(address, tuple) else address
-        if isinstance(address, tuple) and host not in ("127.0.0.1", "::1", "localhost"):
+        if isinstance(address, tuple) and host not in (
+            "127.0.0.1",
+            "127.0.0.2",
+            "::1",
+            "localhost",
+        ):
             raise OSError(f"tests must not reach {host}")
         return connect(self, address)  # type: ignore[arg-type]
 
     monkeypatch.setattr(socket.socket, "connect", guarded)
     yield
+
+
+VIRTUOSO_INI = """
+[Database]
+DatabaseFile = {work}/virtuoso.db
+ErrorLogFile = {work}/virtuoso.log
+LockFile = {work}/virtuoso.lck
+TransactionFile = {work}/virtuoso.trx
+xa_persistent_file = {work}/virtuoso.pxa
+FileExtend = 200
+TempStorage = TempDatabase
+[TempDatabase]
+DatabaseFile = {work}/temp.db
+TransactionFile = {work}/temp.trx
+[Parameters]
+ServerPort = 127.0.0.1:{sql}
+DisableUnixSocket = 1
+ServerThreads = 20
+CaseMode = 2
+NumberOfBuffers = 10000
+MaxDirtyBuffers = 6000
+MaxQueryMem = 400M
+DirsAllowed = {work}
+[HTTPServer]
+ServerPort = 127.0.0.1:{http}
+ServerThreads = 10
+MaxClientConnections = 10
+[SPARQL]
+ResultSetMaxRows = 1000000
+MaxQueryExecutionTime = 60
+"""
+
+
+def _free_port() -> int:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return int(free.getsockname()[1])
+
+
+@contextmanager
+def running_virtuoso(work: Path) -> Iterator[str]:
+    """A real Virtuoso 7 over `work`, whose endpoint anybody may write; gives its address."""
+    if shutil.which("virtuoso-t") is None or shutil.which("isql-vt") is None:
+        pytest.skip("Virtuoso is not installed: apt-get install virtuoso-opensource-7-bin")
+    work.mkdir(parents=True, exist_ok=True)
+    http, sql = _free_port(), _free_port()
+    ini = work / "virtuoso.ini"
+    ini.write_text(VIRTUOSO_INI.format(work=work, http=http, sql=sql), encoding="utf-8")
+    # a query that its compiler cannot cope with takes all the memory there is
+    command = "ulimit -v 4000000; exec virtuoso-t +foreground +configfile virtuoso.ini"
+    with (
+        (work / "out.log").open("wb") as out,
+        subprocess.Popen(["bash", "-c", command], cwd=work, stdout=out, stderr=out) as server,
+    ):
+        try:
+            assert _answers(http, server), (work / "out.log").read_text(errors="replace")
+            grant = 'exec=grant SPARQL_UPDATE to "SPARQL";'
+            client = ["isql-vt", f"127.0.0.1:{sql}", "dba", "dba", grant]
+            subprocess.run(client, check=True, stdout=subprocess.DEVNULL, timeout=60)
+            yield f"http://127.0.0.1:{http}"
+        finally:
+            server.kill()

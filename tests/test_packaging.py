@@ -44,9 +44,10 @@ def test_wheel_carries_every_shipped_file(wheel_names: set[str], folder: str) ->
 def test_wheel_carries_the_bundled_networks_and_their_licences(wheel_names: set[str]) -> None:
     networks = {name for name in wheel_names if name.endswith(".onnx")}
     assert networks == {
-        f"perception/networks/{path.name}" for path in (ROOT / "perception/networks").glob("*.onnx")
+        f"perception/inference/networks/{path.name}"
+        for path in (ROOT / "perception/inference/networks").glob("*.onnx")
     }
-    assert len(networks) == 2
+    assert len(networks) == 3
     assert any(name.endswith("NOTICE") for name in wheel_names)
     assert any(name.endswith("LICENSE") for name in wheel_names)
 

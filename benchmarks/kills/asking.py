@@ -22,7 +22,8 @@ from benchmarks.kills.frames import BASE, OBJECTS, frame_update
 from benchmarks.kills.processes import Child
 from benchmarks.kills.tally import Tally
 from kg.errors import HereaboutsError
-from kg.semantic_map import SemanticMap
+from kg.maps.semantic_map import SemanticMap
+from kg.opening import create_map
 from kg.workers.pool import QueryPool
 from kg.workers.process import Answer, WorkerDiedError
 
@@ -71,7 +72,7 @@ class _Asked:
 
     def run(self, kills: int) -> None:
         """Kill so many workers, then look at the map."""
-        with SemanticMap.create(self._path, base=BASE) as semantic_map:
+        with create_map(self._path, base=BASE) as semantic_map:
             self._write_one(semantic_map)
             with QueryPool(semantic_map, workers=WORKERS, timeout=WITHIN, refresh=0.2) as pool:
                 threads = [

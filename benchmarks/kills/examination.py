@@ -11,8 +11,9 @@ from pyoxigraph import CanonicalizationAlgorithm, Dataset, Literal, Quad
 
 from benchmarks.kills.frames import NOTES, expected, facts
 from kg import vocabulary as v
-from kg.history.log import BACKGROUND
-from kg.semantic_map import SemanticMap
+from kg.history.storage.log import BACKGROUND
+from kg.maps.semantic_map import SemanticMap
+from kg.opening import open_map
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +40,7 @@ def examine(path: Path, before: Known, acknowledged: Known, *, read_only: bool) 
     `before` is what an earlier examination found, `acknowledged` what the killed process said it
     had done since.
     """
-    with SemanticMap.open(path, read_only=read_only) as semantic_map:
+    with open_map(path, read_only=read_only) as semantic_map:
         known = _known(semantic_map)
         wrong = [
             *_lost(known, acknowledged),
@@ -52,7 +53,7 @@ def examine(path: Path, before: Known, acknowledged: Known, *, read_only: bool) 
 
 def replay(path: Path) -> tuple[str, tuple[str, ...]]:
     """The whole history of a map from its beginning, against the map; and the map's digest."""
-    with SemanticMap.open(path, read_only=True) as semantic_map:
+    with open_map(path, read_only=True) as semantic_map:
         with semantic_map.at(0) as beginning:
             graph = set(beginning.engine)
         for change in semantic_map.changes(0):

@@ -10,7 +10,9 @@ import numpy as np
 from pyoxigraph import Quad
 
 from kg import vocabulary as v
-from kg.history.log import BACKGROUND
+from kg.history.storage.log import BACKGROUND
+from kg.maps.semantic_map import SemanticMap
+from kg.opening import in_memory_map
 from kg.records import (
     Evidence,
     MapUpdate,
@@ -19,7 +21,6 @@ from kg.records import (
     RecordingRecord,
     RobotRecord,
 )
-from kg.semantic_map import SemanticMap
 
 BASE = "https://example.org/killed/"
 OBJECTS = 12
@@ -55,7 +56,7 @@ def note_update(number: int) -> str:
 
 def expected(frames: int, notes: int) -> set[Quad]:
     """What graph:map and graph:dataset hold after so many of each."""
-    with SemanticMap.in_memory(base=BASE) as twin:
+    with in_memory_map(base=BASE) as twin:
         for number in range(max(0, frames - 2), frames):  # the one before holds what is removed
             twin.apply(frame_update(number))
         if notes:

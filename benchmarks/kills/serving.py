@@ -24,8 +24,8 @@ from benchmarks.kills.frames import frame_update, note_update
 from benchmarks.kills.processes import Child
 from benchmarks.kills.tally import Tally
 from benchmarks.kills.writing import create, replayed, settle
-from kg.semantic_map import SemanticMap
-from kg.server import Limits, MapServer, Settings, Tokens
+from kg.opening import open_map
+from kg.server import BearerTokens, Limits, MapServer, Settings
 
 LONGEST = 0.7  # [s] from when the server answers to the kill
 A_MAP = 50  # kills of one map and one follower
@@ -139,8 +139,8 @@ class _House:
 
 def _serve(path: Path, frame: int | None, told: Told) -> None:
     limits = Limits(rate=1e6, burst=1_000_000)
-    settings = Settings(port=0, tokens=Tokens((("ann", TOKEN.encode()),)), limits=limits)
-    with SemanticMap.open(path, power_safe=True) as semantic_map:
+    settings = Settings(port=0, tokens=BearerTokens((("ann", TOKEN.encode()),)), limits=limits)
+    with open_map(path, power_safe=True) as semantic_map:
         server = MapServer(semantic_map, settings)
         with server:
             told(server.url)

@@ -13,7 +13,7 @@ from benchmarks.kills.examination import Finding, Known, examine, replay
 from benchmarks.kills.frames import BASE, frame_update
 from benchmarks.kills.processes import Child
 from benchmarks.kills.tally import Tally
-from kg.semantic_map import SemanticMap
+from kg.opening import create_map, open_map
 
 LONGEST = 0.5  # [s] from the fork to the kill
 A_MAP = 100  # kills of one map; then another begins
@@ -38,7 +38,7 @@ def kill_writers(
 
 def create(path: Path) -> None:
     """A new map at `path`, made by a child."""
-    child = Child(lambda told: SemanticMap.create(path, base=BASE, power_safe=True).close())
+    child = Child(lambda told: create_map(path, base=BASE, power_safe=True).close())
     if child.end() != 0:
         raise RuntimeError(f"the map at {path} could not be made")
     child.close()
@@ -70,7 +70,7 @@ def replayed(path: Path) -> tuple[str, list[str]]:
 
 def _one(path: Path, known: Known, rng: random.Random, tally: Tally) -> Known:
     def work(told: Told) -> None:
-        with SemanticMap.open(path, power_safe=True) as semantic_map:
+        with open_map(path, power_safe=True) as semantic_map:
             number = known.frames
             while True:
                 semantic_map.apply(frame_update(number))

@@ -1,6 +1,6 @@
-"""ConceptNet into an ontology: where things are found, for the categories that are ours.
+"""ConceptNet importer: relations between the categories of an ontology, from ConceptNet edges.
 
-Sources (`dump`, `graph4`, `tables5`, `api`) give `Assertion`s; `names` and `senses` tell which of
-them speak of our categories, `relate` weighs them into relations, `edits` and `turtle` bring those
-into a file that people may edit too. `importing` does all of it.
+Sources (`dump`, `graph4`, `tables5`, `api`) give `Edge`s; `names` and `senses` match their terms
+to categories, `relate` aggregates them into relations, `edits` and `turtle` merge those into a
+file that people may edit too. `importing` runs all steps.
 """

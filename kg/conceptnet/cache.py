@@ -1,4 +1,4 @@
-"""Answers of the web API on disk, so that an import that broke off goes on where it was."""
+"""Response cache of the web API on disk, so that an interrupted import can be resumed."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from kg.errors import ConceptNetError
 
 
 @dataclass(frozen=True, slots=True)
-class Cache:
-    """One file an answer, in a folder; a file that is damaged counts as absent."""
+class ResponseCache:
+    """Response cache in a folder, one file each; a damaged file counts as absent."""
 
     folder: Path
 
     def get(self, url: str) -> dict[str, object] | None:
-        """The answer once given at an address."""
+        """The cached response for a URL, or None."""
         try:
             stored = json.loads(self._path(url).read_bytes())
         except (OSError, ValueError, RecursionError):
@@ -29,7 +29,7 @@ class Cache:
         return answer if isinstance(answer, dict) else None
 
     def put(self, url: str, answer: dict[str, object]) -> None:
-        """Keep an answer: whole, or not at all.
+        """Store a response atomically.
 
         Raises:
             ConceptNetError: the folder cannot be written.

@@ -1,8 +1,9 @@
-"""What people did to an imported file since it was written, and how an import leaves it be.
+"""Three-way merge of an import with a file that people edited since the last import.
 
-An imported relation carries a mark of what was imported (`kg.marks`); where the mark no longer
-fits, a person edited the relation, and it is theirs. The header lists what was ever imported; what
-is listed and gone, a person removed. Everything without a mark is people's own.
+An imported relation carries a digest of its content (`kg.ontology.import_digest`); where the digest
+no longer matches, a person edited the relation, and the import keeps it. The header lists all
+relations ever imported; a listed one that is missing was removed by a person. Everything without a
+digest was written by people.
 """
 
 from __future__ import annotations
@@ -17,14 +18,14 @@ from typing import Final, TypeVar
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from kg import vocabulary as v
-from kg.conceptnet.relate import Found
+from kg.conceptnet.relate import ImportedRelation
 from kg.conceptnet.turtle import Key, file_text, key_of, listed_in, notes_of
 from kg.errors import ConceptNetError, OntologyError
-from kg.marks import as_imported
-from kg.syntaxes import parse_file
+from kg.ontology.import_digest import as_imported
+from kg.rdf.parsing import parse_file
 
 _KINDS: Final = (v.LOCATED_AT, v.NEAR_BY, v.RDFS_SUB_CLASS_OF)
-#: What the importer says of its file; other properties of the header are people's.
+#: Header properties that the importer writes; others were written by people.
 _OF_HEADER: Final = (
     *(v.RDF_TYPE, v.RDFS_LABEL, v.RDFS_COMMENT, v.DCT_LICENSE, v.DCT_SOURCE),
     *(v.OWL_VERSION_INFO, v.IMPORTED_RELATIONS),
@@ -36,8 +37,8 @@ _Term = TypeVar("_Term")
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
-    """One difference between what a file said of a relation and what it says after an import."""
+class RelationChange:
+    """Difference in one relation of a file between before and after an import."""
 
     what: str  # added, removed, changed, yours (kept as edited), left out (as you removed it)
     kind: str  # IRI
@@ -48,29 +49,29 @@ class Change:
 
 
 @dataclass(slots=True)
-class Standing:
-    """An imported file as it stands: what is still the importer's, and what is people's."""
+class ImportedFile:
+    """Parsed imported file: the importer's relations and what people wrote."""
 
-    imported: dict[Key, tuple[float | None, str]] = field(default_factory=dict)  # p, mark
+    imported: dict[Key, tuple[float | None, str]] = field(default_factory=dict)  # p, digest
     listed: set[Key] = field(default_factory=set)
-    theirs: set[Key] = field(default_factory=set)  # relations people wrote or edited
+    edited_by_people: set[Key] = field(default_factory=set)  # relations people wrote or edited
     header: list[Triple] = field(default_factory=list)
     people: list[Triple] = field(default_factory=list)
 
     @property
     def removed(self) -> set[Key]:
-        """Relations that were imported once and that a person took out."""
-        return self.listed - set(self.imported) - self.theirs
+        """Relations that were imported and that a person removed."""
+        return self.listed - set(self.imported) - self.edited_by_people
 
 
-def read_standing(path: Path) -> Standing:
-    """What a file holds that an earlier import wrote; nothing where there is no such file.
+def read_imported_file(path: Path) -> ImportedFile:
+    """Parse a file that an earlier import wrote; empty where there is no such file.
 
     Raises:
         ConceptNetError: it does not parse, or no import wrote it.
     """
     if not path.exists():
-        return Standing()
+        return ImportedFile()
     triples = _parsed(path)
     header = Triple(
         NamedNode(v.CONCEPTNET_ONTOLOGY), NamedNode(v.RDF_TYPE), NamedNode(v.OWL_ONTOLOGY)
@@ -80,7 +81,7 @@ def read_standing(path: Path) -> Standing:
             f"{path} is no file of this importer (no ontology <{v.CONCEPTNET_ONTOLOGY}> in it): "
             "name a new file, the import would overwrite this one"
         )
-    return _sorted_out(triples)
+    return _classified(triples)
 
 
 def _parsed(path: Path) -> list[Triple]:
@@ -91,7 +92,7 @@ def _parsed(path: Path) -> list[Triple]:
 
 
 def _renamed(triples: Iterable[Triple], names: dict[object, BlankNode]) -> list[Triple]:
-    """The same with blank nodes named in the order they come, so that a file stays as it is."""
+    """The triples with blank nodes named in order of occurrence, so that output is stable."""
 
     def stable(term: _Term) -> _Term | BlankNode:
         if not isinstance(term, BlankNode):
@@ -101,37 +102,35 @@ def _renamed(triples: Iterable[Triple], names: dict[object, BlankNode]) -> list[
     return [Triple(stable(t.subject), t.predicate, stable(t.object)) for t in triples]
 
 
-def _sorted_out(triples: list[Triple]) -> Standing:
-    standing = Standing()
+def _classified(triples: list[Triple]) -> ImportedFile:
+    file = ImportedFile()
     notes: dict[object, _Notes] = defaultdict(list)
     for t in triples:
         notes[t.subject].append((t.predicate.value, t.object))
-    ours = {node: key for node, said in notes.items() if (key := _imported_key(node, said))}
-    edited = {key for node, said in notes.items() if node not in ours and (key := _key(said))}
-    for node, key in ours.items():
-        standing.imported[key] = (_probability(notes[node]), _text(notes[node], v.IMPORT_MARK))
+    imported = {node: key for node, notes in notes.items() if (key := _imported_key(node, notes))}
+    edited = {key for node, notes in notes.items() if node not in imported and (key := _key(notes))}
+    for node, key in imported.items():
+        file.imported[key] = (_probability(notes[node]), _literal_text(notes[node], v.IMPORT_MARK))
     stated = {key for t in triples if (key := _stated(t))}
-    standing.imported = {
-        key: said for key, said in standing.imported.items() if key in stated - edited
-    }
-    standing.theirs = stated - set(standing.imported)
+    file.imported = {key: notes for key, notes in file.imported.items() if key in stated - edited}
+    file.edited_by_people = stated - set(file.imported)
     for t in triples:
-        _put(t, standing, ours)
+        _assign(t, file, imported)
     names: dict[object, BlankNode] = {}
-    standing.header = _renamed(standing.header, names)
-    standing.people = _renamed(standing.people, names)
-    return standing
+    file.header = _renamed(file.header, names)
+    file.people = _renamed(file.people, names)
+    return file
 
 
-def _put(t: Triple, standing: Standing, ours: dict[object, Key]) -> None:
-    """One triple to whom it belongs."""
+def _assign(t: Triple, file: ImportedFile, imported: dict[object, Key]) -> None:
+    """Add a triple to the header or to people's triples, unless the importer wrote it."""
     if t.subject == NamedNode(v.CONCEPTNET_ONTOLOGY):
         if t.predicate.value == v.IMPORTED_RELATIONS and isinstance(t.object, Literal):
-            standing.listed |= listed_in(t.object.value)
+            file.listed |= listed_in(t.object.value)
         elif t.predicate.value not in _OF_HEADER and not _is_import(t):
-            standing.header.append(t)
-    elif t.subject not in ours and _stated(t) not in standing.imported:
-        standing.people.append(t)
+            file.header.append(t)
+    elif t.subject not in imported and _stated(t) not in file.imported:
+        file.people.append(t)
 
 
 def _is_import(t: Triple) -> bool:
@@ -150,12 +149,12 @@ def _stated(t: Triple) -> Key | None:
     return None
 
 
-def _imported_key(node: object, said: _Notes) -> Key | None:
-    return _key(said) if isinstance(node, BlankNode) and as_imported(said) else None
+def _imported_key(node: object, notes: _Notes) -> Key | None:
+    return _key(notes) if isinstance(node, BlankNode) and as_imported(notes) else None
 
 
-def _key(said: _Notes) -> Key | None:
-    by_predicate = dict(said)
+def _key(notes: _Notes) -> Key | None:
+    by_predicate = dict(notes)
     parts = (v.OWL_ANNOTATED_PROPERTY, v.OWL_ANNOTATED_SOURCE, v.OWL_ANNOTATED_TARGET)
     terms = [by_predicate.get(part) for part in parts]
     if not all(isinstance(term, NamedNode) for term in terms):
@@ -164,42 +163,50 @@ def _key(said: _Notes) -> Key | None:
     return kind, subject, target
 
 
-def _text(said: _Notes, predicate: str) -> str:
-    return next((o.value for p, o in said if p == predicate and isinstance(o, Literal)), "")
+def _literal_text(notes: _Notes, predicate: str) -> str:
+    return next((o.value for p, o in notes if p == predicate and isinstance(o, Literal)), "")
 
 
-def _probability(said: _Notes) -> float | None:
-    text = _text(said, v.PROBABILITY)
+def _probability(notes: _Notes) -> float | None:
+    text = _literal_text(notes, v.PROBABILITY)
     return float(text) if text else None
 
 
-def merge(standing: Standing, found: Iterable[Found]) -> tuple[str, list[Change]]:
-    """The file's new text, and what changes in it, in the order of the relations."""
+def merge(
+    file: ImportedFile, found: Iterable[ImportedRelation]
+) -> tuple[str, list[RelationChange]]:
+    """Merge an import into a file: its new text and the changes, sorted by relation."""
     new = {key_of(relation): relation for relation in found}
-    kept_out = standing.removed
-    written = {k: r for k, r in new.items() if k not in standing.theirs and k not in kept_out}
-    changes = [Change("left out", *key) for key in kept_out & set(new)]
-    changes += [Change("yours", *key) for key in standing.theirs & set(new)]
-    for key in set(written) | set(standing.imported):
-        changes += _change(key, standing.imported.get(key), written.get(key))
-    # what people edited or removed must be known as such for good
-    listed = set(written) | kept_out | (standing.listed & standing.theirs)
-    text = file_text(written.values(), listed, standing.header, standing.people)
+    removed = file.removed
+    written = {k: r for k, r in new.items() if k not in file.edited_by_people and k not in removed}
+    changes = [RelationChange("left out", *key) for key in removed & set(new)]
+    changes += [RelationChange("yours", *key) for key in file.edited_by_people & set(new)]
+    for key in set(written) | set(file.imported):
+        changes += _change(key, file.imported.get(key), written.get(key))
+    # relations that people edited or removed must stay listed
+    listed = set(written) | removed | (file.listed & file.edited_by_people)
+    text = file_text(written.values(), listed, file.header, file.people)
     return text, sorted(changes, key=lambda c: (c.kind, c.subject, c.target))
 
 
-def _change(key: Key, old: tuple[float | None, str] | None, new: Found | None) -> list[Change]:
+def _change(
+    key: Key, old: tuple[float | None, str] | None, new: ImportedRelation | None
+) -> list[RelationChange]:
     if old is None and new is not None:
-        return [Change("added", *key, None, new.probability)]
+        return [RelationChange("added", *key, None, new.probability)]
     if new is None and old is not None:
-        return [Change("removed", *key, old[0], None)]
-    if old is not None and new is not None and _text([*notes_of(new)], v.IMPORT_MARK) != old[1]:
-        return [Change("changed", *key, old[0], new.probability)]
+        return [RelationChange("removed", *key, old[0], None)]
+    if (
+        old is not None
+        and new is not None
+        and _literal_text([*notes_of(new)], v.IMPORT_MARK) != old[1]
+    ):
+        return [RelationChange("changed", *key, old[0], new.probability)]
     return []
 
 
 def write_text(path: Path, text: str) -> bool:
-    """Put `text` in place of a file, whole or not at all; False where it says so already.
+    """Write a file atomically; returns False where it has that text already.
 
     Raises:
         ConceptNetError: it cannot be written.

@@ -1,15 +1,16 @@
-"""The graph of ConceptNet 4: start, end and a Python dictionary of freq, score and rel."""
+"""Parser of the ConceptNet 4 graph: start, end and a Python dictionary of freq, score and rel."""
 
 from __future__ import annotations
 
 import ast
 import re
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
-from kg.conceptnet.assertion import (
-    Assertion,
+from kg.conceptnet.edges import (
+    Edge,
+    EdgeFilter,
+    MalformedEdgeError,
     Node,
-    Unreadable,
     assertion_iri,
     clean,
     columns_of,
@@ -19,12 +20,9 @@ from kg.conceptnet.assertion import (
     parse_relation,
 )
 
-if TYPE_CHECKING:
-    from kg.conceptnet.dump import Wanted
-
 _COLUMNS: Final = 3
-_LONGEST_LITERAL: Final = 1000  # bytes; nesting that deep would be hostile
-_MOST_VOTES: Final = 1e6
+_MAX_LITERAL_LENGTH: Final = 1000  # bytes; bounds the nesting of hostile input
+_MAX_VOTES: Final = 1e6
 _RELATION: Final = re.compile(rb"'rel': u?'(\w+)'")
 _LICENSE: Final = license_iri("cc:by-sa/4.0")
 
@@ -35,13 +33,13 @@ def looks_like(line: bytes) -> bool:
     return len(columns) == _COLUMNS and columns[2].startswith(b"{") and b"'rel'" in columns[2]
 
 
-def parse(line: bytes, language: str, wanted: Wanted) -> Assertion | None:
-    """The assertion of a line, or None where it is not wanted. The terms are all English.
+def parse(line: bytes, language: str, wanted: EdgeFilter) -> Edge | None:
+    """The assertion of a line, or None where the filter rejects it. All terms are English.
 
-    A frequency below 0 is how often people thought the opposite: such an assertion is negated.
+    A frequency below 0 counts votes for the opposite: such an assertion is negated.
 
     Raises:
-        Unreadable: the line is none; says why in a few words.
+        MalformedEdgeError: the line is no valid assertion.
     """
     columns = columns_of(line.rstrip(b"\r"), _COLUMNS)
     named = _RELATION.search(columns[2])
@@ -53,18 +51,18 @@ def parse(line: bytes, language: str, wanted: Wanted) -> Assertion | None:
     return _assertion(start, end, columns[2], wanted)
 
 
-def _assertion(start: str, end: str, literal: bytes, wanted: Wanted) -> Assertion | None:
-    if len(literal) > _LONGEST_LITERAL:
-        raise Unreadable("no data in it")
+def _assertion(start: str, end: str, literal: bytes, wanted: EdgeFilter) -> Edge | None:
+    if len(literal) > _MAX_LITERAL_LENGTH:
+        raise MalformedEdgeError("no data in it")
     data = data_of(ast.literal_eval(literal.decode()))
     relation = parse_relation(str(data.get("rel", "")))
     if relation is None or not wanted(relation[0], start, end):
         return None
     name = relation[0]
     freq, score = _number(data.get("freq")), _number(data.get("score"))
-    if not 0 < score <= _MOST_VOTES:
-        raise Unreadable("score is no number above 0")
-    return Assertion(
+    if not 0 < score <= _MAX_VOTES:
+        raise MalformedEdgeError("score is no number above 0")
+    return Edge(
         name,
         Node(start),
         Node(end),
@@ -79,4 +77,4 @@ def _assertion(start: str, end: str, literal: bytes, wanted: Wanted) -> Assertio
 
 def _number(value: object) -> float:
     number = number_of(value, "freq or score is no number")
-    return float(min(max(number, -_MOST_VOTES - 1), _MOST_VOTES + 1))
+    return float(min(max(number, -_MAX_VOTES - 1), _MAX_VOTES + 1))

@@ -1,4 +1,4 @@
-"""An import from beginning to end: source, facts, relations, file."""
+"""ConceptNet import: reads a source, aggregates relations, merges them into a file."""
 
 from __future__ import annotations
 
@@ -7,40 +7,37 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
 
-from kg.categories import Catalogue
-from kg.conceptnet.api import Client, read_api
-from kg.conceptnet.assertion import Assertion
-from kg.conceptnet.cache import Cache
-from kg.conceptnet.collecting import Collection
-from kg.conceptnet.dump import Progress, Reading, Wanted, read_dump
-from kg.conceptnet.edits import Change, Standing, merge, read_standing, write_text
-from kg.conceptnet.names import Names
-from kg.conceptnet.relate import Found, relate
+from kg.conceptnet.api import ApiClient, read_api
+from kg.conceptnet.cache import ResponseCache
+from kg.conceptnet.collecting import EdgeCollection
+from kg.conceptnet.dump import DumpStatistics, Progress, read_dump
+from kg.conceptnet.edges import Edge, EdgeFilter
+from kg.conceptnet.edits import ImportedFile, RelationChange, merge, read_imported_file, write_text
+from kg.conceptnet.names import TermMatcher
+from kg.conceptnet.relate import ImportedRelation, relate
 from kg.errors import ConceptNetError
-from kg.ontology import load_ontologies, superclasses
-from kg.shipped import ONTOLOGIES
-
-PUBLIC_API: Final = "http://api.conceptnet.io"
+from kg.ontology.catalogue import Catalogue
+from kg.ontology.loading import load_ontologies, superclasses
+from kg.resources import ONTOLOGIES
 
 
 @dataclass(frozen=True, slots=True)
-class Imported:
-    """What an import found, and what it changed."""
+class ConceptNetImport:
+    """Result of an import: relations found, and changes to the file."""
 
-    found: tuple[Found, ...]  # all relations the source supports
-    changes: tuple[Change, ...]  # to the file, or to an empty one
-    written: bool  # whether the file is other than it was
-    used: int  # assertions that speak of our categories
-    weak: int  # relations with too little for them, or too much against
+    found: tuple[ImportedRelation, ...]  # all relations the source supports
+    changes: tuple[RelationChange, ...]  # to the file, or to an empty one
+    written: bool  # whether the file has changed
+    used: int  # assertions about the categories
+    weak: int  # relations with too few votes for them, or too many against
     lines: int  # lines of the file, or edges of the answers
-    requests: int  # to the web API; what the cache knew is not among them
-    skipped: Counter[str]  # lines or edges that hold no assertion, by reason
+    requests: int  # to the web API; without those answered from the cache
+    skipped: Counter[str]  # malformed lines or edges, by reason
 
 
-def _silent(done: int, total: int) -> None:
-    """Progress nobody watches."""
+def _no_progress(done: int, total: int) -> None:
+    """Progress callback that does nothing."""
 
 
 def import_conceptnet(
@@ -51,29 +48,29 @@ def import_conceptnet(
     ontologies: Path = ONTOLOGIES,
     dry_run: bool = False,
     cache: Path | None = None,
-    client: Client | None = None,
-    progress: Progress = _silent,
-) -> Imported:
-    """Regenerate what ConceptNet says of the categories of an ontology.
+    client: ApiClient | None = None,
+    progress: Progress = _no_progress,
+) -> ConceptNetImport:
+    """Import ConceptNet's relations between the categories of an ontology.
 
     Args:
         source: file (ConceptNet 5 TSV or ConceptNet 4 graph, plain or gzip), or the address of a
-            web API, such as `PUBLIC_API`.
-        into: the Turtle file to write; an earlier import's is brought up to date, with what people
-            did to it left as it is. None: nothing is written.
+            web API, such as http://api.conceptnet.io.
+        into: the Turtle file to write; that of an earlier import is updated, with what people
+            changed in it kept. None: nothing is written.
         language: whose assertions, as ConceptNet names it.
         ontologies: folder of the ontologies that hold the categories; `into` is not read there.
-        dry_run: work everything out, and write nothing.
-        cache: folder for answers of the web API; an import that broke off goes on from there.
-        client: the web API as already set up, in place of `source`'s address.
-        progress: told how many bytes (or requests) are done, of how many.
+        dry_run: compute the changes without writing them.
+        cache: folder for responses of the web API; an interrupted import resumes from there.
+        client: a client of the web API to use instead of `source`'s address.
+        progress: callback with the number of bytes (or requests) done, and the total.
 
     Raises:
         ConceptNetError: the source cannot be read, the file cannot be brought up to date, or
-            would be emptied, since nothing in the source speaks of the categories.
+            would be emptied, since the source has no assertion about the categories.
         OntologyError: the ontologies cannot be read.
     """
-    standing = Standing() if into is None else read_standing(into)
+    previous = ImportedFile() if into is None else read_imported_file(into)
     quads = load_ontologies(ontologies, without=into).quads
     catalogue = Catalogue.from_quads(quads)
     kinds = {c.iri for c in catalogue.categories if c.kind == "supercategory"}
@@ -81,21 +78,23 @@ def import_conceptnet(
         iri: tuple(one for one in above if one in kinds)
         for iri, above in superclasses(quads).items()
     }
-    collection = Collection(Names(catalogue))
-    reading = Reading()
-    with _assertions(source, language, collection, reading, cache, client, progress) as assertions:
-        used = collection.take(assertions)
+    collection = EdgeCollection(TermMatcher(catalogue))
+    statistics = DumpStatistics()
+    with _assertions(
+        source, language, collection, statistics, cache, client, progress
+    ) as assertions:
+        used = collection.add_all(assertions)
     if not used and into is not None:  # it would empty the file
         raise ConceptNetError(
-            f"{source} says nothing of these categories in the language {language!r} "
-            f"({reading.lines} assertions read): ConceptNet calls English 'en', German 'de'"
+            f"{source} has no assertion about these categories in the language {language!r} "
+            f"({statistics.lines} assertions read): ConceptNet calls English 'en', German 'de'"
         )
     found, weak = relate(collection, groups)
-    text, changes = merge(standing, found)
+    text, changes = merge(previous, found)
     written = into is not None and not dry_run and write_text(into, text)
-    return Imported(
+    return ConceptNetImport(
         *(found, tuple(changes), written, used, weak),
-        *(reading.lines, reading.requests, reading.skipped),
+        *(statistics.lines, statistics.requests, statistics.skipped),
     )
 
 
@@ -103,18 +102,18 @@ def import_conceptnet(
 def _assertions(
     source: str | Path,
     language: str,
-    collection: Collection,
-    reading: Reading,
+    collection: EdgeCollection,
+    statistics: DumpStatistics,
     cache: Path | None,
-    client: Client | None,
+    client: ApiClient | None,
     progress: Progress,
-) -> Iterator[Iterator[Assertion]]:
-    wanted: Wanted = collection.wants
+) -> Iterator[Iterator[Edge]]:
+    wanted: EdgeFilter = collection.accepts
     if client is None and not str(source).startswith(("http://", "https://")):
-        yield read_dump(Path(source), language, wanted, reading, progress)
+        yield read_dump(Path(source), language, wanted, statistics, progress)
         return
-    client = client or Client(str(source), Cache(cache) if cache else None)
-    client.reading = reading
+    client = client or ApiClient(str(source), ResponseCache(cache) if cache else None)
+    client.statistics = statistics
     try:
         yield read_api(client, collection.names, language, wanted, progress)
     finally:

@@ -1,15 +1,15 @@
-"""Which of our categories a term of ConceptNet names.
+"""Term matching: the category that a term of ConceptNet names.
 
 ConceptNet 4 writes lemmas without stop words ("live room", "dine table", "office build"), 5 mostly
-words ("living_room"), people both, run together or misjoined ("livingroom"). Labels, synonyms and
-terms all go through the same reduction, and are compared by its result:
+words ("living_room"), people both, or joined ("livingroom"). Labels, synonyms and terms are all
+normalised in the same way and compared by the result:
 
 - case, marks, accents' composition: NFKC, case folded, everything but letters and digits a space;
-- words that carry no meaning of their own are dropped;
-- every word is brought to its singular;
+- stop words are dropped;
+- every word is reduced to its singular;
 - words before the last one lose -ing, -ed and the e at their end, as a lemma would ("living room",
   "live room"); the last one does not, or "bedding" would be a bed and "skiing" a ski;
-- what then differs may still be equal with the spaces left out ("living-room", "livingroom").
+- forms that then differ are compared with the spaces removed ("living-room", "livingroom").
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from collections.abc import Iterable
 from functools import lru_cache
 from typing import Final
 
-from kg.categories import Catalogue, Category
+from kg.ontology.catalogue import Catalogue, Category
 
 _STOP_WORDS: Final = frozenset(
     (
@@ -28,9 +28,9 @@ _STOP_WORDS: Final = frozenset(
         *("any", "my", "your", "his", "her", "its", "our", "their"),
     )
 )
-#: True exceptions: a lemmatiser took the noun for a verb.
+#: Exceptions: nouns that a lemmatiser reduced as verbs.
 _HEADS: Final = {"build": "building"}
-#: Names of a category that may just as well mean something else; each counts half (`DOUBTFUL`).
+#: Ambiguous names of a category; each counts half (`DOUBTFUL_SHARE`).
 ALSO_CALLED: Final = {"notebook": "laptop"}
 _PLURALS: Final = (
     (re.compile(r"(?<=i)ves$"), "fe"),
@@ -45,7 +45,7 @@ _PLURALS: Final = (
 
 @lru_cache(maxsize=50_000)
 def reduced(term: str) -> str:
-    """The words of a term as they are compared; empty where nothing is left."""
+    """Normalised words of a term, for comparison; empty where nothing is left."""
     words = [_singular(word) for word in _words(term) if word not in _STOP_WORDS]
     if not words:
         return ""
@@ -54,7 +54,7 @@ def reduced(term: str) -> str:
 
 
 def joined(term: str) -> str:
-    """A term's words run together, none of them reduced."""
+    """A term's words joined without spaces, not normalised further."""
     return "".join(_words(term))
 
 
@@ -79,8 +79,8 @@ def _stem(word: str) -> str:
     return stem.removesuffix("e") if len(stem) > 3 else stem
 
 
-class Names:
-    """The names of a catalogue's categories, as terms of ConceptNet are looked up in them."""
+class TermMatcher:
+    """Index of the names of a catalogue's categories, for lookup of ConceptNet terms."""
 
     def __init__(self, catalogue: Catalogue) -> None:
         self.groups: dict[str, tuple[Category, ...]] = {
@@ -96,11 +96,11 @@ class Names:
         return index.get(reduced(term)) or index.get(joined(term))
 
     def doubtful(self, term: str) -> str | None:
-        """IRI of the object category that the term may name, and may as well not."""
+        """IRI of the object category that an ambiguous term may name, or None."""
         return self._doubtful.get(reduced(term))
 
     def terms(self, category: Category) -> tuple[str, ...]:
-        """What to ask for to learn of a category: its names as words, each once, in order."""
+        """Query terms of a category: its names as words, without duplicates, sorted."""
         extra = [term for term in self._doubtful if self._doubtful[term] == category.iri]
         names = {joined(n): " ".join(_words(n)) for n in (*extra, *_names(category))}
         return tuple(sorted(filter(None, names.values())))
@@ -115,7 +115,10 @@ def _index(categories: Iterable[Category]) -> dict[str, str]:
     categories = tuple(categories)
     ranked = [(c.label, c.iri) for c in categories]
     ranked += [(name, c.iri) for c in categories for name in c.synonyms]
-    for form in (reduced, joined):  # a label beats a synonym, words beat words run together
+    for form in (
+        reduced,
+        joined,
+    ):  # labels take precedence over synonyms, separate words over joined ones
         for name, iri in ranked:
             if key := form(name):
                 found.setdefault(key, iri)

@@ -1,4 +1,4 @@
-"""Facts about terms weighed into relations between our categories."""
+"""Aggregation of evidence about terms into relations between categories."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from kg import vocabulary as v
-from kg.conceptnet.collecting import Collection, Fact, Key
+from kg.conceptnet.collecting import EdgeCollection, Key, TermRelation
 from kg.conceptnet.names import reduced
-from kg.conceptnet.senses import PLAIN, Senses
+from kg.conceptnet.senses import PLAIN, SenseFilter
 from kg.conceptnet.strength import (
     NEAR_HALF,
     NEAR_STEEPNESS,
@@ -18,23 +18,23 @@ from kg.conceptnet.strength import (
     weight_of,
 )
 
-#: A name that may as well mean something else (a synonym, "notebook"), beside one that is ours.
+#: Weight of an ambiguous name (a synonym, "notebook") relative to a category's own name.
 DOUBTFUL_SHARE: Final = 0.5
-#: What is said of a kind (fruit), beside what is said of the thing itself (banana).
+#: Weight of evidence about a kind (fruit) relative to evidence about the object (banana).
 INHERITED_SHARE: Final = 0.25
-#: Votes: what a relation needs, what a kind needs to pass anything on, what makes a subclass.
-FEWEST_VOTES: Final = 1.0
-FEWEST_FOR_KIND: Final = 2.0
-FEWEST_FOR_SUBCLASS: Final = 2.0
-#: Votes against, as a share of those for, that a subclass bears.
-MOST_DISPUTE: Final = 0.25
-#: The strongest so many assertions are named as sources.
-MOST_SOURCES: Final = 5
+#: Minimum votes of a relation, of a kind that others inherit from, and of a subclass.
+MIN_VOTES: Final = 1.0
+MIN_VOTES_OF_KIND: Final = 2.0
+MIN_VOTES_OF_SUBCLASS: Final = 2.0
+#: Maximum votes against a subclass, as a share of those for it.
+MAX_DISPUTE: Final = 0.25
+#: Number of sources given, the strongest assertions first.
+MAX_SOURCES: Final = 5
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
-    """A relation between two of our categories, with what speaks for and against it."""
+class ImportedRelation:
+    """Relation between two categories, with the evidence for and against it."""
 
     kind: str  # IRI: here:locatedAt, here:nearBy or rdfs:subClassOf
     subject: str  # IRI of a category
@@ -49,33 +49,33 @@ class Found:
 
 @dataclass(slots=True)
 class _Tally:
-    """Votes for and against, with who cast them."""
+    """Votes for and against a relation, with their sources."""
 
     votes: float = 0.0
     against: float = 0.0
-    voices: dict[str, tuple[float, str, str]] = field(default_factory=dict)
+    evidence: dict[str, tuple[float, str, str]] = field(default_factory=dict)
 
-    def add(self, fact: Fact, share: float) -> None:
+    def add(self, fact: TermRelation, share: float) -> None:
         self.votes += fact.votes() * share
         self.against += fact.votes(negated=True) * share
-        for (source, _), voice in fact.voices.items():
-            weighed = (voice.votes * share, voice.surface, voice.license)
-            self.voices[source] = max(self.voices.get(source, (0.0, "", "")), weighed)
+        for (source, _), entry in fact.evidence.items():
+            weighed = (entry.votes * share, entry.surface, entry.license)
+            self.evidence[source] = max(self.evidence.get(source, (0.0, "", "")), weighed)
 
 
 _Tallies = dict[str, _Tally]
 
 
 def relate(
-    collection: Collection, groups: Mapping[str, tuple[str, ...]]
-) -> tuple[tuple[Found, ...], int]:
-    """The relations a collection supports, sorted; and how many more are outvoted or too weak.
+    collection: EdgeCollection, groups: Mapping[str, tuple[str, ...]]
+) -> tuple[tuple[ImportedRelation, ...], int]:
+    """Relations that a collection supports, sorted; and the number of those rejected as too weak.
 
     Args:
         collection: all facts.
         groups: IRI of every object category -> IRIs of its supercategories.
     """
-    senses = Senses(collection, groups)
+    senses = SenseFilter(collection, groups)
     tallied = [
         (kind, subject, target, tally)
         for kind, subject, tallies in _tallied(collection, senses, groups)
@@ -86,12 +86,12 @@ def relate(
     return tuple(sorted(found, key=_order)), len(tallied) - len(found)
 
 
-def _order(found: Found) -> tuple[str, str, str]:
+def _order(found: ImportedRelation) -> tuple[str, str, str]:
     return found.kind, found.subject, found.target
 
 
 def _tallied(
-    collection: Collection, senses: Senses, groups: Mapping[str, tuple[str, ...]]
+    collection: EdgeCollection, senses: SenseFilter, groups: Mapping[str, tuple[str, ...]]
 ) -> Iterator[tuple[str, str, _Tallies]]:
     named: dict[str, list[Key]] = defaultdict(list)
     for key, iri in sorted(collection.naming.items()):
@@ -105,8 +105,8 @@ def _tallied(
 
 
 def _located(
-    collection: Collection,
-    senses: Senses,
+    collection: EdgeCollection,
+    senses: SenseFilter,
     iri: str,
     keys: list[Key],
     supercategories: Iterable[str],
@@ -119,7 +119,7 @@ def _located(
         for place, fact in sorted(collection.at_place.get(key, {}).items()):
             tallies[place].add(fact, DOUBTFUL_SHARE * senses.at_place(key, iri, place))
     parents = _parents(collection, senses, iri, keys, supercategories)
-    strongest: dict[str, Fact] = {}
+    strongest: dict[str, TermRelation] = {}
     for parent in parents:
         for place, fact in sorted(collection.at_place.get(parent, {}).items()):
             if place not in strongest or fact.net > strongest[place].net:
@@ -129,8 +129,8 @@ def _located(
     return tallies
 
 
-def _doubtful(collection: Collection, iri: str, keys: list[Key]) -> list[Key]:
-    """Terms that may mean the category: known ones, and synonyms that name no other."""
+def _doubtful(collection: EdgeCollection, iri: str, keys: list[Key]) -> list[Key]:
+    """Ambiguous terms of the category: listed ones, and synonyms that name no other category."""
     found = {key for key in collection.at_place if collection.names.doubtful(key[0]) == iri}
     for key in keys:
         for other, fact in collection.same_as.get(key, {}).items():
@@ -140,19 +140,19 @@ def _doubtful(collection: Collection, iri: str, keys: list[Key]) -> list[Key]:
 
 
 def _parents(
-    collection: Collection,
-    senses: Senses,
+    collection: EdgeCollection,
+    senses: SenseFilter,
     iri: str,
     keys: list[Key],
     supercategories: Iterable[str],
 ) -> list[Key]:
-    """What the category is, as its own terms and the ontology say; not its rival meanings."""
+    """Parents of the category, by its terms and the ontology; without those of rival senses."""
     found: set[Key] = set()
     for key in keys:
         rivals = senses.rivals(key, iri)
         for parent, fact in collection.is_a.get(key, {}).items():
-            mine = parent not in collection.naming and senses.group_of(parent) not in rivals
-            if mine and fact.net >= FEWEST_FOR_KIND:
+            same_sense = parent not in collection.naming and senses.group_of(parent) not in rivals
+            if same_sense and fact.net >= MIN_VOTES_OF_KIND:
                 found.add(parent)
     for group in collection.names.groups["supercategory"]:
         if group.iri in supercategories:
@@ -160,7 +160,7 @@ def _parents(
     return sorted(found)
 
 
-def _near(collection: Collection, senses: Senses, iri: str, keys: list[Key]) -> _Tallies:
+def _near(collection: EdgeCollection, senses: SenseFilter, iri: str, keys: list[Key]) -> _Tallies:
     tallies: _Tallies = defaultdict(_Tally)
     for key in keys:
         for other, fact in sorted(collection.near.get(key, {}).items()):
@@ -168,8 +168,8 @@ def _near(collection: Collection, senses: Senses, iri: str, keys: list[Key]) -> 
     return tallies
 
 
-def _kinds(collection: Collection, senses: Senses, iri: str, keys: list[Key]) -> _Tallies:
-    """Supercategories the category is said to be one of; a rival meaning's are not taken."""
+def _kinds(collection: EdgeCollection, senses: SenseFilter, iri: str, keys: list[Key]) -> _Tallies:
+    """Supercategories of the category by IsA edges; without those of rival senses."""
     tallies: _Tallies = defaultdict(_Tally)
     own = senses.group(iri)
     for key in keys:
@@ -181,17 +181,17 @@ def _kinds(collection: Collection, senses: Senses, iri: str, keys: list[Key]) ->
 
 
 def _enough(kind: str, tally: _Tally) -> bool:
-    if kind == v.RDFS_SUB_CLASS_OF:  # all or nothing, so no dispute
-        disputed = tally.against > MOST_DISPUTE * tally.votes
-        return tally.votes >= FEWEST_FOR_SUBCLASS and not disputed
-    return tally.votes - tally.against >= FEWEST_VOTES
+    if kind == v.RDFS_SUB_CLASS_OF:  # a subclass has no probability, so it must not be disputed
+        disputed = tally.against > MAX_DISPUTE * tally.votes
+        return tally.votes >= MIN_VOTES_OF_SUBCLASS and not disputed
+    return tally.votes - tally.against >= MIN_VOTES
 
 
-def _found(kind: str, subject: str, target: str, tally: _Tally) -> Found:
+def _found(kind: str, subject: str, target: str, tally: _Tally) -> ImportedRelation:
     weight = _weight(tally.votes)
     against = _weight(tally.against)
-    ranked = sorted(tally.voices.items(), key=lambda item: (-item[1][0], item[0]))[:MOST_SOURCES]
-    return Found(
+    ranked = sorted(tally.evidence.items(), key=lambda item: (-item[1][0], item[0]))[:MAX_SOURCES]
+    return ImportedRelation(
         kind,
         subject,
         target,
@@ -199,8 +199,8 @@ def _found(kind: str, subject: str, target: str, tally: _Tally) -> Found:
         weight,
         against,
         tuple(source for source, _ in ranked),
-        tuple(sorted({voice[2] for _, voice in ranked})),
-        tuple(dict.fromkeys(voice[1] for _, voice in ranked)),
+        tuple(sorted({entry[2] for _, entry in ranked})),
+        tuple(dict.fromkeys(entry[1] for _, entry in ranked)),
     )
 
 

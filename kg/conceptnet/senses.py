@@ -1,15 +1,14 @@
-"""Does a term mean our category, where it has other meanings too?
+"""Word sense disambiguation: the probability that a term of an edge means a category.
 
-Where the source names the sense ("/c/en/mouse/n/wn/animal"), that decides. Elsewhere ("mouse" in
-the attic) the meanings a term may have are read from what it IS said to be: our category belongs to
-one group (its supercategory, or plain objects), a parent that belongs to another group is a rival
-meaning. How often things of each group are said to be in that place then tells, by Bayes' rule,
-which meaning the assertion speaks of:
+Where the source states the sense ("/c/en/mouse/n/wn/animal"), it is used. Elsewhere ("mouse" in
+the attic) the senses of a term are derived from its IsA edges: the category belongs to one group
+(its supercategory, or plain objects), a parent of another group is a rival sense. The frequency of
+each group in that place then gives, by Bayes' rule, the probability of each sense:
 
     share = prior(own) p(place | own) / sum over meanings g of prior(g) p(place | g)
 
-with prior by the votes of the parents, p(place | g) by the votes that things of group g are there,
-both with a little added so that nothing is impossible.
+with the prior from the votes of the parents and p(place | g) from the votes for group g in that
+place, both with additive smoothing.
 """
 
 from __future__ import annotations
@@ -19,29 +18,29 @@ from collections.abc import Mapping
 from functools import cached_property
 from typing import Final
 
-from kg.conceptnet.collecting import Collection, Key
+from kg.conceptnet.collecting import EdgeCollection, Key
 
-#: Added to every count of votes: of parents, and of things of a group in a place.
+#: Additive smoothing of vote counts: of parents, and of a group in a place.
 PARENT_PRIOR: Final = 1.0
 USAGE_PRIOR: Final = 0.5
-#: What puts a term into a group, or makes a rival meaning: one person's vote may be a slip.
-FEWEST_RIVALS: Final = 2.0
+#: Minimum votes for membership in a group or for a rival sense: a single vote may be an error.
+MIN_RIVAL_VOTES: Final = 2.0
 #: The group of objects that have no supercategory.
 PLAIN: Final = ""
-#: WordNet's topics that fit a thing, and those that fit nothing else than the group named so.
+#: WordNet's topics of inanimate objects, and further topics of a named group.
 _OF_THINGS: Final = frozenset({"artifact", "object", "tops"})
 _MORE_TOPICS: Final = {"food": ("plant",)}  # a banana is also the herb it grows on
 
 
-class Senses:
-    """What a collection says of its terms' meanings; ask once all is collected.
+class SenseFilter:
+    """Sense disambiguation over a complete collection.
 
     Args:
         collection: all facts.
         groups: IRI of every object category -> IRIs of its supercategories.
     """
 
-    def __init__(self, collection: Collection, groups: Mapping[str, tuple[str, ...]]) -> None:
+    def __init__(self, collection: EdgeCollection, groups: Mapping[str, tuple[str, ...]]) -> None:
         self._collection = collection
         self._groups = groups
         self._labels = {
@@ -62,7 +61,7 @@ class Senses:
         return topic in wanted if living else topic in wanted | _OF_THINGS
 
     def at_place(self, key: Key, category: str, place: str) -> float:
-        """The share, 0..1, of "`key` is in `place`" that speaks of the category."""
+        """Probability, 0..1, that "`key` is in `place`" is about the category."""
         weights = {
             group: prior * self._usage(group, place)
             for group, prior in self._priors(key, category).items()
@@ -70,9 +69,9 @@ class Senses:
         return weights[self.group(category)] / sum(weights.values())
 
     def near(self, key: Key, category: str, other: str) -> float:
-        """The share of "`key` is near `other`" that speaks of the category.
+        """Probability, 0..1, that "`key` is near `other`" is about the category.
 
-        All of it where the other is of the category's group; none where it is of a rival's.
+        It is 1 where the other is of the category's group, 0 where it is of a rival's.
         """
         priors = self._priors(key, category)
         other_group = self.group(other)
@@ -83,11 +82,11 @@ class Senses:
         return priors[self.group(category)] / sum(priors.values())
 
     def rivals(self, key: Key, category: str) -> frozenset[str]:
-        """Groups that the term may mean instead of the category's own."""
+        """Groups of the rival senses of a term."""
         return frozenset(self._priors(key, category)) - {self.group(category)}
 
     def group_of(self, key: Key, depth: int = 1) -> str | None:
-        """The group most of a term's votes put it into, over so many further IsA; None: unknown."""
+        """Group of a term by most votes, over up to `depth` further IsA edges; None: unknown."""
         if (own := self._collection.names.get(key[0], "supercategory")) is not None:
             return own
         if (category := self._collection.naming.get(key)) is not None:
@@ -102,19 +101,19 @@ class Senses:
             if group is not None and fact.net > 0:
                 votes[group] += fact.net
         best = max(sorted(votes), key=votes.__getitem__, default="")
-        return best if votes.get(best, 0.0) >= FEWEST_RIVALS else None
+        return best if votes.get(best, 0.0) >= MIN_RIVAL_VOTES else None
 
     def _priors(self, key: Key, category: str) -> dict[str, float]:
-        """How much each meaning of a term weighs before its place is known."""
+        """Prior weight of each sense of a term."""
         own = self.group(category)
-        if key[1]:  # the source says which sense is meant
+        if key[1]:  # the source states the sense
             return {own: 1.0}
         votes: dict[str, float] = defaultdict(float)
         for parent, fact in self._collection.is_a.get(key, {}).items():
             group = self.group_of(parent)
             if group is not None and fact.net > 0:
                 votes[group] += fact.net
-        rivals = {g: n for g, n in votes.items() if g != own and n >= FEWEST_RIVALS}
+        rivals = {g: n for g, n in votes.items() if g != own and n >= MIN_RIVAL_VOTES}
         return {own: votes[own] + PARENT_PRIOR, **rivals}
 
     def _usage(self, group: str, place: str) -> float:
@@ -125,7 +124,7 @@ class Senses:
 
     @cached_property
     def _counts(self) -> dict[str, dict[str, float]]:
-        """Group -> place -> votes that things of the group are there, unclear terms left out."""
+        """Group -> place -> votes, without ambiguous terms."""
         counts: dict[str, dict[str, float]] = defaultdict(lambda: defaultdict(float))
         for key, facts in self._collection.at_place.items():
             group = self.group_of(key)

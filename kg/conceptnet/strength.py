@@ -1,4 +1,4 @@
-"""How strong evidence is: votes, ConceptNet's weight, and the probability we read from it."""
+"""Evidence strength: votes, ConceptNet's weight, and the probability derived from it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from typing import Final
 
 #: The weight at which a place of the category is as likely to hold the object as not, and how
-#: steeply probability rises with weight there. docs/conceptnet.md says what they were fitted on.
+#: steeply probability rises with weight there; fitted as docs/how-to/statistics.md describes.
 HALF: Final = 5.5
 STEEPNESS: Final = 2.3
 #: The same for things near others. Nearly flat, about 0.16: in homes it hardly rises with weight.
@@ -15,7 +15,7 @@ NEAR_STEEPNESS: Final = 0.1
 
 
 def weight_of(votes: float) -> float:
-    """ConceptNet 5's weight for so many votes: 2 sqrt(max(n - 1, 1)) + min(n, 2) - 2."""
+    """ConceptNet 5's weight for n votes: 2 sqrt(max(n - 1, 1)) + min(n, 2) - 2."""
     return 2 * math.sqrt(max(votes - 1, 1)) + min(votes, 2) - 2
 
 

@@ -1,15 +1,16 @@
-"""Assertions of ConceptNet 5: in a line of its TSV, and as an edge of its web API."""
+"""Parser of ConceptNet 5 assertions: lines of its TSV, and edges of its web API."""
 
 from __future__ import annotations
 
 import json
 import re
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
-from kg.conceptnet.assertion import (
-    Assertion,
+from kg.conceptnet.edges import (
+    Edge,
+    EdgeFilter,
+    MalformedEdgeError,
     Node,
-    Unreadable,
     assertion_iri,
     clean,
     columns_of,
@@ -21,11 +22,8 @@ from kg.conceptnet.assertion import (
 )
 from kg.conceptnet.strength import votes_of
 
-if TYPE_CHECKING:
-    from kg.conceptnet.dump import Wanted
-
 _COLUMNS: Final = 5
-_HEAVIEST: Final = 1e6  # a weight above is no weight
+_MAX_WEIGHT: Final = 1e6  # maximum weight
 _NO_WEIGHT: Final = "weight is no number above 0"
 _BRACKETS: Final = re.compile(r"\[\[|\]\]")
 
@@ -35,11 +33,11 @@ def looks_like(line: bytes) -> bool:
     return line.startswith(b"/a/") and line.count(b"\t") == _COLUMNS - 1
 
 
-def parse(line: bytes, language: str, wanted: Wanted) -> Assertion | None:
-    """The assertion of a line, or None where it is not wanted.
+def parse(line: bytes, language: str, wanted: EdgeFilter) -> Edge | None:
+    """The assertion of a line, or None where the filter rejects it.
 
     Raises:
-        Unreadable: the line is none; says why in a few words.
+        MalformedEdgeError: the line is no valid assertion.
     """
     columns = columns_of(line, _COLUMNS)
     relation = parse_relation(columns[1].decode())
@@ -51,18 +49,18 @@ def parse(line: bytes, language: str, wanted: Wanted) -> Assertion | None:
     )
 
 
-def parse_edge(edge: object, language: str, wanted: Wanted) -> Assertion | None:
-    """The assertion of an edge as the web API gives it, or None where it is not wanted.
+def parse_edge(edge: object, language: str, wanted: EdgeFilter) -> Edge | None:
+    """The assertion of an edge of the web API, or None where the filter rejects it.
 
     Raises:
-        Unreadable: it is no edge.
+        MalformedEdgeError: it is no valid edge.
     """
     try:
         uris = [edge[part]["@id"] for part in ("rel", "start", "end")]  # type: ignore[index]
     except (TypeError, KeyError):
-        raise Unreadable("no edge") from None
+        raise MalformedEdgeError("no edge") from None
     if not all(isinstance(uri, str) for uri in uris):
-        raise Unreadable("no edge")
+        raise MalformedEdgeError("no edge")
     relation = parse_relation(uris[0])
     if relation is None:
         return None
@@ -70,8 +68,13 @@ def parse_edge(edge: object, language: str, wanted: Wanted) -> Assertion | None:
 
 
 def _assertion(
-    relation: tuple[str, bool], start: str, end: str, data: object, language: str, wanted: Wanted
-) -> Assertion | None:
+    relation: tuple[str, bool],
+    start: str,
+    end: str,
+    data: object,
+    language: str,
+    wanted: EdgeFilter,
+) -> Edge | None:
     (start_language, start_node), (end_language, end_node) = _node(start), _node(end)
     if start_language != language or end_language != language:
         return None
@@ -79,19 +82,19 @@ def _assertion(
     if not wanted(name, start_node.term, end_node.term):
         return None
     if isinstance(data, bytes):
-        data = json.loads(data, parse_constant=_refuse)
-    told = data_of(data)
-    surface = told.get("surfaceText")
-    spoken = surface if isinstance(surface, str) else f"{start_node.term} {name} {end_node.term}"
-    return Assertion(
+        data = json.loads(data, parse_constant=_reject_constant)
+    properties = data_of(data)
+    surface = properties.get("surfaceText")
+    wording = surface if isinstance(surface, str) else f"{start_node.term} {name} {end_node.term}"
+    return Edge(
         name,
         start_node,
         end_node,
-        votes_of(_weight(told.get("weight"))),
+        votes_of(_weight(properties.get("weight"))),
         negated,
         assertion_iri(f"Not{name}" if negated else name, start, end),
-        license_iri(str(told.get("license", ""))),
-        clean(_BRACKETS.sub("", spoken)),
+        license_iri(str(properties.get("license", ""))),
+        clean(_BRACKETS.sub("", wording)),
         adds=False,
     )
 
@@ -99,16 +102,16 @@ def _assertion(
 def _node(uri: str) -> tuple[str, Node]:
     node = parse_node(uri)
     if node is None:
-        raise Unreadable("no concept's URI")
+        raise MalformedEdgeError("no concept's URI")
     return node
 
 
 def _weight(value: object) -> float:
     weight = number_of(value, _NO_WEIGHT)
-    if not 0 < weight <= _HEAVIEST:
-        raise Unreadable(_NO_WEIGHT)
+    if not 0 < weight <= _MAX_WEIGHT:
+        raise MalformedEdgeError(_NO_WEIGHT)
     return float(weight)
 
 
-def _refuse(constant: str) -> float:
-    raise Unreadable(_NO_WEIGHT)
+def _reject_constant(constant: str) -> float:
+    raise MalformedEdgeError(_NO_WEIGHT)

@@ -1,4 +1,4 @@
-"""No more requests than a service allows: token buckets, with a clock that tests can turn."""
+"""Rate limiting by token buckets, with a replaceable clock."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final
 
-#: What ConceptNet allows: (requests, seconds).
+#: ConceptNet's rate limits: (requests, seconds).
 ALLOWED: Final = ((120, 60.0), (3600, 3600.0))
 
 
@@ -27,10 +27,10 @@ class _Bucket:
 
 @dataclass(slots=True)
 class Throttle:
-    """Waits before a request where it would be one too many.
+    """Token-bucket rate limiter that waits before a request exceeds the limit.
 
     A bucket starts with half its tokens and fills over its period, so that no period of that length
-    sees more requests than allowed.
+    has more requests than allowed.
     """
 
     clock: Callable[[], float] = time.monotonic

@@ -1,4 +1,4 @@
-"""The file an import writes: Turtle in the style of commonsense.ttl, same facts, same bytes."""
+"""Turtle serialiser of an import, in the style of commonsense.ttl; deterministic."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from typing import Final
 from pyoxigraph import Literal, NamedNode, RdfFormat, Triple, serialize
 
 from kg import vocabulary as v
-from kg.conceptnet.relate import Found
-from kg.marks import mark_of
+from kg.conceptnet.relate import ImportedRelation
+from kg.ontology.import_digest import mark_of
 
 ATTRIBUTION: Final = (
     "This work includes data from ConceptNet 5, compiled by the Commonsense Computing Initiative"
 )
-#: Prefixes of the file; terms of other namespaces stand in full.
+#: Prefixes of the file; IRIs of other namespaces are written in full.
 _PREFIXES: Final = {name: v.PREFIXES[name] for name in ("here", "owl", "rdfs", "xsd", "dct")}
 _LOCAL: Final = re.compile(r"[A-Za-z][A-Za-z0-9]*")
 _SECTIONS: Final = {
@@ -32,13 +32,13 @@ _COMMENT: Final = (
 Key = tuple[str, str, str]  # property, subject, target; all IRIs
 
 
-def key_of(found: Found) -> Key:
-    """What names a relation."""
+def key_of(found: ImportedRelation) -> Key:
+    """Key of a relation."""
     return found.kind, found.subject, found.target
 
 
-def notes_of(found: Found) -> list[tuple[str, NamedNode | Literal]]:
-    """All that its owl:Axiom node says of a relation, its mark last."""
+def notes_of(found: ImportedRelation) -> list[tuple[str, NamedNode | Literal]]:
+    """Properties of a relation's owl:Axiom node, its digest last."""
     notes: list[tuple[str, NamedNode | Literal]] = [
         (v.OWL_ANNOTATED_SOURCE, NamedNode(found.subject)),
         (v.OWL_ANNOTATED_PROPERTY, NamedNode(found.kind)),
@@ -56,15 +56,18 @@ def notes_of(found: Found) -> list[tuple[str, NamedNode | Literal]]:
 
 
 def file_text(
-    found: Iterable[Found], listed: Iterable[Key], header: Iterable[Triple], people: list[Triple]
+    found: Iterable[ImportedRelation],
+    listed: Iterable[Key],
+    header: Iterable[Triple],
+    people: list[Triple],
 ) -> str:
     """The whole file.
 
     Args:
         found: the relations to write, in order.
-        listed: relations that were ever imported; those that are not written, people removed.
+        listed: relations that were ever imported; people removed those that are not written.
         header: what people added to the ontology's header.
-        people: everything else that is people's.
+        people: everything else that people wrote.
     """
     parts = [*_head(listed, header)]
     section = ""
@@ -79,12 +82,12 @@ def file_text(
 
 
 def listing(keys: Iterable[Key]) -> str:
-    """Relations as the header lists them: a line each, IRIs shortened."""
+    """Listing of relations for the header: a line each, with prefixed IRIs."""
     return "\n".join(sorted(" ".join(_term(part) for part in (s, k, t)) for k, s, t in keys))
 
 
 def listed_in(text: str) -> set[Key]:
-    """The relations of a listing; lines that are none are passed over."""
+    """Relations parsed from a listing; invalid lines are skipped."""
     lines = [line.split() for line in text.splitlines()]
     terms = [tuple(_full(word) for word in line) for line in lines if len(line) == 3]
     return {(kind, subject, target) for subject, kind, target in terms}
@@ -107,11 +110,11 @@ def _head(listed: Iterable[Key], added: Iterable[Triple]) -> Iterator[str]:
         yield _turtle(added)
 
 
-def _block(found: Found) -> str:
+def _block(found: ImportedRelation) -> str:
     kind, subject, target = (_term(iri) for iri in key_of(found))
     notes = [f"{_term(p)} {_object(o)}" for p, o in notes_of(found)]
-    said = " ;\n    ".join(["[] a owl:Axiom", *notes])
-    return f"{subject} {kind} {target} .\n{said} .\n"
+    axiom = " ;\n    ".join(["[] a owl:Axiom", *notes])
+    return f"{subject} {kind} {target} .\n{axiom} .\n"
 
 
 def _turtle(triples: list[Triple]) -> str:

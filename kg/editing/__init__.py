@@ -1,1 +1,1 @@
-"""Ontologies that people edit: read with their imports, checked, told in words, taken in."""
+"""Ontologies of maps as people edit them: sources to compare, reloading, one file for an editor."""

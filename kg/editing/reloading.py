@@ -1,31 +1,33 @@
-"""An edited ontology taken into a map, wherever the map is and whether or not it is in use."""
+"""Reload of an edited ontology into a map in a folder, on a store's server or being served."""
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 from pathlib import Path
 
 from pyoxigraph import RdfFormat, serialize
 
-from kg.editing.changes import Change, changes
-from kg.editing.imports import load_with_imports
-from kg.editing.inspection import refuse_malformed
-from kg.editing.sources import ontology_of_map
-from kg.editing.taking_in import refuse_partial
-from kg.endpoint import is_url
-from kg.ontology import Ontology
-from kg.semantic_map import SemanticMap
-from kg.served import Served
-from kg.shapes import Finding
-from kg.wire import Json
+from kg.client.record_codec import Json
+from kg.client.served_server import ServedClient
+from kg.editing.ontology_sources import ontology_of_map
+from kg.ontology.diagnostics import reject_invalid
+from kg.ontology.diff import OntologyChange, changes
+from kg.ontology.import_closure import load_with_imports
+from kg.ontology.loading import Ontology
+from kg.ontology.replacement import reject_partial
+from kg.opening import open_map
+from kg.rdf.findings import Finding
+from kg.store.sparql_client import is_url
+from kg.workers.document_parsing import IsolatedParser
 
 
 @dataclass(frozen=True, slots=True)
 class Reloaded:
-    """What a reload changed: in words, in triples, and under which transaction."""
+    """Result of a reload: the changes, the triples, and the transaction's number."""
 
-    changes: tuple[Change, ...]
-    kept: tuple[str, ...] = ()  # relations that stand as somebody wrote them into the map
+    changes: tuple[OntologyChange, ...]
+    kept: tuple[str, ...] = ()  # relations kept as people wrote them into the map
     warnings: tuple[Finding, ...] = ()
     sequence: int = 0
     added: int = 0
@@ -44,21 +46,23 @@ def reload(
     """Check what lies at `source` and make it the ontology of the map at `address`.
 
     `address` is a map's folder, a SPARQL server with a map, or a running `hereabouts serve`, which
-    goes on with the new ontology. A file must bring, or import, all that the map's ontology is made
-    of, unless it is `whole`; `reason` asks HermiT too; `dry` changes nothing. Raises OntologyError
+    then uses the new ontology. A file must bring, or import, all that the map's ontology is made
+    of, unless it is `whole`; `reason` runs HermiT too; `dry` changes nothing. Raises OntologyError
     for what is refused (the map is untouched then), GraphError, RemoteError.
     """
-    ontology = load_with_imports(source)
-    warnings = tuple(refuse_malformed(ontology, reason=reason))
+    with IsolatedParser() as parse:
+        ontology = load_with_imports(source, parse)
+    warnings = tuple(reject_invalid(ontology, reason=reason))
     whole = whole or source.is_dir()
     if dry:
         present = ontology_of_map(address)
-        refuse_partial(present.quads, ontology.quads, whole=whole)
+        reject_partial(present.quads, ontology.quads, whole=whole)
         return Reloaded(tuple(changes(present.quads, ontology.quads)), warnings=warnings)
-    served = Served.at(address) if is_url(address) else None
+    served = ServedClient.at(address) if is_url(address) else None
     if served is not None:
-        return _put(served, ontology, warnings, whole)
-    with SemanticMap.open(address) as semantic_map:
+        with contextlib.closing(served):
+            return _put(served, ontology, warnings, whole)
+    with open_map(address) as semantic_map:
         taken = semantic_map.take_ontology(ontology.quads, by=by, whole=whole)
         commit, sequence = taken.commit, semantic_map.sequence
     counts = (len(commit.added), len(commit.removed)) if commit else (0, 0)
@@ -66,18 +70,18 @@ def reload(
 
 
 def _put(
-    served: Served, ontology: Ontology, warnings: tuple[Finding, ...], whole: bool
+    served: ServedClient, ontology: Ontology, warnings: tuple[Finding, ...], whole: bool
 ) -> Reloaded:
     body = serialize([q.triple for q in ontology.quads], format=RdfFormat.N_TRIPLES) or b""
 
-    def read(told: Json) -> Reloaded:
+    def decode(reply: Json) -> Reloaded:
         return Reloaded(
-            tuple(Change(**change) for change in told["changes"]),
-            tuple(told["kept"]),
+            tuple(OntologyChange(**change) for change in reply["changes"]),
+            tuple(reply["kept"]),
             warnings,
-            told["sequence"],
-            told["added"],
-            told["removed"],
+            reply["sequence"],
+            reply["added"],
+            reply["removed"],
         )
 
-    return served.take_ontology(body, read, whole=whole)
+    return served.take_ontology(body, decode, whole=whole)

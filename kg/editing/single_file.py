@@ -5,14 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-from pyoxigraph import Literal, NamedNode, RdfFormat, Triple, serialize
+from pyoxigraph import RdfFormat, Triple, serialize
 
 from kg import vocabulary as v
-from kg.characters import in_xml
-from kg.editing.imports import headers
 from kg.errors import OntologyError
-from kg.export import write_atomically
-from kg.semantic_map import SemanticMap
+from kg.export.owl_document import with_one_header
+from kg.export.serialization import write_atomically
+from kg.maps.semantic_map import SemanticMap
+from kg.rdf.turtle_names import with_full_iris
+from kg.rdf.xml_characters import in_xml
 
 _FORMATS: Final = {
     ".ttl": RdfFormat.TURTLE,
@@ -20,7 +21,6 @@ _FORMATS: Final = {
     ".rdf": RdfFormat.RDF_XML,
     ".nt": RdfFormat.N_TRIPLES,
 }
-_KEPT: Final = {v.DCT_LICENSE, v.OWL_VERSION_INFO}  # of the headers that became one
 
 
 def export_ontology(semantic_map: SemanticMap, path: Path) -> int:
@@ -35,31 +35,17 @@ def export_ontology(semantic_map: SemanticMap, path: Path) -> int:
         raise OntologyError(
             f"cannot tell the format of {path.name!r} from its ending; use {', '.join(_FORMATS)}"
         )
-    triples = sorted(set(_with_one_header(semantic_map)), key=_order)
-    text = serialize(triples, format=form, prefixes=v.PREFIXES)
-    if form == RdfFormat.RDF_XML:
-        text = in_xml(text or b"")
-    write_atomically(path, (text or b"").decode("utf-8"))
+    merged = with_one_header(
+        (quad.triple for quad in semantic_map.ontology()),
+        semantic_map.base + "ontology",
+        f"ontology of {semantic_map.title}",
+    )
+    triples = sorted(set(merged), key=_order)
+    body = serialize(triples, format=form, prefixes=v.PREFIXES) or b""
+    text = (in_xml(body) if form == RdfFormat.RDF_XML else body).decode("utf-8")
+    turtle = form == RdfFormat.TURTLE
+    write_atomically(path, with_full_iris(text, v.PREFIXES) if turtle else text)
     return len(triples)
-
-
-def _with_one_header(semantic_map: SemanticMap) -> list[Triple]:
-    quads = semantic_map.ontology()
-    parts = headers(quads)
-    own = NamedNode(semantic_map.base + "ontology")
-    said: list[tuple[str, NamedNode | Literal]] = [
-        (v.RDF_TYPE, NamedNode(v.OWL_ONTOLOGY)),
-        (v.RDFS_LABEL, Literal(f"ontology of {semantic_map.title}")),
-        (v.RDFS_COMMENT, Literal("What the map knew about the world when this was written.")),
-    ]
-    header = [Triple(own, NamedNode(predicate), value) for predicate, value in said]
-    body = []
-    for quad in quads:
-        if getattr(quad.subject, "value", "") not in parts:
-            body.append(quad.triple)
-        elif quad.predicate.value in _KEPT:
-            header.append(Triple(own, quad.predicate, quad.object))
-    return [*header, *body]
 
 
 def _order(triple: Triple) -> tuple[bool, str, bool, str, str]:

@@ -1,6 +1,5 @@
-"""What the map believed before: every transaction, kept small, and how to read it back.
+"""History of the map: every transaction in a compact log, past states, reports.
 
-`coding` makes transactions small, `terms` interns what recurs, `log` keeps them in SQLite,
-`recovery` brings log and store together when a map is opened, `past` folds them into the map as it
-was, `telling` puts them into words, and `why` explains a fact.
+`storage` keeps the transactions in SQLite (row codec, interned terms, recovery when a map is
+opened), `replay` derives past states from them, `reports` lists events and explains facts.
 """

@@ -1,1 +1,4 @@
-"""How likely a kind of place holds a kind of object, and how sure that is (docs/placement.md)."""
+"""Probability that a place of a category holds an object of a category, and its uncertainty.
+
+docs/explanation/placement.md has the model.
+"""

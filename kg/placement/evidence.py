@@ -1,4 +1,4 @@
-"""What ontologies, ConceptNet and statistics say of every pair of object and place, as arrays."""
+"""Placement evidence of ontologies, ConceptNet and statistics for each pair, as arrays."""
 
 from __future__ import annotations
 
@@ -10,46 +10,48 @@ import numpy as np
 from pyoxigraph import Quad
 
 from kg import vocabulary as v
-from kg.categories import Catalogue
-from kg.ontology import superclasses
-from kg.placement.commonplace import commonplaces
-from kg.placement.model import Evidence, Matrix
+from kg.ontology.catalogue import Catalogue
+from kg.ontology.loading import superclasses
+from kg.ontology.relations import Relation, relations
+from kg.placement.model import EvidenceArrays, Matrix
 from kg.placement.rooms import similar_places
+from kg.placement.shipped_conceptnet import shipped_relations
 from kg.placement.statistics import RoomStatistics, statistics
-from kg.relations import Relation, relations
 
-#: how the sources of the shipped relations begin: a list without probabilities of its own
+#: prefix of the sources of the shipped relations: a list without probabilities of its own
 _THESIS = "thesis"
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
-    """One piece of evidence, as a reason shows it."""
+class StatedRelation:
+    """A stated relation as a reason shows it."""
 
     source: str
     text: str
 
 
 @dataclass(frozen=True, slots=True)
-class Knowledge:
-    """The evidence of one ontology, with what its rows (objects) and columns (places) are."""
+class PlacementEvidence:
+    """Placement evidence of one ontology, with the index of its rows and columns."""
 
     objects: Mapping[str, int]  # IRI -> row
     places: Mapping[str, int]  # IRI -> column
     above: Mapping[str, tuple[str, ...]]  # IRI -> itself and all its superclasses
-    evidence: Evidence
-    said: Mapping[tuple[int, int], tuple[Said, ...]]  # by row and column
-    near: Mapping[tuple[str, str], tuple[float, float]]  # (object, other) -> sum of p, how many
+    evidence: EvidenceArrays
+    stated_relations: Mapping[tuple[int, int], tuple[StatedRelation, ...]]  # by row and column
+    near: Mapping[tuple[str, str], tuple[float, float]]  # (object, other) -> sum of p, count
     counted: Mapping[str, float]  # place IRI -> rooms of it in the statistics
     sources: tuple[str, ...] = field(default=())  # of the statistics
 
 
-def knowledge(quads: Iterable[Quad], catalogue: Catalogue, *, shipped: bool = True) -> Knowledge:
-    """The evidence in an ontology's quads about all its objects and places.
+def placement_evidence(
+    quads: Iterable[Quad], catalogue: Catalogue, *, shipped: bool = True
+) -> PlacementEvidence:
+    """Placement evidence in an ontology's quads about all its objects and places.
 
     A relation of a class is one of its subclasses too; here:Place itself is a column, for places
-    of which nothing is known. With `shipped`, an ontology into which nobody imported ConceptNet is
-    taken with the weights that ship (`kg.placement.commonplace`). Raises OntologyError as
+    of unknown category. With `shipped`, an ontology without ConceptNet relations is read with the
+    shipped weights (`kg.placement.shipped_conceptnet`). Raises OntologyError as
     `relations` and `statistics` do.
     """
     quads = tuple(quads)
@@ -61,28 +63,30 @@ def knowledge(quads: Iterable[Quad], catalogue: Catalogue, *, shipped: bool = Tr
     counts = statistics(quads)
     builder = _Builder(objects, places, above)
     if shipped and not any(e.imported for r in edges for e in r.evidence):
-        edges = (*edges, *commonplaces(catalogue))
+        edges = (*edges, *shipped_relations(catalogue))
     for relation in edges:
         builder.add(relation)
     rooms, held = room_counts(counts, objects, places)
-    _lend_to_subclasses(rooms, held, objects, above)
-    return Knowledge(
+    _inherit_counts(rooms, held, objects, above)
+    return PlacementEvidence(
         objects=objects,
         places=places,
         above=above,
-        evidence=Evidence(
+        evidence=EvidenceArrays(
             listed=builder.listed,
             weight=builder.weight,
             rooms=rooms,
             rooms_with=held,
             similar=similar_places(tuple(places), catalogue, above),
-            kindred=_kindred(tuple(objects), above),
-            seen_with=np.zeros_like(rooms),
-            seen_without=np.zeros_like(rooms),
+            related=_related(tuple(objects), above),
+            building_with=np.zeros_like(rooms),
+            building_without=np.zeros_like(rooms),
             stated=builder.stated,
             statements=builder.statements,
         ),
-        said={cell: tuple(dict.fromkeys(said)) for cell, said in builder.said.items()},
+        stated_relations={
+            cell: tuple(dict.fromkeys(found)) for cell, found in builder.stated_relations.items()
+        },
         near=_near(edges),
         counted=_rooms_of(counts),
         sources=tuple(sorted({count.source for count in counts})),
@@ -105,10 +109,10 @@ class _Builder:
         shape = (len(objects), len(places))
         self.listed, self.weight = np.zeros(shape), np.zeros(shape)
         self.stated, self.statements = np.zeros(shape), np.zeros(shape)
-        self.said: dict[tuple[int, int], list[Said]] = defaultdict(list)
+        self.stated_relations: dict[tuple[int, int], list[StatedRelation]] = defaultdict(list)
 
     def add(self, relation: Relation) -> None:
-        """Take in a here:locatedAt; others are left out."""
+        """Add a here:locatedAt; other relations are ignored."""
         if relation.kind != v.LOCATED_AT:
             return
         cells = np.ix_(self._rows[relation.subject], self._columns[relation.target])
@@ -127,7 +131,7 @@ class _Builder:
                 text = f"stated, {evidence.probability:g}"
             for row in self._rows[relation.subject]:
                 for column in self._columns[relation.target]:
-                    self.said[row, column].append(Said(source, text))
+                    self.stated_relations[row, column].append(StatedRelation(source, text))
 
 
 def _text(source: object) -> str:
@@ -137,7 +141,7 @@ def _text(source: object) -> str:
 def _below(
     index: Mapping[str, int], above: Mapping[str, tuple[str, ...]]
 ) -> defaultdict[str, list[int]]:
-    """For each class, the indices of itself and of what is below it."""
+    """For each class, the indices of itself and of its subclasses."""
     found: defaultdict[str, list[int]] = defaultdict(list)
     for iri, number in index.items():
         for up in above.get(iri, (iri,)):
@@ -150,8 +154,8 @@ def room_counts(
 ) -> tuple[Matrix, Matrix]:
     """(n, m) rooms searched and rooms that held the object, all sources together.
 
-    A source searched all its rooms for every object it names anywhere: a pair it does not name is
-    0 of the rooms of that place. An object it never names it did not look for.
+    A source counts as having searched all its rooms for every object that it lists anywhere: a
+    pair without a count is 0 of the rooms of that place. Objects it never lists are not counted.
     """
     rooms, held = np.zeros((2, len(objects), len(places)))
     by_source: dict[str, list[RoomStatistics]] = defaultdict(list)
@@ -179,19 +183,19 @@ def _rooms_of(counts: Iterable[RoomStatistics]) -> dict[str, float]:
     return dict(total)
 
 
-def _lend_to_subclasses(
+def _inherit_counts(
     rooms: Matrix, held: Matrix, objects: Mapping[str, int], above: Mapping[str, tuple[str, ...]]
 ) -> None:
-    """An object nobody counted takes the counts of its nearest counted superclass."""
+    """Objects without counts inherit those of their nearest counted superclass."""
     counted = {iri for iri, row in objects.items() if rooms[row].any()}
     for iri, row in objects.items():
-        lenders = [up for up in above.get(iri, ()) if up in counted and up != iri]
-        if iri not in counted and lenders:
-            nearest = max(lenders, key=lambda up: (len(above[up]), up))
+        ancestors = [up for up in above.get(iri, ()) if up in counted and up != iri]
+        if iri not in counted and ancestors:
+            nearest = max(ancestors, key=lambda up: (len(above[up]), up))
             rooms[row], held[row] = rooms[objects[nearest]], held[objects[nearest]]
 
 
-def _kindred(objects: tuple[str, ...], above: Mapping[str, tuple[str, ...]]) -> Matrix:
+def _related(objects: tuple[str, ...], above: Mapping[str, tuple[str, ...]]) -> Matrix:
     ups = [set(above.get(iri, ())) - {iri, v.OBJECT} for iri in objects]
     alike = np.array([[float(bool(a & b)) for b in ups] for a in ups])
     return alike.reshape(len(objects), len(objects)) * (1 - np.eye(len(objects)))

@@ -1,18 +1,18 @@
 """The placement model: evidence about (object, place) pairs to Beta distributions; numpy only.
 
-    x_e = logit(stated) - logit(silent), 0 without an edge     x_c = ln(1 + ConceptNet weight)
+    x_e = logit(p) - logit(base rate), 0 without an edge       x_c = ln(1 + ConceptNet weight)
     x_u = object found more often than expected, in all other and in similar places
-    x_k = kindred objects found more often there than expected
-    m0 = sigmoid(base + max(edge x_e, conceptnet x_c) + usual x_u + kin x_k)
+    x_k = related objects found more often there than expected
+    m0 = sigmoid(base + max(edge x_e, conceptnet x_c) + across_places x_u + across_objects x_k)
     m1 = w (kappa m0 + with) / (kappa + rooms) + (1 - w) (0.02 m0 + with) / (0.02 + rooms)
     s  = 1 / (1 / tau + 1 / (w kappa + (1 - w) 0.02 + rooms))
-    alpha = s m1 + seen with + 8 stated,  beta = s (1 - m1) + seen without + 8 (1 - stated)
+    alpha = s m1 + rooms with it + 8 stated,  beta = s (1 - m1) + rooms without + 8 (1 - stated)
 
-w is the probability that m0 is to be trusted: `trust` beforehand, by Bayes' rule after the counts.
+w is the probability that m0 is worth kappa rooms: `trust` a priori, updated by Bayes' rule.
 
 Sources: logistic regression for m0; Beta-binomial shrinkage (Gelman et al., Bayesian Data Analysis,
-chapter 5); the mixture of a firm and a vague prior, which gives way where counts contradict it, is
-Schmidli et al., Biometrics 70 (2014), 1023-1032. docs/placement.md explains each term.
+chapter 5); the robust mixture of an informative and a vague prior is that of Schmidli et al.,
+Biometrics 70 (2014), 1023-1032. docs/explanation/placement.md explains each term.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.placement.settings import DOUBTED, SILENT, STATED, Parameters
+from kg.placement.settings import BASE_RATE, STATEMENT_STRENGTH, VAGUE_STRENGTH, PlacementParameters
 
 Matrix = NDArray[np.float64]
 
-#: Log-odds beyond which nothing is believed: probabilities stay clear of 0 and 1.
-_FARTHEST: Final = 9.0
+#: Bound of log-odds, so that probabilities lie strictly between 0 and 1.
+_MAX_LOG_ODDS: Final = 9.0
 _HALF_LOG_TWO_PI: Final = 0.5 * float(np.log(2 * np.pi))
 
 
 @dataclass(frozen=True, slots=True)
-class Evidence:
-    """What is known of n objects in m places; arrays (n, m) unless said, counts >= 0.
+class EvidenceArrays:
+    """Evidence about n objects in m places; arrays (n, m) unless noted, counts >= 0.
 
     `rooms` and `rooms_with` may have leading axes, for several cases at once; the outcome has them.
     """
@@ -44,16 +44,16 @@ class Evidence:
     rooms: Matrix  # rooms of other buildings of the place that were searched for the object
     rooms_with: Matrix  # of those, the ones that held it
     similar: Matrix  # (m, m) 1 where two different places are alike, else 0
-    kindred: Matrix  # (n, n) 1 where two different objects share a supercategory, else 0
-    seen_with: Matrix  # rooms of this building that hold it
-    seen_without: Matrix  # rooms of this building that were looked at and do not
-    stated: Matrix  # a person's probabilities, added up
-    statements: Matrix  # how many they are
+    related: Matrix  # (n, n) 1 where two different objects share a supercategory, else 0
+    building_with: Matrix  # rooms of this building that hold it
+    building_without: Matrix  # rooms of this building that were searched and do not
+    stated: Matrix  # sum of the probabilities that people stated
+    statements: Matrix  # number of these probabilities
 
 
 @dataclass(frozen=True, slots=True)
-class Belief:
-    """The outcome, arrays (n, m): m0, m1, and the parameters of the Beta distribution."""
+class BetaBelief:
+    """Posterior Beta distributions, arrays (n, m), with m0 and m1."""
 
     prior: Matrix
     counted: Matrix
@@ -69,68 +69,72 @@ class Belief:
 
 
 @dataclass(frozen=True, slots=True)
-class Terms:
-    """The parts of the log-odds of m0 beside its base, arrays (n, m), as they are added up."""
+class LogOddsTerms:
+    """Terms of the log-odds of m0 except the base, arrays (n, m)."""
 
-    said: Matrix  # an ontology or ConceptNet
-    usual: Matrix  # the object in other places
-    kin: Matrix  # kindred objects in the place
+    stated: Matrix  # an ontology or ConceptNet
+    across_places: Matrix  # shrinkage over places: the object in other places
+    across_objects: Matrix  # shrinkage over objects: related objects in the place
 
 
-def believe(evidence: Evidence, parameters: Parameters) -> Belief:
-    """What the evidence amounts to; every probability lies strictly between 0 and 1."""
+def posterior_belief(evidence: EvidenceArrays, parameters: PlacementParameters) -> BetaBelief:
+    """Posterior given the evidence; every probability lies strictly between 0 and 1."""
     p, rooms, held = parameters, evidence.rooms, evidence.rooms_with
     terms = prior_terms(evidence, p)
-    m0 = sigmoid(_base(evidence, p) + terms.said + terms.usual + terms.kin)
+    m0 = sigmoid(_base(evidence, p) + terms.stated + terms.across_places + terms.across_objects)
     w = _trust(m0, rooms, held, p)
-    share = w * p.kappa / (p.kappa + rooms) + (1 - w) * DOUBTED / (DOUBTED + rooms)
+    share = w * p.kappa / (p.kappa + rooms) + (1 - w) * VAGUE_STRENGTH / (VAGUE_STRENGTH + rooms)
     m1 = share * m0 + (1 - share) * held / np.maximum(rooms, 1)
-    strength = 1 / (1 / p.tau + 1 / (w * p.kappa + (1 - w) * DOUBTED + rooms))
+    strength = 1 / (1 / p.tau + 1 / (w * p.kappa + (1 - w) * VAGUE_STRENGTH + rooms))
     unstated = evidence.statements - evidence.stated
-    return Belief(
+    return BetaBelief(
         prior=m0,
         counted=m1,
         share=share,
         strength=strength,
-        alpha=strength * m1 + evidence.seen_with + STATED * evidence.stated,
-        beta=strength * (1 - m1) + evidence.seen_without + STATED * unstated,
+        alpha=strength * m1 + evidence.building_with + STATEMENT_STRENGTH * evidence.stated,
+        beta=strength * (1 - m1) + evidence.building_without + STATEMENT_STRENGTH * unstated,
     )
 
 
-def _trust(m0: Matrix, rooms: Matrix, held: Matrix, p: Parameters) -> Matrix:
-    """w: how probable it is, given the counts, that the prior is worth `kappa` rooms."""
-    firm = log_chance(p.kappa * m0, p.kappa * (1 - m0), rooms, held)
-    vague = log_chance(DOUBTED * m0, DOUBTED * (1 - m0), rooms, held)
-    return sigmoid(logit(p.trust) + firm - vague)
+def _trust(m0: Matrix, rooms: Matrix, held: Matrix, p: PlacementParameters) -> Matrix:
+    """w: posterior probability, given the counts, that the prior is worth `kappa` rooms."""
+    informative = log_beta_binomial(p.kappa * m0, p.kappa * (1 - m0), rooms, held)
+    vague = log_beta_binomial(VAGUE_STRENGTH * m0, VAGUE_STRENGTH * (1 - m0), rooms, held)
+    return sigmoid(logit(p.trust) + informative - vague)
 
 
-def prior_terms(evidence: Evidence, parameters: Parameters) -> Terms:
-    """What m0 is made of; each part is measured against what the parts before it lead to expect."""
+def prior_terms(evidence: EvidenceArrays, parameters: PlacementParameters) -> LogOddsTerms:
+    """Terms of m0; each is measured against the expectation from the terms before it."""
     p, rooms, held = parameters, evidence.rooms, evidence.rooms_with
-    said = said_log_odds(evidence, p)
+    stated = stated_log_odds(evidence, p)
     base = _base(evidence, p)
-    expected = rooms * sigmoid(base + said)
-    usual = p.usual * excess(_others(held), _others(rooms), _others(expected), p.kappa)
-    expected = rooms * sigmoid(base + said + usual)
-    similar, kindred = evidence.similar, evidence.kindred
-    alike = excess(held @ similar, rooms @ similar, expected @ similar, p.kappa)
-    kin = excess(kindred @ held, kindred @ rooms, kindred @ expected, p.kappa)
-    return Terms(said, usual + p.usual * alike, p.kin * kin)
+    expected = rooms * sigmoid(base + stated)
+    across_places = p.across_places * log_odds_excess(
+        _other_places(held), _other_places(rooms), _other_places(expected), p.kappa
+    )
+    expected = rooms * sigmoid(base + stated + across_places)
+    similar, related = evidence.similar, evidence.related
+    similar_excess = log_odds_excess(held @ similar, rooms @ similar, expected @ similar, p.kappa)
+    across_objects = log_odds_excess(related @ held, related @ rooms, related @ expected, p.kappa)
+    return LogOddsTerms(
+        stated, across_places + p.across_places * similar_excess, p.across_objects * across_objects
+    )
 
 
-def _base(evidence: Evidence, parameters: Parameters) -> Matrix:
-    """(n, 1) the log-odds of an object of which nothing is said."""
+def _base(evidence: EvidenceArrays, parameters: PlacementParameters) -> Matrix:
+    """(n, 1) base log-odds of an object without further evidence."""
     counted = evidence.rooms.any(-1, keepdims=True)
     return np.asarray(parameters.base + parameters.lift * counted)
 
 
-def _others(counts: Matrix) -> Matrix:
+def _other_places(counts: Matrix) -> Matrix:
     """(n, m) the counts of all other places together."""
     return np.asarray(counts.sum(-1, keepdims=True) - counts)
 
 
-def excess(held: Matrix, rooms: Matrix, expected: Matrix, kappa: float) -> Matrix:
-    """The log-odds of a rate over those of the `expected` one; 0 where nothing was counted.
+def log_odds_excess(held: Matrix, rooms: Matrix, expected: Matrix, kappa: float) -> Matrix:
+    """Log-odds ratio of the observed rate to the `expected` one; 0 where nothing was counted.
 
     The rate is shrunk towards the expected one by `kappa` rooms.
     """
@@ -139,22 +143,22 @@ def excess(held: Matrix, rooms: Matrix, expected: Matrix, kappa: float) -> Matri
     return np.where(rooms > 0, logit(shrunk) - logit(rate), 0.0)
 
 
-def said_log_odds(evidence: Evidence, parameters: Parameters) -> Matrix:
-    """What an ontology and ConceptNet say, the stronger of both.
+def stated_log_odds(evidence: EvidenceArrays, parameters: PlacementParameters) -> Matrix:
+    """Log-odds from an ontology or ConceptNet, the larger of both.
 
-    The larger, not the sum: lists like the thesis' are made from ConceptNet, and what both say
-    should count once.
+    The larger, not the sum: lists like the thesis' are made from ConceptNet, so that what both
+    contain should count once.
     """
     listed = parameters.edge * listed_log_odds(evidence.listed)
     return np.maximum(listed, parameters.conceptnet * np.log1p(evidence.weight))
 
 
 def listed_log_odds(listed: Matrix) -> Matrix:
-    """x_e: by how much an edge raises the log-odds over no edge; 0 without one."""
-    return np.maximum(logit(np.maximum(listed, SILENT)) - logit(SILENT), 0.0)
+    """x_e: log-odds of an edge over those without one; 0 without an edge."""
+    return np.maximum(logit(np.maximum(listed, BASE_RATE)) - logit(BASE_RATE), 0.0)
 
 
-def log_chance(alpha: Matrix, beta: Matrix, rooms: Matrix, held: Matrix) -> Matrix:
+def log_beta_binomial(alpha: Matrix, beta: Matrix, rooms: Matrix, held: Matrix) -> Matrix:
     """ln of the Beta-binomial probability of one order of `held` with and the rest without."""
     return (
         log_gamma(alpha + held)
@@ -177,7 +181,7 @@ def log_gamma(x: Matrix | float) -> Matrix:
 
 def sigmoid(x: Matrix) -> Matrix:
     """1 / (1 + exp(-x)), kept away from 0 and 1."""
-    return np.asarray(1 / (1 + np.exp(-np.clip(x, -_FARTHEST, _FARTHEST))))
+    return np.asarray(1 / (1 + np.exp(-np.clip(x, -_MAX_LOG_ODDS, _MAX_LOG_ODDS))))
 
 
 def logit(p: Matrix | float) -> Matrix:

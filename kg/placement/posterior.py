@@ -1,7 +1,7 @@
-"""What kind of place a room is, told by the objects in it: the placement table read the other way.
+"""Place category of a room given the objects in it, by Bayes' rule on the placement table.
 
-Naive Bayes over place categories, made robust: a detector misses objects and sees some that are not
-there, objects of a room are not independent, and no single object decides.
+Naive Bayes over place categories, made robust: detectors have misses and false positives, objects
+of a room are not independent, and the influence of a single object is bounded.
 """
 
 from __future__ import annotations
@@ -10,28 +10,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.placement.model import Matrix
-from kg.placement.settings import DETECTED, INDEPENDENCE, MISTAKEN, MOST
+from kg.placement.settings import (
+    DETECTION_RATE,
+    FALSE_POSITIVE_RATE,
+    LIKELIHOOD_DAMPING,
+    MAX_LOG_RATIO,
+)
 
 Vector = NDArray[np.float64]
 
 
 def posterior(
-    present: Matrix, seen: NDArray[np.bool_], prior: Vector, weight: Vector | None = None
+    present: Matrix, observed: NDArray[np.bool_], prior: Vector, weight: Vector | None = None
 ) -> Vector:
-    """p(place | what was seen), (m,), adding up to 1.
+    """Posterior over place categories given the observed objects, (m,), adding up to 1.
 
     Args:
-        present: (n, m) p(object in place), of the n objects that were seen or looked for in vain.
-        seen: (n,) whether each was seen.
-        prior: (m,) what is believed of the places beforehand, >= 0, not all 0.
-        weight: (n,) how much each counts, 0..1; None: all wholly.
+        present: (n, m) p(object in place), of the n objects that were found or missed.
+        observed: (n,) whether each was found.
+        prior: (m,) prior of the place categories, >= 0, not all 0.
+        weight: (n,) weight of each object, 0..1; None: all 1.
     """
-    detected = DETECTED * present + MISTAKEN * (1 - present)
-    likelihood = np.log(np.where(seen[:, None], detected, 1 - detected))
+    detected = DETECTION_RATE * present + FALSE_POSITIVE_RATE * (1 - present)
+    likelihood = np.log(np.where(observed[:, None], detected, 1 - detected))
     base = prior / prior.sum()
-    # each object against what it says of the average place, damped and bounded
+    # log-likelihood ratio of each object to the average place, damped and bounded
     relative = likelihood - likelihood @ base[:, None]
-    counts = np.ones(len(seen)) if weight is None else weight
-    score = INDEPENDENCE * (counts @ np.clip(relative, -MOST, MOST))
+    counts = np.ones(len(observed)) if weight is None else weight
+    score = LIKELIHOOD_DAMPING * (counts @ np.clip(relative, -MAX_LOG_RATIO, MAX_LOG_RATIO))
     product = base * np.exp(score - score[base > 0].max(initial=-np.inf))
     return np.asarray(product / product.sum())

@@ -1,7 +1,7 @@
-"""Rooms as data sets name them, and the place categories they are; which categories are alike.
+"""Room names of data sets mapped to place categories; groups of similar categories.
 
-``rooms.csv`` and ``similar.csv`` beside this file are the tables (docs/placement.md). A room name
-that is the label or a synonym of a place category needs no row.
+``rooms.csv`` and ``similar.csv`` beside this file are the tables (docs/explanation/placement.md). A
+room name that is the label or a synonym of a place category needs no row.
 """
 
 from __future__ import annotations
@@ -19,32 +19,32 @@ from urllib.parse import quote
 import numpy as np
 
 from kg import vocabulary as v
-from kg.categories import Catalogue
+from kg.ontology.catalogue import Catalogue
 from kg.placement.model import Matrix
 
 _FOLDER: Final = Path(__file__).parent
-#: names that say that nobody knew what the room is
-_NOTHING: Final = frozenset({"", "other", "unknown", "none"})
+#: names of rooms of unknown kind
+_UNKNOWN: Final = frozenset({"", "other", "unknown", "none"})
 
 
 @dataclass(frozen=True, slots=True)
 class RoomType:
-    """A kind of room: the place category it is, or a new one below a place category."""
+    """Room type: an existing place category, or a new one below a place category."""
 
     iri: str
     label: str
-    below: str | None = None  # IRI of the category a new one stands below; None: it exists
+    below: str | None = None  # IRI of the superclass of a new one; None: it exists
 
 
 def room_types(name: str, catalogue: Catalogue) -> tuple[RoomType, ...]:
-    """What a room of that name is; several for a room that is two ("kitchen/living room").
+    """Room types of a room name; several for a combined room ("kitchen/living room").
 
-    Case and the space around do not matter. A tie between annotators ("tie: bedroom & office")
-    counts as several. Empty where the name says nothing; a name nobody knows is a new category
+    Case and surrounding space do not matter. A tie between annotators ("tie: bedroom & office")
+    counts as several. Empty for a room of unknown kind; a name without an entry is a new category
     below here:Place.
     """
     name = " ".join(name.split())
-    if name.casefold() in _NOTHING:
+    if name.casefold() in _UNKNOWN:
         return ()
     if (one := _one(name, catalogue)) is not None:
         return (one,)
@@ -79,10 +79,10 @@ def _named_rooms() -> Mapping[str, Mapping[str, str]]:
 def buildings(
     iris: Iterable[str], catalogue: Catalogue, above: Mapping[str, tuple[str, ...]]
 ) -> dict[str, str]:
-    """Which kind of building places speak for ("home", "offices"), as ``buildings.csv`` has it.
+    """Kind of building that places indicate ("home", "offices"), from ``buildings.csv``.
 
-    By IRI; places that stand in either are left out. A place speaks as the nearest class above does
-    that is listed.
+    By IRI; places that occur in either are left out. A place without a row takes that of its
+    nearest listed superclass.
     """
     listed: dict[str, str] = {}
     with (_FOLDER / "buildings.csv").open(newline="", encoding="utf-8") as file:
@@ -110,12 +110,12 @@ def similar_places(
             if (category := catalogue.get(row["category"], "place")) is not None:
                 groups[category.iri].add(row["group"])
     of = [{g for up in above.get(iri, (iri,)) for g in groups.get(up, ())} for iri in iris]
-    # a place and what is below it are alike even where no group names them
+    # a place and its subclasses are similar even where no group lists them
     ups = [set(above.get(iri, (iri,))) - {v.PLACE, v.BOT_SPACE} for iri in iris]
-    alike = [
+    similar = [
         [bool(a & b or c & d) for b, d in zip(of, ups, strict=True)]
         for a, c in zip(of, ups, strict=True)
     ]
-    return np.asarray(alike, dtype=np.float64).reshape(len(iris), len(iris)) * (
+    return np.asarray(similar, dtype=np.float64).reshape(len(iris), len(iris)) * (
         1 - np.eye(len(iris))
     )

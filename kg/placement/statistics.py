@@ -1,4 +1,4 @@
-"""Statistics of real rooms: how many of a kind were searched, and how many held an object."""
+"""Room statistics: how many rooms of a kind were searched, and how many held an object."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _CLASS: Final = NamedNode(v.ROOM_STATISTICS)
 
 @dataclass(frozen=True, slots=True, order=True)
 class RoomStatistics:
-    """Of `rooms` rooms of a kind, `rooms_with` held an object of a kind."""
+    """Room statistics of one pair: of `rooms` rooms, `rooms_with` held the object."""
 
     source: str  # what was counted, in words; one name for one data set
     place: str  # IRI of the kind of place
@@ -40,7 +40,7 @@ def _name(text: str) -> str:
 
 
 def statistics_quads(found: Iterable[RoomStatistics]) -> Iterator[Quad]:
-    """The quads of graph:ontology that say so."""
+    """Quads of graph:ontology that state room statistics."""
     for one in found:
         node = NamedNode(one.iri)
         yield Quad(node, _TYPE, _CLASS, _ONTOLOGY)
@@ -63,14 +63,14 @@ def statistics(quads: Iterable[Quad]) -> tuple[RoomStatistics, ...]:
     Raises:
         OntologyError: one lacks a part, or has more rooms with the object than rooms.
     """
-    said: dict[object, dict[str, str]] = defaultdict(dict)
+    properties: dict[object, dict[str, str]] = defaultdict(dict)
     nodes: dict[object, None] = {}
     for q in quads:
         if q.predicate == _TYPE and q.object == _CLASS:
             nodes[q.subject] = None
         elif isinstance(q.object, NamedNode | Literal) and q.predicate.value in _PARTS:
-            said[q.subject][q.predicate.value] = q.object.value
-    return tuple(sorted(_statistics(node, said[node]) for node in nodes))
+            properties[q.subject][q.predicate.value] = q.object.value
+    return tuple(sorted(_statistics(node, properties[node]) for node in nodes))
 
 
 _PARTS: Final = frozenset(
@@ -81,15 +81,15 @@ _PARTS: Final = frozenset(
 )
 
 
-def _statistics(node: object, said: dict[str, str]) -> RoomStatistics:
+def _statistics(node: object, properties: dict[str, str]) -> RoomStatistics:
     try:
         one = RoomStatistics(
-            said.get(v.DCT_SOURCE, "unknown"),
-            said[v.STATISTICS_PLACE],
-            said[v.STATISTICS_OBJECT],
-            int(said[v.ROOM_COUNT]),
-            int(said[v.ROOMS_WITH_OBJECT]),
-            said.get(v.DCT_LICENSE, ""),
+            properties.get(v.DCT_SOURCE, "unknown"),
+            properties[v.STATISTICS_PLACE],
+            properties[v.STATISTICS_OBJECT],
+            int(properties[v.ROOM_COUNT]),
+            int(properties[v.ROOMS_WITH_OBJECT]),
+            properties.get(v.DCT_LICENSE, ""),
         )
     except (KeyError, ValueError) as error:
         raise OntologyError(
@@ -105,7 +105,7 @@ def _statistics(node: object, said: dict[str, str]) -> RoomStatistics:
 
 
 def is_iri(text: str) -> bool:
-    """Whether a text can stand as an absolute IRI."""
+    """Whether a text is an absolute IRI."""
     try:
         NamedNode(text)
     except ValueError:

@@ -1,8 +1,8 @@
-"""p(object in place), with its uncertainty and its reasons: the front door of the placement model.
+"""Placement table: p(object in place) with its uncertainty and its reasons.
 
 table = placement_table(semantic_map)
 table.probability(banana, kitchen)       # IRIs; 0.31
-table.placement(banana, kitchen).reasons # who says so, and how much that counts
+table.placement(banana, kitchen).reasons # its sources, and the share of each
 table.place_posterior({oven: 1, sink: 1})
 """
 
@@ -15,23 +15,23 @@ import numpy as np
 from pyoxigraph import NamedNode, Quad
 
 from kg import vocabulary as v
-from kg.categories import Catalogue
 from kg.errors import UnknownCategoryError
-from kg.placement.evidence import Knowledge, knowledge
+from kg.maps.semantic_map import SemanticMap
+from kg.ontology.catalogue import Catalogue
+from kg.placement.evidence import PlacementEvidence, placement_evidence
+from kg.placement.map_counts import MapCounts, map_counts
 from kg.placement.model import (
-    believe,
     listed_log_odds,
+    posterior_belief,
     prior_terms,
 )
 from kg.placement.posterior import posterior
 from kg.placement.rooms import buildings
-from kg.placement.seen import SeenRooms, seen_rooms
-from kg.placement.settings import FITTED, HOMES, OFFICES, STATED, Parameters
-from kg.semantic_map import SemanticMap
+from kg.placement.settings import FITTED, HOMES, OFFICES, STATEMENT_STRENGTH, PlacementParameters
 
 
 @dataclass(frozen=True, slots=True)
-class Reason:
+class PlacementReason:
     """One source of a probability, and its share in it; the shares of a placement add up to 1."""
 
     source: str
@@ -48,35 +48,29 @@ class Placement:
     probability: float  # alpha / (alpha + beta), strictly between 0 and 1
     alpha: float
     beta: float
-    reasons: tuple[Reason, ...]  # the weightiest first
-
-    @property
-    def deviation(self) -> float:
-        """The standard deviation of the Beta distribution."""
-        total = self.alpha + self.beta
-        return float(np.sqrt(self.alpha * self.beta / (total + 1)) / total)
+    reasons: tuple[PlacementReason, ...]  # the largest share first
 
 
 def placement_table(
     semantic_map: SemanticMap,
     *,
-    parameters: Parameters | None = None,
+    parameters: PlacementParameters | None = None,
     sought: Collection[str] | None = None,
 ) -> PlacementTable:
-    """What the map's ontology, imported statistics and rooms say, as of now.
+    """Placement table of the map's ontology, imported statistics and rooms, as of now.
 
-    Without `parameters`, those of homes or of offices are taken where the map's rooms tell which it
-    is and rooms were counted, else those of all buildings.
+    Without `parameters`, those of homes or of offices are used where the map's rooms indicate which
+    it is and rooms were counted, else those of all buildings.
 
-    `sought` has the IRIs of the objects its detector can see: only of these does a room looked at
-    count as one without (None: of all). Raises OntologyError where the ontology is badly made.
+    `sought` has the IRIs of the objects its detector can detect: only for these does a searched
+    room count as one without (None: for all). Raises OntologyError for an invalid ontology.
     """
     with semantic_map.hold():
         graph = NamedNode(v.ONTOLOGY_GRAPH)
-        known = knowledge(
+        known = placement_evidence(
             semantic_map.engine.quads_for_pattern(None, None, None, graph), semantic_map.catalogue
         )
-        rooms = seen_rooms(
+        rooms = map_counts(
             semantic_map.places(),
             semantic_map.objects(),
             known.objects,
@@ -88,12 +82,14 @@ def placement_table(
     return PlacementTable(known, semantic_map.catalogue, rooms, chosen)
 
 
-def _numbers_for(known: Knowledge, catalogue: Catalogue, rooms: SeenRooms) -> Parameters:
-    """The numbers of the kind of building that most of the map's rooms speak for."""
-    speak = buildings(known.places, catalogue, known.above)
+def _numbers_for(
+    known: PlacementEvidence, catalogue: Catalogue, rooms: MapCounts
+) -> PlacementParameters:
+    """The parameters of the kind of building that most of the map's rooms indicate."""
+    indicated = buildings(known.places, catalogue, known.above)
     believed = dict(zip(known.places, rooms.kind.sum(0), strict=True))
     home, offices = (
-        sum(float(believed[iri]) for iri, kind in speak.items() if kind == which)
+        sum(float(believed[iri]) for iri, kind in indicated.items() if kind == which)
         for which in ("home", "offices")
     )
     if not known.counted or home == offices:
@@ -101,50 +97,54 @@ def _numbers_for(known: Knowledge, catalogue: Catalogue, rooms: SeenRooms) -> Pa
     return HOMES if home > offices else OFFICES
 
 
-def table_of(quads: Iterable[Quad], *, parameters: Parameters = FITTED) -> PlacementTable:
+def table_of(quads: Iterable[Quad], *, parameters: PlacementParameters = FITTED) -> PlacementTable:
     """The table of an ontology's quads alone, before any map."""
     quads = tuple(quads)
     catalogue = Catalogue.from_quads(quads)
-    known = knowledge(quads, catalogue)
-    rooms = seen_rooms((), (), known.objects, known.places, known.above)
+    known = placement_evidence(quads, catalogue)
+    rooms = map_counts((), (), known.objects, known.places, known.above)
     return PlacementTable(known, catalogue, rooms, parameters)
 
 
 class PlacementTable:
-    """All probabilities of one moment; immutable. Arguments are IRIs of categories.
+    """Placement probabilities of one moment; immutable. Arguments are IRIs of categories.
 
-    An object may be a supercategory: at least one of its members. A place the table does not know
-    is treated as one of which nothing is known. Unknown objects raise UnknownCategoryError.
+    An object may be a supercategory: at least one of its members. A place that is not in the table
+    is treated as one of unknown category. Unknown objects raise UnknownCategoryError.
     """
 
     def __init__(
-        self, known: Knowledge, catalogue: Catalogue, rooms: SeenRooms, parameters: Parameters
+        self,
+        known: PlacementEvidence,
+        catalogue: Catalogue,
+        rooms: MapCounts,
+        parameters: PlacementParameters,
     ) -> None:
         self._known, self._catalogue = known, catalogue
         self._rooms, self._parameters = rooms, parameters
         self._evidence = replace(
-            known.evidence, seen_with=rooms.with_object, seen_without=rooms.without_object
+            known.evidence, building_with=rooms.with_object, building_without=rooms.without_object
         )
-        self._belief = believe(self._evidence, parameters)
+        self._belief = posterior_belief(self._evidence, parameters)
         self._mean = self._belief.mean
 
     @property
     def objects(self) -> tuple[str, ...]:
-        """IRIs of the objects it knows."""
+        """IRIs of the object categories in the table."""
         return tuple(self._known.objects)
 
     @property
     def places(self) -> tuple[str, ...]:
-        """IRIs of the place categories it knows."""
+        """IRIs of the place categories in the table."""
         return tuple(iri for iri in self._known.places if iri != v.PLACE)
 
     def probability(self, object_iri: str, place_iri: str) -> float:
-        """How likely a place of that category holds at least one such object."""
+        """Probability that a place of that category holds at least one such object."""
         rows, column = self._rows(object_iri), self._column(place_iri)
         return float(1 - np.prod(1 - self._mean[rows, column]))
 
     def placement(self, object_iri: str, place_iri: str) -> Placement:
-        """The same with its uncertainty and reasons; of a supercategory, its likeliest member's."""
+        """Probability, uncertainty and reasons; a supercategory has its likeliest member's."""
         rows, column = self._rows(object_iri), self._column(place_iri)
         p = self.probability(object_iri, place_iri)
         total = min(self._total(row, column) for row in rows)
@@ -153,7 +153,7 @@ class PlacementTable:
         return Placement(object_iri, place_iri, p, p * total, (1 - p) * total, tuple(reasons))
 
     def near(self, object_iri: str, other_iri: str) -> float:
-        """How likely the room of the second holds at least one of the first.
+        """Probability that the room of the second holds at least one of the first.
 
         Where the second is found, the first is too, as far as places explain it; stated NearBy and
         rooms of this map that hold the second count on top.
@@ -163,32 +163,32 @@ class PlacementTable:
 
     def place_posterior(
         self,
-        seen: Mapping[str, float],
-        unseen: Iterable[str] = (),
+        observed: Mapping[str, float],
+        missing: Iterable[str] = (),
         prior: Mapping[str, float] | None = None,
     ) -> dict[str, float]:
         """p(place category | what was found there), by IRI, adding up to 1.
 
         Args:
-            seen: how many objects of each category; how many beyond one does not matter, and below
-                one it is how probable it is that there is one at all.
-            unseen: objects looked for in the whole room in vain.
-            prior: what is believed of the categories beforehand, >= 0; only these are candidates.
-                Without it all categories of which anything is known are alike.
+            observed: number of objects of each category; more than one counts as one, and a
+                fraction is the probability that there is one at all.
+            missing: objects searched for in the whole room and not found.
+            prior: prior beliefs of the categories, >= 0; only these are candidates.
+                Without it all categories with any evidence are equally likely.
 
-        Objects the table does not know say nothing. Raises UnknownCategoryError where no category
+        Objects that are not in the table are ignored. Raises UnknownCategoryError where no category
         of `prior` is known with a belief above 0.
         """
         weights = self._prior(prior)
-        found = {iri for iri, count in seen.items() if count > 0 and iri in self._known.objects}
-        missed = {iri for iri in unseen if iri in self._known.objects} - found
+        found = {iri for iri, count in observed.items() if count > 0 and iri in self._known.objects}
+        missed = {iri for iri in missing if iri in self._known.objects} - found
         rows = sorted((self._known.objects[iri], iri in found) for iri in found | missed)
-        counts = {self._known.objects[iri]: min(float(seen[iri]), 1.0) for iri in found}
+        counts = {self._known.objects[iri]: min(float(observed[iri]), 1.0) for iri in found}
         columns = [self._known.places[iri] for iri in weights]
         present = self._mean[np.ix_([row for row, _ in rows], columns)]
         p = posterior(
             present,
-            np.array([was_seen for _, was_seen in rows], dtype=bool),
+            np.array([was_found for _, was_found in rows], dtype=bool),
             np.array(list(weights.values())),
             np.array([counts.get(row, 1.0) for row, _ in rows]),
         )
@@ -197,7 +197,9 @@ class PlacementTable:
     def _prior(self, prior: Mapping[str, float] | None) -> dict[str, float]:
         if prior is None:
             e = self._evidence
-            known = np.any(e.listed + e.weight + e.rooms + e.statements + e.seen_with > 0, axis=0)
+            known = np.any(
+                e.listed + e.weight + e.rooms + e.statements + e.building_with > 0, axis=0
+            )
             chosen = {iri: 1.0 for iri in self.places if known[self._known.places[iri]]}
             return chosen or dict.fromkeys(self.places, 1.0)
         chosen = {iri: p for iri, p in prior.items() if iri in self._known.places and p > 0}
@@ -226,14 +228,14 @@ class PlacementTable:
     def _near(self, row: int, other: int) -> float:
         e, p = self._evidence, self._parameters
         k = 1 / (1 / p.kappa + 1 / p.tau)
-        every = e.listed + e.weight + e.rooms + e.statements + e.seen_with
-        told = np.any(every[[row, other]] > 0, axis=0)
-        where = self._mean[other] * (told if told.any() else 1.0)
+        every = e.listed + e.weight + e.rooms + e.statements + e.building_with
+        informed = np.any(every[[row, other]] > 0, axis=0)
+        where = self._mean[other] * (informed if informed.any() else 1.0)
         together = float(where @ self._mean[row] / where.sum())
         with_it, without = self._rooms.near(row, other)
         stated, count = self._stated_near(row, other)
-        total = k + STATED * count + with_it + without
-        return (k * together + STATED * stated + with_it) / total
+        total = k + STATEMENT_STRENGTH * count + with_it + without
+        return (k * together + STATEMENT_STRENGTH * stated + with_it) / total
 
     def _stated_near(self, row: int, other: int) -> tuple[float, float]:
         above = self._known.above
@@ -246,7 +248,7 @@ class PlacementTable:
         ]
         return sum(p for p, _ in pairs), sum(n for _, n in pairs)
 
-    def _reasons(self, row: int, column: int) -> Iterator[Reason]:
+    def _reasons(self, row: int, column: int) -> Iterator[PlacementReason]:
         e, total = self._evidence, self._total(row, column)
         rooms, strength = float(e.rooms[row, column]), float(self._belief.strength[row, column])
         expected = float(self._belief.share[row, column])
@@ -254,35 +256,35 @@ class PlacementTable:
         if rooms:
             text = f"{e.rooms_with[row, column]:g} of {rooms:g} rooms"
             source = "; ".join(self._known.sources)
-            yield Reason(source, text, strength * (1 - expected) / total)
-        seen, unseen = e.seen_with[row, column], e.seen_without[row, column]
-        if seen + unseen > 0:
-            text = f"{seen:.1f} rooms with, {unseen:.1f} without"
-            yield Reason("this map", text, float(seen + unseen) / total)
-        stated = [s for s in self._said(row, column) if s[1].startswith("stated")]
+            yield PlacementReason(source, text, strength * (1 - expected) / total)
+        present, absent = e.building_with[row, column], e.building_without[row, column]
+        if present + absent > 0:
+            text = f"{present:.1f} rooms with, {absent:.1f} without"
+            yield PlacementReason("this map", text, float(present + absent) / total)
+        stated = [s for s in self._stated_relations(row, column) if s[1].startswith("stated")]
         for source, text in stated:
-            share = STATED * float(e.statements[row, column]) / total / len(stated)
-            yield Reason(source, text, share)
+            share = STATEMENT_STRENGTH * float(e.statements[row, column]) / total / len(stated)
+            yield PlacementReason(source, text, share)
 
-    def _prior_reasons(self, row: int, column: int, share: float) -> Iterator[Reason]:
-        """What m0 is made of, by how far each part moves the log-odds."""
+    def _prior_reasons(self, row: int, column: int, share: float) -> Iterator[PlacementReason]:
+        """Reasons within m0, in proportion to how far each term moves the log-odds."""
         p, e = self._parameters, self._evidence
-        said = self._said(row, column)
+        relations = self._stated_relations(row, column)
         parts = [
             ("model", "how rare objects are at large", p.base + p.lift * bool(e.rooms[row].any()))
         ]
         by_list = p.edge * listed_log_odds(e.listed)[row, column]
         by_weight = p.conceptnet * np.log1p(e.weight)[row, column]
         kind, moved = ("listed", by_list) if by_list >= by_weight else ("weight", by_weight)
-        told = [s for s in said if s[1].startswith(kind)]
-        parts += [(source, text, float(moved) / len(told)) for source, text in told]
+        stated = [s for s in relations if s[1].startswith(kind)]
+        parts += [(source, text, float(moved) / len(stated)) for source, text in stated]
         counts, terms = "; ".join(self._known.sources), prior_terms(e, p)
-        parts.append((counts, "similar and other places", float(terms.usual[row, column])))
-        parts.append((counts, "kindred objects", float(terms.kin[row, column])))
+        parts.append((counts, "similar and other places", float(terms.across_places[row, column])))
+        parts.append((counts, "kindred objects", float(terms.across_objects[row, column])))
         whole = sum(abs(moved) for *_, moved in parts) or 1.0
         for source, text, moved in parts:
             if moved:
-                yield Reason(source, text, share * abs(moved) / whole)
+                yield PlacementReason(source, text, share * abs(moved) / whole)
 
-    def _said(self, row: int, column: int) -> list[tuple[str, str]]:
-        return [(s.source, s.text) for s in self._known.said.get((row, column), ())]
+    def _stated_relations(self, row: int, column: int) -> list[tuple[str, str]]:
+        return [(s.source, s.text) for s in self._known.stated_relations.get((row, column), ())]

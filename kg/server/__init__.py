@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from kg.semantic_map import SemanticMap
-from kg.server.access import Tokens
-from kg.server.fleet.running import FleetServer
-from kg.server.running import MapServer
+from kg.maps.semantic_map import SemanticMap
+from kg.server.http.bearer_tokens import BearerTokens
+from kg.server.map_server import MapServer
 from kg.server.settings import Limits, Settings
 
-__all__ = ["FleetServer", "Limits", "MapServer", "Settings", "Tokens", "serve"]
+__all__ = ["BearerTokens", "Limits", "MapServer", "Settings", "serve"]
 
 
 def serve(semantic_map: SemanticMap, settings: Settings | None = None) -> MapServer:
     """A server of `semantic_map`; ``with serve(map) as server:`` answers at ``server.url``.
 
-    The caller goes on writing through `semantic_map` meanwhile. Raises ServerError where the
+    The caller continues writing through `semantic_map` meanwhile. Raises ServerError where the
     address cannot be listened at, or would be open to others without a token.
     """
     return MapServer(semantic_map, settings)

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import json
+import logging
+import tempfile
 from collections.abc import AsyncIterator, Awaitable, Callable
 from importlib.resources import files
+from pathlib import Path
 from typing import Final
 
 from starlette.applications import Starlette
@@ -18,22 +21,25 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from kg.errors import HereaboutsError
 from kg.server import metrics
-from kg.server.assertions import assertions
-from kg.server.changes import changes
-from kg.server.description import dataset_description
-from kg.server.front import Front
-from kg.server.graphs import dump, graph_store
-from kg.server.guard import Guard
-from kg.server.memento import timemap
-from kg.server.past import diff, log, why
-from kg.server.problems import Problem, problem_of, problem_response
-from kg.server.protocol import sparql
-from kg.server.records import labels, numbers, records
-from kg.server.serving import Serving
-from kg.server.standing import subscribe
-from kg.server.things import resource, thing_at_path
+from kg.server.app_state import AppState
+from kg.server.endpoints.assertion_endpoints import assertions
+from kg.server.endpoints.graph_store_protocol import dump, graph_store
+from kg.server.endpoints.history_endpoints import diff, log, why
+from kg.server.endpoints.restore_endpoint import restore
+from kg.server.endpoints.sparql_protocol import sparql
+from kg.server.endpoints.write_endpoints import labels, numbers, records
+from kg.server.feeds.change_endpoint import changes
+from kg.server.feeds.subscription_endpoint import subscribe
+from kg.server.http.middleware import RequestGuard
+from kg.server.http.problems import Problem, problem_of, problem_response, without_paths
+from kg.server.linked_data.description import dataset_description
+from kg.server.linked_data.memento import timegate, timemap
+from kg.server.linked_data.resource_pages import resource, skolem, thing_at_path
+from kg.server.linked_data.root_page import RootPage
 
-Answer = Callable[[Serving, Request], Awaitable[ASGIApp]]
+_log = logging.getLogger("hereabouts.server")
+
+Answer = Callable[[AppState, Request], Awaitable[ASGIApp]]
 
 _FILES: Final = {
     "style.css": "text/css",
@@ -42,26 +48,29 @@ _FILES: Final = {
 }
 
 
-def application(serving: Serving) -> ASGIApp:
+def application(serving: AppState) -> ASGIApp:
     """Everything a server answers, behind its guard."""
     _measure(serving)
     get, write = ["GET"], ["GET", "POST", "PUT", "DELETE"]
     table: list[tuple[str, Answer, list[str]]] = [
-        ("/", Front().answer, get),
+        ("/", RootPage().answer, get),
         ("/sparql", sparql, ["GET", "POST"]),
         ("/sparql/", sparql, ["GET", "POST"]),
         ("/graphs", graph_store, write),
         ("/graphs/{name:path}", graph_store, write),
         ("/dump.{ending:str}", dump, get),
         ("/.well-known/void", dataset_description, get),
+        ("/.well-known/genid/{name:path}", skolem, get),
         ("/assertions", assertions, ["GET", "POST", "DELETE"]),
         ("/records", records, ["POST"]),
         ("/numbers", numbers, ["POST"]),
         ("/labels", labels, ["POST"]),
+        ("/restore", restore, ["POST"]),
         ("/log", log, get),
         ("/diff", diff, get),
         ("/why", why, get),
         ("/timemap", timemap, get),
+        ("/timegate/{address:path}", timegate, get),
         ("/changes", changes, get),
         ("/subscribe", subscribe, get),
         ("/health", _health, get),
@@ -82,42 +91,50 @@ def application(serving: Serving) -> ASGIApp:
         routes=routes, lifespan=lifespan, exception_handlers={HTTPException: not_this_way}
     )
     app.router.redirect_slashes = False
-    return Guard(app, serving.settings, serving.metrics)
+    return RequestGuard(app, serving.settings, serving.metrics)
 
 
 class _Endpoint:
     """One path's answer, with errors of the tree as problems."""
 
-    def __init__(self, serving: Serving, answer: Answer) -> None:
+    def __init__(self, serving: AppState, answer: Answer) -> None:
         self._serving, self._answer = serving, answer
+        path = serving.semantic_map.store.path
+        given = [] if path is None else [path, path.resolve(), path.resolve().parent]
+        folders = (*given, Path(tempfile.gettempdir()))
+        self._folders = [folder for folder in folders if len(folder.parts) > 1]
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         request = Request(scope, receive)
         try:
             answer = await self._answer(self._serving, request)
         except HereaboutsError as error:
-            answer = problem_response(problem_of(error), request.headers.get("accept"))
+            problem = problem_of(error)
+            if problem.status >= 500:
+                _log.warning("%s: %s", scope["path"][:200], error)
+            problem = without_paths(problem, self._folders)
+            answer = problem_response(problem, request.headers.get("accept"))
         await answer(scope, receive, send)
 
 
-async def _health(serving: Serving, request: Request) -> Response:
+async def _health(serving: AppState, request: Request) -> Response:
     semantic_map = serving.semantic_map
-    told = {
+    content = {
         "status": "ok",
         "map": semantic_map.title,
         "base": semantic_map.base,
         "sequence": semantic_map.sequence,
         **serving.status(),
     }
-    return Response(json.dumps(told) + "\n", media_type="application/json")
+    return Response(json.dumps(content) + "\n", media_type="application/json")
 
 
-async def _metrics(serving: Serving, request: Request) -> Response:
+async def _metrics(serving: AppState, request: Request) -> Response:
     text = await run_in_threadpool(serving.metrics.text)
     return Response(text, headers={"Content-Type": metrics.MEDIA_TYPE})
 
 
-async def _file(serving: Serving, request: Request) -> Response:
+async def _file(serving: AppState, request: Request) -> Response:
     return file(request)
 
 
@@ -131,7 +148,7 @@ def file(request: Request) -> Response:
 
 
 async def not_this_way(request: Request, error: Exception) -> Response:
-    """What is told where a path has no answer, or none by that method."""
+    """Error response for an unknown path, or for a method that the path does not have."""
     assert isinstance(error, HTTPException)
     if error.status_code == 405:
         message = f"{request.method} is not for {request.url.path[:200]}"
@@ -141,7 +158,7 @@ async def not_this_way(request: Request, error: Exception) -> Response:
     return problem_response(problem, request.headers.get("accept"))
 
 
-def _measure(serving: Serving) -> None:
+def _measure(serving: AppState) -> None:
     gauge, feed = serving.metrics.gauge, serving.feed
     gauge(
         "hereabouts_sequence",
@@ -179,5 +196,5 @@ def _measure(serving: Serving) -> None:
         "hereabouts_standing_queries",
         "gauge",
         "Queries that are followed.",
-        lambda: len(serving.standing),
+        lambda: len(serving.subscriptions),
     )

@@ -16,7 +16,7 @@ Gauge = tuple[str, str, str, Callable[[], float]]
 
 
 class Metrics:
-    """Requests by route, method and status, their latencies, and gauges read when asked for."""
+    """Requests by route, method and status, their latencies, and gauges read at each scrape."""
 
     def __init__(self) -> None:
         self._guard = threading.Lock()
@@ -34,7 +34,7 @@ class Metrics:
             self._seconds[route] += seconds  # type: ignore[assignment]
 
     def gauge(self, name: str, kind: str, about: str, read: Callable[[], float]) -> None:
-        """Have `read` asked for the value of `name` at each scrape."""
+        """Register `read` as the source of the gauge `name`."""
         self._gauges.append((name, kind, about, read))
 
     def text(self) -> str:

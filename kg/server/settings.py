@@ -9,8 +9,9 @@ from dataclasses import dataclass, field
 from pyoxigraph import NamedNode
 
 from kg.errors import ServerError
-from kg.server.access import Tokens
+from kg.server.http.bearer_tokens import BearerTokens
 
+_HOST_NAME = re.compile(r"[A-Za-z0-9_.-]+")
 _ORIGIN = re.compile(r"https?://[^/?#\s@]+|null")
 
 
@@ -28,9 +29,12 @@ class Limits:
     rate: float = 200.0  # requests a second and client address, in the long run
     burst: int = 1000  # requests a client may make at once before `rate` holds
     connections: int = 512
-    workers: int = 2
+    staleness: float = 1.0  # [s] that an answer may be behind what others wrote
+    workers: int = 3  # of which one client has at most all but one
     feed_clients: int = 64  # followers of changes and standing queries together
     standing_queries: int = 16
+    client_feeds: int = 32  # of the `feed_clients`, how many one client may be
+    client_standing_queries: int = 8
     feed_backlog: int = 256  # changes that may wait for one follower before it is dropped
     feed_memory: int = 1024  # last changes kept in memory for those who come back
 
@@ -41,26 +45,34 @@ class Settings:
 
     host: str = "127.0.0.1"
     port: int = 8008  # 0 takes a free one
-    tokens: Tokens = field(default_factory=Tokens)
+    tokens: BearerTokens = field(default_factory=BearerTokens)
     allow_origins: tuple[str, ...] = ()  # origins of web pages that may read (and write) by script
-    licence: str | None = None  # IRI of the licence the map is under, for its description
     public: bool = False  # serve to other machines although there are no tokens
     services: tuple[str, ...] = ()  # SPARQL endpoints that SERVICE may name
+    read_tokens: BearerTokens = field(
+        default_factory=BearerTokens
+    )  # where there are any, the map is private
+    public_hosts: tuple[str, ...] = ()  # names by which other machines know this server
     limits: Limits = field(default_factory=Limits)
 
     def __post_init__(self) -> None:
-        if not self.loopback and not self.tokens and not self.public:
+        if not (self.loopback or self.tokens or self.read_tokens or self.public):
             raise ServerError(
-                f"host {self.host} is open to other machines: give a --token-file, or --public to "
-                "serve a map anyone there may read"
+                f"host {self.host} is open to other machines: give a --token-file, a "
+                "--read-token-file, or --public to serve a map anyone there may read"
             )
+        if {token for _, token in self.tokens.secrets} & {t for _, t in self.read_tokens.secrets}:
+            raise ServerError("a token both writes and only reads; give each file its own tokens")
+        for name in self.public_hosts:
+            if not _HOST_NAME.fullmatch(name):
+                raise ServerError(f"no name of a host: {name!r}; write e.g. maps.example.org")
         for origin in self.allow_origins:
             if not _ORIGIN.fullmatch(origin):
                 raise ServerError(
                     f"no origin of web pages: {origin!r}; write it as browsers send it, "
                     "e.g. https://example.org (no path, no slash at the end)"
                 )
-        for iri in (*self.services, *([] if self.licence is None else [self.licence])):
+        for iri in self.services:
             _refuse_relative(iri)
 
     @property
@@ -74,13 +86,15 @@ class Settings:
             return False
 
     @property
-    def hosts(self) -> frozenset[str] | None:
-        """Names a request's Host may carry; None = any.
+    def hosts(self) -> frozenset[str]:
+        """Names a request's Host may carry, in lower case.
 
-        On loopback only this machine's own: a web page whose name was made to point here must not
-        read the map (DNS rebinding).
+        A web page whose name was made to point here must not read the map (DNS rebinding). Off
+        loopback any address in figures is as good: it is no name.
         """
-        return frozenset({"localhost", "127.0.0.1", "[::1]"}) if self.loopback else None
+        own = f"[{self.host}]" if ":" in self.host else self.host
+        names = {"localhost", "127.0.0.1", "[::1]", own, *self.public_hosts}
+        return frozenset(name.lower() for name in names)
 
 
 def _refuse_relative(iri: str) -> None:

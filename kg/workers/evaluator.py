@@ -1,14 +1,18 @@
-"""The process that evaluates: reads requests from stdin, answers on stdout, until stdin ends.
+"""Evaluation process: reads requests from stdin and answers on stdout, until stdin ends.
 
-It is meant to be killed, and to kill itself: an alarm of the kernel ends it at its time limit even
-where its parent is gone, and its address space, files and processor time are limited. Messages both
-ways are a type byte, a length (4 bytes, little endian) and that many bytes:
+Before it reads anything the kernel denies it the network (`kg.workers.network_isolation`). It is
+meant to be killed, and to kill itself: an alarm of the kernel ends it at its time limit even where
+its parent has ended, and its address space, files and processor time are limited. Messages in both
+directions are a type byte, a length (4 bytes, little endian) and that many bytes:
 
-    >  S  the settings (JSON), first       <  R  done with S or O
-    >  O  a snapshot to open (JSON)        <  H  {"media_type", "sequence"}
+    >  S  the settings (JSON), first       <  R  done with S or O; of S how the network is denied
+    >  O  a snapshot to open (JSON)        <  H  {"media_type", "sequence", ...}
     >  Q  a query (JSON), perhaps of then  <  D  a part of the answer
-    >  T  what to tell of the past         <  .  the end of the answer
-    >  P  a past state to make             <  E  {"error": name of the exception, "message"}
+    >  U  an update (JSON) to evaluate     <  .  the end of the answer
+    >  L  an RDF document to parse         <  E  {"error": name of the exception, "message"}
+    >  T  a report on the history
+    >  G  graphs to serialise
+    >  P  a past state to make
 """
 
 from __future__ import annotations
@@ -23,18 +27,31 @@ import struct
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, BinaryIO, cast
+from typing import IO, TYPE_CHECKING, Any, BinaryIO, Final, cast
 
 from pyoxigraph import Literal, NamedNode, QueryResultsFormat, QueryTriples, RdfFormat, Store
 
-from kg.characters import XmlPieces, is_xml
-from kg.errors import HistoryError, NotAcceptableError, QueryError, QueryTooLargeError
-from kg.functions import FUNCTIONS
-from kg.workers.vetting import reads_chosen_graphs, refuse_other_graph, vet
+from kg.errors import (
+    HereaboutsError,
+    NotAcceptableError,
+    QueryTooLargeError,
+)
+from kg.rdf.xml_characters import XmlPieces, is_xml
+from kg.sparql.extension_functions import FUNCTIONS
+from kg.sparql.order_by import with_total_order
+from kg.sparql.syntax_errors import located
+from kg.sparql.vetting import (
+    MAX_DEPTH,
+    has_allowed_service,
+    reads_chosen_graphs,
+    refuse_depth,
+    refuse_network_words,
+    vet,
+)
+from kg.workers.network_isolation import deny_network
 
 if TYPE_CHECKING:
-    from kg.history.moment import Moment
-    from kg.workers.past import LastMoment
+    from kg.history.replay.past_state import PastStates
 
 HEAD = struct.Struct("<cI")
 GRACE = 0.5  # [s] after the time limit until the worker ends itself
@@ -44,15 +61,16 @@ Request = dict[str, Any]
 
 
 class Evaluator:
-    """One snapshot, and the queries asked of it."""
+    """One snapshot, and the queries evaluated on it."""
 
-    def __init__(self, settings: Request, out: BinaryIO) -> None:
+    def __init__(self, settings: Request, out: BinaryIO, *, denied: bool) -> None:
         self._settings = settings
+        self._denied = denied  # whether the kernel denies the network
         self._out = out
         self._folder = ""
         self._store = Store()
         self._sequence = 0
-        self._last: LastMoment | None = None  # once it was asked of the past
+        self._past: PastStates | None = None  # made by the first query about the past
 
     def open(self, folder: str) -> None:
         """Read from that snapshot from now on."""
@@ -68,84 +86,106 @@ class Evaluator:
     def answer(self, kind: bytes, request: Request) -> None:
         """Write the whole answer to a request, or one error."""
         try:
-            if kind == b"P":
-                self._make_past(request)
+            if kind == b"L":
+                self._parse(request)
                 return
             self.open(request["folder"])
-            if kind == b"T":
-                self._tell(request)
+            if kind in _OF_SNAPSHOT:
+                _OF_SNAPSHOT[kind](self, request)
             elif "at" in request:
                 self._write_past(request)
             else:
-                self._vet(request, self.is_graph)
+                self._vet(request)
                 self._write(request, self._store, self._sequence)
-        except (QueryError, HistoryError) as error:
+        except HereaboutsError as error:
             self._fail(type(error).__name__, str(error))
         except MemoryError:
             self._fail("QueryTooLargeError", "the query needs more memory than it may have")
-        except (SyntaxError, ValueError, OSError, RuntimeError) as error:
-            self._fail("QueryError", f"the query cannot be answered: {error}")
+        except SyntaxError as error:
+            # remote maps read the position in the engine's own message
+            name, message = request.get("name"), str(error)
+            reason = f"{name}: {located(message)}" if name else self._reason(request, error)
+            self._fail("QueryError", reason)
+        except (ValueError, OSError, RuntimeError) as error:
+            self._fail("QueryError", self._reason(request, error))
 
-    def is_graph(self, iri: str) -> bool:
-        """Whether the map has, or may come to have, a graph of that name."""
-        if iri in self._settings["graphs"]:
-            return True
-        with contextlib.suppress(ValueError):
-            return self._store.contains_named_graph(NamedNode(iri))
-        return False
+    def _reason(self, request: Request, error: Exception) -> str:
+        """Why it cannot be answered; what an endpoint replied is not quoted."""
+        if has_allowed_service(request.get("sparql", ""), self._settings["services"]):
+            return "the query cannot be answered: an endpoint of SERVICE gave no usable answer"
+        return f"the query cannot be answered: {error}"
 
-    def _vet(self, request: Request, is_graph: Callable[[str], bool]) -> None:
-        vet(
-            request["sparql"],
-            is_graph=is_graph,
-            prefixes=self._settings["prefixes"],
-            services=self._settings["services"],
-        )
-        for iri in (*request["default_graphs"], *request["named_graphs"]):
-            refuse_other_graph(iri, is_graph)
+    def _vet(self, request: Request) -> None:
+        if not self._denied:
+            refuse_network_words(request["sparql"], self._settings["services"])
+        vet(request["sparql"], services=self._settings["services"])
 
     def _write_past(self, request: Request) -> None:
-        from kg.workers.past import LastMoment  # few workers are ever asked of the past
+        self._vet(request)
+        self._write(request, self._past_state(request), int(request["at"]))
 
-        self._last = self._last or LastMoment()
-        with self._last.asked(self._store, request) as moment:
-
-            def is_graph(iri: str) -> bool:
-                with contextlib.suppress(ValueError):
-                    return self.is_graph(iri) or moment.knows_graph(NamedNode(iri))
-                return False
-
-            self._vet(request, is_graph)
-            self._write(request, moment, moment.sequence)
-
-    def _make_past(self, request: Request) -> None:
-        from kg.workers.past import make_past  # as above
-
-        _limit_files(resource.RLIM_INFINITY)
-        try:
-            make_past(Store(request["folder"]), request)
-        finally:
-            gc.collect()
-            _limit_files(0)
+    def _prepare_past(self, request: Request) -> None:
+        self._past_state(request)
         self._send_all("", b"", request)
 
-    def _tell(self, request: Request) -> None:
-        from kg.workers.past import tell_of_past  # as above
+    def _past_state(self, request: Request) -> Store:
+        """The state right after the transaction ``at``, replayed or cached."""
+        from kg.history.replay.past_state import (
+            PastStates,  # few workers evaluate queries about the past
+        )
+        from kg.workers.history_tasks import past_store
 
-        told = tell_of_past(self._store, request)
-        self._send_all(request["media_type"], told.encode(), request)
+        self._past = self._past or PastStates()
+        return past_store(self._past, self._store, request)
 
-    def _send_all(self, media_type: str, body: bytes, request: Request) -> None:
-        sink = _Sink(self._send, request["max_bytes"])
+    def _update(self, request: Request) -> None:
+        from kg.workers.ingestion import SnapshotView, evaluate_update  # as above
+
+        refuse_depth(request["sparql"], MAX_DEPTH)
+        if not self._denied:
+            refuse_network_words(request["sparql"], ())
+        _limit_files(resource.RLIM_INFINITY)  # a later operation sees a changed copy
+        try:
+            view = SnapshotView(self._store, self._folder, self._sequence, request)
+            head, body = evaluate_update(view, request)
+        finally:
+            _limit_files(0)
+        self._send_all("application/n-quads", body, request, **head)
+
+    def _write_graphs(self, request: Request) -> None:
+        from kg.workers.graph_tasks import write_graphs  # as above
+
+        media_type = request["media_type"]
         head = {"media_type": media_type, "sequence": self._sequence}
+        self._send(b"H", json.dumps(head).encode())
+        sink = _Sink(self._send, request["max_bytes"], xml=is_xml(media_type))
+        write_graphs(self._store, request, sink)
+        sink.end()
+        self._send(b".", b"")
+
+    def _parse(self, request: Request) -> None:
+        from kg.workers.ingestion import parse_document  # as above
+
+        self._send_all("application/n-quads", parse_document(request), request)
+
+    def _report_history(self, request: Request) -> None:
+        from kg.workers.history_tasks import history_report  # as above
+
+        report = history_report(self._store, request)
+        self._send_all(request["media_type"], report.encode(), request)
+
+    def _send_all(self, media_type: str, body: bytes, request: Request, **more: object) -> None:
+        sink = _Sink(self._send, request["max_bytes"])
+        head = {"media_type": media_type, "sequence": self._sequence, **more}
         self._send(b"H", json.dumps(head).encode())
         sink.write(body)
         sink.end()
         self._send(b".", b"")
 
-    def _write(self, request: Request, state: Store | Moment, sequence: int) -> None:
+    def _write(self, request: Request, state: Store, sequence: int) -> None:
+        total = request.get("total_order", False)
         results = state.query(
-            request["sparql"],
+            with_total_order(request["sparql"]) if total else request["sparql"],
             base_iri=request["base_iri"],
             prefixes=self._settings["prefixes"],
             custom_functions=FUNCTIONS,
@@ -169,13 +209,22 @@ class Evaluator:
         line = " ".join(message.split())[:2000]
         self._send(b"E", json.dumps({"error": name, "message": line}).encode())
 
-    def ready(self) -> None:
-        """Say that the last message without an answer was taken in."""
-        self._send(b"R", b"")
+    def ready(self, **state: object) -> None:
+        """Acknowledge the last message that has no answer."""
+        self._send(b"R", json.dumps(state).encode())
 
     def _send(self, kind: bytes, payload: bytes | bytearray) -> None:
         self._out.write(HEAD.pack(kind, len(payload)) + payload)
         self._out.flush()
+
+
+#: requests about a snapshot that are no queries
+_OF_SNAPSHOT: Final[dict[bytes, Callable[[Evaluator, Request], None]]] = {
+    b"T": Evaluator._report_history,
+    b"P": Evaluator._prepare_past,
+    b"U": Evaluator._update,
+    b"G": Evaluator._write_graphs,
+}
 
 
 class _Sink:
@@ -194,7 +243,7 @@ class _Sink:
         self._left -= len(data)
         if self._left < 0:
             raise QueryTooLargeError(
-                f"the answer has more than {self._limit:,} bytes; ask for less, or with LIMIT"
+                f"the answer has more than {self._limit:,} bytes; select less, or use LIMIT"
             )
         self._chunk += data if self._pieces is None else self._pieces.take(bytes(data))
         if len(self._chunk) >= CHUNK:
@@ -214,7 +263,7 @@ class _Sink:
 
 
 def _dataset(request: Request) -> dict[str, Any]:
-    """Which graphs to ask: those of the request, else those of FROM, else the union of all."""
+    """Which graphs to query: those of the request, else those of FROM, else the union of all."""
     default, named = request["default_graphs"], request["named_graphs"]
     if default or named:
         return {
@@ -226,7 +275,7 @@ def _dataset(request: Request) -> dict[str, Any]:
 
 def _limit_process(memory: int) -> None:
     """No core dump, no growing file, and `memory` bytes more of addresses than now."""
-    with contextlib.suppress(FileNotFoundError):  # only Linux says, and only Linux obeys
+    with contextlib.suppress(FileNotFoundError):  # only Linux has it and enforces it
         now = int(Path("/proc/self/statm").read_text("ascii").split()[0])
         most = now * os.sysconf("SC_PAGE_SIZE") + memory
         resource.setrlimit(resource.RLIMIT_AS, (most, most))
@@ -256,15 +305,15 @@ def _read(stream: BinaryIO) -> tuple[bytes, Request] | None:
 
 
 def main() -> None:
-    """Serve requests until stdin ends."""
+    """Serve requests until stdin ends; with the argument ``--network`` not denied the network."""
+    network = "allowed" if "--network" in sys.argv else deny_network()
     requests, answers = sys.stdin.buffer, sys.stdout.buffer
     first = _read(requests)
     if first is None:
         return
-    os.nice(first[1]["nice"])
     _limit_process(first[1]["memory"])
-    evaluator = Evaluator(first[1], answers)
-    evaluator.ready()
+    evaluator = Evaluator(first[1], answers, denied=network in ("seccomp", "namespace"))
+    evaluator.ready(network=network)
     while (message := _read(requests)) is not None:
         kind, request = message
         _limit_time(request["timeout"])

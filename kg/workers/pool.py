@@ -9,39 +9,49 @@ import time
 import weakref
 from collections.abc import Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
+from contextlib import closing
+from functools import partial
 from typing import Any, Self
 
-from kg.errors import GraphError, HistoryError, NotAcceptableError, PoolBusyError
-from kg.semantic_map import SemanticMap
-from kg.store import MapStore
-from kg.workers.call import Call
-from kg.workers.formats import Form, choose_format
-from kg.workers.pasts import Pasts
+from kg.errors import (
+    EngineFailureError,
+    GraphError,
+    HistoryError,
+    QueryError,
+)
+from kg.maps.semantic_map import SemanticMap
+from kg.sparql.vetting import MAX_LENGTH, has_allowed_service, refuse_length
+from kg.store.transactional import TransactionalStore
+from kg.workers.admission import FairQueue, Turn
+from kg.workers.dumps import Dump
+from kg.workers.history_file import HistoryFile
 from kg.workers.process import Answer, WorkerDiedError, WorkerProcess, settings_of
-from kg.workers.snapshots import Snapshot, Snapshots
-from kg.workers.turns import Turns
-from kg.workers.vetting import MAX_LENGTH, refuse_length, refuse_surrogates
+from kg.workers.request import ANYONE, Asker, QueryCall, request_of
+from kg.workers.snapshots import Snapshots
+from kg.workers.worker_set import WorkerSet, all_busy
 
+DUMPS = 2  # at once
+DUMP_SECONDS = 600.0  # that one may wait, and take
 _WARM = 10.0  # [s] without a query until the snapshot is no longer kept fresh ahead of questions
-_TICK = 0.05  # [s] between looks at whether the snapshot is due, at the least
+_TICK = 0.05  # [s] between checks whether the snapshot is due, at the least
 
 
 class QueryPool:
-    """Worker processes that answer queries nobody vouches for; a context manager.
+    """Worker processes that evaluate untrusted queries; a context manager.
 
     Safe from several threads, and from an event loop through `run_async`. `timeout` [s] is each
-    query's, `memory_mb` what a worker may need beyond its start, `queue` how many queries may wait,
-    `services` the endpoints SERVICE may name. Questions about the past leave one worker free, where
-    there are several. An answer is at most `refresh` seconds behind the map
-    (twice that while writing never pauses).
+    query's, `memory_mb` what a worker may need beyond its start, `queue` how many queries of one
+    client may wait, `services` the endpoints SERVICE may name: what plainly names one is evaluated
+    in a process of its own, and all else in workers that the kernel denies the network. Clients
+    share the workers by fair queueing (`kg.workers.admission`). Answers come from snapshots that
+    are refreshed in the background: none is more than `refresh` seconds behind the map.
     """
 
     def __init__(
         self,
-        source: SemanticMap | MapStore,
+        source: SemanticMap | TransactionalStore,
         *,
-        workers: int = 2,
+        workers: int = 3,
         timeout: float = 10.0,
         memory_mb: int = 1024,
         max_result_bytes: int = 64 << 20,
@@ -53,24 +63,19 @@ class QueryPool:
         self.timeout = timeout
         self.max_result_bytes = max_result_bytes
         self.max_query_length = max_query_length
+        self._services = frozenset(services)
         self._settings = settings_of(memory_mb, services)
-        self._places = threading.BoundedSemaphore(workers + queue)
-        self._changed = threading.Condition()
-        self._idle: list[WorkerProcess] = []
-        self._all: set[WorkerProcess] = set()
-        self._workers, self._starting = workers, 0
-        self._turns = Turns(workers, queue)
+        self._queue, self._dumps = FairQueue(workers, queue), FairQueue(DUMPS, queue)
         self._last_query = time.monotonic()
         self._closed = threading.Event()
-        store = source if isinstance(source, MapStore) else source.store
+        store = source if isinstance(source, TransactionalStore) else source.store
         self._snapshots = Snapshots(store, refresh=refresh)
-        self._pasts = None if isinstance(source, MapStore) else _pasts_of(source)
-        self._threads = ThreadPoolExecutor(workers + queue, thread_name_prefix="query")
-        for _ in range(workers):
-            self._start_worker()
+        self._history = None if isinstance(source, TransactionalStore) else _history_of(source)
+        self._threads = ThreadPoolExecutor(workers, thread_name_prefix="query")
+        self._workers = WorkerSet(self._settings, workers, self._snapshots, timeout)
         self._keeper = threading.Thread(
             target=_keep_fresh,
-            args=(weakref.ref(self), self._closed, max(refresh, _TICK)),
+            args=(weakref.ref(self), self._closed, max(refresh / 2, _TICK)),
             daemon=True,
         )
         self._keeper.start()
@@ -78,14 +83,43 @@ class QueryPool:
     @property
     def pids(self) -> tuple[int, ...]:
         """The worker processes there are now."""
-        with self._changed:
-            return tuple(sorted(worker.pid for worker in self._all))
+        return self._workers.pids
 
     @property
     def busy(self) -> int:
         """How many of them are not waiting for a query."""
-        with self._changed:
-            return len(self._all) - len(self._idle)
+        return self._workers.busy
+
+    @property
+    def waiting(self) -> int:
+        """How many queries wait for a worker."""
+        return self._queue.waiting
+
+    @property
+    def isolation(self) -> str:
+        """How the kernel denies the workers the network: "seccomp", "namespace", or "none".
+
+        Waits until a worker has started. Raises QueryError where none starts.
+        """
+        with self._workers.lent(self._patience) as worker:
+            worker.wait_ready()
+            return worker.isolation
+
+    def request(
+        self,
+        kind: bytes,
+        request: dict[str, Any],
+        *,
+        timeout: float | None = None,
+        at_least: int = 0,
+        at: int | None = None,
+        asker: Asker = ANYONE,
+    ) -> Answer:
+        """The answer to a request of any kind (`kg.workers.evaluator` has them).
+
+        Raises as `run`.
+        """
+        return self._queued(self._call(request, timeout, at_least, at, kind, asker))
 
     def run(
         self,
@@ -98,8 +132,9 @@ class QueryPool:
         at_least: int = 0,
         at: int | None = None,
         base: str | None = None,
+        asker: Asker = ANYONE,
     ) -> Answer:
-        """The serialised answer to a query, in the best format an Accept header asks for.
+        """The serialised answer to a query, in the best format an Accept header accepts.
 
         The graphs override FROM and FROM NAMED (SPARQL 1.1 Protocol, section 2.1.4); without either
         the default graph is the union of all. Relative IRIs are of `base`. `timeout` [s] counts
@@ -111,10 +146,9 @@ class QueryPool:
         PoolBusyError, QueryError for what does not parse, HistoryError for a past that is not kept,
         GraphError where the pool is closed.
         """
-        request = self._request(sparql, accept, default_graphs, named_graphs, base)
-        call = Call(request, self._limit(timeout), at_least, at)
-        with self._place(call):
-            return self._run(call)
+        refuse_length(sparql, self.max_query_length)
+        request = request_of(sparql, accept, default_graphs, named_graphs, base)
+        return self._queued(self._call(request, timeout, at_least, at, asker=asker))
 
     async def run_async(
         self,
@@ -127,64 +161,104 @@ class QueryPool:
         at_least: int = 0,
         at: int | None = None,
         base: str | None = None,
+        asker: Asker = ANYONE,
     ) -> Answer:
         """`run` without blocking the event loop; cancelling it kills the query."""
-        request = self._request(sparql, accept, default_graphs, named_graphs, base)
-        return await self._in_thread(Call(request, self._limit(timeout), at_least, at))
+        refuse_length(sparql, self.max_query_length)
+        request = request_of(sparql, accept, default_graphs, named_graphs, base)
+        return await self._in_thread(self._call(request, timeout, at_least, at, asker=asker))
 
-    async def tell_async(
-        self, what: str, media_type: str, *, at_least: int = 0, **asked: object
+    async def history_report_async(
+        self,
+        what: str,
+        media_type: str,
+        *,
+        at_least: int = 0,
+        asker: Asker = ANYONE,
+        **options: object,
     ) -> Answer:
-        """What a worker tells of the past: "log", "diff" or "why" (`kg.workers.past`).
+        """A report on the history: "log", "diff" or "why" (`kg.workers.history_tasks`).
 
         Raises as `run_async`; HistoryError where the map keeps no history.
         """
-        request = {
-            "what": what,
-            "media_type": media_type,
-            "max_bytes": self.max_result_bytes,
-            **asked,
-        }
-        return await self._in_thread(Call(request, self.timeout, at_least, None, b"T"))
+        request = {"what": what, "media_type": media_type, **options}
+        return await self._in_thread(self._call(request, None, at_least, None, b"T", asker))
 
-    async def _in_thread(self, call: Call) -> Answer:
-        place = self._place(call)
+    def _queued(self, call: QueryCall) -> Answer:
+        turn = self._queue.enter(call.asker.client, call.lane)
+        try:
+            turn.granted.result(self._patience)
+            return self._run(call)
+        except TimeoutError as error:
+            raise all_busy() from error
+        finally:
+            self._queue.leave(turn)
 
+    async def dump_async(self, request: dict[str, Any], asker: Asker = ANYONE) -> Dump:
+        """A dump (`kg.workers.graph_tasks`), begun when its turn comes; the caller closes it.
+
+        Few are made at once, and one for a client. Raises PoolBusyError where too many wait.
+        """
+        turn = self._dumps.enter(asker.client, "present")
+        try:
+            if not turn.granted.done():
+                await asyncio.wait_for(asyncio.wrap_future(turn.granted), DUMP_SECONDS)
+            turn.granted.result()
+        except BaseException as error:
+            self._dumps.leave(turn)
+            if isinstance(error, TimeoutError):
+                raise all_busy() from error
+            raise
+        left = partial(self._dumps.leave, turn)
+        return Dump(self._settings, self._snapshots, request, DUMP_SECONDS, left)
+
+    async def _in_thread(self, call: QueryCall) -> Answer:
+        turn = self._queue.enter(call.asker.client, call.lane)
+        try:
+            if not turn.granted.done():
+                granted = asyncio.wrap_future(turn.granted)
+                await asyncio.wait_for(granted, self._patience)
+            turn.granted.result()
+        except TimeoutError as error:
+            self._queue.leave(turn)
+            raise all_busy() from error
+        except BaseException:
+            self._queue.leave(turn)
+            raise
+        return await self._run_in_thread(call, turn)
+
+    async def _run_in_thread(self, call: QueryCall, turn: Turn) -> Answer:
         def evaluate() -> Answer:
-            with place:
+            try:
                 return self._run(call)
+            finally:
+                self._queue.leave(turn)
 
         try:
             future = self._threads.submit(evaluate)
         except BaseException:
-            place.close()
+            self._queue.leave(turn)
             raise
         try:
             return await asyncio.wrap_future(future)
         except asyncio.CancelledError:
             call.cancel()
-            if future.cancel():
-                place.close()
+            if future.cancelled():  # it never began
+                self._queue.leave(turn)
             raise
 
     def close(self) -> None:
         """Kill the workers and remove the snapshots; closing twice is fine."""
-        with self._changed:
-            self._closed.set()
-            for worker in self._all:
-                worker.kill()
-            self._changed.notify_all()
+        self._closed.set()
+        self._queue.close()
+        self._dumps.close()
+        self._workers.kill()
         self._threads.shutdown(wait=True, cancel_futures=True)
         self._keeper.join()
-        with self._changed:
-            self._changed.wait_for(lambda: len(self._idle) == len(self._all))
-            for worker in self._idle:
-                worker.close()
-            self._all.clear()
-            self._idle.clear()
+        self._workers.close()
         self._snapshots.close()
-        if self._pasts is not None:
-            self._pasts.close()
+        if self._history is not None:
+            self._history.close()
 
     def __enter__(self) -> Self:
         return self
@@ -193,214 +267,103 @@ class QueryPool:
         self.close()
 
     def freshen(self) -> None:
-        """Take a new snapshot if one is due, and have idle workers open it ahead of questions."""
-        if time.monotonic() - self._last_query > _WARM:
-            return
-        snapshot = self._snapshots.lease()
-        try:
-            with self._changed:
-                for worker in self._idle:
-                    if worker.snapshot is not snapshot:
-                        self._prepare(worker)
-        finally:
-            self._snapshots.release(snapshot)
+        """Take a new snapshot if one is due, and have idle workers open it ahead of questions.
 
-    def _request(
+        One worker after the other: the rest answers from the snapshot before meanwhile.
+        """
+        self._workers.replace_slow()
+        if time.monotonic() - self._last_query <= _WARM:
+            self._workers.refresh()
+
+    def _call(
         self,
-        sparql: str,
-        accept: str | None,
-        default: Sequence[str],
-        named: Sequence[str],
-        base: str | None,
-    ) -> dict[str, Any]:
-        refuse_length(sparql, self.max_query_length)
-        for text in (sparql, *default, *named):
-            refuse_surrogates(text)
-        result_type, graph_type = _acceptable(accept, "select"), _acceptable(accept, "construct")
-        if result_type is None and graph_type is None:
-            choose_format(accept, "select")
-        return {
-            "sparql": sparql,
-            "base_iri": base,
-            "default_graphs": list(default),
-            "named_graphs": list(named),
-            "result_type": result_type,
-            "graph_type": graph_type,
-            "max_bytes": self.max_result_bytes,
-        }
+        request: dict[str, Any],
+        timeout: float | None,
+        at_least: int,
+        at: int | None,
+        kind: bytes = b"Q",
+        asker: Asker = ANYONE,
+    ) -> QueryCall:
+        seconds = self.timeout if timeout is None else max(0.001, min(timeout, self.timeout))
+        limited = request | {"max_bytes": self.max_result_bytes}
+        return QueryCall(limited, seconds, at_least, at, kind, asker)
 
-    def _limit(self, timeout: float | None) -> float:
-        return self.timeout if timeout is None else max(0.001, min(timeout, self.timeout))
+    def _run(self, call: QueryCall) -> Answer:
+        try:
+            return self._run_somewhere(call)
+        except EngineFailureError:
+            # its sort fails on mixed values: once more, with keys that have a total order
+            if call.kind not in b"QU" or call.request.get("total_order"):
+                raise
+            call.request |= {"total_order": True}
+            return self._run_somewhere(call)
 
-    def _place(self, call: Call) -> ExitStack:
-        """A place in the queue, given back when the stack closes."""
-        with ExitStack() as stack:
-            stack.enter_context(self._turns.place(call))
-            if not self._places.acquire(blocking=False):
-                raise PoolBusyError(
-                    "all query workers are busy and the queue is full; ask again later"
-                )
-            stack.callback(self._places.release)
-            return stack.pop_all()
-
-    def _run(self, call: Call) -> Answer:
-        with self._turns.turn(call, self._patience):
-            for _ in range(self._workers):
-                try:
-                    return self._try(call)
-                except WorkerDiedError:  # ended by somebody else: once more, on another worker
-                    if call.cancelled:
-                        raise
-            # all there were may have been killed together, before they were asked: this one is new
-            return self._try(call)
+    def _run_somewhere(self, call: QueryCall) -> Answer:
+        for _ in range(self._workers.size):
+            try:
+                return self._try(call)
+            except WorkerDiedError:  # ended by somebody else: once more, on another worker
+                if call.cancelled:
+                    raise
+        # all there were may have been killed together, before the request: this one is new
+        return self._try(call)
 
     @property
     def _patience(self) -> float:
         """[s] to wait for a worker: one that runs into its limit is outlasted."""
         return 2 * self.timeout
 
-    def _try(self, call: Call) -> Answer:
+    def _try(self, call: QueryCall) -> Answer:
         self._last_query = time.monotonic()
-        worker = self._take()
-        try:
-            call.begin(worker)
-            snapshot = self._state(worker, call)
-            self._reads(worker, snapshot)
-            request = call.request | {"folder": str(snapshot.folder)}
-            if call.kind == b"T" or self._folds(call):
-                request |= self._past_of_map().history() | {"at": call.at}
-            return worker.ask(request, call.timeout, call.kind)
-        finally:
-            call.end()
-            self._give_back(worker)
+        with self._workers.lent(self._patience, call.at) as worker:
+            try:
+                call.begin(worker)
+                least = max(call.at_least, call.at or 0)
+                snapshot = self._workers.assign(worker, least)
+                request = call.request | {"folder": str(snapshot.folder)}
+                if call.is_of_past:
+                    request |= self._history_of_map().request() | {"at": call.at}
+                return self._answer(worker, call, request)
+            finally:
+                call.end()
 
-    def _state(self, worker: WorkerProcess, call: Call) -> Snapshot:
-        """The state of the map that the call is about, leased."""
-        if call.at is None or self._folds(call):
-            return self._snapshots.lease(max(call.at_least, call.at or 0))
+    def _answer(self, worker: WorkerProcess, call: QueryCall, request: dict[str, Any]) -> Answer:
+        if call.kind == b"U":
+            with self._snapshots.scratch() as scratch:
+                return worker.ask(request | {"scratch": str(scratch)}, call.timeout, call.kind)
+        if call.kind == b"Q" and has_allowed_service(request["sparql"], self._services):
+            with closing(WorkerProcess(self._settings, network=True)) as federated:
+                call.begin(federated)
+                return _answer_of(federated, call, request)
+        return _answer_of(worker, call, request)
 
-        def make(request: dict[str, Any]) -> None:
-            worker.ask(request | {"max_bytes": 0}, call.timeout, b"P")
-
-        return self._past_of_map().lease(call.at, make)
-
-    def _folds(self, call: Call) -> bool:
-        """Whether the worker makes what it needs of the past itself."""
-        return call.at is not None and self._past_of_map().small
-
-    def _past_of_map(self) -> Pasts:
-        if self._pasts is None:
+    def _history_of_map(self) -> HistoryFile:
+        if self._history is None:
             raise HistoryError("this map keeps no history")
-        return self._pasts
-
-    def _take(self) -> WorkerProcess:
-        deadline = time.monotonic() + self._patience
-        while True:
-            worker = self._next(deadline)
-            if worker is None:
-                return self._new_worker()
-            if worker.alive:
-                return worker
-            self._give_back(worker)  # it died while idle: have it replaced
-
-    def _next(self, deadline: float) -> WorkerProcess | None:
-        """An idle worker, dead or alive; None where a new one may be started."""
-        with self._changed:
-            while not self._idle and len(self._all) + self._starting >= self._workers:
-                self._refuse_closed()
-                if not self._changed.wait(deadline - time.monotonic()):
-                    raise PoolBusyError("all query workers are busy; ask again later")
-            self._refuse_closed()
-            if self._idle:
-                return self._idle.pop()
-            self._starting += 1
-            return None
-
-    def _give_back(self, worker: WorkerProcess) -> None:
-        if not worker.alive:
-            self._bury(worker)
-            with contextlib.suppress(GraphError):  # the next question tries again, and reports it
-                self._start_worker()
-            return
-        with self._changed:
-            self._idle.append(worker)
-            self._changed.notify_all()
-
-    def _bury(self, worker: WorkerProcess) -> None:
-        worker.close()
-        if worker.snapshot is not None:
-            self._release(worker.snapshot)
-        with self._changed:
-            self._all.discard(worker)
-            self._changed.notify_all()
-
-    def _start_worker(self) -> None:
-        """Have one more idle worker, where one is missing."""
-        with self._changed:
-            if self._closed.is_set() or len(self._all) + self._starting >= self._workers:
-                return
-            self._starting += 1
-        self._give_back(self._new_worker())
-
-    def _new_worker(self) -> WorkerProcess:
-        worker = None
-        try:
-            worker = WorkerProcess(self._settings)
-            self._prepare(worker)
-        except BaseException:
-            if worker is not None:
-                worker.close()
-            raise
-        finally:
-            with self._changed:
-                self._starting -= 1
-                if worker is not None and worker.snapshot is not None:
-                    self._all.add(worker)
-                    if self._closed.is_set():
-                        worker.kill()
-                self._changed.notify_all()
-        return worker
-
-    def _prepare(self, worker: WorkerProcess) -> None:
-        snapshot = self._snapshots.lease()
-        self._reads(worker, snapshot)
-        worker.prepare(snapshot, self.timeout)
-
-    def _reads(self, worker: WorkerProcess, snapshot: Snapshot) -> None:
-        worker.snapshot, before = snapshot, worker.snapshot
-        if before is not None:
-            self._release(before)
-
-    def _release(self, snapshot: Snapshot) -> None:
-        self._snapshots.release(snapshot)
-        if self._pasts is not None:
-            self._pasts.release(snapshot)
-
-    def _refuse_closed(self) -> None:
-        if self._closed.is_set():
-            raise GraphError("the query pool is closed; make a new one")
+        return self._history
 
 
 def _keep_fresh(reference: weakref.ref[QueryPool], closed: threading.Event, refresh: float) -> None:
-    # a weak reference, so that a pool nobody holds any more is let go although never closed
+    # a weak reference, so that an unreferenced pool is released although never closed
     while not closed.wait(refresh):
         pool = reference()
         if pool is None:
             return
-        with contextlib.suppress(GraphError):  # the next question reports it
+        with contextlib.suppress(GraphError, QueryError):  # the next question reports it
             pool.freshen()
         del pool
 
 
-def _pasts_of(semantic_map: SemanticMap) -> Pasts | None:
+def _history_of(semantic_map: SemanticMap) -> HistoryFile | None:
     try:
-        return Pasts(semantic_map.store, semantic_map.history, semantic_map.base)
+        return HistoryFile(semantic_map.history, semantic_map.base)
     except HistoryError:
         return None
 
 
-def _acceptable(accept: str | None, form: Form) -> str | None:
-    try:
-        return choose_format(accept, form)
-    except NotAcceptableError:
-        return None
+def _answer_of(worker: WorkerProcess, call: QueryCall, request: dict[str, Any]) -> Answer:
+    """The worker's answer; a past state is made first, within a time limit of its own."""
+    if call.at is not None:
+        worker.ask(request | {"max_bytes": 0}, call.timeout, b"P")
+        worker.past = call.at
+    return worker.ask(request, call.timeout, call.kind)

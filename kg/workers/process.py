@@ -1,4 +1,4 @@
-"""One worker process, seen from the pool: started, asked, and killed at its limit."""
+"""Worker process as its pool uses it: start, request and answer, kill, cause of death."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Collection
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -21,26 +21,28 @@ import pyoxigraph
 import kg
 from kg import errors
 from kg import vocabulary as v
-from kg.errors import GraphError, HistoryError, QueryError, QueryTimeoutError, QueryTooLargeError
+from kg.errors import (
+    EngineFailureError,
+    GraphError,
+    HereaboutsError,
+    QueryError,
+    QueryTimeoutError,
+    QueryTooLargeError,
+)
 from kg.workers.evaluator import HEAD
 from kg.workers.snapshots import Snapshot
 
-_START = "import sys; sys.path[:0] = sys.argv[1:]; from kg.workers.evaluator import main; main()"
+_START = "import sys; sys.path[:0] = sys.argv[2:]; from kg.workers.evaluator import main; main()"
 _PATHS = list(
     dict.fromkeys(
         str(Path(str(m.__file__)).resolve().parent.parent) for m in (kg, pyoxigraph, numpy)
     )
 )
 _READ = 1 << 20
-_NICE = 5  # so that the writer goes first where processors are short
-_GRAPHS = (
-    v.ONTOLOGY_GRAPH,
-    v.COMMONSENSE_GRAPH,
-    v.MAP_GRAPH,
-    v.HISTORY_GRAPH,
-    v.ASSERTIONS_GRAPH,
-    v.DATASET_GRAPH,
-)
+_NICE = 5  # so that the writer has priority where processors are short
+SLOW_AFTER = 0.5  # [s] of one request after which the process gives way to those with short ones
+# a third of the processor beside a short query: less would let a busy machine starve honest ones
+_SLOW_NICE, _SLOW_GROUP_NICE = 10, 5
 START_WITHIN = 60.0  # [s] that a worker has to start, or to open a snapshot
 
 
@@ -51,6 +53,7 @@ class Answer:
     media_type: str
     body: bytes
     sequence: int  # the last transaction of the map that the answer saw
+    details: Mapping[str, Any] = field(default_factory=dict)  # what else a kind of request returns
 
 
 class WorkerDiedError(QueryError):
@@ -58,26 +61,31 @@ class WorkerDiedError(QueryError):
 
 
 class WorkerProcess:
-    """A process that answers one query at a time; `alive` is false once it was killed or died.
+    """A process that answers one request at a time; `alive` is false once it was killed or died.
 
-    Not safe for use by several threads at once, except `kill`.
+    Not safe for use by several threads at once, except `kill`. Unless `network` is allowed the
+    kernel denies it; `isolation` is how, once the process is ready ("none": it cannot).
     """
 
-    def __init__(self, settings: dict[str, Any]) -> None:
+    def __init__(self, settings: dict[str, Any], *, network: bool = False) -> None:
         self._settings = settings
         self._killed = False
-        self.snapshot: Snapshot | None = None  # what it reads, or was told to read
+        self.slow = False  # whether its priority was lowered; no unprivileged process raises it
+        self.isolation = ""
+        self.snapshot: Snapshot | None = None  # what it reads, or was sent to open
+        self.past: int | None = None  # the transaction whose state it made last
         # isolated, without site and without this process's environment: quick, and no secrets
+        option = ["--network" if network else "--no-network"]
         environment = {k: v for k, v in os.environ.items() if k == "LD_LIBRARY_PATH"}
         try:
             self._process = subprocess.Popen(
-                [sys.executable, "-I", "-S", "-c", _START, *_PATHS],
+                [sys.executable, "-I", "-S", "-c", _START, *option, *_PATHS],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
                 bufsize=0,
                 cwd="/",
-                # threads for linear algebra that nobody asks for would take of its memory
+                # unused threads for linear algebra would take of its memory
                 env=environment | {"MALLOC_ARENA_MAX": "2", "OPENBLAS_NUM_THREADS": "1"},
                 start_new_session=True,
             )
@@ -87,9 +95,15 @@ class WorkerProcess:
         self._in, self._out = self._process.stdin.fileno(), self._process.stdout.fileno()
         os.set_blocking(self._in, False)
         os.set_blocking(self._out, False)
+        assert self._process.stderr is not None
+        self._complaints = self._process.stderr.fileno()
+        os.set_blocking(self._complaints, False)
         self._received = bytearray()
-        self._unready = 0  # messages it has not yet said it is done with
-        self._tell(b"S", settings)
+        self._head: dict[str, Any] = {}  # of the last answer
+        self._unready = 0  # messages it has not acknowledged
+        self._slow_at = time.monotonic() + START_WITHIN
+        _set_nice(self.pid, _NICE)
+        self._notify(b"S", settings)
 
     @property
     def pid(self) -> int:
@@ -98,14 +112,14 @@ class WorkerProcess:
 
     @property
     def alive(self) -> bool:
-        """Whether it can be asked."""
+        """Whether it accepts requests."""
         return not self._killed and self._process.poll() is None
 
     def prepare(self, snapshot: Snapshot, timeout: float) -> None:
-        """Have it open a snapshot while nobody waits; a failure shows at the next question."""
+        """Have it open a snapshot ahead of requests; a failure is raised by the next one."""
         request = {"folder": str(snapshot.folder), "timeout": timeout}
         with contextlib.suppress(QueryError):
-            self._tell(b"O", request)
+            self._notify(b"O", request)
 
     def ask(self, request: dict[str, Any], timeout: float, kind: bytes = b"Q") -> Answer:
         """The answer to one request (`kg.workers.evaluator` has the kinds).
@@ -113,22 +127,30 @@ class WorkerProcess:
         `timeout` counts from when the process is ready for it.
 
         Raises QueryTimeoutError, QueryTooLargeError, QueryError or HistoryError; the process is
-        dead after a timeout or a crash, and can be asked again after any other error.
+        dead after a timeout or a crash, and accepts requests again after any other error.
         """
-        self._be_ready()
+        body = bytearray()
+        for part in self.stream(request, timeout, kind):
+            body += part
+        head = self._head
+        return Answer(head["media_type"], bytes(body), head["sequence"], head)
+
+    def stream(self, request: dict[str, Any], timeout: float, kind: bytes) -> Iterator[bytes]:
+        """The parts of an answer as they come; raises as `ask`, also after some of them."""
+        self.wait_ready()
         deadline = time.monotonic() + timeout
+        self._slow_at = time.monotonic() + SLOW_AFTER
         self._send(kind, request | {"timeout": timeout}, deadline)
-        head, body = {}, bytearray()
         while True:
             kind, payload = self._message(deadline)
             if kind == b"D":
-                body += payload
+                yield payload
             elif kind == b"H":
-                head = json.loads(payload)
+                self._head = json.loads(payload)
             elif kind == b"E":
                 raise _as_error(json.loads(payload))
             else:
-                return Answer(head["media_type"], bytes(body), head["sequence"])
+                return
 
     def kill(self) -> None:
         """End the process at once, whatever it does; safe from any thread."""
@@ -136,22 +158,25 @@ class WorkerProcess:
         self._process.kill()
 
     def close(self) -> None:
-        """End the process, and wait until it is gone."""
+        """End the process, and wait for its exit."""
         self.kill()
         self._process.wait()
-        for pipe in (self._process.stdin, self._process.stdout):
+        for pipe in (self._process.stdin, self._process.stdout, self._process.stderr):
             if pipe is not None:
                 pipe.close()
 
-    def _tell(self, kind: bytes, message: dict[str, Any]) -> None:
+    def _notify(self, kind: bytes, message: dict[str, Any]) -> None:
         self._send(kind, message, time.monotonic() + START_WITHIN)
         self._unready += 1
 
-    def _be_ready(self) -> None:
+    def wait_ready(self) -> None:
+        """Wait until it has started, or has opened its snapshot."""
         # or a slow start of the process would be taken off the time of the first query
         deadline = time.monotonic() + START_WITHIN
+        self._slow_at = deadline
         while self._unready:
-            self._message(deadline)
+            state = json.loads(self._message(deadline)[1])
+            self.isolation = state.get("network", self.isolation)
             self._unready -= 1
 
     def _send(self, kind: bytes, message: dict[str, Any], deadline: float) -> None:
@@ -187,40 +212,73 @@ class WorkerProcess:
     def _wait(self, pipe: int, event: int, deadline: float) -> None:
         poll = select.poll()
         poll.register(pipe, event)
-        if not poll.poll(max(0.0, deadline - time.monotonic()) * 1000):
+        if not self.slow and self._slow_at < deadline:
+            if poll.poll(_milliseconds_until(self._slow_at)):
+                return
+            self.lower_priority()
+        if not poll.poll(_milliseconds_until(deadline)):
             self.kill()
             raise _too_slow()
+
+    def lower_priority(self) -> None:
+        """Have it give way to other processes, for good."""
+        self.slow = True
+        if self.alive:
+            _set_nice(self.pid, _SLOW_NICE)
+            # Linux may schedule sessions as groups, and then niceness within one counts for nothing
+            with contextlib.suppress(OSError):
+                Path(f"/proc/{self.pid}/autogroup").write_text(str(_SLOW_GROUP_NICE), "ascii")
 
     def _cause_of_death(self) -> QueryError:
         code = self._process.wait()
         if code in (-signal.SIGALRM, -signal.SIGXCPU):
             return _too_slow()
         if code == -signal.SIGABRT:
-            megabytes = self._settings["memory"] >> 20
-            return QueryTooLargeError(f"the query needs more than {megabytes} MB of memory")
+            return self._cause_of_abort()
         if code == -signal.SIGSEGV:
-            return QueryTooLargeError("the query nests too deeply for the engine's parser")
-        return WorkerDiedError(f"the query's worker was ended from outside ({code}); ask again")
+            return QueryTooLargeError("the request nests too deeply for the engine's parser")
+        return WorkerDiedError(f"the query's worker was ended from outside ({code}); retry")
+
+    def _cause_of_abort(self) -> QueryError:
+        """Memory exhaustion and a failure of the engine both abort; stderr has which it was."""
+        complaint = b""
+        with contextlib.suppress(BlockingIOError):
+            complaint = os.read(self._complaints, _READ)
+        # "memory allocation of N bytes failed" is no panic; a panic may follow from it all the same
+        if b"panicked at" in complaint and b"memory allocation of" not in complaint:
+            return EngineFailureError(
+                "the query engine failed on this request: a defect of the engine, not of the map; "
+                "write it another way"
+            )
+        megabytes = self._settings["memory"] >> 20
+        return QueryTooLargeError(f"the request needs more than {megabytes} MB of memory")
+
+
+def _set_nice(pid: int, nice: int) -> None:
+    with contextlib.suppress(OSError):
+        os.setpriority(os.PRIO_PROCESS, pid, nice)
+
+
+def _milliseconds_until(moment: float) -> float:
+    return max(0.0, moment - time.monotonic()) * 1000
 
 
 def _too_slow() -> QueryTimeoutError:
     return QueryTimeoutError("the query ran into its time limit; ask for less, or more narrowly")
 
 
-def _as_error(told: dict[str, str]) -> QueryError | HistoryError:
-    kind = getattr(errors, told["error"], QueryError)
-    known = issubclass(kind, QueryError | HistoryError)
-    return kind(told["message"]) if known else QueryError(told["message"])
+def _as_error(reported: dict[str, str]) -> HereaboutsError:
+    kind = getattr(errors, reported["error"], QueryError)
+    known = issubclass(kind, HereaboutsError)
+    return kind(reported["message"]) if known else QueryError(reported["message"])
 
 
 def settings_of(memory_mb: int, services: Collection[str]) -> dict[str, Any]:
-    """What a worker is told at its start; `services` are the endpoints SERVICE may name."""
+    """The settings of a worker at its start; `services` are the endpoints SERVICE may name."""
     return {
         "memory": memory_mb << 20,
-        "nice": _NICE,
         "services": sorted(services),
         "prefixes": v.PREFIXES,
-        "graphs": _GRAPHS,
         "dataset": v.DATASET_GRAPH,
         "sequence": v.SEQUENCE,
     }

@@ -1,7 +1,7 @@
 """Snapshots of a live map that other processes may read: hard links beside it, or a small copy.
 
 Reading Oxigraph's folder while another process writes it is undefined; a backup of it is a folder
-of its own that nobody writes. Backups share their files with the map, so they cost links, not
+of its own without a writer. Backups share their files with the map, so they cost links, not
 bytes, until the map compacts the files away.
 """
 
@@ -15,14 +15,16 @@ import threading
 import time
 import uuid
 import weakref
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from pyoxigraph import Store
 
 from kg.errors import GraphError
-from kg.map_folder import remove_abandoned
-from kg.store import MapStore
+from kg.store.folder import remove_abandoned
+from kg.store.transactional import TransactionalStore
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,10 +43,11 @@ class Snapshots:
     Raises GraphError where no folder can be made beside the map.
     """
 
-    def __init__(self, store: MapStore, *, refresh: float) -> None:
+    def __init__(self, store: TransactionalStore, *, refresh: float) -> None:
         self._store = store
         self._refresh = refresh
         self._guard = threading.Lock()
+        self._making = threading.Lock()  # held by the one thread that makes a snapshot
         self._readers: dict[Snapshot, int] = {}
         self._current: Snapshot | None = None
         self._home: Path | None = None
@@ -53,27 +56,61 @@ class Snapshots:
             self._home, lock = make_home(store.path)
             self._closed = weakref.finalize(self, remove_home, self._home, lock)
 
-    def lease(self, at_least: int = 0) -> Snapshot:
-        """The newest snapshot, kept until `release`.
+    def lease(self, at_least: int = 0, held: Snapshot | None = None) -> Snapshot:
+        """The newest snapshot there is, kept until `release`.
 
-        A new one is made when the map has moved and the last is older than `refresh`, or holds
-        less than transaction `at_least`.
+        `held`, which the caller has open, is as good while it is not due to be refreshed. A new one
+        is made first where the newest holds less than transaction `at_least`, or where the map has
+        moved and the newest is older than `refresh` seconds.
         """
-        with self._guard:
-            current = self._current
-            if current is None or self._outdated(current, at_least):
-                self._current = self._make()
-                self._remove_unread()
+        refreshed = False
+        while True:
+            with self._guard:
                 current = self._current
-            self._readers[current] = self._readers.get(current, 0) + 1
-            return current
+                if current is not None and self._is_enough(current, at_least, refreshed):
+                    if held is not None and self._is_as_good(held, at_least):
+                        current = held
+                    self._readers[current] = self._readers.get(current, 0) + 1
+                    return current
+            self.refresh(at_least)
+            refreshed = True
+
+    def refresh(self, at_least: int | None = None) -> None:
+        """Make a new snapshot where the map has moved; readers have the one before meanwhile.
+
+        With `at_least`: where the newest holds less than that transaction, or is too old.
+        """
+        with self._making:
+            current = self._current
+            if current is not None and not self._is_due(current, at_least):
+                return
+            made = self._make()
+            with self._guard:
+                self._current = made
+                self._remove_unread()
+
+    def is_newest(self, snapshot: Snapshot | None) -> bool:
+        """Whether there is no newer one."""
+        with self._guard:
+            return snapshot is self._current
 
     def release(self, snapshot: Snapshot) -> None:
-        """Let go of a leased snapshot; removed once nobody reads it and a newer one is there."""
+        """Release a leased snapshot; removed once it has no reader and a newer one exists."""
         with self._guard:
             if snapshot in self._readers:  # else all were removed by `close`
                 self._readers[snapshot] -= 1
             self._remove_unread()
+
+    @contextmanager
+    def scratch(self) -> Iterator[Path]:
+        """A path beside the snapshots where a folder may be made; removed after the block."""
+        if self._home is None:
+            raise GraphError("the map is open for reading only; open it to write")
+        folder = self._home / f"scratch-{uuid.uuid4()}"
+        try:
+            yield folder
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
 
     def close(self) -> None:
         """Remove all of them."""
@@ -83,11 +120,24 @@ class Snapshots:
             self._readers.clear()
             self._current = None
 
-    def _outdated(self, current: Snapshot, at_least: int) -> bool:
-        now = self._store.sequence
-        if current.sequence >= now:
+    def _is_due(self, current: Snapshot, at_least: int | None) -> bool:
+        moved = current.sequence < self._store.sequence
+        if at_least is None:
+            return moved
+        return moved and (current.sequence < at_least or self._is_old(current))
+
+    def _is_enough(self, current: Snapshot, at_least: int, refreshed: bool) -> bool:
+        if current.sequence >= self._store.sequence:
+            return True
+        if current.sequence < at_least:
             return False
-        return current.sequence < at_least or time.monotonic() - current.made >= self._refresh
+        return refreshed or not self._is_old(current)
+
+    def _is_old(self, current: Snapshot) -> bool:
+        return time.monotonic() - current.made >= self._refresh
+
+    def _is_as_good(self, held: Snapshot, at_least: int) -> bool:
+        return held in self._readers and held.sequence >= at_least and not self._is_old(held)
 
     def _make(self) -> Snapshot:
         # read before the backup: a transaction in between is in the snapshot, never missing from it
@@ -111,7 +161,7 @@ class Snapshots:
                     shutil.rmtree(snapshot.folder, ignore_errors=True)
 
 
-def copy_store(store: MapStore, folder: Path) -> None:
+def copy_store(store: TransactionalStore, folder: Path) -> None:
     """The map as it is now, in a folder of its own: by hard links where it lies on disk."""
     if store.path is not None:
         store.native.backup(str(folder))
@@ -131,7 +181,7 @@ def make_home(path: Path | None) -> tuple[Path, int]:
         making.mkdir(mode=0o700)
         lock = os.open(making / "lock", os.O_RDWR | os.O_CREAT, 0o600)
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        making.rename(home)  # nobody meets it unlocked, and takes it for abandoned
+        making.rename(home)  # no process finds it unlocked, and removes it as abandoned
     except OSError as error:
         raise GraphError(
             f"cannot make {home} for snapshots: {error.strerror}; queries of others are answered "

@@ -1,17 +1,19 @@
-"""A small furnished house as data: seven rooms, their doors, and what stands where.
+"""Houses as data: rooms, walls with doorways, and what stands where; and the demo's house.
 
-Map frame: x east, y north, z up, metres, the floor at z = 0. Nothing here is random.
+Map frame: x east, y north, z up, metres, the floor at z = 0. Nothing here is random;
+`planner.simulation.random_house` draws houses.
 """
 
 from __future__ import annotations
 
+import colorsys
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.simulation.furniture import FURNISHINGS, OBJECTS, RGB, Facing, Part, Solid
+from planner.simulation.furniture import FURNISHINGS, OBJECTS, RGB, Facing, Solid, SolidPart
 
 WALL_HEIGHT = 2.5  # [m]
 WALL_THICKNESS = 0.10  # [m]
@@ -20,7 +22,7 @@ WALL_COLOUR: RGB = (0.93, 0.91, 0.86)
 
 
 @dataclass(frozen=True, slots=True)
-class Room:
+class HouseRoom:
     """One room: the rectangle between its walls' centre lines."""
 
     name: str
@@ -32,6 +34,7 @@ class Room:
     floor: str  # "planks" or "tiles"
     floor_colour: RGB
     viewpoints: tuple[tuple[float, float], ...]  # where a tour stops to look around [m]
+    part_of: str = ""  # name of the room it is a part of: an L-shaped room has two rectangles
 
     @property
     def centre(self) -> NDArray[np.float64]:
@@ -92,29 +95,48 @@ class Item:
     y: float
     z: float = 0.0  # what it stands on [m]
     facing: Facing = "north"
+    name: str = ""  # identity, unique in the house; "" where nobody asks for it
+    scale: tuple[float, float, float] = (1.0, 1.0, 1.0)  # of width, depth and height
+    hue: float = 0.0  # turn of its colours on the colour circle, 0..1
+    tone: float = 1.0  # brightness of its colours, as a share
+    lit: bool = False  # its screen is on: no depth comes back from it
 
     @property
-    def parts(self) -> tuple[Part, ...]:
+    def parts(self) -> tuple[SolidPart, ...]:
         """Its solids in its own coordinates."""
-        return OBJECTS[self.label] if self.label in OBJECTS else FURNISHINGS[self.label]
+        parts = OBJECTS[self.label] if self.label in OBJECTS else FURNISHINGS[self.label]
+        return parts if self.scale == (1, 1, 1) else tuple(p.scaled(self.scale) for p in parts)
 
     def solids(self) -> list[Solid]:
         """Its solids in the map frame."""
-        return [part.placed((self.x, self.y, self.z), self.facing) for part in self.parts]
+        at = (self.x, self.y, self.z)
+        return [self._finished(part.placed(at, self.facing), part) for part in self.parts]
+
+    def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Lower and upper corner (3,) [m] of its bounding box in the map frame."""
+        solids = self.solids()
+        return np.min([s.lo for s in solids], axis=0), np.max([s.hi for s in solids], axis=0)
 
     def centre(self) -> NDArray[np.float64]:
         """(3,) [m] geometrical centre in the map frame: the middle of its bounding box."""
-        solids = self.solids()
-        lo = np.min([s.lo for s in solids], axis=0)
-        hi = np.max([s.hi for s in solids], axis=0)
+        lo, hi = self.bounds()
         return np.asarray((lo + hi) / 2, dtype=np.float64)
+
+    def _finished(self, solid: Solid, part: SolidPart) -> Solid:
+        """`solid` in the colours of this item, and without depth where its surface gives none."""
+        no_return = part.surface == "glass" or (part.surface == "screen" and self.lit)
+        if not no_return and self.hue == 0 and self.tone == 1:
+            return solid
+        hue, saturation, value = colorsys.rgb_to_hsv(*solid.colour)
+        colour = colorsys.hsv_to_rgb(hue + self.hue, saturation, min(1.0, value * self.tone))
+        return replace(solid, colour=colour, depth_return=not no_return)
 
 
 @dataclass(frozen=True, slots=True)
 class House:
     """Rooms, walls and things; `objects` are what a detector could name, in a fixed order."""
 
-    rooms: tuple[Room, ...]
+    rooms: tuple[HouseRoom, ...]
     walls: tuple[Wall, ...]
     objects: tuple[Item, ...]
     furnishings: tuple[Item, ...] = field(default=())
@@ -129,11 +151,11 @@ class House:
             max(r.ymax for r in self.rooms),
         )
 
-    def room(self, name: str) -> Room:
+    def room(self, name: str) -> HouseRoom:
         """The room of that name; KeyError where there is none."""
         return {room.name: room for room in self.rooms}[name]
 
-    def room_at(self, x: float, y: float) -> Room | None:
+    def room_at(self, x: float, y: float) -> HouseRoom | None:
         """The room a point [m] lies in."""
         return next((room for room in self.rooms if room.contains(x, y)), None)
 
@@ -154,13 +176,17 @@ CHALK: RGB = (0.86, 0.87, 0.86)
 
 # in the order a tour visits them
 ROOMS = (
-    Room("corridor", "corridor", 0, 11.4, 4, 5.4, "planks", OAK, ((2.6, 4.7), (8.4, 4.7))),
-    Room("bedroom", "bedroom", 7.4, 11.4, 5.4, 9.2, "planks", WALNUT, ((9.2, 6.3), (8.3, 7.2))),
-    Room("bathroom", "shower", 8.6, 11.4, 0, 4, "tiles", CHALK, ((10.0, 2.4),)),
-    Room("home office", "home office", 5, 8.6, 0, 4, "planks", WALNUT, ((6.7, 2.4),)),
-    Room("dining room", "dining room", 4, 7.4, 5.4, 9.2, "planks", OAK, ((5.7, 6.1), (4.7, 8.2))),
-    Room("kitchen", "kitchen", 0, 4, 5.4, 9.2, "tiles", SLATE, ((1.9, 6.7), (2.9, 7.6))),
-    Room("living room", "living room", 0, 5, 0, 4, "planks", OAK, ((2.3, 3.0), (3.2, 0.75))),
+    HouseRoom("corridor", "corridor", 0, 11.4, 4, 5.4, "planks", OAK, ((2.6, 4.7), (8.4, 4.7))),
+    HouseRoom(
+        "bedroom", "bedroom", 7.4, 11.4, 5.4, 9.2, "planks", WALNUT, ((9.2, 6.3), (8.3, 7.2))
+    ),
+    HouseRoom("bathroom", "shower", 8.6, 11.4, 0, 4, "tiles", CHALK, ((10.0, 2.4),)),
+    HouseRoom("home office", "home office", 5, 8.6, 0, 4, "planks", WALNUT, ((6.7, 2.4),)),
+    HouseRoom(
+        "dining room", "dining room", 4, 7.4, 5.4, 9.2, "planks", OAK, ((5.7, 6.1), (4.7, 8.2))
+    ),
+    HouseRoom("kitchen", "kitchen", 0, 4, 5.4, 9.2, "tiles", SLATE, ((1.9, 6.7), (2.9, 7.6))),
+    HouseRoom("living room", "living room", 0, 5, 0, 4, "planks", OAK, ((2.3, 3.0), (3.2, 0.75))),
 )
 
 WALLS = (

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, slots=True)
-class Gait:
+class MotionLimits:
     """Speeds, and how far apart the pictures are that it takes on the way."""
 
     speed: float = 0.5  # [m/s]
@@ -38,7 +38,7 @@ class Pose:
         return np.array([self.x, self.y])
 
 
-def drive(pose: Pose, corners: NDArray[np.float64], gait: Gait) -> Iterator[Pose]:
+def drive(pose: Pose, corners: NDArray[np.float64], gait: MotionLimits) -> Iterator[Pose]:
     """Poses along `corners` (n, 2) [m], turning on the spot at each; the start is not repeated."""
     for corner in corners:
         offset = corner - pose.xy
@@ -56,7 +56,7 @@ def drive(pose: Pose, corners: NDArray[np.float64], gait: Gait) -> Iterator[Pose
             yield pose
 
 
-def turn(pose: Pose, angle: float, gait: Gait) -> Iterator[Pose]:
+def turn(pose: Pose, angle: float, gait: MotionLimits) -> Iterator[Pose]:
     """Poses of a turn on the spot by `angle` [rad], the start not repeated."""
     steps = int(np.ceil(abs(angle) / gait.swing - 1e-9))
     for k in range(1, steps + 1):
@@ -65,9 +65,24 @@ def turn(pose: Pose, angle: float, gait: Gait) -> Iterator[Pose]:
         yield Pose(pose.x, pose.y, heading, seconds)
 
 
-def look_around(pose: Pose, gait: Gait) -> Iterator[Pose]:
+def look_around(pose: Pose, gait: MotionLimits) -> Iterator[Pose]:
     """Poses of one full turn to the left (thesis section 3.4: 360 degrees at each goal)."""
     return turn(pose, 2 * np.pi, gait)
+
+
+def with_pauses(
+    poses: Sequence[Pose], pauses: Collection[int], frames: int, interval: float
+) -> tuple[Pose, ...]:
+    """`poses` with `frames` more pictures, `interval` [s] apart, at the poses numbered `pauses`."""
+    out, late = list[Pose](), 0.0
+    for number, pose in enumerate(poses):
+        here = replace(pose, seconds=pose.seconds + late)
+        out.append(here)
+        if number in pauses:
+            later = [here.seconds + k * interval for k in range(1, frames + 1)]
+            out += [replace(pose, seconds=seconds) for seconds in later]
+            late += frames * interval
+    return tuple(out)
 
 
 def _wrapped(angle: float) -> float:

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from kg import vocabulary as v
+from kg.maps.semantic_map import SemanticMap
+from kg.opening import create_map
 from kg.records import (
     Evidence,
     MapUpdate,
@@ -17,7 +19,6 @@ from kg.records import (
     RecordingRecord,
     RobotRecord,
 )
-from kg.semantic_map import SemanticMap
 
 BASE = "https://example.org/flat/"
 
@@ -63,7 +64,7 @@ def written(tmp_path: Path) -> Callable[[int], SemanticMap]:
     """Callable: a map on disk after that many frames."""
 
     def write(frames: int) -> SemanticMap:
-        semantic_map = SemanticMap.create(tmp_path / "flat.map", base=BASE)
+        semantic_map = create_map(tmp_path / "flat.map", base=BASE)
         for frame in range(frames):
             semantic_map.apply(frame_update(frame))
         return semantic_map

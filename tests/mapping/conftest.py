@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from kg.errors import RecordingError
+from kg.maps.semantic_map import SemanticMap
+from kg.opening import in_memory_map
 from kg.records import ObjectRecord
-from kg.semantic_map import SemanticMap
-from perception.frame import Detections, Frame, SceneScores
+from perception.frames import Detections, Frame, SceneScores
 
 #: camera -> map: looks along map x, image right is map -y, image down is map -z; 1 m above floor
 LOOK_ALONG_X = np.array(
@@ -35,6 +36,22 @@ def make_frame() -> Callable[..., Frame]:
         return Frame(id, rgb, image, K, np.asarray(T, dtype=np.float64), stamp)
 
     return make
+
+
+@pytest.fixture
+def step_back(make_frame: Callable[..., Frame]) -> Callable[..., Frame]:
+    """Callable: number n, depth [m] of the wall seen by view 0 -> view n, 0.3 n m farther back.
+
+    Each is a distinct view of what stands before the wall on the optical axis.
+    """
+
+    def view(n: int, depth: float = 2.0, **fields: object) -> Frame:
+        T = make_frame().T_map_cam.copy()
+        T[0, 3] = -0.3 * n
+        given = {"id": f"frame-{n:06d}", "stamp": 1e9 + n, **fields}
+        return make_frame(depth + 0.3 * n, T=T, **given)
+
+    return view
 
 
 @pytest.fixture
@@ -80,7 +97,7 @@ def make_object() -> Callable[..., ObjectRecord]:
 @pytest.fixture
 def semantic_map() -> Iterator[SemanticMap]:
     """A real, empty map in memory."""
-    with SemanticMap.in_memory(base="https://example.org/map/") as made:
+    with in_memory_map(base="https://example.org/map/") as made:
         yield made
 
 

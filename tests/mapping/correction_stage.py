@@ -6,16 +6,17 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from kg.check import check_map
-from kg.semantic_map import SemanticMap
-from mapping.layout import Layout, Rectangle
-from mapping.pipeline import map_recording
-from perception.frame import Detections, Frame, SceneScores
+from kg.maps.semantic_map import SemanticMap
+from kg.ontology.lint import check_map
+from kg.records import Rectangle
+from mapping.places.layout import Layout, LayoutPlace
+from mapping.recording_mapper import map_recording
+from perception.frames import Detections, Frame, SceneScores
 from tests.mapping.correction_scripts import Script
 
 BASE = "https://example.org/map/"
 BOXES = {"": (30, 22, 34, 26), "left": (4, 22, 8, 26), "right": (56, 22, 60, 26)}
-ROOM = Layout((Rectangle(1, "the room", 0.0, 6.0, -4.0, 4.0),))
+ROOM = Layout((LayoutPlace(1, "the room", Rectangle(0.0, 6.0, -4.0, 4.0)),))
 
 
 class Acts:
@@ -122,7 +123,7 @@ def play(
 ) -> None:
     run = len(semantic_map.recordings())
     stage = Stage(steps, Acts(people or semantic_map), frame, run)
-    map_recording(stage, semantic_map, stage, stage, layout=ROOM)
+    map_recording(stage, semantic_map, stage, stage, mode="reference", layout=ROOM)
 
 
 def as_told(semantic_map: SemanticMap, script: Script) -> None:

@@ -6,14 +6,14 @@ from collections.abc import Iterator
 
 import pytest
 
-from kg.semantic_map import SemanticMap
-from mapping.pipeline import map_recording
-from mapping.transform import load_transform
-from mapping.truth import load_truth, score_map
-from perception.detector import load_detector
-from perception.frame import Frame
-from perception.recording import open_recording
-from perception.scene import load_scene_classifier
+from kg.opening import create_map
+from mapping.evaluation.class_scores import load_truth, score_map
+from mapping.recording_mapper import map_recording
+from mapping.transform_file import load_transform
+from perception.frames import Frame
+from perception.inference.detector import load_detector
+from perception.inference.scene_classifier import load_scene_classifier
+from perception.recordings.recording import open_recording
 
 
 class Every:
@@ -46,7 +46,7 @@ def test_kitchen_is_mapped_with_its_cups_and_chairs(tmp_path, shared, building):
     kitchen = building("redkitchen", 10)
     detector = load_detector(shared("models/deimv2_femto_416.onnx"), threshold=0.25)
     truth = load_truth(shared("data/rgbd/redkitchen/objects_gt.json"))
-    with SemanticMap.create(tmp_path / "kitchen.map") as semantic_map:
+    with create_map(tmp_path / "kitchen.map") as semantic_map:
         map_recording(kitchen, semantic_map, detector, load_scene_classifier())
         (place,) = semantic_map.places()
         catalogue = semantic_map.catalogue
@@ -61,7 +61,7 @@ def test_kitchen_is_mapped_with_its_cups_and_chairs(tmp_path, shared, building):
 def test_two_recordings_make_a_building_of_two_places(tmp_path, shared, building):
     detector = load_detector(shared("models/deimv2_femto_416.onnx"), threshold=0.25)
     scene = load_scene_classifier()
-    with SemanticMap.create(tmp_path / "flat.map") as semantic_map:
+    with create_map(tmp_path / "flat.map") as semantic_map:
         for sequence, n in (("redkitchen", 25), ("icl_livingroom", 10)):
             map_recording(building(sequence, n), semantic_map, detector, scene)
         places = {p.label: p for p in semantic_map.places()}

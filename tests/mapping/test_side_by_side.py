@@ -7,10 +7,11 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from kg.errors import MapBusyError
-from kg.semantic_map import SemanticMap
-from kg.server import MapServer, Settings, Tokens
-from mapping.pipeline import map_recording
-from perception.frame import Detections, Frame
+from kg.maps.semantic_map import SemanticMap
+from kg.opening import open_map
+from kg.server import BearerTokens, MapServer, Settings
+from mapping.recording_mapper import map_recording
+from perception.frames import Detections, Frame
 
 TOKEN = "a-token-of-the-tests-0123"
 
@@ -21,14 +22,15 @@ def server(
 ) -> Iterator[Callable[[], SemanticMap]]:
     """Callable: `semantic_map` as a mapper far away has it."""
     monkeypatch.setenv("HEREABOUTS_TOKEN", TOKEN)
-    settings = Settings(port=0, tokens=Tokens((("ann", TOKEN.encode()),)))
+    settings = Settings(port=0, tokens=BearerTokens((("ann", TOKEN.encode()),)))
     with MapServer(semantic_map, settings) as running:
-        yield lambda: SemanticMap.open(running.url)
+        monkeypatch.setenv("HEREABOUTS_SERVER", running.url)
+        yield lambda: open_map(running.url)
 
 
 @pytest.fixture
-def frames(make_frame: Callable[..., Frame]) -> list[Frame]:
-    return [make_frame(2.0, id=f"frame-{n}", stamp=1_000_000.0 + n) for n in range(6)]
+def frames(step_back: Callable[..., Frame]) -> list[Frame]:
+    return [step_back(n, id=f"frame-{n}") for n in range(6)]
 
 
 @pytest.fixture
@@ -36,7 +38,7 @@ def detector(
     scripted_detector: Callable[..., object], make_detections: Callable[..., Detections]
 ) -> object:
     """Sees one cup in each frame."""
-    return scripted_detector({}, make_detections(("cup", 0.5, (20, 15, 40, 30))))
+    return scripted_detector({}, make_detections(("cup", 0.9, (30, 22, 34, 26))))
 
 
 def notes(semantic_map: SemanticMap) -> list[str]:
@@ -84,3 +86,33 @@ def test_recordings_are_mapped_side_by_side(
     assert {r.name: r.frames_applied for r in semantic_map.recordings()} == {"room": 6, "hall": 6}
     (cup,) = semantic_map.objects()
     assert cup.observations == 12, "each sighting counts once"
+
+
+@pytest.mark.parametrize("here", [True, False], ids=["beside the server", "afar"])
+def test_a_mapper_continues_on_a_map_that_was_restored_meanwhile(
+    here: bool,
+    semantic_map: SemanticMap,
+    server: Callable[[], SemanticMap],
+    frames: list[Frame],
+    list_recording: Callable[..., object],
+    detector: object,
+) -> None:
+    recording = list_recording(frames)
+    with server() as far:
+
+        def meanwhile(report: object) -> None:
+            if report.index == 2:
+                semantic_map.update("DELETE WHERE { ?s ?p ?o }", confirmed=True)
+            if report.index == 4:
+                (after_three,) = [
+                    c.sequence for c in semantic_map.changes(0) if c.cause.note == "room/frame-2"
+                ][-1:]
+                semantic_map.restore(after_three, by="ann")
+
+        mapped = map_recording(
+            recording, semantic_map if here else far, detector, on_frame=meanwhile
+        )
+    assert mapped.frames == 6
+    (cup,) = semantic_map.objects()
+    assert cup.observations == 4, "three before the deletion, and the frame after the restoration"
+    assert semantic_map.recordings()[0].frames_applied == 6

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from kg.maps.semantic_map import SemanticMap
 from kg.records import MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
-from kg.semantic_map import SemanticMap
 
 
 def thing(

@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from kg.maps.semantic_map import SemanticMap
 from kg.records import MapUpdate, ObjectRecord, PlaceRecord
-from kg.semantic_map import SemanticMap
-from planner.executive.events import Event
-from planner.executive.executive import search
-from planner.executive.line_robot import ChildRobot
-from planner.executive.terms import Outcome, Terms
-from planner.finding.settings import BELIEF
+from planner.execution.events import Event
+from planner.execution.line_transport import ChildRobot
+from planner.execution.options import SearchOptions, SearchOutcome
+from planner.execution.search_loop import search
+from planner.settings import BELIEF
 
 SCRIPT = Path(__file__).with_name("point_robot.py")
 START = 1_772_442_000.0
@@ -68,19 +68,19 @@ def run(
     semantic_map: SemanticMap,
     *words: str,
     resume: bool = False,
-    patience: float = 120.0,
+    timeout: float = 120.0,
     budget: float | None = None,
     later: float = 60.0,
     give_up_at: float = BELIEF.rest,
-    tell: Callable[[Event], None] = lambda event: None,
+    on_event: Callable[[Event], None] = lambda event: None,
     **settings: Any,
-) -> Outcome:
+) -> SearchOutcome:
     """Search with a point robot in a process of its own."""
-    terms = Terms(
+    options = SearchOptions(
         budget=budget,
         give_up_at=give_up_at,
-        patience=patience,
-        tell=tell,
+        timeout=timeout,
+        on_event=on_event,
         clock=lambda: START + later,
     )
-    return search(semantic_map, words, ChildRobot(command(**settings)), terms, resume=resume)
+    return search(semantic_map, words, ChildRobot(command(**settings)), options, resume=resume)

@@ -10,8 +10,8 @@ import pytest
 import requests
 
 from kg import vocabulary as v
-from kg.conceptnet.api import Client
-from kg.conceptnet.cache import Cache
+from kg.conceptnet.api import ApiClient
+from kg.conceptnet.cache import ResponseCache
 from kg.conceptnet.importing import import_conceptnet
 from kg.conceptnet.throttle import Throttle
 from kg.errors import ConceptNetError
@@ -35,11 +35,11 @@ class Clock:
         self.now += seconds
 
 
-def client_of(service: Any, cache: Path | None = None) -> tuple[Client, Clock]:
+def client_of(service: Any, cache: Path | None = None) -> tuple[ApiClient, Clock]:
     clock = Clock()
     throttle = Throttle(clock=clock, sleep=clock.sleep)
-    kept = Cache(cache) if cache else None
-    return Client(service.address, kept, throttle, clock.sleep), clock
+    kept = ResponseCache(cache) if cache else None
+    return ApiClient(service.address, kept, throttle, clock.sleep), clock
 
 
 def test_the_stand_in_is_as_the_documentation_says(serve: Serve, as_edge: AsEdge) -> None:
@@ -71,7 +71,7 @@ def test_all_pages_are_read_and_by_relative_address(serve: Serve, as_edge: AsEdg
     client, _ = client_of(service)
     found = list(client.edges(end="/c/en/kitchen", rel="/r/AtLocation"))
     assert len({edge["@id"] for edge in found}) == len(found) == 2500  # type: ignore[index]
-    assert client.reading.requests == 3
+    assert client.statistics.requests == 3
     assert list(client.edges(end="/c/en/nowhere")) == []  # HTTP 200 with "error"
     client.close()
 
@@ -112,8 +112,11 @@ def test_nobody_at_the_address_is_one_line(serve: Serve) -> None:
         (b"[" * 100_000, "did not answer JSON"),
         (b"[]", "JSON without edges"),
         (b'{"edges": 3}', "JSON without edges"),
-        (b'{"edges": [1], "view": {"nextPage": "http://example.org/x"}}', "sends us elsewhere"),
-        (b'{"edges": [1], "view": {"nextPage": "/query?same"}}', "leads back to itself"),
+        (
+            b'{"edges": [1], "view": {"nextPage": "http://example.org/x"}}',
+            "a next page on another server",
+        ),
+        (b'{"edges": [1], "view": {"nextPage": "/query?same"}}', "repeats a page"),
     ],
 )
 def test_what_is_not_conceptnet_is_one_line(serve: Serve, garbage: bytes, complaint: str) -> None:
@@ -192,4 +195,4 @@ def test_an_import_that_broke_off_goes_on_and_comes_to_the_same(
 
 def test_no_address_and_no_file_is_one_line() -> None:
     with pytest.raises(ConceptNetError, match="is no http"):
-        Client("ftp://example.org")
+        ApiClient("ftp://example.org")

@@ -15,12 +15,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from kg import vocabulary as v
-from kg.check import check_ontologies
-from kg.conceptnet.importing import Imported, import_conceptnet
+from kg.conceptnet.importing import ConceptNetImport, import_conceptnet
 from kg.errors import ConceptNetError
-from kg.ontology import compile_commonsense, load_ontologies
-from kg.relations import Relation, relations
-from kg.shipped import ONTOLOGIES
+from kg.ontology.lint import check_ontologies
+from kg.ontology.loading import compile_commonsense, load_ontologies
+from kg.ontology.relations import Relation, relations
+from kg.resources import ONTOLOGIES
 
 Shared = Callable[[str], Path]
 DATA = [
@@ -56,11 +56,11 @@ def into(tmp_path: Path) -> Path:
     return folder / "conceptnet.ttl"
 
 
-def update(graph: Path, into: Path, *, dry_run: bool = False) -> Imported:
+def update(graph: Path, into: Path, *, dry_run: bool = False) -> ConceptNetImport:
     return import_conceptnet(graph, into, ontologies=into.parent, dry_run=dry_run)
 
 
-def said(imported: Imported) -> set[tuple[str, str, str]]:
+def said(imported: ConceptNetImport) -> set[tuple[str, str, str]]:
     return {
         (c.what, c.subject.removeprefix(v.HERE), c.target.removeprefix(v.HERE))
         for c in imported.changes
@@ -264,7 +264,7 @@ TEXT = st.text(max_size=40) | st.sampled_from(
 
 
 @settings(
-    max_examples=40,
+    max_examples=20,
     deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )

@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kg.categories import Catalogue
-from kg.conceptnet.names import Names, reduced
-from kg.ontology import load_ontologies
+from kg.conceptnet.names import TermMatcher, reduced
+from kg.ontology.catalogue import Catalogue
+from kg.ontology.loading import load_ontologies
 
 CATALOGUE = Catalogue.from_quads(load_ontologies().quads)
-NAMES = Names(CATALOGUE)
+NAMES = TermMatcher(CATALOGUE)
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kg import vocabulary as v
-from kg.conceptnet.importing import Imported, import_conceptnet
-from kg.conceptnet.relate import Found
+from kg.conceptnet.importing import ConceptNetImport, import_conceptnet
+from kg.conceptnet.relate import ImportedRelation
 from kg.conceptnet.strength import probability_of, votes_of, weight_of
 
 Shared = Callable[[str], Path]
@@ -44,7 +44,9 @@ def tsv5(path: Path, *lines: tuple[str, str, str, float]) -> Path:
     return path
 
 
-def one(imported: Imported, subject: str, target: str, kind: str = v.LOCATED_AT) -> Found | None:
+def one(
+    imported: ConceptNetImport, subject: str, target: str, kind: str = v.LOCATED_AT
+) -> ImportedRelation | None:
     """The relation between two categories, by the names of their classes."""
     wanted = (kind, v.HERE + subject, v.HERE + target)
     found = [f for f in imported.found if (f.kind, f.subject, f.target) == wanted]

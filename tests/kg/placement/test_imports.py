@@ -9,17 +9,17 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from kg.categories import Catalogue
-from kg.check import check_ontologies
 from kg.errors import HereaboutsError, InvalidFactError
-from kg.ontology import load_ontologies
-from kg.placement.imports import read_rooms
+from kg.ontology.catalogue import Catalogue
+from kg.ontology.lint import check_ontologies
+from kg.ontology.loading import load_ontologies
 from kg.placement.rooms import room_types
 from kg.placement.statistics import statistics
-from kg.placement.writing import write_rooms
-from kg.shipped import ONTOLOGIES
+from kg.placement.statistics_export import write_rooms
+from kg.placement.statistics_import import read_rooms
+from kg.resources import ONTOLOGIES
 from kg.vocabulary import PREFIXES
-from planner.commands import main
+from planner.cli import main
 
 Shared = Callable[[str], Path]
 CATALOGUE = Catalogue.from_quads(load_ontologies().quads)
@@ -59,7 +59,7 @@ def test_room_names_become_our_categories() -> None:
         (HEAD + "kitchen,٣,oven,1\n", "n_rooms must be"),
         (HEAD + "kitchen,0,oven,0\n", "at least 1"),
         (HEAD + "kitchen,3,oven,1\nkitchen,4,cup,1\n", "line 3: 'kitchen' has 4 rooms here, 3"),
-        (HEAD + "kitchen,3,oven,1\nkitchen,3,oven,1\n", "line 3: 'oven' in 'kitchen' stands twice"),
+        (HEAD + "kitchen,3,oven,1\nkitchen,3,oven,1\n", "line 3: 'oven' in 'kitchen' occurs twice"),
         (HEAD + "kitchen,3,oven\n", "more or fewer fields"),
         (HEAD + "kitchen,3,oven,1,9\n", "more or fewer fields"),
         (HEAD + ",3,oven,1\n", "room is empty"),

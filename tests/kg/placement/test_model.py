@@ -10,24 +10,30 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kg.placement.model import Evidence, Matrix, believe, log_chance, log_gamma
+from benchmarks.placement.fitting import minimise
+from benchmarks.placement.scores import brier, calibration_error, log_loss, rooms_visited
+from kg.placement.model import (
+    EvidenceArrays,
+    Matrix,
+    log_beta_binomial,
+    log_gamma,
+    posterior_belief,
+)
 from kg.placement.posterior import posterior
 from kg.placement.settings import FITTED
-from kg.placement.trial.fitting import minimise
-from kg.placement.trial.scores import brier, calibration_error, log_loss, rooms_visited
 
 COUNT = st.integers(0, 400)
 
 
-def evidence(shape: tuple[int, int] = (1, 1), **given: float | Matrix) -> Evidence:
+def evidence(shape: tuple[int, int] = (1, 1), **given: float | Matrix) -> EvidenceArrays:
     n, m = shape
-    arrays = {name: np.zeros(shape) for name in Evidence.__dataclass_fields__}
-    arrays |= {"similar": np.zeros((m, m)), "kindred": np.zeros((n, n))}
-    return Evidence(**{**arrays, **{k: np.broadcast_to(x, shape) for k, x in given.items()}})
+    arrays = {name: np.zeros(shape) for name in EvidenceArrays.__dataclass_fields__}
+    arrays |= {"similar": np.zeros((m, m)), "related": np.zeros((n, n))}
+    return EvidenceArrays(**{**arrays, **{k: np.broadcast_to(x, shape) for k, x in given.items()}})
 
 
 def p(**given: float) -> float:
-    return float(believe(evidence(**given), FITTED).mean[0, 0])
+    return float(posterior_belief(evidence(**given), FITTED).mean[0, 0])
 
 
 counts = st.tuples(COUNT, COUNT).map(lambda pair: (max(pair), min(pair)))
@@ -45,7 +51,7 @@ def test_a_probability_lies_strictly_between_0_and_1(
     listed: float, weight: float, rooms: tuple[int, int], w: float, wo: float, stated: float
 ) -> None:
     given_ = {"listed": listed, "weight": weight, "rooms": rooms[0], "rooms_with": rooms[1]}
-    assert 0 < p(**given_, seen_with=w, seen_without=wo, stated=stated, statements=1) < 1
+    assert 0 < p(**given_, building_with=w, building_without=wo, stated=stated, statements=1) < 1
 
 
 @given(counts, st.floats(0, 50), st.floats(0.01, 50))
@@ -55,8 +61,8 @@ def test_more_evidence_for_raises_it_and_rooms_searched_in_vain_lower_it(
     known = {"rooms": rooms[0], "rooms_with": rooms[1], "weight": weight}
     assert p(weight=weight + more) > p(weight=weight)
     assert p(weight=weight, listed=0.9) >= p(weight=weight, listed=0.2) >= p(weight=weight)
-    assert p(**known, seen_with=more) > p(**known) > p(**known, seen_without=more)
-    assert p(**known, seen_without=more) > p(**known, seen_without=2 * more)
+    assert p(**known, building_with=more) > p(**known) > p(**known, building_without=more)
+    assert p(**known, building_without=more) > p(**known, building_without=2 * more)
     assert p(**known | {"rooms": rooms[0] + 5}) < p(**known)
     assert p(**known | {"rooms": rooms[0] + 5, "rooms_with": rooms[1] + 5}) > p(**known)
 
@@ -72,24 +78,28 @@ def test_what_similar_places_hold_raises_a_place_nobody_counted() -> None:
     alike = np.array([[0, 1, 0], [1, 0, 0], [0, 0, 0]], dtype=float)
     lonely = evidence((1, 3), rooms=rooms, rooms_with=held)
     friendly = replace(lonely, similar=alike)
-    assert believe(friendly, FITTED).mean[0, 1] > believe(lonely, FITTED).mean[0, 1]
+    assert (
+        posterior_belief(friendly, FITTED).mean[0, 1] > posterior_belief(lonely, FITTED).mean[0, 1]
+    )
 
 
 def test_a_persons_number_is_nearly_the_outcome_and_gives_way_to_what_is_seen() -> None:
     said = p(stated=0.6, statements=1)
     assert 0.45 < said < 0.6
-    assert p(stated=0.6, statements=1, seen_without=20) < 0.2
+    assert p(stated=0.6, statements=1, building_without=20) < 0.2
 
 
 def test_more_seen_makes_surer() -> None:
-    few, many = (believe(evidence(seen_with=n, seen_without=n), FITTED) for n in (2, 50))
+    few, many = (
+        posterior_belief(evidence(building_with=n, building_without=n), FITTED) for n in (2, 50)
+    )
     assert (many.alpha + many.beta > few.alpha + few.beta).all()
 
 
 def test_the_belief_is_calibrated_in_worlds_drawn_from_the_model() -> None:
     random = np.random.default_rng(5)
     cells = 4000
-    prior = believe(evidence((cells, 1), weight=random.uniform(0, 8, (cells, 1))), FITTED)
+    prior = posterior_belief(evidence((cells, 1), weight=random.uniform(0, 8, (cells, 1))), FITTED)
     truth = random.beta(prior.alpha, prior.beta)
     seen = random.integers(0, 6, truth.shape)
     hits = random.binomial(seen, truth)
@@ -147,5 +157,5 @@ def test_log_gamma_is_the_librarys(x: float) -> None:
 
 def test_the_chance_of_counts_is_what_drawing_one_by_one_gives() -> None:
     one_by_one = (2 / 5) * (3 / 6) * (3 / 7)  # alpha 2, beta 3: with, with, without
-    found = log_chance(np.array(2.0), np.array(3.0), np.array(3.0), np.array(2.0))
+    found = log_beta_binomial(np.array(2.0), np.array(3.0), np.array(3.0), np.array(2.0))
     assert found == pytest.approx(np.log(one_by_one))

@@ -6,7 +6,7 @@ import http.client
 import json
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from urllib.parse import urlencode, urlsplit
 
@@ -14,14 +14,17 @@ import numpy as np
 import pytest
 import requests
 
-from kg.commits import Cause
+from kg.maps.semantic_map import SemanticMap
+from kg.opening import in_memory_map, open_map
 from kg.records import MapUpdate, ObjectRecord, PlaceRecord
-from kg.semantic_map import SemanticMap
-from kg.server import Limits, MapServer, Settings, Tokens
+from kg.server import BearerTokens, Limits, MapServer, Settings
+from kg.transactions import Cause
 
 TOKEN = "a-token-of-the-tests-0123"
+READER = "a-token-that-only-reads"
 BASE = "https://example.org/maps/flat/"
 PATIENCE = 120.0  # [s] for what comes at once, on a machine however slow
+LIMITS = Limits(query_seconds=PATIENCE, workers=2)
 
 
 class Stream:
@@ -63,6 +66,7 @@ class Served:
 
     map: SemanticMap
     server: MapServer
+    seen: list[int] = field(default_factory=lambda: [0])
 
     @property
     def url(self) -> str:
@@ -76,7 +80,13 @@ class Served:
 
     def request(self, method: str, path: str, **given: object) -> requests.Response:
         given.setdefault("timeout", PATIENCE)
-        return requests.request(method, self.url + path, **given)  # type: ignore[arg-type]
+        # as a client that writes with a token and reads without one: it reads what it wrote
+        headers = {"Here-Sequence": str(self.seen[0])} if path.startswith("sparql") else {}
+        given["headers"] = headers | given.get("headers", {})  # type: ignore[operator]
+        answer = requests.request(method, self.url + path, **given)  # type: ignore[arg-type]
+        if method not in ("GET", "HEAD"):
+            self.seen[0] = max(self.seen[0], int(answer.headers.get("Here-Sequence", 0)))
+        return answer
 
     def write(self, update: str, **given: object) -> requests.Response:
         headers = {"Content-Type": "application/sparql-update", **self.bearer()}
@@ -120,7 +130,7 @@ def thing(semantic_map: SemanticMap, number: int, label: str, x: float, y: float
 @contextmanager
 def furnished() -> Iterator[SemanticMap]:
     """A kitchen with a cup and a chair."""
-    with SemanticMap.in_memory(title="flat <1>", base=BASE) as semantic_map:
+    with in_memory_map(title="flat <1>", base=BASE) as semantic_map:
         kitchen = semantic_map.catalogue.find("kitchen").iri
         place = PlaceRecord(
             f"{BASE}place/1", "the kitchen", -1, 4, -1, 3, views=3, beliefs={kitchen: 0.8}
@@ -144,8 +154,20 @@ def flat() -> Iterator[SemanticMap]:
 @pytest.fixture(scope="module")
 def lasting() -> Iterator[Served]:
     """A server that all tests of a module share, whose clients may write with `bearer()`."""
-    limits = Limits(query_seconds=PATIENCE)
-    settings = Settings(port=0, tokens=Tokens((("ann", TOKEN.encode()),)), limits=limits)
+    settings = Settings(port=0, tokens=BearerTokens((("ann", TOKEN.encode()),)), limits=LIMITS)
+    with furnished() as semantic_map, MapServer(semantic_map, settings) as server:
+        yield Served(semantic_map, server)
+
+
+@pytest.fixture(scope="module")
+def private() -> Iterator[Served]:
+    """A server whose map is read with a token too."""
+    settings = Settings(
+        port=0,
+        tokens=BearerTokens((("ann", TOKEN.encode()),)),
+        read_tokens=BearerTokens((("bob", READER.encode()),)),
+        limits=LIMITS,
+    )
     with furnished() as semantic_map, MapServer(semantic_map, settings) as server:
         yield Served(semantic_map, server)
 
@@ -156,9 +178,8 @@ def serve(flat: SemanticMap) -> Iterator[Callable[..., Served]]:
     with ExitStack() as stack:
 
         def start(*, limits: Limits | None = None, **settings: object) -> Served:
-            settings.setdefault("tokens", Tokens((("ann", TOKEN.encode()),)))
-            limits = limits or Limits(query_seconds=PATIENCE)
-            wanted = Settings(port=0, limits=limits, **settings)  # type: ignore[arg-type]
+            settings.setdefault("tokens", BearerTokens((("ann", TOKEN.encode()),)))
+            wanted = Settings(port=0, limits=limits or LIMITS, **settings)  # type: ignore[arg-type]
             server = stack.enter_context(MapServer(flat, wanted))
             return Served(flat, server)
 
@@ -177,11 +198,10 @@ def on_disk() -> Callable[..., AbstractContextManager[Served]]:
 
     @contextmanager
     def start(folder: Path, *, read_only: bool = False, **settings: object) -> Iterator[Served]:
-        settings.setdefault("tokens", Tokens((("ann", TOKEN.encode()),)))
-        limits = Limits(query_seconds=PATIENCE)
-        wanted = Settings(port=0, limits=limits, **settings)  # type: ignore[arg-type]
+        settings.setdefault("tokens", BearerTokens((("ann", TOKEN.encode()),)))
+        wanted = Settings(port=0, limits=LIMITS, **settings)  # type: ignore[arg-type]
         with (
-            SemanticMap.open(folder, read_only=read_only) as semantic_map,
+            open_map(folder, read_only=read_only) as semantic_map,
             MapServer(semantic_map, wanted) as server,
         ):
             yield Served(semantic_map, server)

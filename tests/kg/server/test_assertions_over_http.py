@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 import rdflib
 
-from kg.commits import ChangeSet
+from kg.client.served_server import ServedClient as FarServer
 from kg.errors import (
     GraphError,
     InvalidFactError,
@@ -19,11 +19,11 @@ from kg.errors import (
     RemoteError,
     UnknownCategoryError,
 )
-from kg.semantic_map import SemanticMap
-from kg.served import Served as FarServer
-from kg.server import Limits, Tokens
+from kg.opening import open_map
+from kg.server import BearerTokens, Limits
+from kg.transactions import ChangeSet
 from kg.vocabulary import HERE
-from planner.commands import main
+from planner.cli import main
 
 if TYPE_CHECKING:
     from conftest import Served
@@ -159,7 +159,7 @@ def test_saying_needs_a_token_and_a_body_of_some_size(serve: Callable[..., Serve
 
 
 def test_a_server_that_only_reads_takes_nothing_said(serve: Callable[..., Served]) -> None:
-    served = serve(tokens=Tokens())
+    served = serve(tokens=BearerTokens())
     assert served.post("assertions", json=BOWL).status_code == 403
     assert served.get("assertions").json()["assertions"] == []
 
@@ -167,6 +167,7 @@ def test_a_server_that_only_reads_takes_nothing_said(serve: Callable[..., Served
 @pytest.fixture
 def token(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HEREABOUTS_TOKEN", served.bearer()["Authorization"].removeprefix("Bearer "))
+    monkeypatch.setenv("HEREABOUTS_SERVER", served.url)
 
 
 def assert_recorded(served: Served, change: ChangeSet) -> None:
@@ -177,7 +178,7 @@ def assert_recorded(served: Served, change: ChangeSet) -> None:
 
 @pytest.mark.usefixtures("token")
 def test_a_served_map_is_written_from_python_as_its_folder_is(served: Served) -> None:
-    with SemanticMap.open(served.url) as far:
+    with open_map(served.url) as far:
         change = far.assert_("object/1", "category", "bowl", by="nobody")
         assert_recorded(served, change)
         assert far.assertions() == served.map.assertions()
@@ -197,10 +198,10 @@ def test_a_served_map_is_written_from_python_as_its_folder_is(served: Served) ->
 @pytest.mark.usefixtures("token")
 def test_what_the_server_refuses_is_the_same_error_from_afar(served: Served) -> None:
     before = served.map.sequence
-    with SemanticMap.open(served.url) as far:
+    with open_map(served.url) as far:
         with pytest.raises(UnknownCategoryError, match="did you mean bowl"):
             far.assert_("object/1", "category", "bowll", by="ann")
-        with pytest.raises(InvalidFactError, match="nothing was said"):
+        with pytest.raises(InvalidFactError, match="is not asserted"):
             far.retract("object/1", "label")
         with pytest.raises(InvalidFactError, match="history"):
             far.update("INSERT DATA { GRAPH graph:history { <object/9> a here:Cup } }")
@@ -212,7 +213,7 @@ def test_what_the_server_refuses_is_the_same_error_from_afar(served: Served) -> 
             with pytest.raises(QueryParameterError, match="Unicode"):
                 tuple(ask("\udcff"))
     with (
-        SemanticMap.open(served.url, read_only=True) as far,
+        open_map(served.url, read_only=True) as far,
         pytest.raises(GraphError, match="reading only"),
     ):
         far.assert_("object/1", "category", "bowl", by="ann")
@@ -224,7 +225,7 @@ def test_without_a_token_nothing_is_said_from_afar(
 ) -> None:
     monkeypatch.delenv("HEREABOUTS_TOKEN", raising=False)
     with (
-        SemanticMap.open(served.url) as far,
+        open_map(served.url) as far,
         pytest.raises(RemoteError, match="HEREABOUTS_TOKEN"),
     ):
         far.assert_("object/1", "category", "bowl", by="ann")
@@ -286,5 +287,5 @@ def test_answers_of_another_make_are_one_line(alike: str) -> None:
         lambda: far.sequence_at("1"),
         lambda: far.retract("object/1", "label"),
     ):
-        with pytest.raises(RemoteError, match="no `hereabouts serve` of this version"):
+        with pytest.raises(RemoteError, match="not of this version of `hereabouts serve`"):
             ask()

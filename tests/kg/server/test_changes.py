@@ -12,8 +12,8 @@ import pytest
 from pyoxigraph import Literal, NamedNode, Quad, RdfFormat, parse
 
 from kg import vocabulary as v
-from kg.commits import Cause
 from kg.server import Limits
+from kg.transactions import Cause
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -17,12 +17,13 @@ from hypothesis import strategies as st
 from pyoxigraph import Literal, NamedNode, Quad
 
 from kg import vocabulary as v
-from kg.characters import XmlPieces, in_xml, shown, unwritable
 from kg.errors import InvalidFactError
-from kg.export import export_map, export_text
+from kg.export.serialization import export_map, export_text
+from kg.maps.semantic_map import SemanticMap
+from kg.opening import in_memory_map
+from kg.rdf.xml_characters import XmlPieces, in_xml, shown, unwritable
 from kg.records import MapUpdate, PlaceRecord
-from kg.semantic_map import SemanticMap
-from kg.server import FleetServer, Limits, MapServer, Settings
+from kg.server import Limits, MapServer, Settings
 from tests.kg.server.conftest import BASE, PATIENCE, Served, furnished
 
 BAD = "\x00\x01\x08\x0b\x0c\x0e\x1f\ufffe\uffff"
@@ -73,7 +74,7 @@ def test_nothing_that_writes_lets_one_in(flat: SemanticMap, character: str) -> N
         assert "\n" not in str(refused.value)
     assert (flat.sequence, set(flat.engine)) == before
     flat.update(f"INSERT DATA {{ <object/1> rdfs:comment '''{FINE}''' }}")
-    with SemanticMap.in_memory(title=label) as titled:
+    with in_memory_map(title=label) as titled:
         assert titled.title == "tea\ufffdcup"
     learnt = flat.learn([label], "object", model="net")
     assert unwritable(flat.catalogue.label(learnt[label])) is None
@@ -101,18 +102,6 @@ def old() -> Iterator[Served]:
         spoil(semantic_map)
         with MapServer(semantic_map, PATIENT) as server:
             yield Served(semantic_map, server)
-
-
-@pytest.fixture(scope="module")
-def old_fleet(tmp_path_factory: pytest.TempPathFactory, old: Served) -> Iterator[str]:
-    """A fleet of a folder and a server, both spoilt."""
-    folder = tmp_path_factory.mktemp("old") / "old.map"
-    with SemanticMap.create(folder, base="https://example.org/maps/other/") as other:
-        place = PlaceRecord(f"{other.base}place/1", "hall", 0, 1, 0, 1)
-        other.apply(MapUpdate(places=(place,)))
-        spoil(other)
-    with FleetServer([str(folder), old.url], PATIENT) as server:
-        yield server.url
 
 
 def texts(body: bytes) -> set[str]:
@@ -156,15 +145,6 @@ def test_what_is_served_as_xml_is_xml(
     assert FINE in found, "all that XML can hold arrives as it was"
 
 
-@pytest.mark.parametrize(("path", "accept", "params"), XML)
-def test_what_a_fleet_serves_as_xml_is_xml(
-    old_fleet: str, path: str, accept: str, params: dict[str, object]
-) -> None:
-    found = texts(got(old_fleet, path, accept, **params))
-    assert INSTEAD in found
-    assert FINE in found
-
-
 def test_a_long_answer_is_xml_to_its_end(old: Served) -> None:
     query = "SELECT ?l { ?o here:x ?x ; rdfs:label ?l ; rdfs:comment ?m . ?a ?b ?c } LIMIT 3000"
     rows = ET.fromstring(got(old.url, "sparql", "application/sparql-results+xml", query=query))
@@ -184,11 +164,7 @@ def test_exports_are_read_by_others(old: Served, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("page", ["", "object/1", "place/1"])
-def test_pages_hold_none(old: Served, old_fleet: str, page: str) -> None:
+def test_pages_hold_none(old: Served, page: str) -> None:
     told = got(old.url, page, "text/html").decode()
     assert FORBIDDEN.search(told) is None
     assert "\ufffd" in told
-    if page:
-        of_fleet = got(old_fleet, "resource", "text/html", iri=BASE + page).decode()
-        assert FORBIDDEN.search(of_fleet) is None
-        assert "\ufffd" in of_fleet

@@ -19,7 +19,7 @@ PAGES = (THING, GRAPH, "resource?iri=https://w3id.org/hereabouts%23Cup")
 def long_ago(served: Served, monkeypatch: pytest.MonkeyPatch, seconds: float = 5.0) -> None:
     """As if the map's last commit had been so long ago."""
     last = served.map.history.last_time
-    monkeypatch.setattr("kg.server.conditions.time.time", lambda: last + seconds)
+    monkeypatch.setattr("kg.server.http.conditions.time.time", lambda: last + seconds)
 
 
 @pytest.mark.parametrize("path", PAGES)
@@ -79,7 +79,7 @@ def test_head_of_a_stream_ends(lasting: Served, path: str) -> None:
     assert head.status_code == 200
     assert head.headers["Content-Type"].startswith("text/event-stream")
     assert served.server.serving.feed.followers == 0
-    assert not served.server.serving.standing
+    assert not served.server.serving.subscriptions
 
 
 def test_well_known_void_describes_the_map(served: Served) -> None:

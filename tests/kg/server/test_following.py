@@ -11,20 +11,21 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from kg.answers import Table
-from kg.commits import ChangeSet
+from kg.client.remote_map import RemoteMap
 from kg.errors import GraphError, HistoryError
-from kg.semantic_map import SemanticMap
-from kg.served_map import ServedMap
+from kg.maps.semantic_map import SemanticMap
+from kg.opening import open_map
+from kg.query.evaluation import Table
 from kg.server import Limits
+from kg.transactions import ChangeSet
 from tests.kg.server.conftest import PATIENCE, Served
 
 CUPS = "SELECT ?cup ?x { ?cup a here:Cup ; here:x ?x }"
 
 
-def open_far(url: str) -> ServedMap:
-    far = SemanticMap.open(url)
-    assert isinstance(far, ServedMap)
+def open_far(url: str) -> RemoteMap:
+    far = open_map(url)
+    assert isinstance(far, RemoteMap)
     return far
 
 
@@ -188,6 +189,7 @@ def test_who_listens_hears_each_change_once_whoever_makes_it(
     served: Served, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("HEREABOUTS_TOKEN", served.bearer()["Authorization"].removeprefix("Bearer "))
+    monkeypatch.setenv("HEREABOUTS_SERVER", served.url)
     told: queue.Queue[ChangeSet] = queue.Queue()
     with open_far(served.url) as far:
         stop = far.listen(told.put)
@@ -211,3 +213,10 @@ def test_a_past_that_is_not_kept_is_said(serve: Callable[..., Served]) -> None:
             far.catch_up()
         with pytest.raises(HistoryError, match="not kept"):
             next(far.follow(1))
+
+
+def test_nobody_waits_on_a_map_that_is_closed(served: Served) -> None:
+    far = open_far(served.url)
+    changes = far.follow(far.sequence)
+    far.close()
+    assert list(changes) == []

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 import pytest
 import rdflib
 
-from kg import store
 from kg import vocabulary as v
 from kg.records import MapUpdate
-from kg.server import memento
+from kg.server.linked_data import memento
+from kg.store import transactional as store
 
 if TYPE_CHECKING:
     from conftest import Served
@@ -35,7 +35,9 @@ def date(moment: datetime) -> str:
 def moved(served: Served, monkeypatch: pytest.MonkeyPatch) -> Iterator[Served]:
     """The cup stood at 2 m (#2) and 3 m (#3); the chair left (#4); the cup went to 4 m (#5)."""
     hours = iter(range(2, 10))
-    monkeypatch.setattr(store.MapStore, "_now", lambda _: (START + next(hours) * HOUR).timestamp())
+    monkeypatch.setattr(
+        store.TransactionalStore, "_now", lambda _: (START + next(hours) * HOUR).timestamp()
+    )
     served.move(1, 2.0)
     served.move(1, 3.0)
     served.map.apply(MapUpdate(removed=(CHAIR,)))
@@ -84,11 +86,12 @@ def test_the_links_lead_from_one_to_the_other(moved: Served) -> None:
     then = moved.get("object/1", headers={**TURTLE, "Accept-Datetime": date(START + 2 * HOUR)})
     for answer in (now, then):
         found = {rel: address for address, rel, _ in links_of(answer.headers["Link"])}
-        assert found["original timegate"] == f"{moved.url}object/1"
+        assert found["original"] == found["timegate"] == f"{moved.url}object/1"
         times = moved.get(found["timemap"].removeprefix(moved.url))
         assert times.headers["Content-Type"].startswith("application/link-format")
     listed = links_of(times.text)
-    assert (f"{moved.url}object/1", "original timegate", "") in listed
+    assert (f"{moved.url}object/1", "original", "") in listed
+    assert (f"{moved.url}object/1", "timegate", "") in listed
     versions = [(address, when) for address, rel, when in listed if rel == "memento"]
     assert [address[-4:] for address, _ in versions] == ["at=1", "at=2", "at=3", "at=5"]
     for address, when in versions:

@@ -9,11 +9,11 @@ import pytest
 import rdflib
 from pyoxigraph import RdfFormat, serialize
 
-from kg.editing.imports import load_with_imports
+from kg.editing.ontology_sources import ontology_at
 from kg.editing.reloading import reload
-from kg.editing.sources import ontology_at
 from kg.errors import OntologyError, RemoteError
-from kg.ontology import load_ontologies
+from kg.ontology.import_closure import load_with_imports
+from kg.ontology.loading import load_ontologies
 from kg.vocabulary import HERE, OWL_AXIOM, PREFIXES
 
 if TYPE_CHECKING:
@@ -41,6 +41,7 @@ def mine(tmp_path: Path) -> Path:
 @pytest.fixture
 def token(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HEREABOUTS_TOKEN", served.bearer()["Authorization"].removeprefix("Bearer "))
+    monkeypatch.setenv("HEREABOUTS_SERVER", served.url)
 
 
 @pytest.mark.usefixtures("token")

@@ -8,7 +8,7 @@ import pytest
 import rdflib
 
 from kg.errors import ServerError
-from kg.server import Limits, Settings, Tokens
+from kg.server import BearerTokens, Limits, Settings
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -47,7 +47,7 @@ def test_weak_token_and_open_host_are_refused(tmp_path: Path) -> None:
     file = tmp_path / "tokens"
     file.write_text("ann q7x-tiny\n")
     with pytest.raises(ServerError, match="16") as refused:
-        Tokens.load(file)
+        BearerTokens.load(file)
     assert "q7x-tiny" not in str(refused.value)
     with pytest.raises(ServerError, match="--public"):
         Settings(host="0.0.0.0")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from kg.errors import QueryError
-from kg.semantic_map import SemanticMap
+from kg.opening import open_map
 
 if TYPE_CHECKING:
     from conftest import Served
@@ -44,7 +44,7 @@ def test_where_a_query_does_not_parse(lasting: Served, text: str, line: int, col
         lasting.map.ask_text(text)
     assert place(str(here.value)) == (line, column)
     with (
-        SemanticMap.open(lasting.url, read_only=True) as far,
+        open_map(lasting.url, read_only=True) as far,
         pytest.raises(QueryError) as there,
     ):
         far.ask_text(text)
@@ -62,7 +62,7 @@ def test_relative_iris_are_the_maps_everywhere(lasting: Served) -> None:
     query = 'SELECT ?l { <object/1> rdfs:label ?l FILTER(IRI("object/2") != <object/1>) }'
     assert lasting.rows(query) == [{"l": "cup 1"}]
     assert lasting.map.query(query).rows == (("cup 1",),)
-    with SemanticMap.open(lasting.url, read_only=True) as far:
+    with open_map(lasting.url, read_only=True) as far:
         assert far.query(query).rows == (("cup 1",),)
     own = f"BASE <{lasting.map.base}object/>\n" + query.replace("<object/1>", "<1>")
     assert lasting.rows(own) == [{"l": "cup 1"}]

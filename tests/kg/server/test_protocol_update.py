@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
     from conftest import Served
 
-from kg.server import Tokens
+from kg.server import BearerTokens
 
 UPDATE = "application/sparql-update"
 MAP = "https://w3id.org/hereabouts/graph/map"
@@ -211,7 +211,7 @@ def test_update_with_a_wrong_token_is_unauthorised(served: Served, authorization
 
 
 def test_server_without_tokens_only_reads(serve: Callable[..., Served]) -> None:
-    served = serve(tokens=Tokens())
+    served = serve(tokens=BearerTokens())
     refused(served, 403, served.write(NOTE))
 
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from pyoxigraph import NamedNode, Quad, Store
 
 from kg import vocabulary as v
-from kg.server.reads import ANYTHING, reads_of
+from kg.server.feeds.query_dependencies import ANYTHING, reads_of
 
 TERMS = [NamedNode(f"https://example.org/{name}") for name in "abcd"]
 PREDICATES = [NamedNode(v.X), NamedNode(v.Y), NamedNode(v.RDFS_LABEL), NamedNode(v.RDF_TYPE)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import threading
 from collections.abc import Callable
 from contextlib import suppress
@@ -13,7 +14,8 @@ import numpy as np
 import pytest
 import requests
 
-from kg.commits import Cause, Kind
+from kg.client.remote_map import RemoteMap
+from kg.client.update_codec import update_to_json
 from kg.errors import (
     ConflictError,
     GraphError,
@@ -21,7 +23,9 @@ from kg.errors import (
     InvalidFactError,
     RemoteError,
 )
-from kg.others import PerceivedObjects
+from kg.maps.cache_invalidation import PerceivedObjects
+from kg.maps.semantic_map import SemanticMap
+from kg.opening import open_map
 from kg.records import (
     FloorTile,
     LookRecord,
@@ -31,10 +35,8 @@ from kg.records import (
     RobotRecord,
     SearchRecord,
 )
-from kg.semantic_map import SemanticMap
-from kg.served_map import ServedMap
-from kg.server import Tokens
-from kg.update_wire import update_to_json
+from kg.server import BearerTokens
+from kg.transactions import Cause, Kind
 from tests.kg.server.conftest import BASE, TOKEN, Served, thing
 
 CUP, CHAIR = f"{BASE}object/1", f"{BASE}object/2"
@@ -44,11 +46,13 @@ ROBOT = MapUpdate(robot=RobotRecord(np.array([1.0, 2.0, 1.2]), 0.5, 1_700_000_10
 @pytest.fixture(autouse=True)
 def token(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HEREABOUTS_TOKEN", TOKEN)
+    monkeypatch.setenv("HEREABOUTS_SERVER", "")  # `open_far` sets it: to be as it was afterwards
 
 
-def open_far(served: Served) -> ServedMap:
-    far = SemanticMap.open(served.url)
-    assert isinstance(far, ServedMap)
+def open_far(served: Served) -> RemoteMap:
+    os.environ["HEREABOUTS_SERVER"] = served.url
+    far = open_map(served.url)
+    assert isinstance(far, RemoteMap)
     return far
 
 
@@ -192,7 +196,7 @@ def test_mappers_side_by_side_lose_nothing_of_each_other(served: Served) -> None
         except BaseException as error:  # noqa: BLE001  it is the test's to tell
             errors.append(error)
 
-    def raise_one(far: ServedMap, objects: PerceivedObjects, iri: str) -> None:
+    def raise_one(far: RemoteMap, objects: PerceivedObjects, iri: str) -> None:
         while True:
             with far.hold():
                 objects.refresh()
@@ -217,6 +221,7 @@ def test_mappers_side_by_side_lose_nothing_of_each_other(served: Served) -> None
 
 def test_labels_nobody_knows_become_categories_of_the_served_map(served: Served) -> None:
     with open_far(served) as far, open_far(served) as other:
+        assert other.catalogue.get("gizmo") is None  # read before, and cached
         found = far.learn(["gizmo", "cup", "\u200b"], "object", model="net")
         assert found["cup"] == far.catalogue.find("cup").iri
         assert served.map.catalogue.find("gizmo").iri == far.catalogue.find("gizmo").iri
@@ -224,7 +229,6 @@ def test_labels_nobody_knows_become_categories_of_the_served_map(served: Served)
         sequence = served.map.sequence
         assert far.learn(["gizmo"], "object", model="net") == {"gizmo": found["gizmo"]}
         assert served.map.sequence == sequence
-        assert other.catalogue.get("gizmo") is None
         other.catch_up()
         assert other.catalogue.find("gizmo").provisional
 
@@ -376,12 +380,12 @@ def test_who_may_not_write_may_not_map(
         assert served.get(path, headers=served.bearer()).status_code == 404
         assert served.post(path, data=b"x", headers=served.bearer()).status_code == 415
     with (
-        SemanticMap.open(serve(tokens=Tokens()).url) as far,
+        open_map(serve(tokens=BearerTokens()).url) as far,
         pytest.raises(RemoteError, match="only reads"),
     ):
         far.apply(ROBOT)
     with (
-        SemanticMap.open(served.url, read_only=True) as far,
+        open_map(served.url, read_only=True) as far,
         pytest.raises(GraphError, match="reading only"),
     ):
         far.apply(ROBOT)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from kg.server import Limits
-from kg.server.standing import COALESCE
+from kg.server.feeds.subscription_endpoint import COALESCE
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -64,7 +64,7 @@ def test_commits_in_quick_succession_are_one_event(served: Served) -> None:
 def test_commits_that_cannot_matter_are_skipped(served: Served) -> None:
     with served.stream("subscribe", params={"query": CUPS}) as stream:
         stream.next()
-        (dirty,) = served.server.serving.standing
+        (dirty,) = served.server.serving.subscriptions
         for number in range(5):
             served.write(f'INSERT DATA {{ GRAPH graph:map {{ {CUP} rdfs:comment "{number}" }} }}')
         assert dirty.skipped == 5  # who is told of a commit finds it delivered
@@ -94,7 +94,7 @@ def test_ask_can_be_followed(served: Served) -> None:
 )
 def test_what_cannot_be_followed_is_refused_and_leaves_nothing(served: Served, query: str) -> None:
     assert served.get("subscribe", params={"query": query}).status_code in (400, 406)
-    assert not served.server.serving.standing
+    assert not served.server.serving.subscriptions
     assert served.server.serving.feed.followers == 0
 
 

@@ -11,8 +11,8 @@ import pytest
 
 from kg import vocabulary as v
 from kg.errors import ShapeError
+from kg.maps.semantic_map import SemanticMap
 from kg.records import MapUpdate
-from kg.semantic_map import SemanticMap
 
 if TYPE_CHECKING:
     from conftest import Served
@@ -34,7 +34,7 @@ def test_a_scrape_asks_the_map_nothing(served: Served, monkeypatch: pytest.Monke
     def refuse(*_: object, **__: object) -> None:
         raise AssertionError("a scrape asked the map")
 
-    monkeypatch.setattr(SemanticMap, "_answer", refuse)
+    monkeypatch.setattr(SemanticMap, "answer", refuse)
     monkeypatch.setattr(served.server.serving.pool, "run", refuse)
     served.map.update("INSERT DATA { <object/9> a here:Cup ; here:x 1 ; here:y 1 }")
     assert scraped(served) == 3

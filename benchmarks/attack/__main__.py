@@ -1,0 +1,52 @@
+"""Attack a served map on this machine, and count what got out, broke, stopped or was lost.
+
+    python -m benchmarks.attack [--family NAME ...]
+
+Run it from the repository's root. Everything happens on the loopback, in bounded numbers. A family
+is a module with a function `attack(target) -> Outcome`. It exits 1 where a count is not 0.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import astuple
+from pathlib import Path
+from typing import Final
+
+from benchmarks.attack import exhaustion, network, strangers
+from benchmarks.attack.outcome import HEAD, Outcome
+from benchmarks.attack.target import Target
+
+FAMILIES: Final[dict[str, Callable[[Target], Outcome]]] = {
+    "network": network.attack,
+    "exhaustion": exhaustion.attack,
+    "strangers": strangers.attack,
+}
+
+
+def main() -> int:
+    """Run the families; 1 where one of them got anywhere."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.attack", description=__doc__)
+    parser.add_argument("--family", action="append", choices=FAMILIES, help="only this (again)")
+    names = parser.parse_args().family or list(FAMILIES)
+    total = Outcome()
+    _line("family", *HEAD)
+    for name in names:
+        with tempfile.TemporaryDirectory() as folder, Target(Path(folder)) as target:
+            outcome = FAMILIES[name](target)
+        _line(name, *astuple(outcome))
+        total += outcome
+    _line("all", *astuple(total))
+    return 0 if total.held else 1
+
+
+def _line(*cells: object) -> None:
+    sys.stdout.write("".join(f"{cell!s:>12}" for cell in cells).rstrip() + "\n")
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

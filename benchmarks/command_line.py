@@ -1,0 +1,24 @@
+"""Command line of the benchmarks: exit codes and one-line errors as of `hereabouts`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+
+from kg.errors import HereaboutsError
+
+
+def run(
+    parser: argparse.ArgumentParser,
+    command: Callable[[argparse.Namespace], int],
+    argv: Sequence[str] | None = None,
+) -> int:
+    """Exit code of `command`: 1 for a HereaboutsError, which is printed as one line."""
+    arguments = parser.parse_args(argv)
+    arguments.usage_error = parser.error
+    try:
+        return command(arguments)
+    except HereaboutsError as error:
+        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)  # noqa: T201
+        return 1

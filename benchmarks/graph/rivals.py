@@ -1,0 +1,133 @@
+"""The same facts and the same three questions in plain rdflib and in owlready2's SQLite store.
+
+Facts alone, without named graphs, since owlready2 has none; questions that all can parse. Writing
+happens as each library wants it: triple by triple, then a save where the store is on disk.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import owlready2
+import rdflib
+from pyoxigraph import NamedNode, Quad, RdfFormat, serialize
+
+from benchmarks.graph.building import Building
+from benchmarks.graph.ours import STORE
+from benchmarks.graph.timing import Timing, measured
+from kg import vocabulary as v
+from kg.facts.objects_and_places import RecordCodec
+from kg.maps.semantic_map import SemanticMap
+from kg.query.evaluation import evaluate
+from kg.rdf.grid_cells import cell_of
+from kg.rdf.shacl import as_rdflib
+from kg.sparql.parameters import substitute
+
+CHANGING = {v.X, v.Y, v.Z, v.IN_CELL, v.CONFIDENCE, v.EXISTENCE, v.OBSERVATION_COUNT, v.LAST_SEEN}
+_HERE = Path(__file__).parent
+
+
+def questions(building: Building, semantic_map: SemanticMap) -> dict[str, str]:
+    """operation -> SPARQL, prefixes spelt out, that every store here can parse."""
+    cup = NamedNode(semantic_map.catalogue.find("cup").iri)
+    cell = NamedNode(cell_of(*building.centre()))
+    return {
+        "a class": substitute((_HERE / "class.rq").read_text("utf-8"), {"category": cup}),
+        "a cell": substitute((_HERE / "cell.rq").read_text("utf-8"), {"cell": cell}),
+    }
+
+
+def ours(semantic_map: SemanticMap, building: Building) -> Iterator[Timing]:
+    """The three questions on the map itself."""
+    for operation, sparql in questions(building, semantic_map).items():
+        run = _counting(lambda text=sparql: evaluate(semantic_map.engine, text).rows)  # type: ignore[misc]
+        yield measured(operation, STORE, building.size, run)
+
+
+def rdflib_memory(semantic_map: SemanticMap, building: Building, folder: Path) -> Iterator[Timing]:
+    """Plain rdflib, in memory, with its own SPARQL engine."""
+    graph = rdflib.Graph()
+    for quad in _facts(semantic_map):
+        graph.add(_triple(quad))
+    for operation, sparql in questions(building, semantic_map).items():
+        run = _counting(lambda text=sparql: graph.query(text))  # type: ignore[misc]
+        yield measured(operation, "rdflib in memory", building.size, run)
+    yield from _measure("rdflib in memory", graph, semantic_map, building)
+    out = str(folder / "rdflib.nt")
+    yield measured(
+        "export as N-Triples",
+        "rdflib in memory",
+        building.size,
+        lambda: _none(graph.serialize(out, format="nt", encoding="utf-8")),
+    )
+
+
+def owlready_sqlite(
+    semantic_map: SemanticMap, building: Building, folder: Path
+) -> Iterator[Timing]:
+    """owlready2's quad store in an SQLite file, with its own SPARQL engine."""
+    store, source = "owlready2 on disk", folder / "facts.nt"
+    triples = (quad.triple for quad in _facts(semantic_map))
+    source.write_bytes(serialize(triples, format=RdfFormat.N_TRIPLES) or b"")
+    world = owlready2.World(filename=str(folder / f"owlready-{building.size}.sqlite3"))
+    try:
+        ontology = world.get_ontology("https://example.org/facts#")
+        with source.open("rb") as facts:
+            ontology.load(fileobj=facts, only_local=True)
+        world.save()
+        for operation, sparql in questions(building, semantic_map).items():
+            run = _counting(lambda text=sparql: world.sparql(text))  # type: ignore[misc]
+            yield measured(operation, store, building.size, run)
+        graph = world.as_rdflib_graph()
+        with ontology:
+            yield from _measure(
+                store, graph.get_context(ontology), semantic_map, building, world.save
+            )
+        out = str(folder / "owlready.nt")
+        yield measured(
+            "export as N-Triples",
+            store,
+            building.size,
+            lambda: _none(ontology.save(out, format="ntriples")),
+        )
+    finally:
+        world.close()
+
+
+def _measure(
+    store: str,
+    graph: rdflib.Graph,
+    semantic_map: SemanticMap,
+    building: Building,
+    save: Callable[[], object] = lambda: None,
+) -> Iterator[Timing]:
+    facts = RecordCodec(semantic_map.base, semantic_map.catalogue)
+    frames = iter(range(10**9))
+
+    def update() -> None:
+        for record in building.frame(next(frames)).objects:
+            for quad in facts.of_object(record):
+                if quad.predicate.value in CHANGING and quad.subject == NamedNode(record.iri):
+                    subject, predicate, value = _triple(quad)
+                    graph.remove((subject, predicate, None))
+                    graph.add((subject, predicate, value))
+        save()
+
+    yield measured("update by a frame", store, building.size, update)
+
+
+def _facts(semantic_map: SemanticMap) -> Iterator[Quad]:
+    return semantic_map.engine.quads_for_pattern(None, None, None, NamedNode(v.MAP_GRAPH))
+
+
+def _triple(quad: Quad) -> tuple[rdflib.term.Node, rdflib.term.Node, rdflib.term.Node]:
+    return as_rdflib(quad.subject), as_rdflib(quad.predicate), as_rdflib(quad.object)
+
+
+def _counting(run: Callable[[], object]) -> Callable[[], int]:
+    return lambda: len(list(run()))  # type: ignore[call-overload]
+
+
+def _none(_: object) -> None:
+    return None

@@ -1,0 +1,166 @@
+"""Count the modules that run in three walks: a frame, an HTTP query, a find.
+
+    python -m benchmarks.modules_passed RECORDING [--list]
+
+RECORDING is any recording that `hereabouts map` reads. A module is counted when one of its
+functions is called during the walk, in this process: not when it is only imported, and not in the
+process that evaluates an HTTP query. To count another checkout, run this file with the Python of
+its environment.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import importlib
+import inspect
+import io
+import sys
+import tempfile
+import threading
+import urllib.parse
+import urllib.request
+from collections.abc import Callable
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+PACKAGES = ("kg.", "perception.", "mapping.", "planner.")
+FRAMES = range(20, 40)  # of the recording: first and last frame of the window that is counted
+QUERY = "SELECT ?object { ?object a here:Chair }"
+
+
+class ModuleCounter:
+    """A profile function that collects the modules whose functions are called while it is on.
+
+    `watch(module, function)` sees each call and may turn it on and off.
+    """
+
+    def __init__(self) -> None:
+        self.on = False
+        self.modules: dict[str, None] = {}  # in the order of the first call
+        self.watch: Callable[[str, str], None] = lambda module, function: None
+
+    def __call__(self, frame: FrameType, event: str, argument: object) -> None:
+        """The profile function that `sys.setprofile` calls."""
+        module = frame.f_globals.get("__name__", "")
+        if event != "call" or not module.startswith(PACKAGES):
+            return
+        if not frame.f_code.co_flags & inspect.CO_OPTIMIZED:
+            return  # the body of a module or class: an import
+        self.watch(module, frame.f_code.co_qualname)
+        if self.on:
+            self.modules.setdefault(module)
+
+    def start(self) -> None:
+        """Count in this thread, and in threads started from now on."""
+        threading.setprofile(self)
+        sys.setprofile(self)
+
+    def stop(self) -> None:
+        """Count no more."""
+        sys.setprofile(None)
+        threading.setprofile(None)
+
+
+def frame_walk(recording: str, into: Path) -> ModuleCounter:
+    """Map the recording; count from the making of frame 20 to that of frame 40."""
+    counter, made = ModuleCounter(), 0
+
+    def watch(module: str, function: str) -> None:
+        nonlocal made
+        if module.startswith("perception.frame") and function == "Frame.__post_init__":
+            made += 1
+            counter.on = made in FRAMES
+
+    counter.watch = watch
+    _command(counter, ["map", recording, "--into", str(into)])
+    return counter
+
+
+def find_walk(semantic_map: Path) -> ModuleCounter:
+    """Plan a search; count from the command's `run` on, behind the parsing of arguments."""
+    counter = ModuleCounter()
+
+    def watch(module: str, function: str) -> None:
+        if module.endswith(".find") and function == "run":
+            counter.on = True
+
+    counter.watch = watch
+    _command(counter, ["find", str(semantic_map), "banana", "--from", "0,0"])
+    return counter
+
+
+def _open(path: Path) -> Any:
+    """The map at `path`, opened by this version of the packages or an earlier one."""
+    try:
+        return importlib.import_module("kg.opening").open_map(path)
+    except ModuleNotFoundError:
+        return importlib.import_module("kg.semantic_map").SemanticMap.open(path)
+
+
+def query_walk(path: Path) -> ModuleCounter:
+    """Serve the map and ask it twice over HTTP; count the second query."""
+    from kg.server import MapServer, Settings
+
+    counter = ModuleCounter()
+    counter.start()
+    try:
+        with (
+            _open(path) as served,
+            MapServer(served, Settings(port=0)) as server,
+        ):
+            _ask(server.url)  # starts a worker process
+            counter.on = True
+            _ask(server.url)
+            counter.on = False
+    finally:
+        counter.stop()
+    return counter
+
+
+def _ask(url: str) -> None:
+    query = urllib.parse.urlencode({"query": QUERY})
+    with urllib.request.urlopen(f"{url.rstrip('/')}/sparql?{query}", timeout=60) as answer:
+        answer.read()
+
+
+def _command(counter: ModuleCounter, words: list[str]) -> None:
+    main = _first("planner.cli", "planner.commands").main
+    counter.start()
+    try:
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+            code = main(words)
+    finally:
+        counter.stop()
+    if code:
+        raise SystemExit(f"hereabouts {' '.join(words)}: exit code {code}")
+
+
+def _first(*names: str) -> object:
+    """The first of these modules that exists: packages were renamed."""
+    for name in names:
+        with contextlib.suppress(ModuleNotFoundError):
+            return importlib.import_module(name)
+    raise SystemExit(f"no module {' or '.join(names)}")
+
+
+def main() -> None:
+    """Walk, and print a line a walk."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("recording")
+    parser.add_argument("--list", action="store_true", help="name the modules, in order")
+    arguments = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "walk.map"
+        walks = {"a frame": frame_walk(arguments.recording, path)}
+        walks["an HTTP query"] = query_walk(path)
+        walks["a find"] = find_walk(path)
+    for name, counter in walks.items():
+        print(f"{name}: {len(counter.modules)} modules")  # noqa: T201
+        if arguments.list:
+            print("    " + " ".join(counter.modules))  # noqa: T201
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,149 @@
+"""`python -m benchmarks.search`: things searched for in real homes, by four ways of searching."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from benchmarks import command_line
+from planner.cli.arguments import add_json, count, positive, share, speed
+from planner.cli.console import heading, note, print_table, progress, write_json
+from planner.settings import BELIEF
+
+if TYPE_CHECKING:
+    from benchmarks.search.scores import Score
+    from benchmarks.search.trial import TrialSettings
+
+_FURTHEST = 100.0  # [m] that a camera may see
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the benchmark; returns its exit code."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.search",
+        description="Hide every object of every home, and search for it with the same robot, "
+        "camera and luck: ours, the thesis' rule, brute force, and one that knows where it is "
+        "(docs/research/search_trials.md).",
+        epilog="example: python -m benchmarks.search --homes homes --json",
+    )
+    parser.add_argument("--homes", required=True, metavar="DIR", help="homes, one JSON file each")
+    parser.add_argument(
+        "--rooms",
+        metavar="CSV",
+        help="rooms of real homes counted; the home searched is taken out "
+        "(default: the knowledge that ships)",
+    )
+    parser.add_argument(
+        "--apart", action="store_true", help="the statistics do not count these homes"
+    )
+    parser.add_argument("--queries", type=count, metavar="N", help="at most N of them, evenly")
+    parser.add_argument("--seed", type=count, default=0, metavar="N", help="(default: 0)")
+    parser.add_argument("--recall", type=share, default=0.7, metavar="P", help="(default: 0.7)")
+    parser.add_argument("--far", type=positive, default=4.6, metavar="M", help="(default: 4.6)")
+    parser.add_argument("--speed", type=speed, metavar="M/S", help="of the robot (default: 0.2412)")
+    parser.add_argument(
+        "--give-up-at",
+        type=share,
+        default=BELIEF.rest,
+        metavar="P",
+        help="ours gives up once looks would have missed a thing by a chance of P only "
+        f"(default: {BELIEF.rest:g})",
+    )
+    parser.add_argument("--robustness", action="store_true", help="also with beliefs that mislead")
+    parser.add_argument(
+        "--processes", type=count, default=2, metavar="N", help="homes at a time (default: 2)"
+    )
+    add_json(parser)
+    return command_line.run(parser, run, argv)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Search, score, print."""
+    from benchmarks.search.report import report
+    from benchmarks.search.trial import run as search_all
+
+    settings = _settings(arguments)
+    with progress() as bar:
+        task = bar.add_task("homes", total=None, status="")
+        searched = search_all(
+            Path(arguments.homes),
+            settings,
+            lambda home, done, of: bar.update(task, completed=done, total=of, status=home),
+        )
+    told = report(searched, settings)
+    if arguments.json:
+        write_json(told.to_json())
+        return 0
+    _print(told.methods)
+    if told.parts:
+        heading("ours without some of its parts")
+        _print(told.parts)
+    if told.robustness:
+        heading("ours with beliefs that mislead")
+        _print(told.robustness)
+    for line in told.ratios():
+        note(line)
+    return 0
+
+
+def _settings(arguments: argparse.Namespace) -> TrialSettings:
+    from benchmarks.search.trial import TrialSettings
+    from planner.viewpoints.sensor import Motion, Sensor
+
+    near = Sensor().near
+    if not near < arguments.far <= _FURTHEST:
+        arguments.usage_error(
+            f"--far must be more than {near:g} m, the nearest seen, and up to {_FURTHEST:g} m"
+        )
+    if arguments.queries == 0 or arguments.processes == 0:
+        arguments.usage_error("--queries and --processes must be 1 or more")
+    return TrialSettings(
+        sensor=Sensor(far=arguments.far, recall=arguments.recall),
+        motion=Motion(speed=arguments.speed) if arguments.speed else Motion(),
+        rooms=Path(arguments.rooms) if arguments.rooms else None,
+        apart=arguments.apart,
+        seed=arguments.seed,
+        queries=arguments.queries,
+        robustness=arguments.robustness,
+        give_up_at=arguments.give_up_at,
+        processes=arguments.processes,
+    )
+
+
+def _print(scores: Mapping[str, Score]) -> None:
+    print_table(
+        (
+            "",
+            "success",
+            "mean s",
+            "found s",
+            "median s",
+            "metres",
+            "SPL",
+            "AUC",
+            "looks",
+            "queries",
+        ),
+        [
+            (
+                method,
+                f"{s.success:.3f}",
+                f"{s.mean_seconds:.1f}",
+                "" if s.mean_seconds_found is None else f"{s.mean_seconds_found:.1f}",
+                f"{s.median_seconds:.1f}",
+                f"{s.mean_metres:.1f}",
+                f"{s.spl:.3f}",
+                f"{s.auc:.3f}",
+                f"{s.mean_looks:.1f}",
+                s.queries,
+            )
+            for method, s in scores.items()
+        ],
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

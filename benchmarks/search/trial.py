@@ -1,0 +1,185 @@
+"""Every (home, object) query, searched in every way; homes in parallel, every run the same."""
+
+from __future__ import annotations
+
+import hashlib
+import multiprocessing
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from benchmarks.search.corrupted_priors import CORRUPTED
+from benchmarks.search.ground_truth import HiddenObject
+from benchmarks.search.home_space import HomeSpace
+from benchmarks.search.homes import Home, read_homes
+from benchmarks.search.priors import Prior, PriorKnowledge
+from benchmarks.search.robot import TrialOutcome
+from benchmarks.search.room_policies import brute_force, oracle, thesis_rule
+from benchmarks.search.view_policy import Ablation, ours
+from kg.errors import InvalidFactError
+from planner.settings import BELIEF
+from planner.viewpoints.sensor import Motion, Sensor
+
+METHODS: Final = ("ours", "thesis", "brute_force", "clairvoyant")
+#: Ours without some of its parts.
+PARTS: Final[Mapping[str, Ablation]] = {
+    "nothing on the way": Ablation(on_the_way=False),
+    "whole turns only": Ablation(on_the_way=False, whole_turns=True),
+}
+#: What is hidden where the ontology does not list it, searched by these.
+UNLISTED: Final = tuple(f"{who}, unlisted place" for who in ("ours", "thesis", "clairvoyant"))
+
+#: How long it takes to give up what is not there: searched once in each home, by ours.
+NOWHERE: Final = "ours, not there at all"
+
+
+@dataclass(frozen=True, slots=True)
+class TrialSettings:
+    """What a trial is run with."""
+
+    sensor: Sensor = field(default_factory=Sensor)
+    motion: Motion = field(default_factory=Motion)
+    rooms: Path | None = None  # CSV of rooms; without it what ships
+    apart: bool = False  # the CSV did not count these homes
+    seed: int = 0
+    queries: int | None = None  # at most so many, evenly over all
+    give_up_at: float = BELIEF.rest  # chance that ours missed a thing, at which it gives up
+    robustness: bool = False  # also with beliefs that mislead
+    processes: int = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Searched:
+    """One query, and how each way of searching fared."""
+
+    home: str
+    kind: str
+    outcomes: Mapping[str, TrialOutcome]
+
+    def shortest(self, name: str) -> TrialOutcome:
+        """The search of one that knows where it is that `name` was hidden."""
+        return self.outcomes[UNLISTED[2] if name in UNLISTED else "clairvoyant"]
+
+
+_Task = tuple[int, Home, tuple[str, ...], TrialSettings]
+
+
+def run(
+    folder: Path, settings: TrialSettings, tick: Callable[[str, int, int], None] | None = None
+) -> tuple[Searched, ...]:
+    """All queries of the homes in `folder`, in the order of homes and objects.
+
+    `tick(home, done, of)` hears of every home that is done. Raises InvalidFactError for homes or
+    statistics that cannot be read, or where there is nothing to search for.
+    """
+    homes = read_homes(folder)
+    kinds = _chosen(homes, settings)
+    tasks = [(i, home, kinds[i], settings) for i, home in enumerate(homes) if kinds[i]]
+    if not tasks:
+        raise InvalidFactError(f"nothing to search for in {folder}: no room holds a known object")
+    found: dict[int, tuple[Searched, ...]] = {}
+    for number, searched in _all(tasks, settings.processes):
+        found[number] = searched
+        if tick:
+            tick(homes[number].name, len(found), len(tasks))
+    return tuple(one for number in sorted(found) for one in found[number])
+
+
+def _chosen(homes: Sequence[Home], settings: TrialSettings) -> list[tuple[str, ...]]:
+    """The objects to search for in each home."""
+    known = PriorKnowledge(homes, settings.rooms)
+    pairs = [
+        (i, kind) for i, home in enumerate(homes) for kind in home.objects if known.knows(kind)
+    ]
+    if settings.queries is not None and settings.queries < len(pairs):
+        at = np.linspace(0, len(pairs) - 1, settings.queries).round().astype(int)
+        pairs = [pairs[i] for i in at]
+    return [tuple(kind for j, kind in pairs if j == i) for i in range(len(homes))]
+
+
+def _all(tasks: Sequence[_Task], processes: int) -> Iterator[tuple[int, tuple[Searched, ...]]]:
+    if min(processes, len(tasks)) <= 1:
+        yield from map(search_home, tasks)
+        return
+    # no fork: it copies the locks of threads that are not copied
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(min(processes, len(tasks)), mp_context=context) as pool:
+        largest_first = sorted(tasks, key=lambda task: -len(task[1].rooms))
+        for done in as_completed([pool.submit(search_home, task) for task in largest_first]):
+            yield done.result()
+
+
+def search_home(task: _Task) -> tuple[int, tuple[Searched, ...]]:
+    """All queries of one home."""
+    number, home, kinds, settings = task
+    building = HomeSpace(home, settings.sensor, settings.motion)
+    priors = PriorKnowledge([home], settings.rooms, apart=settings.apart).priors(home)
+    return number, tuple(
+        Searched(home.name, kind, _search(building, kind, priors[kind], settings, kind == kinds[0]))
+        for kind in kinds
+    )
+
+
+def _search(
+    building: HomeSpace, kind: str, prior: Prior, settings: TrialSettings, first: bool
+) -> dict[str, TrialOutcome]:
+    name = f"{settings.seed} {building.home.name} {kind}"
+    rng = _generator(name)
+    cells = _hiding_places(building, kind, rng)
+    start = int(rng.choice(building.space.floor()))
+    hidden = HiddenObject(building.space, settings.sensor, cells, name)
+    plain = Ablation(give_up_at=settings.give_up_at)
+    found = {
+        "ours": ours(building, start, hidden, prior.chances, plain),
+        "thesis": thesis_rule(building, start, hidden, prior.listed),
+        "brute_force": brute_force(building, start, hidden),
+        "clairvoyant": oracle(building, start, hidden),
+    }
+    for part, manner in PARTS.items():
+        found[part] = ours(
+            building, start, hidden, prior.chances, replace(manner, give_up_at=plain.give_up_at)
+        )
+    if settings.robustness:
+        found |= _robustness(building, start, hidden, prior, name, plain)
+    if settings.robustness and first:
+        nothing = HiddenObject(building.space, settings.sensor, [], name)
+        found[NOWHERE] = ours(building, start, nothing, prior.chances, plain)
+    return found
+
+
+def _robustness(
+    building: HomeSpace, start: int, hidden: HiddenObject, prior: Prior, name: str, plain: Ablation
+) -> dict[str, TrialOutcome]:
+    rng = _generator(f"{name} misled")
+    found = {
+        how: ours(building, start, hidden, mislead(prior.chances, rng), plain)
+        for how, mislead in CORRUPTED.items()
+    }
+    unlisted = [room for room in building.covers if not prior.listed[room]]
+    if unlisted:
+        cells = np.concatenate([building.space.floor(room) for room in unlisted])
+        elsewhere = HiddenObject(building.space, building.sensor, [int(rng.choice(cells))], name)
+        found[UNLISTED[0]] = ours(building, start, elsewhere, prior.chances, plain)
+        found[UNLISTED[1]] = thesis_rule(building, start, elsewhere, prior.listed)
+        found[UNLISTED[2]] = oracle(building, start, elsewhere)
+    return found
+
+
+def _hiding_places(building: HomeSpace, kind: str, rng: np.random.Generator) -> list[int]:
+    """A floor cell for every instance, drawn evenly from its room's floor."""
+    cells: list[int] = []
+    for number, room in enumerate(building.home.rooms):
+        floor, count = building.space.floor(number), room.holds.get(kind, 0)
+        if not len(floor):  # covered by smaller rooms altogether: the nearest floor will do
+            floor = np.array([building.space.nearest(building.middles[number])])
+        cells += [int(cell) for cell in rng.choice(floor, count)]
+    return cells
+
+
+def _generator(name: str) -> np.random.Generator:
+    digest = hashlib.sha256(name.encode()).digest()
+    return np.random.default_rng(list(digest[:16]))

@@ -1,0 +1,109 @@
+"""Our way of searching: the hunt of `find` and `search`, on what is believed of rooms."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from benchmarks.search.ground_truth import HiddenObject
+from benchmarks.search.home_space import HomeSpace
+from benchmarks.search.robot import TrialOutcome
+from planner.belief.cell_belief import CellBelief, belief_from, room_weights
+from planner.belief.target_belief import TargetBelief
+from planner.freespace.planning_map import PlanningMap
+from planner.goals.targets import Target
+from planner.plans.search_state import PlanningState
+from planner.settings import BELIEF
+from planner.viewpoints.candidate_views import CandidateViews
+from planner.viewpoints.next_best_view import RobotState
+
+#: Probability that it is there at all, before the search.
+PRESENT: Final = 0.9
+_MOST: Final = 5000  # looks and pictures
+
+
+@dataclass(frozen=True, slots=True)
+class Ablation:
+    """Which parts of our way are in use."""
+
+    on_the_way: bool = True  # pictures while driving
+    whole_turns: bool = False  # looks are whole turns only
+    everywhere: float = 0.1  # share of belief spread over all cells
+    give_up_at: float = BELIEF.rest  # chance that looks missed a thing, at which to give up
+
+
+class ViewPolicy:
+    """One search."""
+
+    def __init__(
+        self, building: HomeSpace, start: int, state: PlanningState, manner: Ablation
+    ) -> None:
+        self._manner, self._state = manner, state
+        self._robot = building.robot(start)
+        self._viewpoint: int | None = None
+
+    def search(self, hidden: HiddenObject) -> TrialOutcome:
+        """Look until it is found or no look is worth the way."""
+        hidden.begin()
+        robot = self._robot
+        while robot.looks < _MOST:
+            look = self._state.next(RobotState(robot.cell, robot.heading, self._viewpoint))
+            if look is None:
+                break
+            if self._gone(look, hidden) or self._looked(look, hidden):
+                return robot.outcome(True)
+        return robot.outcome(False)
+
+    def _gone(self, look: int, hidden: HiddenObject) -> bool:
+        views = self._state.views
+        viewpoint = int(views.viewpoint[look])
+        watched = hidden if self._manner.on_the_way else None
+        if self._robot.drive(views.fields[viewpoint], watched, self._seen_nothing):
+            return True
+        self._viewpoint = viewpoint
+        return False
+
+    def _looked(self, look: int, hidden: HiddenObject) -> bool:
+        views = self._state.views
+        heading, extent = float(views.heading[look]), float(views.extent[look])
+        if self._robot.turn_and_look(hidden, heading, extent):
+            return True
+        self._state.missed(look)
+        return False
+
+    def _seen_nothing(self, cell: int, heading: float) -> bool:
+        self._state.missed_picture(cell, heading)
+        return False
+
+
+def ours(
+    building: HomeSpace,
+    start: int,
+    hidden: HiddenObject,
+    chances: Mapping[int, float] | ArrayLike,
+    manner: Ablation | None = None,
+) -> TrialOutcome:
+    """Search with `chances` (rooms,) that a room holds it."""
+    manner = manner or Ablation()
+    views = building.whole_turns if manner.whole_turns else building.views
+    weights = room_weights(views.space, views.cells, chances)
+    belief = belief_from(views.cells, weights, 1 - PRESENT, everywhere=manner.everywhere)
+    return ViewPolicy(building, start, _state(building, views, belief, manner), manner).search(
+        hidden
+    )
+
+
+def _state(
+    building: HomeSpace, views: CandidateViews, belief: CellBelief, manner: Ablation
+) -> PlanningState:
+    """A hunt for one thing that lies where `belief` has it."""
+    thing = Target("it", "it", None, {}, {})
+    nameless = ("",) * (int(views.space.room.max()) + 1)
+    known = TargetBelief(views.cells, belief.weight[np.newaxis], np.zeros(1, np.intp), ())
+    ground = PlanningMap(views.space, nameless, nameless)
+    settings = replace(BELIEF, rest=manner.give_up_at)
+    return PlanningState((thing,), ground, views, (), known, settings, building.fresh)

@@ -1,0 +1,263 @@
+"""Generate the reference pages under docs/reference from the code, the queries and the ontologies.
+
+    python docs/generate.py            write the pages
+    python docs/generate.py --check    exit code 1 where a page differs from what would be written
+
+commands.md comes from argparse, queries.md from the headers of the query files, vocabulary.md from
+the ontologies, api.md from the docstrings of the public names below.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import inspect
+import re
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Final
+
+ROOT: Final = Path(__file__).resolve().parent.parent
+REFERENCE: Final = ROOT / "docs" / "reference"
+
+#: Public Python names, by section: what a program may rely on.
+PUBLIC: Final = {
+    "Maps": ("kg.opening:*", "kg.maps.semantic_map:SemanticMap"),
+    "Answers": ("kg.query.evaluation:Table", "kg.query.evaluation:TripleTable"),
+    "Records": ("kg.records:*",),
+    "Serving": ("kg.server:MapServer", "kg.server:Settings", "kg.server:BearerTokens"),
+    "Probability of objects in places": ("kg.placement.table:placement_table",),
+    "Frames and recordings": (
+        "perception.frames:*",
+        "perception.recordings.recording:open_recording",
+    ),
+    "Mapping": (
+        "mapping.mapper:Mapper",
+        "mapping.recording_mapper:map_recording",
+        "mapping.sighting:Sighting",
+        "mapping.places.layout:*",
+        "mapping.reference.settings:ReferenceSettings",
+    ),
+    "Search plans": ("planner.plans.search_state:build_search", "planner.plans.view_plan:plan"),
+    "Errors": ("kg.errors:*",),
+}
+_MADE: Final = "<!-- made by python docs/generate.py; edit the source, not this page -->\n"
+
+
+def main() -> int:
+    """Write the pages, or with `--check` compare them."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--check", action="store_true", help="compare instead of writing")
+    check = parser.parse_args().check
+    stale = [name for name, make in PAGES.items() if _settle(REFERENCE / name, make(), check)]
+    for name in stale:
+        print("differs:" if check else "wrote", f"docs/reference/{name}")  # noqa: T201
+    return 1 if check and stale else 0
+
+
+def _settle(page: Path, text: str, check: bool) -> bool:
+    """Write `text` to `page` unless only checking; true where they differed."""
+    differs = not page.exists() or page.read_text(encoding="utf-8") != text
+    if differs and not check:
+        page.write_text(text, encoding="utf-8")
+    return differs
+
+
+def commands() -> str:
+    """The commands of `hereabouts`, their arguments and options."""
+    from planner.cli import build_parser
+
+    parts = [
+        f"# Commands\n\n{_MADE}\nEach command prints its answer on stdout and everything else on "
+        "stderr. Exit code 0: done; 1: an error, in one line; 2: wrong usage; `search` has more "
+        "([ros.md](../how-to/ros.md)). `MAP` is the folder of a map or the address of a server.\n"
+    ]
+    for words, parser in _leaves("hereabouts", build_parser()):
+        parts.append(_command(words, parser))
+    return "\n".join(parts)
+
+
+def _leaves(
+    words: str, parser: argparse.ArgumentParser
+) -> Iterator[tuple[str, argparse.ArgumentParser]]:
+    """Every command that takes no further command, in the order of `--help`."""
+    groups = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
+    if not groups:
+        yield words, parser
+    for group in groups:
+        for name, below in group.choices.items():
+            yield from _leaves(f"{words} {name}", below)
+
+
+def _command(words: str, parser: argparse.ArgumentParser) -> str:
+    actions = [a for a in parser._actions if a.dest != "help"]
+    lines = [f"## {words}", "", _line(parser.description or ""), ""]
+    if parser.epilog:
+        lines += ["    " + _line(parser.epilog).removeprefix("example: "), ""]
+    if actions:
+        lines += ["| argument | |", "|---|---|", *(_argument(parser, a) for a in actions), ""]
+    return "\n".join(lines)
+
+
+def _argument(parser: argparse.ArgumentParser, action: argparse.Action) -> str:
+    value = _value(action)
+    if not action.option_strings:
+        name = f"`{value}`"
+    else:
+        name = ", ".join(f"`{f'{option} {value}'.strip()}`" for option in action.option_strings)
+    help_text = parser._get_formatter()._expand_help(action) if action.help else ""
+    required = " (required)" if action.option_strings and action.required else ""
+    return f"| {_cell(name)} | {_cell(_line(help_text))}{required} |"
+
+
+def _value(action: argparse.Action) -> str:
+    """How the value of an argument is written: `MAP`, `[OBJECT ...]`, `{a,b}`, or nothing."""
+    if action.nargs == 0:
+        return ""
+    if action.metavar is None and action.choices is not None:
+        text = "{" + ",".join(map(str, action.choices)) + "}"
+    elif isinstance(action.metavar, tuple):
+        return " ".join(action.metavar)
+    else:
+        text = action.metavar or action.dest.upper()
+    many = {"?": f"[{text}]", "*": f"[{text} ...]", "+": f"{text} [{text} ...]"}
+    if isinstance(action.nargs, int):
+        return " ".join([text] * action.nargs)
+    return many.get(action.nargs or "", text)
+
+
+def queries() -> str:
+    """The shipped query files, by their headers."""
+    from kg.query.query_files import shipped_queries
+
+    parts = [
+        f"# Query files\n\n{_MADE}\nThe files of `queries/`, each by its own header. "
+        "`hereabouts ask MAP NAME -p PARAMETER=VALUE`; a parameter without a default must be "
+        "given. The cost of an answer: a *lookup* grows with what was asked for, a *listing* with "
+        "what there is of it, a *survey* goes through the whole map.\n"
+    ]
+    for question in sorted(shipped_queries(), key=lambda each: each.name):
+        parts.append(f"## {question.name}\n\n{question.summary}. A {question.answer}.\n")
+        if question.parameters:
+            rows = [
+                f"| `{p.name}` | {p.type} | {'' if p.default is None else p.default} "
+                f"| {_cell(p.about)} |"
+                for p in question.parameters
+            ]
+            head = ["| parameter | type | default | |", "|---|---|---|---|"]
+            parts.append("\n".join([*head, *rows, ""]))
+        parts.append(f"Columns: {', '.join(f'`{c}`' for c in question.columns)}.\n")
+    return "\n".join(parts)
+
+
+def vocabulary() -> str:
+    """The terms and categories of the shipped ontologies."""
+    from kg.ontology.import_closure import load_with_imports
+    from kg.ontology.vocabulary_page import vocabulary_page
+    from kg.resources import ONTOLOGIES
+
+    return vocabulary_page(load_with_imports(ONTOLOGIES).quads)
+
+
+def api() -> str:
+    """The public Python names, with their signatures and docstrings."""
+    parts = [
+        f"# Python API\n\n{_MADE}\nWhat a program may rely on; everything else may change between "
+        "versions. [python.md](../how-to/python.md) shows how it is used.\n"
+    ]
+    for section, names in PUBLIC.items():
+        parts.append(f"## {section}\n")
+        for name in names:
+            parts += [_public(module, each) for module, each in _named(name)]
+    return "\n".join(parts)
+
+
+def _named(name: str) -> Iterator[tuple[str, str]]:
+    """`module:Name`; `module:*` is every public class and function that the module defines."""
+    module, _, wanted = name.partition(":")
+    if wanted != "*":
+        yield module, wanted
+        return
+    for each, value in vars(importlib.import_module(module)).items():
+        ours = getattr(value, "__module__", None) == module
+        if ours and not each.startswith("_") and inspect.isroutine(value) | inspect.isclass(value):
+            yield module, each
+
+
+def _public(module: str, name: str) -> str:
+    value = getattr(importlib.import_module(module), name)
+    lines = [f"### `{module}.{name}`", ""]
+    if not (inspect.isclass(value) and issubclass(value, Exception)):
+        lines += ["```python", _signature(name, value), "```", ""]
+    lines += [_prose(value), ""]
+    if inspect.isclass(value) and not issubclass(value, Exception):
+        lines += _members(value)
+    return "\n".join(lines)
+
+
+def _members(owner: type) -> list[str]:
+    """A row for each public method and property with a docstring."""
+    rows = []
+    for name, value in inspect.getmembers_static(owner):
+        if name.startswith("_") or not (inspect.isroutine(value) or isinstance(value, property)):
+            continue
+        bare = value.__func__ if isinstance(value, classmethod | staticmethod) else value
+        if not getattr(bare, "__doc__", None) or not _is_ours(bare):
+            continue
+        shown = name if isinstance(bare, property) else _signature(name, bare)
+        rows.append(f"| `{_cell(_line(shown))}` | {_cell(_line(_first(bare)))} |")
+    return ["| member | |", "|---|---|", *rows, ""] if rows else []
+
+
+def _is_ours(member: object) -> bool:
+    function = member.fget if isinstance(member, property) else member
+    module = getattr(function, "__module__", "") or ""
+    return module.split(".")[0] in {"kg", "perception", "mapping", "planner"}
+
+
+def _signature(name: str, value: object) -> str:
+    try:
+        signature = inspect.signature(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        return name
+    kept = [p for p in signature.parameters.values() if p.name not in ("self", "cls")]
+    text = f"{name}{signature.replace(parameters=kept)}"
+    text = re.sub(r"\bat 0x[0-9a-f]+", "", text).replace("'", "")
+    if len(text) <= 100 or not kept:
+        return text
+    returned = "" if " -> " not in text else " ->" + text.rpartition(" ->")[2]
+    stars, lines = False, []
+    for parameter in kept:
+        if parameter.kind is parameter.KEYWORD_ONLY and not stars:
+            stars = True
+            lines.append("    *,")
+        lines.append(f"    {str(parameter).replace(chr(39), '')},")
+    return "\n".join([f"{name}(", *lines, f"){returned}"])
+
+
+def _prose(value: object) -> str:
+    return (inspect.getdoc(value) or "").replace("\n::\n", "\n").strip()
+
+
+def _first(value: object) -> str:
+    return (inspect.getdoc(value) or "").partition("\n\n")[0]
+
+
+def _line(text: str) -> str:
+    return " ".join(text.split())
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|")
+
+
+PAGES: Final[dict[str, Callable[[], str]]] = {
+    "commands.md": commands,
+    "queries.md": queries,
+    "vocabulary.md": vocabulary,
+    "api.md": api,
+}
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,110 @@
+"""An OWL 2 DL document (OWL 2 Mapping to RDF Graphs, sections 3.1 and 5) of a map in one graph.
+
+It has one ontology header and no imports, since what would be imported is in it; every class,
+property and datatype that is used is declared; binary data is hexadecimal, since HermiT refuses
+xsd:base64Binary.
+"""
+
+from __future__ import annotations
+
+import base64
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+from typing import Final
+
+from pyoxigraph import BlankNode, Literal, NamedNode, Triple
+
+from kg import vocabulary as v
+from kg.ontology.import_closure import headers_of
+
+_TYPE: Final = NamedNode(v.RDF_TYPE)
+_KEPT: Final = {v.DCT_LICENSE, v.OWL_VERSION_INFO}  # of the headers that became one
+_BUILT_IN: Final = tuple(v.PREFIXES[name] for name in ("rdf", "rdfs", "owl", "xsd"))
+_CLASSES: Final = {v.OWL_CLASS, v.RDFS_DATATYPE}
+_PROPERTIES: Final = {v.OWL_OBJECT_PROPERTY, v.OWL_DATATYPE_PROPERTY, v.OWL_ANNOTATION_PROPERTY}
+#: datatypes of OWL 2 (Structural Specification, section 4) that reasoners compute with
+_DATATYPES: Final = {v.PREFIXES["rdf"] + "PlainLiteral", v.PREFIXES["rdf"] + "langString"} | {
+    v.XSD + name
+    for name in (
+        *("string", "boolean", "decimal", "integer", "double", "float", "dateTime"),
+        *("dateTimeStamp", "hexBinary", "anyURI", "nonNegativeInteger", "long", "int"),
+    )
+}
+
+
+def owl_document(triples: Iterable[Triple], iri: str, label: str) -> list[Triple]:
+    """The triples of a map and its ontologies as one ontology named `iri`, in their order."""
+    merged = with_one_header(map(_in_hexadecimal, triples), iri, label)
+    return list(dict.fromkeys([*merged, *_declarations(merged)]))
+
+
+def with_one_header(triples: Iterable[Triple], iri: str, label: str) -> list[Triple]:
+    """The triples with one owl:Ontology, `iri`, in place of those they have, and no imports."""
+    triples = tuple(triples)
+    parts = headers_of(triples)
+    own = NamedNode(iri)
+    facts: list[tuple[str, NamedNode | Literal]] = [
+        (v.RDF_TYPE, NamedNode(v.OWL_ONTOLOGY)),
+        (v.RDFS_LABEL, Literal(label)),
+        (v.RDFS_COMMENT, Literal("What the map knew about the world when this was written.")),
+    ]
+    header = [Triple(own, NamedNode(predicate), value) for predicate, value in facts]
+    body = []
+    for triple in triples:
+        if getattr(triple.subject, "value", "") not in parts:
+            body.append(triple)
+        elif triple.predicate.value in _KEPT:
+            header.append(Triple(own, triple.predicate, triple.object))
+    return [*dict.fromkeys(header), *body]
+
+
+def _in_hexadecimal(triple: Triple) -> Triple:
+    """The triple with xsd:hexBinary in place of xsd:base64Binary, the datatype's name included."""
+    value = triple.object
+    if isinstance(value, NamedNode) and value.value == v.XSD_BASE64:
+        return Triple(triple.subject, triple.predicate, NamedNode(v.XSD_HEX))
+    if not isinstance(value, Literal) or value.datatype.value != v.XSD_BASE64:
+        return triple
+    try:
+        text = base64.b64decode(value.value).hex().upper()
+    except ValueError:
+        return triple
+    return Triple(triple.subject, triple.predicate, Literal(text, datatype=NamedNode(v.XSD_HEX)))
+
+
+def _declarations(triples: list[Triple]) -> Iterator[Triple]:
+    """A type for each class, property and datatype that is used and not declared."""
+    declared: dict[str, set[str]] = defaultdict(set)
+    values: dict[str, list[object]] = defaultdict(list)
+    for triple in triples:
+        if triple.predicate != _TYPE:
+            values[triple.predicate.value].append(triple.object)
+        elif isinstance(triple.subject, NamedNode) and isinstance(triple.object, NamedNode):
+            declared[triple.subject.value].add(triple.object.value)
+    used = {cls for kinds in declared.values() for cls in kinds}
+    classes = {cls for cls in used if not declared.get(cls, set()) & _CLASSES}
+    yield from _typed(classes, v.OWL_CLASS)
+    for predicate, found in values.items():
+        if not declared.get(predicate, set()) & _PROPERTIES:
+            yield from _typed({predicate}, _kind(found, declared))
+    literals = (value for found in values.values() for value in found)
+    kinds = {value.datatype.value for value in literals if isinstance(value, Literal)}
+    yield from _typed(kinds - declared.keys(), v.RDFS_DATATYPE)
+
+
+def _kind(values: Iterable[object], declared: dict[str, set[str]]) -> str:
+    """What kind of property has such values; one of annotations where reasoners would fail."""
+    values = tuple(values)
+    if all(isinstance(value, Literal) and value.datatype.value in _DATATYPES for value in values):
+        return v.OWL_DATATYPE_PROPERTY
+    things = all(isinstance(value, NamedNode | BlankNode) for value in values)
+    names = (value.value for value in values if isinstance(value, NamedNode))
+    if things and not any(declared.get(name, set()) & _CLASSES for name in names):
+        return v.OWL_OBJECT_PROPERTY
+    return v.OWL_ANNOTATION_PROPERTY
+
+
+def _typed(iris: Iterable[str], kind: str) -> Iterator[Triple]:
+    for iri in sorted(iris):
+        if not iri.startswith(_BUILT_IN):
+            yield Triple(NamedNode(iri), _TYPE, NamedNode(kind))

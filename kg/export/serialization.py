@@ -1,0 +1,239 @@
+"""Serialisation of maps for other tools: Turtle, TriG, N-Quads, N-Triples, JSON-LD, RDF/XML.
+
+An export has the map and dataset graphs, the assertions, the ontology unless it is left out, and
+derived triples in standard vocabularies (`kg.facts.standard_terms`, `kg.facts.wkt`). TriG
+and N-Quads keep the graphs and ontologies apart; the other formats hold one graph, with the
+ontology an OWL 2 DL document without imports. The same map gives the same text.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import uuid
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Final
+
+from pyoxigraph import BlankNode, Literal, NamedNode, Quad, RdfFormat, Triple, serialize
+
+from kg import vocabulary as v
+from kg.errors import GraphError, did_you_mean
+from kg.export.owl_document import owl_document
+from kg.facts.literals import by_subject
+from kg.facts.standard_terms import standard_quads
+from kg.facts.wkt import geometry_quads
+from kg.maps.semantic_map import SemanticMap
+from kg.rdf.jsonld import to_jsonld
+from kg.rdf.quad_store import Subject
+from kg.rdf.skolem import anonymous
+from kg.rdf.turtle_names import with_full_iris
+from kg.rdf.xml_characters import in_xml
+
+#: format -> endings of its files
+FORMATS: Final[dict[str, tuple[str, ...]]] = {
+    "ttl": (".ttl",),
+    "trig": (".trig",),
+    "nq": (".nq",),
+    "nt": (".nt",),
+    "jsonld": (".jsonld", ".json"),
+    "rdfxml": (".rdf", ".owl", ".xml"),
+}
+#: aliases of the formats in other RDF tools
+_ALIASES: Final = {
+    "turtle": "ttl",
+    "nquads": "nq",
+    "n-quads": "nq",
+    "ntriples": "nt",
+    "n-triples": "nt",
+    "json-ld": "jsonld",
+    "rdf/xml": "rdfxml",
+    "xml": "rdfxml",
+}
+
+_WITH_GRAPHS: Final = ("trig", "nq")
+_GRAPHS = (v.DATASET_GRAPH, v.MAP_GRAPH, v.ASSERTIONS_GRAPH, v.HISTORY_GRAPH)
+_FIRST = {v.RDF_TYPE: 0, v.RDFS_LABEL: 1}
+_DOUBLE = NamedNode(v.XSD + "double")
+_Prefixes = dict[str, str]
+
+
+def export_map(
+    semantic_map: SemanticMap,
+    path: Path | str,
+    format: str | None = None,
+    *,
+    ontology: bool = True,
+) -> int:
+    """Write the map to `path` atomically; returns the number of triples.
+
+    `format` is one of `FORMATS`; without it the ending of `path` decides. Raises GraphError for an
+    unknown format and where `path` cannot be written.
+    """
+    path = Path(path)
+    chosen = format or _format_of(path)
+    quads = export_quads(semantic_map, ontology=ontology)
+    statements = _statements(semantic_map, quads, chosen, ontology=ontology)
+    write_atomically(path, _text(statements, chosen, _prefixes(semantic_map.base)))
+    return len(statements)
+
+
+def export_text(semantic_map: SemanticMap, format: str, *, ontology: bool = True) -> str:
+    """The map as text in one of `FORMATS`; raises GraphError for an unknown one."""
+    quads = export_quads(semantic_map, ontology=ontology)
+    statements = _statements(semantic_map, quads, format, ontology=ontology)
+    return _text(statements, format, _prefixes(semantic_map.base))
+
+
+def export_quads(semantic_map: SemanticMap, *, ontology: bool = True) -> list[Quad]:
+    """Quads of an export in the order they are written, geometries included."""
+    graphs = (*_GRAPHS, v.ONTOLOGY_GRAPH) if ontology else _GRAPHS
+    engine = semantic_map.engine
+    quads = {
+        graph: tuple(engine.quads_for_pattern(None, None, None, NamedNode(graph)))
+        for graph in graphs
+    }
+    things = semantic_map.objects_among(quads[v.MAP_GRAPH]), semantic_map.places()
+    base, stored = semantic_map.base, by_subject(quads[v.MAP_GRAPH])
+    quads[v.MAP_GRAPH] += tuple(geometry_quads(base, *things, semantic_map.robot()))
+    quads[v.MAP_GRAPH] += tuple(standard_quads(base, stored))
+    return [
+        quad
+        for graph in graphs
+        for about in _by_subject(map(_with_exponent, anonymous(quads[graph])))
+        for quad in about
+    ]
+
+
+def _statements(
+    semantic_map: SemanticMap, quads: list[Quad], form: str, *, ontology: bool
+) -> list[Quad]:
+    """What a file of that format holds: all graphs, or one OWL 2 document, or one graph."""
+    if _known(form) in _WITH_GRAPHS:
+        return quads
+    triples = list(dict.fromkeys(quad.triple for quad in quads))
+    if ontology:
+        iri, label = semantic_map.base + "ontology", f"ontology of {semantic_map.title}"
+        triples = owl_document(triples, iri, label)
+    merged = (Quad(t.subject, t.predicate, t.object) for t in triples)
+    return [quad for about in _by_subject(merged) for quad in about]
+
+
+def _text(quads: list[Quad], form: str, prefixes: _Prefixes) -> str:
+    writers: dict[str, Callable[[list[Quad], _Prefixes], str]] = {
+        "ttl": lambda quads, prefixes: _tidy(_triples(quads), RdfFormat.TURTLE, prefixes),
+        "trig": lambda quads, prefixes: _tidy(quads, RdfFormat.TRIG, prefixes),
+        "nq": lambda quads, _: _native(quads, RdfFormat.N_QUADS, {}),
+        "nt": lambda quads, _: _native(_triples(quads), RdfFormat.N_TRIPLES, {}),
+        "jsonld": lambda quads, prefixes: to_jsonld(_triples(quads), prefixes) + "\n",
+        "rdfxml": lambda quads, prefixes: _native(_triples(quads), RdfFormat.RDF_XML, prefixes),
+    }
+    return writers[_known(form)](quads, prefixes)
+
+
+def _known(form: str) -> str:
+    """Canonical name of a format; raises GraphError for an unknown one."""
+    known = _ALIASES.get(form.lower(), form.lower())
+    if known not in FORMATS:
+        hint = did_you_mean(known, FORMATS)
+        raise GraphError(f"no export format {known!r}; there are: {', '.join(FORMATS)}{hint}")
+    return known
+
+
+def _format_of(path: Path) -> str:
+    for form, endings in FORMATS.items():
+        if path.suffix.lower() in endings:
+            return form
+    endings_known = ", ".join(ending for endings in FORMATS.values() for ending in endings)
+    raise GraphError(
+        f"cannot tell the format of {path.name!r} from its ending; name a format "
+        f"({', '.join(FORMATS)}) or end it with one of: {endings_known}"
+    )
+
+
+def _prefixes(base: str) -> _Prefixes:
+    things = {name: f"{base}{name}/" for name in ("object", "observation", "place", "recording")}
+    return {**v.PREFIXES, "map": base, **things}
+
+
+def _triples(quads: Iterable[Quad]) -> list[Triple]:
+    return list(dict.fromkeys(quad.triple for quad in quads))
+
+
+def _native(statements: Iterable[Quad] | Iterable[Triple], form: RdfFormat, p: _Prefixes) -> str:
+    body = serialize(statements, format=form, prefixes=p) or b""
+    return (in_xml(body) if form == RdfFormat.RDF_XML else body).decode()
+
+
+def _tidy(
+    statements: Iterable[Quad] | Iterable[Triple], form: RdfFormat, prefixes: _Prefixes
+) -> str:
+    """Prefixes in order, one empty line between subjects; strings never span lines here."""
+    text = with_full_iris(_native(statements, form, prefixes), prefixes)
+    # not splitlines: strings may hold what it takes for the end of a line, such as U+2028
+    lines = text.replace("\t", "    ").split("\n")
+    declared = sorted(line for line in lines if line.startswith("@prefix"))
+    body = [line for line in lines if not line.startswith("@prefix")]
+    spaced = [line + "\n" if line.endswith(" .") else line for line in body]
+    return "\n".join([*declared, "", *spaced]).rstrip("\n") + "\n"
+
+
+def _with_exponent(quad: Quad) -> Quad:
+    """Doubles as 1.23e0, which Turtle writes bare; the engine keeps them without an exponent."""
+    term = quad.object
+    if not isinstance(term, Literal) or term.datatype != _DOUBLE:
+        return quad
+    text = repr(float(term.value))
+    if "e" not in text and math.isfinite(float(term.value)):
+        text += "e0"
+    text = {"inf": "INF", "-inf": "-INF", "nan": "NaN"}.get(text, text)
+    return Quad(quad.subject, quad.predicate, Literal(text, datatype=_DOUBLE), quad.graph_name)
+
+
+def _by_subject(quads: Iterable[Quad]) -> Iterator[list[Quad]]:
+    """Quads grouped by subject, without duplicates, in the order of their numbers."""
+    about: dict[Subject, dict[tuple[object, ...], Quad]] = {}
+    for quad in quads:
+        subject, predicate, value, _ = quad
+        about.setdefault(subject, {})[_rank(predicate.value, str(value))] = quad
+    for subject in sorted(about, key=_number):
+        facts = about[subject]
+        yield [facts[rank] for rank in sorted(facts)]
+
+
+def _number(subject: Subject) -> tuple[object, ...]:
+    name = str(getattr(subject, "value", subject))
+    kind, _, last = name.rpartition("/")
+    return isinstance(subject, BlankNode), kind if last.isdigit() else name, len(name), name
+
+
+def _rank(predicate: str, value: str) -> tuple[object, ...]:
+    length = len(value) if predicate == v.HAS_BELIEF else 0
+    return _FIRST.get(predicate, 2), predicate, length, value
+
+
+def write_atomically(path: Path, text: str | bytes) -> None:
+    """Write `text` (UTF-8, or bytes as they are) to `path` atomically, by renaming a new file.
+
+    Raises GraphError where that fails.
+    A device or pipe (/dev/stdout) is written to, never replaced by a file, and a link stays one.
+    """
+    data = text if isinstance(text, bytes) else text.encode("utf-8")
+    try:
+        if path.exists() and not path.is_file() and not path.is_dir():
+            path.write_bytes(data)
+            return
+        path = path.resolve()
+    except OSError as error:
+        raise GraphError(f"cannot write {path}: {error.strerror or error}") from error
+    beside = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
+    try:
+        with beside.open("wb") as out:
+            out.write(data)
+            out.flush()
+            os.fsync(out.fileno())
+        beside.replace(path)
+    except OSError as error:
+        raise GraphError(f"cannot write {path}: {error.strerror or error}") from error
+    finally:
+        beside.unlink(missing_ok=True)

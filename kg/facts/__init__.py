@@ -1,0 +1,1 @@
+"""Records of objects, places, searches and floor as quads and back, and the writer of frames."""

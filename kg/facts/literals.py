@@ -1,0 +1,101 @@
+"""Literals and IRIs of facts, quantised and validated, and the properties of a subject."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
+
+from pyoxigraph import Literal, NamedNode, Quad
+
+from kg.errors import InvalidFactError
+from kg.rdf.datetimes import date_time, seconds
+from kg.rdf.quad_store import QuadStore
+
+#: predicate IRI -> objects (IRIs and lexical forms) of one subject
+Properties = dict[str, list[str]]
+
+
+@lru_cache(maxsize=4096)
+def known_iri(iri: str) -> NamedNode:
+    """Cached node of an IRI that recurs: of the vocabulary, a category, a cell, a place."""
+    return NamedNode(iri)
+
+
+def iri_node(text: str, what: str) -> NamedNode:
+    """Node of the IRI `text`. Raises InvalidFactError, naming `what`, where it is no IRI."""
+    try:
+        return NamedNode(text)
+    except ValueError as error:
+        raise InvalidFactError(f"{what} must be an absolute IRI, got {text!r}") from error
+
+
+def quantised(value: float, what: str, digits: int = 2) -> float:
+    """`value` rounded to `digits`. Raises InvalidFactError where it is not finite."""
+    number = float(value)
+    if not math.isfinite(number):
+        raise InvalidFactError(f"{what} must be a finite number, got {number}")
+    return round(number, digits) + 0.0  # + 0.0 turns minus zero into zero
+
+
+def number_literal(
+    value: float,
+    what: str,
+    *,
+    digits: int = 2,
+    least: float = -math.inf,
+    most: float = math.inf,
+) -> Literal:
+    """Literal of `value`, quantised. Raises InvalidFactError if not finite or out of bounds."""
+    number = quantised(value, what, digits)
+    if not least <= number <= most:
+        raise InvalidFactError(f"{what} must be within {least:g}..{most:g}, got {number:g}")
+    return Literal(number)
+
+
+def time_literal(stamp: float, what: str) -> Literal:
+    """xsd:dateTime of `stamp` [s since 1970]. Raises InvalidFactError if out of range."""
+    try:
+        return date_time(stamp)
+    except (ValueError, OverflowError, OSError) as error:
+        raise InvalidFactError(
+            f"{what} must be seconds since 1970 within years 1 to 9999, got {stamp}"
+        ) from error
+
+
+def properties_of(engine: QuadStore, subject: str, graph: NamedNode) -> Properties:
+    """Properties that `graph` holds for the subject with IRI `subject`."""
+    held: Properties = {}
+    for quad in engine.quads_for_pattern(NamedNode(subject), None, None, graph):
+        held.setdefault(quad.predicate.value, []).append(text_of(quad.object))
+    return held
+
+
+def by_subject(quads: Iterable[Quad]) -> dict[str, Properties]:
+    """Properties of each subject of `quads`, over all graphs."""
+    subjects: dict[str, Properties] = {}
+    for subject, predicate, value, _ in quads:
+        properties = subjects.setdefault(text_of(subject), {})
+        properties.setdefault(predicate.value, []).append(text_of(value))
+    return subjects
+
+
+def text_of(term: object) -> str:
+    """IRI or lexical form of a term."""
+    return str(getattr(term, "value", term))
+
+
+def first(held: Mapping[str, Sequence[str]], predicate: str, default: str) -> str:
+    """The least of a property's values, so that the choice is deterministic."""
+    values = held.get(predicate)
+    return min(values) if values else default
+
+
+def stamp_of(held: Mapping[str, Sequence[str]], predicate: str) -> float:
+    """Time of a property [s since 1970]; 0 where there is none."""
+    return seconds(first(held, predicate, "1970-01-01T00:00:00Z"))
+
+
+def iri_order(iri: str) -> tuple[int, str]:
+    """Sort key: IRIs that end in numbers are ordered by these numbers."""
+    return len(iri), iri

@@ -1,0 +1,436 @@
+"""Codec of records and quads, as docs/explanation/architecture.md draws them.
+
+Numbers are quantised when they become facts (positions to 1 cm, shares to 0.01, times to 1 s), so
+that noise below the map's accuracy never costs a write. Reading is tolerant: a person may add an
+object by SPARQL with a class and a position alone; missing properties take default values.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from urllib.parse import quote, unquote
+
+import numpy as np
+from pyoxigraph import Literal, NamedNode, Quad
+
+from kg import vocabulary as v
+from kg.errors import InvalidFactError
+from kg.facts.literals import (
+    Properties,
+    by_subject,
+    first,
+    iri_node,
+    iri_order,
+    known_iri,
+    number_literal,
+    properties_of,
+    quantised,
+    stamp_of,
+    text_of,
+    time_literal,
+)
+from kg.ontology.catalogue import Catalogue
+from kg.rdf.grid_cells import cell_of
+from kg.rdf.quad_store import QuadStore
+from kg.records import Evidence, ObjectRecord, PlaceRecord, RecordingRecord, RobotRecord
+from kg.store.sparql_backend import reading_ahead
+from kg.store.writer_priority import in_pieces
+
+CHUNK_SIZE = 50  # subjects read between two checks for a frame that waits to be written
+EXTENT_STEP = 0.05  # [m] extents are quantised to; they waver with each view
+MIN_BELIEF = 0.005  # beliefs below it would be stored as zero
+
+_MAP = NamedNode(v.MAP_GRAPH)
+_DATASET = NamedNode(v.DATASET_GRAPH)
+_TYPE = NamedNode(v.RDF_TYPE)
+_EXTENT = (v.EXTENT_X, v.EXTENT_Y, v.EXTENT_Z)
+_DATE_TIME = NamedNode(v.XSD + "dateTime")
+
+
+class RecordCodec:
+    """Codec of records and quads for the map with IRI `base`.
+
+    `catalogue` has the categories, or reads them when they are first needed.
+    """
+
+    def __init__(self, base: str, catalogue: Catalogue | Callable[[], Catalogue]) -> None:
+        self.base = base
+        self._catalogue = catalogue
+
+    @property
+    def catalogue(self) -> Catalogue:
+        """The categories of the map's ontology."""
+        return self._catalogue if isinstance(self._catalogue, Catalogue) else self._catalogue()
+
+    def observation_iri(self, object_iri: str) -> str:
+        """IRI of the observation that explains an object."""
+        return observation_of(object_iri, self.base)
+
+    def recording_iri(self, name: str) -> str:
+        """IRI of the recording called `name`."""
+        return f"{self.base}recording/{quote(name, safe='')}"
+
+    def of_object(self, record: ObjectRecord) -> list[Quad]:
+        """Facts of an object and of its observation.
+
+        Raises InvalidFactError for numbers that are not finite or out of range, and for a category
+        the ontology does not know.
+        """
+        what = f"object {record.iri}"
+        if record.observations < 1:
+            raise InvalidFactError(
+                f"{what}: observations must be 1 or more, got {record.observations}"
+            )
+        if record.first_seen > record.last_seen:
+            raise InvalidFactError(f"{what}: first seen must not be after last seen")
+        x, y, z = _position(record.p_map, what)
+        facts: list[tuple[str, NamedNode | Literal]] = [
+            (v.RDF_TYPE, known_iri(self._known(record.category, what, "object"))),
+            (v.RDFS_LABEL, Literal(self.object_label(record))),
+            (v.X, Literal(x)),
+            (v.Y, Literal(y)),
+            (v.Z, Literal(z)),
+            (v.IN_CELL, known_iri(cell_of(x, y))),
+            (v.CONFIDENCE, _confidence(record.confidence, f"{what}: confidence")),
+            (v.EXISTENCE, _share(record.existence, f"{what}: existence")),
+            (v.OBSERVATION_COUNT, Literal(record.observations)),
+            (v.FIRST_SEEN, time_literal(record.first_seen, f"{what}: first seen")),
+            (v.LAST_SEEN, time_literal(record.last_seen, f"{what}: last seen")),
+        ]
+        if record.place is not None:
+            facts.append((v.IN_PLACE, iri_node(record.place, f"{what}: place")))
+        facts += _extent(record, what)
+        if record.evidence is None:
+            return _quads(record.iri, facts)
+        observation = self.observation_iri(record.iri)
+        facts.append((v.EXPLAINED_BY, NamedNode(observation)))
+        return _quads(record.iri, facts) + self._of_evidence(record, record.evidence, observation)
+
+    def of_place(self, record: PlaceRecord) -> list[Quad]:
+        """Facts of a place and of its beliefs; raises InvalidFactError as `of_object` does."""
+        what = f"place {record.iri}"
+        if not (record.xmin < record.xmax and record.ymin < record.ymax):
+            raise InvalidFactError(
+                f"{what}: a rectangle needs xmin < xmax and ymin < ymax, got "
+                f"x {record.xmin:g}..{record.xmax:g}, y {record.ymin:g}..{record.ymax:g}"
+            )
+        if record.views < 0:
+            raise InvalidFactError(f"{what}: views must be 0 or more, got {record.views}")
+        facts: list[tuple[str, NamedNode | Literal]] = [
+            (v.RDF_TYPE, known_iri(v.PLACE)),
+            (v.RDF_TYPE, known_iri(v.BOT_SPACE)),
+            (v.RDFS_LABEL, Literal(record.label)),
+            (v.X_MIN, number_literal(record.xmin, f"{what}: xmin")),
+            (v.X_MAX, number_literal(record.xmax, f"{what}: xmax")),
+            (v.Y_MIN, number_literal(record.ymin, f"{what}: ymin")),
+            (v.Y_MAX, number_literal(record.ymax, f"{what}: ymax")),
+            (v.X, number_literal((record.xmin + record.xmax) / 2, f"{what}: x")),
+            (v.Y, number_literal((record.ymin + record.ymax) / 2, f"{what}: y")),
+            (v.VIEW_COUNT, Literal(record.views)),
+        ]
+        held = self.of_beliefs(record)
+        facts += [(v.TOLD_BY, iri_node(iri, f"{what}: told by")) for iri in record.told_by]
+        if (record.views or record.told_by) and held:
+            top = max(record.beliefs, key=lambda category: (record.beliefs[category], category))
+            facts.append((v.RDF_TYPE, NamedNode(top)))
+        return _quads(record.iri, facts) + held
+
+    def of_beliefs(self, record: PlaceRecord) -> list[Quad]:
+        """Quads of a place's category beliefs, links included."""
+        nodes: list[Quad] = []
+        for category, properties in self._held(record).items():
+            node = f"{record.iri}/belief/{quote(category.removeprefix(v.HERE), safe='')}"
+            nodes += _quads(record.iri, [(v.HAS_BELIEF, NamedNode(node))])
+            facts = [
+                (v.RDF_TYPE, known_iri(v.PLACE_BELIEF)),
+                (v.OF_CATEGORY, NamedNode(category)),
+            ]
+            nodes += _quads(node, [*facts, *properties])
+        return nodes
+
+    def of_robot(self, record: RobotRecord) -> list[Quad]:
+        """Facts of the robot; raises InvalidFactError where its pose is not finite."""
+        x, y, z = _position(record.p_map, "robot")
+        return _quads(
+            self.base + "robot",
+            [
+                (v.RDF_TYPE, known_iri(v.ROBOT)),
+                (v.X, Literal(x)),
+                (v.Y, Literal(y)),
+                (v.Z, Literal(z)),
+                (v.HEADING, number_literal(record.heading, "robot: heading")),
+                (v.LAST_SEEN, time_literal(record.stamp, "robot: stamp")),
+            ],
+        )
+
+    def of_recording(self, record: RecordingRecord) -> list[Quad]:
+        """Facts of a recording, its transform at full precision; raises InvalidFactError."""
+        transform = np.asarray(record.T_map_world, dtype=np.float64)
+        if transform.shape != (4, 4) or not np.isfinite(transform).all():
+            raise InvalidFactError(f"recording {record.name}: transform must be (4, 4) and finite")
+        if record.frames_applied < 0:
+            raise InvalidFactError(
+                f"recording {record.name}: frames applied must be 0 or more, "
+                f"got {record.frames_applied}"
+            )
+        facts: list[tuple[str, NamedNode | Literal]] = [
+            (v.RDF_TYPE, known_iri(v.RECORDING)),
+            (v.RDFS_LABEL, Literal(record.name)),
+            (v.FRAMES_APPLIED, Literal(record.frames_applied)),
+            (v.LAST_FRAME, Literal(record.last_frame)),
+            (v.TRANSFORM, Literal(" ".join(repr(float(n)) for n in transform.flat))),
+        ]
+        if record.scene_model:
+            facts.append((v.SCENE_MODEL, Literal(record.scene_model)))
+        return _quads(self.recording_iri(record.name), facts, _DATASET)
+
+    def objects(self, store: QuadStore) -> tuple[ObjectRecord, ...]:
+        """All objects of the map, in the order of their numbers."""
+        return self.objects_among(store.quads_for_pattern(None, None, None, _MAP))
+
+    def objects_among(self, quads: Iterable[Quad]) -> tuple[ObjectRecord, ...]:
+        """The objects described by `quads` of graph:map, in the order of their numbers."""
+        return self._objects(by_subject(in_pieces(quads, 10 * CHUNK_SIZE)))
+
+    def some_objects(self, store: QuadStore, iris: Iterable[str]) -> tuple[ObjectRecord, ...]:
+        """Those of `iris` that are objects, in the order of their numbers."""
+        nodes = [iri_node(iri, "object") for iri in dict.fromkeys(iris)]
+        with reading_ahead(store, nodes):
+            subjects = {
+                node.value: properties_of(store, node.value, _MAP)
+                for node in in_pieces(nodes, CHUNK_SIZE)
+            }
+        reasons = {first(held, v.EXPLAINED_BY, "") for held in subjects.values()} - {""}
+        with reading_ahead(store, map(NamedNode, reasons)):
+            subjects.update(
+                (iri, properties_of(store, iri, _MAP)) for iri in in_pieces(reasons, CHUNK_SIZE)
+            )
+        return self._objects(subjects)
+
+    def _objects(self, subjects: dict[str, Properties]) -> tuple[ObjectRecord, ...]:
+        found = []
+        for iri, properties in subjects.items():
+            category = self._category(properties)
+            if category is None or v.X not in properties or v.Y not in properties:
+                continue
+            observation = subjects.get(first(properties, v.EXPLAINED_BY, ""))
+            found.append(self._object(iri, category, properties, observation))
+        return tuple(sorted(found, key=lambda record: iri_order(record.iri)))
+
+    def places(self, store: QuadStore) -> tuple[PlaceRecord, ...]:
+        """All places of the map, in the order of their numbers."""
+        subjects: dict[str, Properties] = {}
+        quads = store.quads_for_pattern(None, _TYPE, NamedNode(v.PLACE), _MAP)
+        nodes = [quad.subject for quad in quads if isinstance(quad.subject, NamedNode)]
+        with reading_ahead(store, nodes):
+            for node in in_pieces(nodes, CHUNK_SIZE):
+                properties = subjects[node.value] = properties_of(store, node.value, _MAP)
+                for held in properties.get(v.HAS_BELIEF, ()):
+                    subjects[held] = properties_of(store, held, _MAP)
+        found = (
+            self._place(node.value, subjects[node.value], subjects)
+            for node in nodes
+            if v.X_MIN in subjects[node.value]
+        )
+        return tuple(sorted(found, key=lambda record: iri_order(record.iri)))
+
+    def label(self, store: QuadStore, iri: str) -> str | None:
+        """The label of a thing, if it has one."""
+        return first(properties_of(store, iri, _MAP), v.RDFS_LABEL, "") or None
+
+    def robot(self, store: QuadStore) -> RobotRecord | None:
+        """Last pose of the robot, if there is one."""
+        properties = properties_of(store, self.base + "robot", _MAP)
+        if v.X not in properties:
+            return None
+        heading = float(first(properties, v.HEADING, "0"))
+        return RobotRecord(_point(properties), heading, stamp_of(properties, v.LAST_SEEN))
+
+    def recordings(self, store: QuadStore) -> tuple[RecordingRecord, ...]:
+        """All recordings applied to the map, by name."""
+        kind = NamedNode(v.RECORDING)
+        found = []
+        for quad in store.quads_for_pattern(None, _TYPE, kind, _DATASET):
+            iri = text_of(quad.subject)
+            properties = properties_of(store, iri, _DATASET)
+            numbers = [float(n) for n in first(properties, v.TRANSFORM, "").split()]
+            transform = np.array(numbers).reshape(4, 4) if len(numbers) == 16 else np.eye(4)
+            name = first(properties, v.RDFS_LABEL, self._recording_name(iri))
+            applied = int(first(properties, v.FRAMES_APPLIED, "0"))
+            last = first(properties, v.LAST_FRAME, "")
+            scene = first(properties, v.SCENE_MODEL, "")
+            found.append(RecordingRecord(name, applied, last, transform, scene))
+        return tuple(sorted(found, key=lambda record: record.name))
+
+    def _known(self, iri: str, what: str, kind: str) -> str:
+        """`iri`, if a category of that `kind` or of several; raises InvalidFactError else."""
+        category = self.catalogue.by_iri(iri)
+        if category is None:
+            raise InvalidFactError(
+                f"{what}: {iri!r} is no category of the ontology; find one with its catalogue"
+            )
+        if {category.kind, kind} == {"object", "place"}:
+            raise InvalidFactError(
+                f"{what}: {category.label!r} is a category of {category.kind}s; "
+                f"find one of {kind}s with the catalogue"
+            )
+        return iri
+
+    def object_label(self, record: ObjectRecord) -> str:
+        """Default label of an object: its category and its number."""
+        number = record.iri.rstrip("/").rpartition("/")[2]
+        return f"{self.catalogue.label(record.category)} {number}"
+
+    def _of_evidence(self, record: ObjectRecord, evidence: Evidence, iri: str) -> list[Quad]:
+        what = f"observation of {record.iri}"
+        if len(evidence.box) != 4 or not all(map(math.isfinite, evidence.box)):
+            raise InvalidFactError(f"{what}: box must be 4 finite numbers, got {evidence.box}")
+        return _quads(
+            iri,
+            [
+                (v.RDF_TYPE, known_iri(v.SOSA_OBSERVATION)),
+                (v.SOSA_FEATURE, iri_node(record.iri, what)),
+                (v.SOSA_RESULT_TIME, time_literal(evidence.stamp, f"{what}: stamp")),
+                (v.FRAME, Literal(evidence.frame)),
+                (v.FROM_RECORDING, known_iri(self.recording_iri(evidence.recording))),
+                (v.BOX, Literal(" ".join(str(round(n)) for n in evidence.box))),
+                (v.SCORE, _share(evidence.score, f"{what}: score")),
+                (v.MODEL, Literal(evidence.model)),
+            ],
+        )
+
+    def _held(self, record: PlaceRecord) -> dict[str, list[tuple[str, Literal]]]:
+        """Properties of a place's belief in each category."""
+        scene = record.scene_beliefs if record.told_by else {}
+        held: dict[str, list[tuple[str, Literal]]] = {}
+        for category in sorted(record.beliefs.keys() | scene.keys()):
+            what = f"place {record.iri}: belief"
+            self._known(category, what, "place")
+            belief, views = record.beliefs.get(category, 0.0), scene.get(category, 0.0)
+            stated = [(v.BELIEF, _share(belief, what))]
+            scene_share = _share(views, what)
+            if views >= MIN_BELIEF:
+                stated.append((v.SCENE_BELIEF, scene_share))
+            if max(belief, views) >= MIN_BELIEF:
+                held[category] = stated
+        return held
+
+    def _category(self, properties: Properties) -> str | None:
+        for iri in sorted(properties.get(v.RDF_TYPE, ())):
+            category = self.catalogue.by_iri(iri)
+            if category is not None and category.kind != "place":
+                return iri
+        return None
+
+    def _object(
+        self, iri: str, category: str, properties: Properties, observation: Properties | None
+    ) -> ObjectRecord:
+        deviation = first(properties, v.DEVIATION, "")
+        return ObjectRecord(
+            iri=iri,
+            category=category,
+            p_map=_point(properties),
+            confidence=float(first(properties, v.CONFIDENCE, "1")),
+            existence=float(first(properties, v.EXISTENCE, "1")),
+            observations=int(first(properties, v.OBSERVATION_COUNT, "1")),
+            first_seen=stamp_of(properties, v.FIRST_SEEN),
+            last_seen=stamp_of(properties, v.LAST_SEEN),
+            place=first(properties, v.IN_PLACE, "") or None,
+            evidence=None if observation is None else self._evidence(observation),
+            extent=_extent_of(properties),
+            deviation=float(deviation) if deviation else None,
+        )
+
+    def _evidence(self, properties: Properties) -> Evidence:
+        numbers = [float(n) for n in first(properties, v.BOX, "0 0 0 0").split()]
+        left, top, right, bottom = numbers
+        return Evidence(
+            frame=first(properties, v.FRAME, ""),
+            recording=self._recording_name(first(properties, v.FROM_RECORDING, "")),
+            stamp=stamp_of(properties, v.SOSA_RESULT_TIME),
+            box=(left, top, right, bottom),
+            score=float(first(properties, v.SCORE, "1")),
+            model=first(properties, v.MODEL, ""),
+        )
+
+    def _recording_name(self, iri: str) -> str:
+        return unquote(iri.removeprefix(self.base + "recording/"))
+
+    def _place(
+        self, iri: str, properties: Properties, subjects: dict[str, Properties]
+    ) -> PlaceRecord:
+        nodes = [subjects.get(held, {}) for held in sorted(properties.get(v.HAS_BELIEF, ()))]
+        told_by = tuple(sorted(properties.get(v.TOLD_BY, ()), key=iri_order))
+        beliefs, scene = (
+            {
+                first(node, v.OF_CATEGORY, ""): float(first(node, predicate, "0"))
+                for node in nodes
+                if v.OF_CATEGORY in node and (predicate in node or predicate == least)
+            }
+            for predicate, least in ((v.BELIEF, v.BELIEF), (v.SCENE_BELIEF, ""))
+        )
+        if told_by:
+            beliefs = {category: belief for category, belief in beliefs.items() if belief > 0}
+        xmin, xmax, ymin, ymax = (
+            float(first(properties, edge, "nan")) for edge in (v.X_MIN, v.X_MAX, v.Y_MIN, v.Y_MAX)
+        )
+        label = first(properties, v.RDFS_LABEL, iri)
+        views = int(first(properties, v.VIEW_COUNT, "0"))
+        return PlaceRecord(
+            iri, label, xmin, xmax, ymin, ymax, views, beliefs, scene if told_by else {}, told_by
+        )
+
+
+def _quads(
+    subject: str, facts: Iterable[tuple[str, NamedNode | Literal]], graph: NamedNode = _MAP
+) -> list[Quad]:
+    node = iri_node(subject, "subject")
+    return [Quad(node, known_iri(predicate), value, graph) for predicate, value in facts]
+
+
+def _extent(record: ObjectRecord, what: str) -> list[tuple[str, NamedNode | Literal]]:
+    """Facts of an object's box and of its position's precision, where they are known."""
+    facts: list[tuple[str, NamedNode | Literal]] = []
+    if record.extent is not None:
+        if np.shape(record.extent) != (3,):
+            raise InvalidFactError(f"{what}: extent must be (3,), got {np.shape(record.extent)}")
+        for predicate, side in zip(_EXTENT, record.extent, strict=True):
+            steps = quantised(side / EXTENT_STEP, f"{what}: extent", 0)
+            facts.append((predicate, number_literal(steps * EXTENT_STEP, what, least=0.0)))
+    if record.deviation is not None:
+        deviation = number_literal(record.deviation, f"{what}: position deviation", least=0.0)
+        facts.append((v.DEVIATION, deviation))
+    return facts
+
+
+def _extent_of(properties: Properties) -> np.ndarray | None:
+    if not all(side in properties for side in _EXTENT):
+        return None
+    return np.array([float(first(properties, side, "0")) for side in _EXTENT])
+
+
+def _share(value: float, what: str) -> Literal:
+    return number_literal(value, what, least=0.0, most=1.0)
+
+
+def _confidence(value: float, what: str) -> Literal:
+    # above zero means "still in the map" (eq. 3.4), so it is never rounded to zero
+    return Literal(0.01) if 0.0 < value < 0.01 else number_literal(value, what, least=0.0)
+
+
+def _position(p_map: np.ndarray, what: str) -> tuple[float, float, float]:
+    if np.shape(p_map) != (3,):
+        raise InvalidFactError(f"{what}: position must have shape (3,), got {np.shape(p_map)}")
+    x, y, z = (quantised(value, f"{what}: position") for value in p_map)
+    return x, y, z
+
+
+def _point(properties: Properties) -> np.ndarray:
+    return np.array([float(first(properties, axis, "0")) for axis in (v.X, v.Y, v.Z)])
+
+
+def observation_of(iri: str, base: str) -> str:
+    """IRI of the observation that explains an object best."""
+    kept = iri.removeprefix(base + "object/")
+    return iri + "/observation" if kept == iri else f"{base}observation/{kept}"

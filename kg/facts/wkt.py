@@ -1,0 +1,65 @@
+"""GeoSPARQL features and geometries of a map, derived when it is exported or dereferenced.
+
+GeoSPARQL takes a literal without a coordinate reference system to be longitude and latitude, so
+each names the map's own: metres in a local frame with z up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from pyoxigraph import Literal, NamedNode, Quad
+
+from kg import vocabulary as v
+from kg.records import ObjectRecord, PlaceRecord, RobotRecord
+
+_MAP = NamedNode(v.MAP_GRAPH)
+_WKT = NamedNode(v.GEO_WKT_LITERAL)
+GEOMETRY = "/geometry"  # behind the IRI of a feature
+CRS = "crs"  # behind the IRI of the map
+
+
+def geometry_quads(
+    base: str,
+    objects: tuple[ObjectRecord, ...],
+    places: tuple[PlaceRecord, ...],
+    robot: RobotRecord | None,
+) -> Iterator[Quad]:
+    """geo:Feature, geo:hasGeometry and geo:asWKT of everything, and the reference system."""
+    crs = NamedNode(base + CRS)
+    yield from crs_quads(base)
+    for record in objects:
+        yield from _geometry(record.iri, crs, _point(record.p_map))
+    for place in places:
+        yield from _geometry(place.iri, crs, _polygon(place))
+    if robot is not None:
+        yield from _geometry(base + "robot", crs, _point(robot.p_map))
+
+
+def crs_quads(base: str) -> Iterator[Quad]:
+    """The coordinate reference system of the map with IRI `base`."""
+    crs = NamedNode(base + CRS)
+    comment = "Local frame of this map: metres, z up, the floor about z = 0; not geographic."
+    yield Quad(crs, NamedNode(v.RDFS_LABEL), Literal("map frame"), _MAP)
+    yield Quad(crs, NamedNode(v.RDFS_COMMENT), Literal(comment), _MAP)
+
+
+def _geometry(iri: str, crs: NamedNode, wkt: str) -> Iterator[Quad]:
+    geometry = NamedNode(iri + GEOMETRY)
+    yield Quad(NamedNode(iri), NamedNode(v.RDF_TYPE), NamedNode(v.GEO_FEATURE), _MAP)
+    yield Quad(NamedNode(iri), NamedNode(v.GEO_HAS_GEOMETRY), geometry, _MAP)
+    yield Quad(geometry, NamedNode(v.RDF_TYPE), NamedNode(v.GEO_GEOMETRY), _MAP)
+    yield Quad(geometry, NamedNode(v.GEO_AS_WKT), Literal(f"{crs} {wkt}", datatype=_WKT), _MAP)
+
+
+def _point(p_map: object) -> str:
+    x, y, z = (f"{float(value):.12g}" for value in p_map)  # type: ignore[attr-defined]
+    return f"POINT Z ({x} {y} {z})"
+
+
+def _polygon(place: PlaceRecord) -> str:
+    west, east, south, north = (
+        f"{edge:.12g}" for edge in (place.xmin, place.xmax, place.ymin, place.ymax)
+    )
+    ring = (west, south), (east, south), (east, north), (west, north), (west, south)
+    return f"POLYGON (({', '.join(f'{x} {y}' for x, y in ring)}))"

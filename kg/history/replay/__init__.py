@@ -1,0 +1,1 @@
+"""Replay: past states of one thing, of many, or of the whole map."""

@@ -1,0 +1,118 @@
+"""The history of one thing in words: what each transaction changed about it, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+from pyoxigraph import Literal, NamedNode
+
+from kg import vocabulary as v
+from kg.errors import QueryParameterError
+from kg.facts.objects_and_places import observation_of
+from kg.history.curies import short, word
+from kg.history.storage.log import HistoryLog
+from kg.history.storage.row_codec import Coded, Delta, Term, decode_delta
+from kg.transactions import Cause
+
+_TYPE = NamedNode(v.RDF_TYPE)
+
+
+@dataclass(frozen=True, slots=True)
+class HistoryEvent:
+    """One transaction, as far as it concerns one thing."""
+
+    sequence: int
+    time: float  # [s] since 1970-01-01 UTC
+    cause: Cause
+    changes: tuple[str, ...]  # in words, e.g. "x 1.20 -> 1.23"
+
+    @property
+    def words(self) -> str:
+        """All of it in one line."""
+        return ", ".join(self.changes)
+
+
+def history_events(log: HistoryLog, iri: NamedNode, base: str) -> Iterator[HistoryEvent]:
+    """Each transaction that changed `iri`, its observation or its beliefs; oldest first.
+
+    Raises QueryParameterError for an IRI that the history does not contain.
+    """
+    with log.lock:
+        nodes = [
+            *log.terms.nodes_of(iri),
+            *log.terms.nodes_of(NamedNode(observation_of(iri.value, base))),
+            *log.terms.nodes_under(iri.value + "/belief/"),
+        ]
+    if not nodes:
+        raise QueryParameterError(
+            f"the history knows nothing of {short(iri, base)}; "
+            "`hereabouts ask MAP objects` lists what there is"
+        )
+    by_sequence: dict[int, list[tuple[int, bytes]]] = {}
+    for node in nodes:
+        for sequence, data in log.history(node):
+            by_sequence.setdefault(sequence, []).append((node, data))
+    for commit in log.commits(min(by_sequence, default=0) - 1, max(by_sequence, default=-1)):
+        rows = by_sequence.get(commit.sequence)
+        if rows:
+            lines = [
+                text for node, data in rows for text in _words(log, node, decode_delta(data), base)
+            ]
+            yield HistoryEvent(commit.sequence, commit.time, commit.cause, tuple(lines))
+
+
+def _words(log: HistoryLog, node: int, delta: Delta, base: str) -> Iterator[str]:
+    with log.lock:
+        about = _about(log.terms.pair(node)[1], base)
+        removed, added = _by_predicate(log, delta.removed), _by_predicate(log, delta.added)
+        if _TYPE in removed and _TYPE not in added:
+            yield f"{about}: removed" if about else "removed"
+            return
+        lines = list(_steps(removed, added, base))
+    if about:
+        yield f"{about}: {'; '.join(lines)}"
+    else:
+        yield from lines
+
+
+def _steps(
+    removed: dict[Term, list[Term]], added: dict[Term, list[Term]], base: str
+) -> Iterator[str]:
+    new = _TYPE in added and _TYPE not in removed
+    if new:
+        yield "new " + ", ".join(short(kind, base) for kind in added[_TYPE])
+    for predicate in sorted({*removed, *added}, key=word):
+        if predicate != _TYPE or not new:
+            old, now = (
+                ", ".join(_brief(value, base) for value in side.get(predicate, ()))
+                for side in (removed, added)
+            )
+            yield f"{word(predicate)} {_step(old, now)}"
+
+
+def _brief(value: Term, base: str) -> str:
+    """A value in a line; of packed bytes only how many characters they take."""
+    if isinstance(value, Literal) and value.datatype.value == v.XSD_BASE64:
+        return f"{len(value.value)} characters"
+    return short(value, base)
+
+
+def _step(old: str, new: str) -> str:
+    if old and new:
+        return f"{old} -> {new}"
+    return new or f"{old} no more"
+
+
+def _about(subject: Term, base: str) -> str:
+    text = short(subject, base)
+    if "/belief/" in text:
+        return f"belief in {text.rpartition('/')[2]}"
+    return "best observation" if "observation" in text else ""
+
+
+def _by_predicate(log: HistoryLog, facts: Iterable[Coded]) -> dict[Term, list[Term]]:
+    found: dict[Term, list[Term]] = {}
+    for coded in sorted(facts):
+        found.setdefault(log.terms.term(coded.predicate), []).append(log.terms.value(coded))
+    return found

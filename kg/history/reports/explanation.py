@@ -1,0 +1,391 @@
+"""Explanation of facts: the frame, rule, model, source or person each derives from.
+
+An explanation is a tree: each reason carries the reasons behind it.
+`kg.history.reports.prov_export` serialises it
+in SOSA and PROV-O.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Literal as Choice
+
+from pyoxigraph import Literal, NamedNode, Quad
+
+from kg import vocabulary as v
+from kg.errors import QueryParameterError
+from kg.facts.agents import agent_iri
+from kg.facts.assertions import Assertions
+from kg.history.curies import short, statement
+from kg.history.reports.explanation_rules import BELIEF_OF_PLACE, EVIDENT, REMOVAL, RULES, rule_of
+from kg.history.storage.log import BACKGROUND, Commit, HistoryLog
+from kg.history.storage.row_codec import Term, decode_delta
+from kg.history.timestamps import iso
+from kg.rdf.quad_store import QuadStore
+
+Kind = (
+    Choice["thing", "fact", "was", "observation", "pose", "model", "rule"]
+    | Choice["commit", "change", "person", "belief", "view", "relation", "source"]
+)
+VIEWS = 3  # frames named of those a place's belief rests on
+
+_MAP, _ASSERTIONS = NamedNode(v.MAP_GRAPH), NamedNode(v.ASSERTIONS_GRAPH)
+_SUBJECT = NamedNode(v.RELATION_SUBJECT)
+#: Facts that follow from an assertion of a property.
+_SAID_OF = {
+    v.RDF_TYPE: "category",
+    **dict.fromkeys((v.X, v.Y, v.Z, v.IN_CELL, v.IN_PLACE), "position"),
+    v.EXISTENCE: "existence",
+    v.RDFS_LABEL: "label",
+}
+_RELATIONS = {v.LOCATED_AT, v.NEAR_BY}
+
+
+@dataclass(frozen=True, slots=True)
+class Explanation:
+    """One step of an explanation, and the reasons behind it."""
+
+    kind: Kind
+    text: str
+    iri: str | None = None  # of what the step is about, where it has one
+    because: tuple[Explanation, ...] = ()
+    fact: tuple[Term, Term, Term] | None = None  # of a "fact" or "was"
+    time: float | None = None  # [s since 1970] of a "commit" or "change"
+
+    def walk(self, depth: int = 0) -> Iterator[tuple[int, Explanation]]:
+        """This step and all behind it, each with its depth."""
+        yield depth, self
+        for reason in self.because:
+            yield from reason.walk(depth + 1)
+
+
+class Explainer:
+    """Explains the facts of `engine` from the transactions of `log`.
+
+    Without a `recorded` past, `log` holds only the present facts.
+    """
+
+    def __init__(
+        self, engine: QuadStore, log: HistoryLog, base: str, *, recorded: bool = True
+    ) -> None:
+        self._engine, self._log, self._base = engine, log, base
+        self._recorded = recorded
+
+    def thing(self, iri: NamedNode) -> Explanation:
+        """Why this thing is in the map, or no longer; QueryParameterError where it never was."""
+        facts = [q for q in self._about(iri) if q.graph_name not in BACKGROUND]
+        if not facts:
+            return self._background_or_removed(iri)
+        types = [q for q in facts if q.predicate.value == v.RDF_TYPE]
+        reasons = [self.fact(q) for q in types if _is_informative(q)]
+        reasons += [self.fact(q) for q in facts if q.graph_name == _ASSERTIONS and q not in types]
+        if not any(step.kind == "observation" for r in reasons for _, step in r.walk()):
+            reasons += self._observation(iri)
+        if not reasons:
+            reasons = [self.fact(q) for q in facts]
+        return Explanation(
+            "thing", self._name(iri, facts), iri.value, (*reasons, *self._last(facts))
+        )
+
+    def facts(
+        self, subject: NamedNode, predicate: NamedNode, value: Term | None
+    ) -> tuple[Explanation, ...]:
+        """Explanation of each such fact; QueryParameterError where the map never held one."""
+        held = [q for q in self._about(subject) if q.predicate == predicate]
+        meant = [q for q in held if value is None or same(q.object, value)]
+        return tuple(map(self.fact, meant)) or (self._was(subject, predicate, value, held),)
+
+    def fact(self, quad: Quad) -> Explanation:
+        """Why the map holds `quad`."""
+        triple = quad.subject, quad.predicate, quad.object
+        return Explanation("fact", self._text_of(quad), None, tuple(self._behind(quad)), triple)
+
+    def _behind(self, quad: Quad) -> Iterator[Explanation]:
+        if quad.graph_name in BACKGROUND:
+            yield from self._known(quad)
+            return
+        sequence = self._sequence_of(quad)
+        commit = self._log.commit(sequence)
+        mapped = commit is None or commit.cause.kind in ("frame", "recovery")
+        if commit is None and (held := self._assertion_behind(quad)):
+            yield held
+        elif mapped and quad.graph_name == _MAP and isinstance(quad.subject, NamedNode):
+            yield from self._mapped(quad.subject, quad.predicate.value, quad.object)
+        yield self._commit(sequence)
+
+    def _assertion_behind(self, quad: Quad) -> Explanation | None:
+        """The assertion behind a fact whose transaction is not kept; None where there is none."""
+        prop = _SAID_OF.get(quad.predicate.value)
+        if prop is None or quad.graph_name != _MAP or not isinstance(quad.subject, NamedNode):
+            return None
+        assertions = Assertions(self._base)
+        held = assertions.of(self._engine, quad.subject.value).get(prop)
+        if held is None or (prop == "category" and quad.object != NamedNode(held.value)):
+            return None
+        value = short(NamedNode(held.value), self._base) if prop == "category" else held.value
+        text = f"{prop} {value}, asserted at {iso(held.stamp)}"
+        person = Explanation("person", held.by, agent_iri(self._base, held.by))
+        return Explanation("fact", text, assertions.iri(held.subject, prop), (person,))
+
+    def _mapped(self, subject: NamedNode, predicate: str, value: Term) -> Iterator[Explanation]:
+        """The mapper's rule for a fact of its own, and what it applied the rule to."""
+        kinds = {getattr(kind, "value", "") for kind in self._values(subject, v.RDF_TYPE)}
+        rule = rule_of(predicate, kinds)
+        if rule and not (v.PLACE_BELIEF in kinds and predicate == v.BELIEF):
+            yield Explanation("rule", rule)
+        if v.PLACE in kinds and predicate == v.RDF_TYPE:
+            yield from self._belief(subject, value)
+        if v.PLACE_BELIEF in kinds and predicate == v.BELIEF:
+            yield from self._grounds(subject)
+        if v.SOSA_OBSERVATION in kinds:
+            yield from self._sighting(subject)
+        elif predicate in EVIDENT:
+            yield from self._observation(subject)
+
+    def _known(self, quad: Quad) -> Iterator[Explanation]:
+        """What is behind a fact of the ontology: the relation with its source, or its file."""
+        if quad.predicate.value in _RELATIONS and isinstance(quad.object, NamedNode):
+            for node in self._engine.quads_for_pattern(None, _SUBJECT, quad.subject, None):
+                relation = node.subject
+                if (
+                    isinstance(relation, NamedNode)
+                    and quad.object in self._values(relation, v.RELATION_TARGET)
+                    and quad.predicate.value.removeprefix(v.HERE) in relation.value
+                ):
+                    yield self._background_or_removed(relation)
+            return
+        sources = [*self._sources(quad.subject)]
+        yield from sources or [Explanation("source", "the ontology", v.ONTOLOGY_GRAPH)]
+        if self._sequence_of(quad) > self._log.floor:
+            yield self._made(quad)
+
+    def _observation(self, thing: NamedNode) -> Iterator[Explanation]:
+        for node in self._values(thing, v.EXPLAINED_BY):
+            if isinstance(node, NamedNode):
+                yield from self._sighting(node)
+
+    def _sighting(self, node: NamedNode) -> Iterator[Explanation]:
+        wanted = (v.FRAME, v.FROM_RECORDING, v.SOSA_RESULT_TIME, v.BOX, v.SCORE, v.MODEL)
+        frame, recording, when, box, score, model = (self._text(node, name) for name in wanted)
+        text = f"seen in {frame} of {recording} at {when}: box {box} px, score {score}"
+        behind = [Explanation("model", f"detector {model}")]
+        for shown in self._quads(node, v.FRAME)[:1]:
+            sequence = self._sequence_of(shown)
+            behind += [*self._pose(sequence), self._commit(sequence)]
+        yield Explanation("observation", text, node.value, tuple(behind))
+
+    def _pose(self, sequence: int) -> Iterator[Explanation]:
+        """Where the camera was at the transaction `sequence`."""
+        with self._log.lock:
+            nodes = self._log.terms.nodes_of(NamedNode(self._base + "robot"))
+            quads = [
+                q for n in nodes for q in self._log.terms.quads(n, self._log.facts(n, sequence))
+            ]
+        held = {q.predicate.value: short(q.object, self._base) for q in quads}
+        if v.X in held and sequence > self._log.floor:
+            where = ", ".join(held.get(axis, "?") for axis in (v.X, v.Y, v.Z))
+            text = f"camera at ({where}) m, heading {held.get(v.HEADING, '?')} rad"
+            yield Explanation("pose", text, self._base + "robot")
+
+    def _belief(self, place: NamedNode, category: Term) -> Iterator[Explanation]:
+        for node in self._values(place, v.HAS_BELIEF):
+            if isinstance(node, NamedNode) and category in self._values(node, v.OF_CATEGORY):
+                text = f"belief {self._text(node, v.BELIEF)} in {short(category, self._base)}"
+                yield Explanation("belief", text, node.value, tuple(self._grounds(node)))
+
+    def _grounds(self, node: NamedNode) -> Iterator[Explanation]:
+        """What a belief of a place rests on: views, and the objects in it where they count."""
+        place = NamedNode(node.value.partition("/belief/")[0])
+        telling = [x for x in self._values(place, v.TOLD_BY) if isinstance(x, NamedNode)]
+        yield Explanation("rule", BELIEF_OF_PLACE if telling else RULES[v.BELIEF])
+        if not telling or self._values(place, v.VIEW_COUNT) != [Literal(0)]:
+            yield from self._views(node)
+        if telling:
+            share = self._text(node, v.SCENE_BELIEF) if self._values(node, v.SCENE_BELIEF) else "0"
+            yield Explanation("belief", f"by the views alone {share}", node.value)
+        for thing in telling:
+            named = f"{short(thing, self._base)} ({self._text(thing, v.RDFS_LABEL)})"
+            text = f"{named}, existence {self._text(thing, v.EXISTENCE)}"
+            yield Explanation("thing", text, thing.value, tuple(self._observation(thing)))
+
+    def _views(self, node: NamedNode) -> Iterator[Explanation]:
+        place = NamedNode(node.value.partition("/belief/")[0])
+        frames = self._changes_of(place, v.VIEW_COUNT)
+        count = self._text(place, v.VIEW_COUNT)
+        latest = ", ".join(c.cause.note for c in frames[-VIEWS:] if c.cause.note)
+        models = {
+            self._text(NamedNode(quad.subject.value), v.SCENE_MODEL)
+            for quad in self._engine.quads_for_pattern(None, NamedNode(v.SCENE_MODEL), None, None)
+            if isinstance(quad.subject, NamedNode)
+        }
+        behind = tuple(Explanation("model", f"scene model {name}") for name in sorted(models))
+        text = f"{count} views of {short(place, self._base)}" + (f", last {latest}" * bool(latest))
+        yield Explanation("view", text, place.value, behind)
+
+    def _background_or_removed(self, iri: NamedNode) -> Explanation:
+        about = self._about(iri)
+        held = {q.predicate.value: short(q.object, self._base) for q in about}
+        if v.RELATION_SUBJECT in held:
+            kind = short(iri, self._base).removeprefix(v.RELATION).partition("/")[0]
+            ends = held[v.RELATION_SUBJECT], kind, held[v.RELATION_TARGET]
+            text = f"{' '.join(ends)} with probability {held[v.RELATION_PROBABILITY]}"
+            return Explanation("relation", text, iri.value, tuple(self._sources(iri)))
+        if about:
+            found = self._engine.quads_for_pattern(None, _SUBJECT, iri, BACKGROUND[1])
+            relations = [
+                self._background_or_removed(q.subject)
+                for q in sorted(found, key=str)
+                if isinstance(q.subject, NamedNode)
+            ]
+            source = Explanation("source", "the ontology", v.ONTOLOGY_GRAPH)
+            text = f"{short(iri, self._base)} ({held.get(v.RDFS_LABEL, 'no label')})"
+            return Explanation("thing", text, iri.value, (source, *relations))
+        return self._removed(iri)
+
+    def _removed(self, iri: NamedNode) -> Explanation:
+        removals = self._changes_of(iri, v.RDF_TYPE, removed=True)
+        if not removals:
+            raise QueryParameterError(
+                f"the map holds nothing about {short(iri, self._base)}, and never did in its "
+                "recorded history; `hereabouts ask MAP objects` lists what there is"
+            )
+        commit = removals[-1]
+        made = self._commit(commit.sequence)
+        reasons = [made] if commit.cause.kind != "frame" else [Explanation("rule", REMOVAL), made]
+        text = f"{short(iri, self._base)} is no longer in the map"
+        return Explanation("was", text, iri.value, tuple(reasons))
+
+    def _was(
+        self, subject: NamedNode, predicate: NamedNode, value: Term | None, held: list[Quad]
+    ) -> Explanation:
+        removals = self._changes_of(subject, predicate.value, removed=True, value=value)
+        text = " ".join(short(x, self._base) for x in (subject, predicate, value) if x is not None)
+        if not removals:
+            now = ", ".join(short(q.object, self._base) for q in held) or "nothing"
+            raise QueryParameterError(
+                f"the map does not hold {text}, and never did in its recorded history; "
+                f"of that it holds: {now}"
+            )
+        made = self._commit(removals[-1].sequence)
+        return Explanation("was", f"{text}: no longer", subject.value, (made,))
+
+    def _last(self, facts: list[Quad]) -> Iterator[Explanation]:
+        """The latest of the transactions behind `facts`, where there are several."""
+        made = {self._sequence_of(quad) for quad in facts}
+        if len(made) > 1:
+            last = self._commit(max(made))
+            yield replace(last, kind="change")
+
+    def _made(self, quad: Quad) -> Explanation:
+        return self._commit(self._sequence_of(quad))
+
+    def _sequence_of(self, quad: Quad) -> int:
+        """The number of the transaction that made `quad` so; the floor where it is older."""
+        with self._log.lock:
+            coded = self._log.terms.find_code(quad.predicate, quad.object)
+            nodes = [
+                node
+                for node in self._log.terms.nodes_of(quad.subject)
+                if self._log.terms.pair(node)[0] == quad.graph_name
+            ]
+        for node in nodes:
+            for sequence, data in reversed([*self._log.history(node)]):
+                if coded in decode_delta(data).added:
+                    return sequence
+        return self._log.floor
+
+    def _commit(self, sequence: int) -> Explanation:
+        commit = self._log.commit(sequence)
+        iri = f"{self._base}commit/{sequence}"
+        if commit is None:
+            when = iso(self._log.floor_time)
+            text = f"since before the history begins (#{self._log.floor}, {when})"
+            if not self._recorded:
+                text = "not known: this map keeps no history"
+                return Explanation("commit", text)
+            return Explanation("commit", text, iri, (), None, self._log.floor_time)
+        cause = commit.cause
+        note = f" ({cause.note})" if cause.note else ""
+        text = f"transaction #{sequence} at {iso(commit.time)}: {cause.kind}{note}"
+        by = cause.by
+        agents = (Explanation("person", by, agent_iri(self._base, by)),) if by else ()
+        return Explanation("commit", text, iri, agents, None, commit.time)
+
+    def _changes_of(
+        self,
+        subject: NamedNode,
+        predicate: str,
+        *,
+        removed: bool = False,
+        value: Term | None = None,
+    ) -> list[Commit]:
+        """The transactions that added (or removed) such a fact of `subject`, oldest first."""
+        with self._log.lock:
+            number = self._log.terms.find(NamedNode(predicate))
+            found = [
+                sequence
+                for node in self._log.terms.nodes_of(subject)
+                for sequence, data in self._log.history(node)
+                for coded in decode_delta(data)[0 if removed else 1]
+                if coded.predicate == number
+                and (value is None or same(self._log.terms.value(coded), value))
+            ]
+        commits = (self._log.commit(sequence) for sequence in sorted(set(found)))
+        return [commit for commit in commits if commit is not None]
+
+    def _sources(self, subject: Term) -> Iterator[Explanation]:
+        if isinstance(subject, NamedNode):
+            for source in self._values(subject, v.DCT_SOURCE):
+                iri = source.value if isinstance(source, NamedNode) else None
+                yield Explanation("source", getattr(source, "value", str(source)), iri)
+
+    def _about(self, iri: NamedNode) -> list[Quad]:
+        return sorted(self._engine.quads_for_pattern(iri, None, None, None), key=str)
+
+    def _quads(self, iri: NamedNode, predicate: str) -> list[Quad]:
+        found = self._engine.quads_for_pattern(iri, NamedNode(predicate), None, None)
+        return sorted(found, key=str)
+
+    def _values(self, iri: NamedNode, predicate: str) -> list[Term]:
+        return [q.object for q in self._quads(iri, predicate)]
+
+    def _text(self, iri: NamedNode, predicate: str) -> str:
+        return ", ".join(short(value, self._base) for value in self._values(iri, predicate)) or "?"
+
+    def _text_of(self, quad: Quad) -> str:
+        return " ".join(short(x, self._base) for x in (quad.subject, quad.predicate, quad.object))
+
+    def _name(self, iri: NamedNode, facts: list[Quad]) -> str:
+        held = {q.predicate.value: short(q.object, self._base) for q in facts}
+        label = f" ({held[v.RDFS_LABEL]})" if v.RDFS_LABEL in held else ""
+        where = f" at ({held[v.X]}, {held[v.Y]}) m" if v.X in held and v.Y in held else ""
+        return f"{short(iri, self._base)}{label}{where}"
+
+
+def explain_fact(
+    engine: QuadStore, log: HistoryLog, base: str, what: str, *, recorded: bool = True
+) -> tuple[Explanation, ...]:
+    """Explanation of `what`: a thing (object/17), or a fact ("object/17 here:inPlace")."""
+    subject, predicate, value = statement(what, base)
+    explainer = Explainer(engine, log, base, recorded=recorded)
+    if predicate is None:
+        return (explainer.thing(subject),)
+    return explainer.facts(subject, predicate, value)
+
+
+def _is_informative(quad: Quad) -> bool:
+    # what every place is by construction needs no explanation
+    return getattr(quad.object, "value", "") not in {v.PLACE, v.BOT_SPACE}
+
+
+def same(one: Term, other: Term) -> bool:
+    """Whether two terms are equal, numbers by their value."""
+    if one == other:
+        return True
+    if not (isinstance(one, Literal) and isinstance(other, Literal)):
+        return False
+    try:
+        return float(one.value) == float(other.value)
+    except ValueError:
+        return one.value == other.value

@@ -1,0 +1,63 @@
+"""Text reports on the past: history of a thing, difference of two moments, explanation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Final
+
+from kg.history.replay.point_in_time import Difference
+from kg.history.reports.events import HistoryEvent
+from kg.history.reports.explanation import Explanation
+from kg.history.timestamps import iso
+
+#: What a step of an explanation is to the one before it; things and facts speak for themselves.
+WORDS: Final = {
+    "observation": "evidence",
+    "pose": "pose",
+    "model": "model",
+    "rule": "rule",
+    "commit": "written",
+    "change": "last change",
+    "person": "by",
+    "belief": "belief",
+    "view": "views",
+    "relation": "relation",
+    "source": "source",
+}
+
+
+def log_text(entries: Iterable[HistoryEvent]) -> str:
+    """A line for each transaction."""
+    return _lines(
+        f"#{entry.sequence} {iso(entry.time)} {_cause(entry)}: {entry.words}" for entry in entries
+    )
+
+
+def difference_text(found: Difference, base: str) -> str:
+    """A line for each property of a thing that differs."""
+    return _lines(
+        f"{sign} {subject} {what}: {_step(before, after)}"
+        for sign, subject, what, before, after in found.rows(base)
+    )
+
+
+def reasons_text(reasons: Iterable[Explanation]) -> str:
+    """A line for each step, indented by its depth."""
+    return _lines(
+        f"{'  ' * depth}{f'{WORDS[step.kind]}: ' if step.kind in WORDS else ''}{step.text}"
+        for reason in reasons
+        for depth, step in reason.walk()
+    )
+
+
+def _cause(entry: HistoryEvent) -> str:
+    cause = entry.cause
+    return " ".join(filter(None, (cause.kind, cause.note, cause.by and f"by {cause.by}")))
+
+
+def _step(before: str, after: str) -> str:
+    return f"{before} -> {after}" if before and after else after or before
+
+
+def _lines(lines: Iterable[str]) -> str:
+    return "".join(f"{line}\n" for line in lines)

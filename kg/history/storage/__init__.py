@@ -1,0 +1,1 @@
+"""The log on disk: SQLite schema, row codec, term dictionary, compaction, recovery."""

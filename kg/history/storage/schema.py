@@ -1,0 +1,67 @@
+"""The SQLite file of the log: its tables, and how it is opened."""
+
+from __future__ import annotations
+
+import sqlite3
+from functools import partial
+from pathlib import Path
+from typing import Final
+from urllib.parse import quote
+
+from kg.errors import HistoryError
+
+SCHEMA: Final = """
+CREATE TABLE meta (name TEXT PRIMARY KEY, value) WITHOUT ROWID;
+CREATE TABLE term (id INTEGER PRIMARY KEY, text TEXT NOT NULL UNIQUE);
+CREATE TABLE node (
+    id INTEGER PRIMARY KEY, subject INTEGER NOT NULL, graph INTEGER NOT NULL,
+    UNIQUE (subject, graph)
+);
+CREATE TABLE cause (id INTEGER PRIMARY KEY, kind TEXT, by TEXT, stem TEXT);
+CREATE TABLE commits (
+    sequence INTEGER PRIMARY KEY, time REAL NOT NULL, cause INTEGER NOT NULL,
+    note TEXT NOT NULL, nodes BLOB NOT NULL
+);
+CREATE TABLE change (
+    node INTEGER, sequence INTEGER, data BLOB NOT NULL, PRIMARY KEY (node, sequence)
+) WITHOUT ROWID;
+CREATE TABLE state (
+    node INTEGER, sequence INTEGER, data BLOB NOT NULL, PRIMARY KEY (node, sequence)
+) WITHOUT ROWID;
+"""
+
+_open = partial(sqlite3.connect, isolation_level=None, check_same_thread=False)
+
+
+def connect(file: Path | None, *, read_only: bool, power_safe: bool) -> sqlite3.Connection:
+    """A connection to `file` (None: memory); HistoryError where it cannot be read."""
+    if file is None:
+        return _open(":memory:")
+    if read_only:
+        return _reader(file)
+    connection = _open(file)
+    # small pages: a map of a few hundred frames fills a dozen tables with little each
+    connection.execute("PRAGMA page_size = 1024")
+    connection.execute("PRAGMA journal_mode = WAL")
+    connection.execute(f"PRAGMA synchronous = {'FULL' if power_safe else 'NORMAL'}")
+    # the store's flush thread moves pages; here only what it could not keep up with
+    connection.execute("PRAGMA wal_autocheckpoint = 20000")
+    return connection
+
+
+def is_empty(connection: sqlite3.Connection) -> bool:
+    """Whether no table has been made yet."""
+    return not connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
+
+
+def _reader(file: Path) -> sqlite3.Connection:
+    # where the folder cannot be written there is no room for SQLite's shared memory
+    for how in ("mode=ro", "immutable=1"):
+        connection = _open(f"file:{quote(str(file.resolve()))}?{how}", uri=True)
+        try:
+            connection.execute("SELECT 1 FROM meta")
+        except sqlite3.OperationalError:
+            connection.close()
+            continue
+        return connection
+    raise HistoryError(f"the history at {file} cannot be read; move the file away")

@@ -1,0 +1,72 @@
+"""Moments and durations as people write them."""
+
+from __future__ import annotations
+
+import re
+from datetime import UTC, datetime
+from typing import Final
+
+from kg.errors import HistoryError
+from kg.history.storage.log import HistoryLog
+
+#: ``#42`` or 42 (the 42nd transaction), ISO 8601 text (UTC where it names no zone), or a datetime
+Instant = int | str | datetime
+
+_SECONDS: Final = {"s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0, "w": 604800.0, "y": 31557600.0}
+
+
+def sequence_of(log: HistoryLog, when: Instant) -> int:
+    """The last transaction at or before `when`.
+
+    Raises HistoryError for what is no moment, lies before what the log keeps, or is a number not
+    given out yet.
+    """
+    if isinstance(when, str) and re.fullmatch(r"#\d+", when):
+        when = int(when[1:])
+    if isinstance(when, int):
+        if not log.floor <= when <= log.last:
+            raise HistoryError(
+                f"no transaction #{when} is kept; there are #{log.floor} to #{log.last}"
+            )
+        return when
+    time = moment(when)
+    if time < log.floor_time:
+        began = iso(log.floor_time)
+        raise HistoryError(f"the past before {began} is not kept, got {iso(time)}")
+    return log.sequence_at(time)
+
+
+def refuse_dropped(log: HistoryLog, sequence: int) -> None:
+    """For the end of reading: what was dropped while it was read, would be missing in silence."""
+    if sequence < log.floor:
+        raise HistoryError(f"#{sequence} is no longer kept; the past begins at #{log.floor}")
+
+
+def duration(text: str) -> float:
+    """Seconds of ``30d``, ``12h``, ``90m``, ``45s``, ``2w`` or ``1y``; HistoryError otherwise."""
+    match = re.fullmatch(r"(\d+(?:\.\d+)?)([smhdwy])", text.strip().lower())
+    if match is None:
+        raise HistoryError(f"no duration {text!r}; write 30d, 12h, 90m, 45s, 2w or 1y")
+    return float(match[1]) * _SECONDS[match[2]]
+
+
+def iso(time: float) -> str:
+    """A time [s since 1970] as ISO 8601 in UTC, to the millisecond."""
+    text = datetime.fromtimestamp(time, UTC).isoformat(timespec="milliseconds")
+    return text.removesuffix("+00:00") + "Z"
+
+
+def moment(when: str | datetime) -> float:
+    """Seconds since 1970 of ISO 8601 text (UTC where it names no zone) or a datetime.
+
+    Raises HistoryError for what is no moment.
+    """
+    try:
+        given = datetime.fromisoformat(when) if isinstance(when, str) else when
+        time = (given if given.tzinfo else given.replace(tzinfo=UTC)).timestamp()
+        iso(time)  # a year that can be written
+    except (ValueError, OverflowError):
+        raise HistoryError(
+            f"no moment {str(when)!r}; write #42 (a transaction) or 2026-08-01T12:30:00Z"
+        ) from None
+    return time

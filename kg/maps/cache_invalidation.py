@@ -1,0 +1,138 @@
+"""Invalidation of cached objects after commits by other writers."""
+
+from __future__ import annotations
+
+import threading
+import weakref
+from collections.abc import Iterable
+from typing import Final
+
+from pyoxigraph import NamedNode
+
+from kg import vocabulary as v
+from kg.facts.assertions import Assertions
+from kg.maps.semantic_map import SemanticMap
+from kg.records import ObjectRecord
+from kg.transactions import ChangeSet
+
+_MAP: Final = NamedNode(v.MAP_GRAPH)
+_TYPE: Final = NamedNode(v.RDF_TYPE)
+_WATCHED: Final = {v.MAP_GRAPH, v.ASSERTIONS_GRAPH}
+
+
+class ExternalChanges:
+    """Collects the things of graph:map that anybody but the mapper changed.
+
+    Cheap where nothing changed; unsubscribes when it is garbage-collected. The changes on a running
+    `hereabouts serve` are requested at each `take`. A plain SPARQL server sends no notifications,
+    so the sequence number of the map is polled: after a transaction of another program every thing
+    counts as changed. An update there that does not increment that number is not noticed.
+    """
+
+    def __init__(self, semantic_map: SemanticMap) -> None:
+        self._map = semantic_map
+        self._assertions = Assertions(semantic_map.base)
+        self._lock = threading.Lock()
+        self._touched: set[str] = set()
+        self._polls = not semantic_map.notifies_of_all
+        self._sequence = semantic_map.sequence if self._polls else 0
+        self._things = self._all_things() if self._polls else set()
+        self._missed = False
+        self._restored = False
+        reference = weakref.ref(self)
+
+        def notify(change: ChangeSet) -> None:
+            watch = reference()
+            if watch is not None:
+                watch._on_commit(change)
+
+        weakref.finalize(self, semantic_map.store.listen(notify))
+
+    def take(self) -> frozenset[str]:
+        """IRIs of what was changed, or pointed at by what was, since the last call."""
+        self._map.catch_up()
+        if self._polls:
+            self._poll()
+        if not self._touched:
+            return frozenset()
+        with self._lock:
+            touched, self._touched = frozenset(self._touched), set()
+        return touched
+
+    def take_restored(self) -> bool:
+        """Whether a past state of the map was restored since the last call."""
+        with self._lock:
+            restored, self._restored = self._restored, False
+        return restored
+
+    def _poll(self) -> None:
+        """Read whether others wrote to the server; if so, every thing counts as changed."""
+        number = self._map.sequence
+        with self._lock:
+            missed = self._missed or number != self._sequence
+            self._missed, self._sequence = False, number
+        if missed:
+            present = self._all_things()
+            with self._lock:
+                self._touched |= self._things | present
+                self._things = present
+
+    def _all_things(self) -> set[str]:
+        quads = self._map.engine.quads_for_pattern(None, _TYPE, None, _MAP)
+        return {quad.subject.value for quad in quads if isinstance(quad.subject, NamedNode)}
+
+    def _on_commit(self, change: ChangeSet) -> None:
+        if self._polls:
+            self._track_sequence(change)
+        if self._map.is_external(change):
+            self._add_touched(change)
+
+    def invalidate(self, iris: Iterable[str]) -> None:
+        """Count things as changed."""
+        with self._lock:
+            self._touched |= {*iris}
+
+    def _track_sequence(self, change: ChangeSet) -> None:
+        typed = (q for q in change.added if q.predicate == _TYPE and q.graph_name == _MAP)
+        with self._lock:
+            # a gap: another program committed between the last poll and this commit
+            self._missed |= change.sequence != self._sequence + 1
+            self._sequence = change.sequence
+            self._things |= {q.subject.value for q in typed if isinstance(q.subject, NamedNode)}
+
+    def _add_touched(self, change: ChangeSet) -> None:
+        names = {
+            term.value
+            for quad in (*change.added, *change.removed)
+            if getattr(quad.graph_name, "value", "") in _WATCHED
+            for term in (quad.subject, quad.object)
+            if isinstance(term, NamedNode)
+        }
+        subjects = {self._assertions.subject(name) for name in names} - {None}
+        with self._lock:
+            self._restored |= change.cause.kind == "restore"
+            self._touched |= names | {subject for subject in subjects if subject is not None}
+
+
+class PerceivedObjects(dict[str, ObjectRecord]):
+    """Perceived objects by IRI; `refresh` reads again what others changed."""
+
+    def __init__(self, semantic_map: SemanticMap) -> None:
+        self._map = semantic_map
+        self._watch = ExternalChanges(semantic_map)
+        super().__init__((record.iri, record) for record in semantic_map.perceived_objects())
+
+    def invalidate(self, iris: Iterable[str]) -> None:
+        """Mark objects to be read again at the next `refresh`."""
+        self._watch.invalidate(iris)
+
+    def refresh(self) -> frozenset[str]:
+        """IRIs of things that others changed since the last call; cheap where there are none."""
+        touched = self._watch.take()
+        if not touched:
+            return touched
+        found = {record.iri: record for record in self._map.perceived_objects(touched)}
+        for iri in touched - found.keys():
+            self.pop(iri, None)
+        self.update(found)
+        return touched

@@ -1,0 +1,127 @@
+"""Optimistic concurrency control for updates of remote writers.
+
+A remote mapper or robot cannot lock the map between reading and writing. It sends the number of the
+last transaction it has read: if others have changed a thing that it writes since then, nothing is
+written, and it has to read that thing again.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterator
+from typing import Final
+
+from kg import vocabulary as v
+from kg.errors import ConflictError, HistoryError, InvalidFactError
+from kg.facts.assertions import Assertions
+from kg.maps.semantic_map import SemanticMap
+from kg.records import MapUpdate
+from kg.transactions import Cause, ChangeSet
+
+_NAMED: Final = 3  # things listed in one message
+_NUMBER: Final = r"(?:0|[1-9][0-9]{0,14})"
+#: local names of things, N being a number
+_NAMES: Final = {
+    "object": "object/N",
+    "place": "place/N",
+    "search": "search/N",
+    "look": "search/N/look/N",
+    "obstacle": "search/N/obstacle/N",
+}
+_AHEAD: Final = 1_000_000  # a number this far beyond the next one would use them up
+_WATCHED: Final = {v.MAP_GRAPH, v.DATASET_GRAPH}
+
+
+def apply_remote_update(
+    semantic_map: SemanticMap,
+    update: MapUpdate,
+    cause: Cause,
+    *,
+    known_sequence: int | None,
+    own: Collection[int] = (),
+) -> ChangeSet | None:
+    """Apply `update`, whose writer has read up to `known_sequence` and made the transactions `own`.
+
+    Without `known_sequence` the update is applied unconditionally. Raises ConflictError where
+    others changed what it writes, InvalidFactError for a thing that is not one of this map; nothing
+    is then written.
+    """
+    with semantic_map.hold():
+        _refuse_strange(semantic_map, update)
+        if known_sequence is not None and known_sequence != semantic_map.sequence:
+            _refuse_conflicts(semantic_map, update, known_sequence, own)
+        return semantic_map.write(update, cause)
+
+
+def _refuse_conflicts(
+    semantic_map: SemanticMap, update: MapUpdate, known_sequence: int, own: Collection[int]
+) -> None:
+    base = semantic_map.base
+    # every writer replaces the robot's pose and the number of the next object
+    writes = semantic_map.written_by(update) - {base, f"{base}robot"}
+    try:
+        touched = _touched(semantic_map, known_sequence, own) & writes
+    except HistoryError as error:
+        raise ConflictError(
+            f"what changed since #{known_sequence} is not known: {error}", writes
+        ) from error
+    if touched:
+        named = ", ".join(sorted(iri.removeprefix(base) for iri in touched)[:_NAMED])
+        more = f" and {len(touched) - _NAMED} more" if len(touched) > _NAMED else ""
+        raise ConflictError(
+            f"others have changed {named}{more} since #{known_sequence}; read it again",
+            sorted(touched),
+        )
+
+
+def _touched(semantic_map: SemanticMap, known_sequence: int, own: Collection[int]) -> set[str]:
+    """The things that others changed after the transaction `known_sequence`."""
+    if known_sequence > semantic_map.sequence:
+        raise HistoryError(f"the map is at #{semantic_map.sequence}")
+    assertions = Assertions(semantic_map.base)
+    found: set[str] = set()
+    for change in semantic_map.changes(known_sequence):
+        if change.sequence in own:
+            continue
+        for quad in (*change.added, *change.removed):
+            iri = getattr(quad.subject, "value", "")
+            if getattr(quad.graph_name, "value", "") in _WATCHED:
+                found.add(iri)
+            elif (about := assertions.subject(iri)) is not None:
+                found.add(about)
+    return found
+
+
+def _refuse_strange(semantic_map: SemanticMap, update: MapUpdate) -> None:
+    """Refuse records of things that are no objects, places or searches of this map."""
+    base = semantic_map.base
+    most = semantic_map.next_object + _AHEAD
+    strange = {(iri, kind) for iri, kind in _things(update) if not _is_own(base, iri, kind, most)}
+    if not strange:
+        return
+    # things that people added may have other names
+    known = {(record.iri, "object") for record in semantic_map.perceived_objects()}
+    known |= {(record.iri, "place") for record in semantic_map.perceived_places()}
+    for iri, kind in sorted(strange - known):
+        raise InvalidFactError(
+            f"{iri[:200]!r} is no {kind} of this map; a new one is called {base}{_NAMES[kind]}"
+        )
+
+
+def _things(update: MapUpdate) -> Iterator[tuple[str, str]]:
+    yield from ((record.iri, "object") for record in update.objects)
+    yield from ((iri, "object") for iri in update.removed)
+    yield from ((place.iri, "place") for place in update.places)
+    if update.search is not None:
+        yield update.search.iri, "search"
+    for kind, records in (("look", update.looks), ("obstacle", update.obstacles)):
+        yield from ((record.iri, kind) for record in records)
+        yield from ((record.search, "search") for record in records)
+
+
+def _is_own(base: str, iri: str, kind: str, most: int) -> bool:
+    """Whether an IRI has the form of this map's things of a kind; object numbers up to `most`."""
+    local = iri.removeprefix(base)
+    if local == iri or not re.fullmatch(_NAMES[kind].replace("N", _NUMBER), local):
+        return False
+    return kind != "object" or int(local.removeprefix("object/")) <= most

@@ -1,0 +1,93 @@
+"""Past states of a map, its change sets, and the reasons for its facts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from pyoxigraph import Quad
+
+from kg.errors import HistoryError
+from kg.history.curies import thing
+from kg.history.replay.past_state import PastStates, PastStore
+from kg.history.replay.point_in_time import Difference, difference, state_of
+from kg.history.reports.events import HistoryEvent, history_events
+from kg.history.storage.log import HistoryLog
+from kg.history.storage.recovery import without_past
+from kg.history.timestamps import Instant, sequence_of
+from kg.store.transactional import TransactionalStore
+from kg.transactions import ChangeSet
+
+if TYPE_CHECKING:
+    from kg.history.reports.explanation import Explanation
+    from kg.history.storage.compaction import Compaction
+
+
+class PastAccess:
+    """The history of the map in `store`, as `SemanticMap` documents its methods."""
+
+    def __init__(self, store: TransactionalStore, base: str, log: HistoryLog | None) -> None:
+        self._store, self._base, self._log = store, base, log
+        self._states = PastStates()
+
+    @property
+    def history(self) -> HistoryLog:
+        """The log of all transactions; HistoryError where the map keeps none."""
+        if self._log is None:
+            remedy = (
+                "read it from its folder or through `hereabouts serve`"
+                if self._store.shared
+                else "one begins when the map is opened for writing"
+            )
+            raise HistoryError(f"the map at {self._store.where} keeps no history; {remedy}")
+        return self._log
+
+    def changes(self, since: int) -> Iterator[ChangeSet]:
+        """Change sets numbered above `since`, in order."""
+        log = self.history
+        if since < log.floor:
+            raise HistoryError(f"changes up to #{log.floor} are not kept, requested since #{since}")
+        return log.changes(since, self._store.sequence)
+
+    def store_at(self, sequence: int) -> PastStore:
+        """The state after a transaction, replayed into memory; the last ones are cached."""
+        state = self._states.at(self.history, self._store.engine, sequence)
+        return PastStore(state, sequence, lambda: self._store.engine)
+
+    def state_of(self, iri: str, when: Instant) -> tuple[Quad, ...]:
+        """All quads about one thing as of `when`."""
+        return state_of(self.history, iri, sequence_of(self.history, when))
+
+    def diff(self, t1: Instant, t2: Instant) -> Difference:
+        """Quads of `t2` that `t1` lacks, and the other way round."""
+        log = self.history
+        return difference(log, sequence_of(log, t1), sequence_of(log, t2))
+
+    def events(self, iri: str) -> Iterator[HistoryEvent]:
+        """The history events of one thing."""
+        return history_events(self.history, thing(iri, self._base), self._base)
+
+    def explain(self, what: str) -> tuple[Explanation, ...]:
+        """The reasons for a thing or a fact; without a history, as far as the graph has them."""
+        from kg.history.reports.explanation import explain_fact
+
+        log = self._log or without_past(self._store, self._base)
+        return explain_fact(
+            self._store.engine, log, self._base, what, recorded=self._log is not None
+        )
+
+    def compact(self, keep: float | None) -> Compaction:
+        """Drop the past more than `keep` seconds back, and pack the file."""
+        from kg.history.storage.compaction import compact
+
+        self._store.refuse_read_only()
+        return compact(self.history, keep)
+
+    def retain(self, keep: float) -> None:
+        """Drop what is more than `keep` seconds back, now and while the map is open."""
+        from kg.history.storage.compaction import retain
+
+        self._store.refuse_read_only()
+        if not keep >= 0:
+            raise HistoryError(f"what is kept must last 0 s or longer, got {keep:g}")
+        retain(self.history, keep)

@@ -1,0 +1,1 @@
+"""Categories and relations: load, compile, validate, compare, replace, reason."""

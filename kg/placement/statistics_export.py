@@ -1,0 +1,121 @@
+"""Export of room statistics into an ontology file, or into the ontology of a map."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Final
+from urllib.parse import quote
+
+from pyoxigraph import Literal, NamedNode, Quad, RdfFormat, serialize
+
+from kg import vocabulary as v
+from kg.errors import InvalidFactError, OntologyError
+from kg.export.serialization import write_atomically
+from kg.maps.semantic_map import SemanticMap
+from kg.ontology.loading import compile_commonsense
+from kg.placement.rooms import RoomType
+from kg.placement.statistics import statistics, statistics_quads
+from kg.placement.statistics_import import RoomTable
+from kg.rdf.parsing import parse_file
+from kg.transactions import Cause
+
+_ONTOLOGY: Final = NamedNode(v.ONTOLOGY_GRAPH)
+_COMMONSENSE: Final = NamedNode(v.COMMONSENSE_GRAPH)
+#: the ontologies whose categories the statistics are about
+_IMPORTS: Final = tuple(v.ROOMS_ONTOLOGY.replace("rooms/", name) for name in ("objects", "places"))
+
+
+def room_type_quads(types: Iterable[RoomType]) -> Iterator[Quad]:
+    """The quads of graph:ontology that declare new place categories."""
+    for kind in sorted(types, key=lambda kind: kind.iri):
+        properties: dict[str, NamedNode | Literal] = {
+            v.RDF_TYPE: NamedNode(v.OWL_CLASS),
+            v.RDFS_SUB_CLASS_OF: NamedNode(kind.below or v.PLACE),
+            v.RDFS_LABEL: Literal(kind.label),
+            v.RDFS_COMMENT: Literal("A kind of room that statistics of real rooms tell apart."),
+        }
+        for predicate, value in properties.items():
+            yield Quad(NamedNode(kind.iri), NamedNode(predicate), value, _ONTOLOGY)
+
+
+def table_quads(table: RoomTable) -> tuple[Quad, ...]:
+    """Quads of graph:ontology for a table of rooms."""
+    return (*room_type_quads(table.new_types), *statistics_quads(table.statistics))
+
+
+def write_rooms(table: RoomTable, path: Path) -> None:
+    """A Turtle file for a folder of ontologies; the same table gives the same bytes.
+
+    Raises GraphError where it cannot be written, InvalidFactError where a file exists with
+    anything but such a table of the same source: it would be lost.
+    """
+    source = table.statistics[0].source
+    name = NamedNode(v.ROOMS_ONTOLOGY + quote(source, safe=""))
+    _reject_other_content(path, name, source)
+    properties: list[tuple[str, NamedNode | Literal]] = [
+        (v.RDF_TYPE, NamedNode(v.OWL_ONTOLOGY)),
+        *((v.OWL_IMPORTS, NamedNode(iri)) for iri in _IMPORTS),
+        (v.RDFS_LABEL, Literal(f"room statistics: {source}")),
+        (v.RDFS_COMMENT, Literal("How many real rooms of a kind hold an object of a kind.")),
+        (v.OWL_VERSION_INFO, Literal("1")),
+        (v.DCT_LICENSE, _license(table)),
+    ]
+    header = [Quad(name, NamedNode(predicate), value, _ONTOLOGY) for predicate, value in properties]
+    triples = [quad.triple for quad in (*header, *table_quads(table))]
+    text = serialize(triples, format=RdfFormat.TURTLE, prefixes=_PREFIXES) or b""
+    lines = text.decode().split("\n")[:-1]
+    # the serialiser declares prefixes in an order of its own, another one each time
+    lines.sort(key=lambda line: line if line.startswith("@prefix") else "@prefiy")
+    write_atomically(path, "\n".join(lines) + "\n")
+
+
+def _reject_other_content(path: Path, name: NamedNode, source: str) -> None:
+    if not path.exists():
+        return
+    try:
+        triples = [quad.triple for quad in parse_file(path)]
+        own = {one.iri for one in statistics(parse_file(path)) if one.source == source}
+    except OntologyError as error:
+        raise InvalidFactError(f"{error}; name a new file, the import would overwrite it") from None
+    for triple in triples:
+        subject = getattr(triple.subject, "value", "")
+        kind = subject.startswith(v.ROOM_TYPE) and triple.predicate.value in _OF_KINDS
+        if triple.subject != name and subject not in own and not kind:
+            raise InvalidFactError(
+                f"{path} holds more than room statistics of {source!r} ({triple.subject} "
+                f"{triple.predicate}): name a new file, the import would overwrite this one"
+            )
+
+
+#: predicates of a room type that statistics declare
+_OF_KINDS: Final = (v.RDF_TYPE, v.RDFS_SUB_CLASS_OF, v.RDFS_LABEL, v.RDFS_COMMENT)
+_PREFIXES: Final = {name: v.PREFIXES[name] for name in ("here", "owl", "rdfs", "dct", "xsd")}
+
+
+def _license(table: RoomTable) -> NamedNode | Literal:
+    given = table.statistics[0].license
+    return NamedNode(given) if given else Literal("not stated")
+
+
+def import_rooms(semantic_map: SemanticMap, table: RoomTable, by: str = "import rooms") -> int:
+    """Import a table's statistics into a map's ontology; returns the number of changed triples.
+
+    Statistics of the same source are replaced. One transaction; importing twice changes
+    nothing the second time.
+    """
+    sources = {one.source for one in table.statistics}
+    with semantic_map.hold():
+        stored = tuple(semantic_map.engine.quads_for_pattern(None, None, None, _ONTOLOGY))
+        old = [one for one in statistics(stored) if one.source in sources]
+        wanted = set(table_quads(table))
+        gone = set(statistics_quads(old)) - wanted
+        ontology = [q for q in stored if q not in gone]
+        compiled = set(compile_commonsense([*ontology, *wanted]))
+        compiled -= set(semantic_map.engine.quads_for_pattern(None, None, None, _COMMONSENSE))
+        cause = Cause("import", by, "; ".join(sorted(sources)))
+        change = semantic_map.store.commit(
+            sorted(gone, key=str), sorted(wanted | compiled, key=str), cause
+        )
+        semantic_map.reread_ontology()  # new room types are categories from now on
+    return len(change) if change else 0

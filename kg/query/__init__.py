@@ -1,0 +1,1 @@
+"""Query files: parameters, evaluation, result tables, subscriptions."""

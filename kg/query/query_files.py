@@ -1,0 +1,315 @@
+"""Query files: a header that documents the question, checked parameters, a table back.
+
+    #+ summary: Objects within a distance of a point
+    #+ parameters:
+    #+   x (double): of the point [m]
+    #+   radius (double = 2.0): distance [m]
+    #+ columns: object, category, x, y, z
+    #+ answer: lookup
+    #+ cells: disc x y radius
+    SELECT ?object ... WHERE { GRAPH graph:map { ?object here:inCell ?cell ... } ... }
+
+`$name` is a parameter, `?name` a variable, two things even where spelt alike. A ``cells`` line
+(``disc x y radius`` or ``box xmin xmax ymin ymax``, naming parameters) makes the loader start
+the pattern with ``VALUES ?cell {...}``, the cells that the area touches; the answer is the same
+without it, only later. `answer` is the cost class of a query: a ``lookup`` depends on the rows it
+returns, not on the size of the map; a ``listing`` returns all of a kind; a ``survey`` scans all.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+from pyoxigraph import Literal, NamedNode
+
+from kg import vocabulary as v
+from kg.errors import QueryError, QueryParameterError, UnknownQueryError, did_you_mean
+from kg.query.evaluation import Table, TripleTable, Value, evaluate
+from kg.rdf.grid_cells import cells_of_box, cells_of_disc
+from kg.resources import QUERIES
+from kg.sparql.parameters import Term, insert_into_pattern, parameters_in, substitute
+
+__all__ = [
+    "Parameter",
+    "ParameterizedQuery",
+    "Resolver",
+    "Table",
+    "TripleTable",
+    "Value",
+    "evaluate",
+    "find_query",
+    "inline_query",
+    "load_query",
+    "parse_query_file",
+    "resolve_query",
+    "shipped_queries",
+]
+
+#: parameter type, given text -> IRI; raises HereaboutsError for what the map does not know
+Resolver = Callable[[str, str], str]
+
+ANSWERS = ("lookup", "listing", "survey")
+_TYPES = ("category", "place", "iri", "string", "double", "integer")
+LIKE_AN_IRI = re.compile(r"(https?://|urn:)\S+$")
+_HEADER = re.compile(
+    r"#\+ ?(?P<indent>\s*)(?P<key>[\w-]+)(?P<type>\s*\([^)]*\))?\s*:\s*(?P<text>.*)"
+)
+_AREAS: dict[str, tuple[Callable[..., tuple[str, ...] | None], int]] = {
+    "disc": (cells_of_disc, 3),
+    "box": (cells_of_box, 4),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A parameter of a question; without a `default` it must be given."""
+
+    name: str
+    type: str  # category, place, iri, string, double or integer
+    default: str | None
+    about: str
+
+    def term(self, value: object, resolve: Resolver) -> Term:
+        """The RDF term for a given value; raises QueryParameterError for one of the wrong type."""
+        if self.type == "double":
+            return Literal(self._double(value))
+        if self.type == "integer":
+            return Literal(self._integer(value))
+        if not isinstance(value, str | int) or isinstance(value, bool):
+            raise QueryParameterError(f"{self.name} must be a text, got {value!r}")
+        if self.type == "string":
+            return Literal(str(value))
+        return self._iri(str(value), resolve)
+
+    def _double(self, value: object) -> float:
+        try:
+            number = float(value)  # type: ignore[arg-type]
+        except (TypeError, ValueError):
+            number = math.nan
+        if isinstance(value, bool) or not math.isfinite(number):
+            raise QueryParameterError(f"{self.name} must be a number, got {value!r}")
+        return number
+
+    def _integer(self, value: object) -> int:
+        number = self._double(value)
+        if number != int(number):
+            raise QueryParameterError(f"{self.name} must be a whole number, got {value!r}")
+        return int(number)
+
+    def _iri(self, text: str, resolve: Resolver) -> NamedNode:
+        prefix, _, local = text.partition(":")
+        if self.type != "iri":
+            return NamedNode(resolve(self.type, text))
+        whole = v.PREFIXES[prefix] + local if prefix in v.PREFIXES else resolve(self.type, text)
+        try:
+            return NamedNode(whole)
+        except ValueError as error:
+            raise QueryParameterError(
+                f"{self.name} must be an IRI such as object/1, here:Chair or http://..., "
+                f"got {text!r}"
+            ) from error
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterizedQuery:
+    """Parameterized query of a query file, with its documented parameters and columns."""
+
+    name: str
+    summary: str
+    parameters: tuple[Parameter, ...]
+    columns: tuple[str, ...]
+    cells: tuple[str, ...]  # area and its parameters, e.g. ("disc", "x", "y", "radius"); or empty
+    sparql: str
+    answer: str = ""  # lookup, listing or survey; empty where the header has none
+    shipped: bool = False  # whether it came with hereabouts, and is no text from outside
+
+    def bind(self, values: Mapping[str, object], resolve: Resolver) -> str:
+        """The query text with its parameters put in as RDF terms.
+
+        Raises QueryParameterError where one is missing, unknown or of the wrong type.
+        """
+        known = {parameter.name: parameter for parameter in self.parameters}
+        for name in values:
+            if name not in known:
+                raise QueryParameterError(self._unknown(name))
+        terms = {name: self._term(known[name], values, resolve) for name in known}
+        return insert_into_pattern(substitute(self.sparql, terms), self._cell_values(terms))
+
+    def check(self, answer: Table) -> Table:
+        """`answer` itself; raises QueryError where its columns are not those of the header."""
+        if self.columns and answer.columns != self.columns:
+            raise QueryError(
+                f"{self.name}: the header promises the columns {', '.join(self.columns)}, "
+                f"the query gives {', '.join(answer.columns)}"
+            )
+        return answer
+
+    def _term(self, parameter: Parameter, values: Mapping[str, object], resolve: Resolver) -> Term:
+        value = values.get(parameter.name, parameter.default)
+        if value is None:
+            about = f": {parameter.about}" if parameter.about else ""
+            raise QueryParameterError(
+                f"{self.name} needs {parameter.name} ({parameter.type}{about})"
+            )
+        return parameter.term(value, resolve)
+
+    def _unknown(self, name: str) -> str:
+        known = [parameter.name for parameter in self.parameters]
+        takes = f"it takes: {', '.join(known)}" if known else "it takes none"
+        return f"{self.name} has no parameter {name!r}; {takes}{did_you_mean(name, known)}"
+
+    def _cell_values(self, terms: Mapping[str, Term]) -> str:
+        if not self.cells:
+            return ""
+        area, *names = self.cells
+        cells = _AREAS[area][0](*(float(terms[name].value) for name in names))
+        if cells is None:
+            return ""
+        return f" VALUES ?cell {{ {' '.join(str(NamedNode(cell)) for cell in cells)} }}"
+
+
+def load_query(path: Path | str) -> ParameterizedQuery:
+    """The question in a query file; raises QueryError where that is missing or malformed."""
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise QueryError(f"cannot read the query file {path}: {error}") from error
+    return parse_query_file(text, path.stem)
+
+
+def parse_query_file(text: str, name: str) -> ParameterizedQuery:
+    """The question in the text of a query file.
+
+    Raises QueryError where the header is malformed or disagrees with the `$names` of the query.
+    """
+    fields: dict[str, str] = {}
+    parameters: list[Parameter] = []
+    for number, line in enumerate(text.splitlines(), 1):
+        if not line.startswith("#+"):
+            continue
+        match = _HEADER.fullmatch(line.rstrip())
+        if match is None:
+            raise QueryError(f"{name}: line {number} is no header line: {line.strip()!r}")
+        if match["indent"]:
+            parameters.append(_parameter(name, match))
+        else:
+            fields[match["key"]] = match["text"]
+    question = ParameterizedQuery(
+        name=name,
+        summary=fields.get("summary", ""),
+        parameters=tuple(parameters),
+        columns=tuple(column.strip() for column in fields.get("columns", "").split(",") if column),
+        cells=tuple(fields.get("cells", "").split()),
+        sparql=text,
+        answer=fields.get("answer", ""),
+    )
+    _reject_mismatch(question)
+    return question
+
+
+def inline_query(sparql: str, values: Mapping[str, object]) -> ParameterizedQuery:
+    """The question in a text that may lack a header; types of parameters then follow the values.
+
+    Text that starts like ``http://`` or ``urn:`` is an IRI, other text a string.
+    """
+    if any(line.startswith("#+") for line in sparql.splitlines()):
+        return parse_query_file(sparql, "query")
+    parameters = tuple(Parameter(name, _type_of(value), None, "") for name, value in values.items())
+    question = ParameterizedQuery("query", "", parameters, (), (), sparql)
+    _reject_mismatch(question)
+    return question
+
+
+def resolve_query(question: str | Path, values: Mapping[str, object]) -> ParameterizedQuery:
+    """The question by name, in a ``.rq`` file, or in SPARQL text: what has a blank or a brace."""
+    text = str(question)
+    if isinstance(question, Path) or (text.endswith(".rq") and "\n" not in text):
+        return load_query(question)
+    if any(mark.isspace() or mark == "{" for mark in text):
+        return inline_query(text, values)
+    return find_query(text)
+
+
+def shipped_queries() -> tuple[ParameterizedQuery, ...]:
+    """All questions that ship with hereabouts, by name."""
+    return tuple(load_query(path) for path in sorted(QUERIES.glob("*.rq")))
+
+
+def query_summaries() -> list[tuple[str, str, str]]:
+    """Name, summary and SPARQL of those that need no parameters."""
+    ready = []
+    for question in shipped_queries():
+        if all(parameter.default is not None for parameter in question.parameters):
+            sparql = question.bind({}, lambda kind, text: text)
+            ready.append((question.name, question.summary, sparql.strip()))
+    return ready
+
+
+def find_query(name: str) -> ParameterizedQuery:
+    """The shipped question called `name`; raises UnknownQueryError that lists what there is."""
+    names = _names(QUERIES)
+    if name not in names:
+        raise UnknownQueryError(
+            f"no query {name!r}; there are: {', '.join(names)}{did_you_mean(name, names)}"
+        )
+    return _shipped(QUERIES / f"{name}.rq")
+
+
+@cache
+def _names(folder: Path) -> tuple[str, ...]:
+    return tuple(sorted(path.stem for path in folder.glob("*.rq")))
+
+
+@cache
+def _shipped(path: Path) -> ParameterizedQuery:
+    # read once: they do not change while a program runs, and are used many times a second
+    return replace(load_query(path), shipped=True)
+
+
+def _type_of(value: object) -> str:
+    if isinstance(value, int):
+        return "integer"
+    if isinstance(value, float):
+        return "double"
+    return "iri" if LIKE_AN_IRI.match(str(value)) else "string"
+
+
+def _parameter(question: str, match: re.Match[str]) -> Parameter:
+    inside = (match["type"] or "").strip().strip("()")
+    kind, equals, default = (part.strip() for part in inside.partition("="))
+    if kind not in _TYPES:
+        raise QueryError(
+            f"{question}: parameter {match['key']} has no type {kind!r}; "
+            f"there are: {', '.join(_TYPES)}"
+        )
+    return Parameter(match["key"], kind, default.strip("\"'") if equals else None, match["text"])
+
+
+def _reject_mismatch(question: ParameterizedQuery) -> None:
+    declared = {parameter.name for parameter in question.parameters}
+    used = parameters_in(question.sparql)
+    for name in sorted(used - declared):
+        raise QueryError(
+            f"{question.name}: ${name} has neither a value nor a line under '#+ parameters:'; "
+            f"write ?{name} for a variable"
+        )
+    for name in sorted(declared - used):
+        raise QueryError(f"{question.name}: the parameter {name} is declared but ${name} not used")
+    if question.answer not in ("", *ANSWERS):
+        raise QueryError(
+            f"{question.name}: an answer is a {', a '.join(ANSWERS[:-1])} or a {ANSWERS[-1]}, "
+            f"got {question.answer!r}"
+        )
+    if question.cells:
+        area, *names = question.cells
+        if area not in _AREAS or len(names) != _AREAS[area][1] or not declared.issuperset(names):
+            raise QueryError(
+                f"{question.name}: cells must be 'disc X Y RADIUS' or 'box XMIN XMAX YMIN YMAX' "
+                f"over its own parameters, got '{' '.join(question.cells)}'"
+            )

@@ -1,0 +1,1 @@
+"""RDF terms, syntaxes and SHACL; independent of what a map holds."""

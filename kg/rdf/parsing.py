@@ -1,0 +1,112 @@
+"""Parsing of ontology files; the syntax is detected by content, since Protege uses .owl for all.
+
+Errors name the line, also in RDF/XML, whose parser does not.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Final
+from xml.parsers import expat
+
+from pyoxigraph import Quad, RdfFormat, parse
+
+from kg.errors import OntologyError
+
+#: What is wrong with RDF/XML that `has_document_type`.
+DOCUMENT_TYPE: Final = (
+    "RDF/XML with a DOCTYPE is refused, since its entities can grow without limit; "
+    "write IRIs in full, or use Turtle"
+)
+_DOCTYPE: Final = re.compile(rb"<!\s*(?:DOCTYPE|ENTITY)", re.IGNORECASE)
+#: Endings of files that hold ontologies.
+ENDINGS: Final = (".ttl", ".owl", ".rdf", ".nt")
+#: beginnings of syntaxes that are not read here
+_FOREIGN: Final = {
+    b"Prefix(": "OWL functional syntax",
+    b"Ontology(": "OWL functional syntax",
+    b"Prefix:": "Manchester syntax",
+    b"Ontology:": "Manchester syntax",
+    b"format-version:": "OBO",
+}
+_BEFORE_ROOT: Final = re.compile(
+    rb"\s+ | <\?.*?\?> | <!--.*?--> | <!DOCTYPE[^\[>]*(?:\[.*?\]\s*)?>", re.DOTALL | re.VERBOSE
+)
+_ROOT: Final = re.compile(rb"<(?:[\w.-]+:)?([\w.-]+)")
+
+
+#: bytes of a document, its format -> quads; raises SyntaxError, or OntologyError for other failures
+Parse = Callable[[bytes, RdfFormat], Iterable[Quad]]
+
+
+def _parse_here(data: bytes, form: RdfFormat) -> Iterable[Quad]:
+    return parse(data, format=form)
+
+
+def parse_file(path: Path, parse: Parse = _parse_here) -> Iterator[Quad]:
+    """The triples of an ontology file in Turtle, RDF/XML or N-Triples, as quads without a graph.
+
+    `parse` may run elsewhere (`kg.workers.document_parsing`). Raises OntologyError, with the line,
+    for what does not parse or cannot be read, for RDF/XML with a DOCTYPE, and for OWL's other
+    syntaxes.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise OntologyError(f"{path}: {error.strerror or error}") from None
+    form = _syntax(path, data.removeprefix(b"\xef\xbb\xbf"))
+    if form == RdfFormat.RDF_XML and has_document_type(data):
+        raise OntologyError(f"{path}: {DOCUMENT_TYPE}")
+    try:
+        yield from parse(data.removeprefix(b"\xef\xbb\xbf"), form)
+    except SyntaxError as error:
+        reason = re.sub(r"^Parser error[^:]*: ", "", error.msg or "it does not parse")
+        number = error.lineno or _line(data, reason)
+        line = f", line {number}" if number else ""
+        raise OntologyError(f"{path}{line}: {reason}") from None
+
+
+def has_document_type(data: bytes) -> bool:
+    """Whether XML has a DOCTYPE, in any encoding and at any position."""
+    return _DOCTYPE.search(data.replace(b"\0", b"")) is not None
+
+
+def _syntax(path: Path, data: bytes) -> RdfFormat:
+    head = data.lstrip()
+    for beginning, name in _FOREIGN.items():
+        if head.startswith(beginning):
+            raise _foreign(path, name)
+    if re.match(rb"<(\?xml|!|[\w.-]+:RDF[\s>])", head):
+        if _root(head) == b"Ontology":
+            raise _foreign(path, "OWL/XML")
+        return RdfFormat.RDF_XML
+    return RdfFormat.N_TRIPLES if path.suffix == ".nt" else RdfFormat.TURTLE
+
+
+def _root(head: bytes) -> bytes:
+    at = 0
+    while before := _BEFORE_ROOT.match(head, at):
+        at = before.end()
+    root = _ROOT.match(head, at)
+    return root[1] if root else b""
+
+
+def _foreign(path: Path, name: str) -> OntologyError:
+    return OntologyError(
+        f"{path}, line 1: this is {name}; save it as Turtle or RDF/XML (in Protege: File > Save as)"
+    )
+
+
+def _line(data: bytes, reason: str) -> int | None:
+    """Line where XML is ill-formed, or else of the text that the parser reports."""
+    try:
+        expat.ParserCreate().Parse(data, True)
+    except expat.ExpatError as error:
+        return error.lineno
+    for quoted in re.findall(r"['`<\"]([^'`<>\"]+)['`>\"]", reason):
+        at = data.find(quoted.encode())
+        if at >= 0:
+            return data.count(b"\n", 0, at) + 1
+    return None

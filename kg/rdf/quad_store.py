@@ -1,0 +1,53 @@
+"""Quad store protocol: what a map needs of its store, in this process or behind HTTP.
+
+It is the part of pyoxigraph's `Store` that this package uses, so that class implements it as it
+is; `kg.store.sparql_backend.SparqlBackend` is the other implementation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any, Protocol
+
+from pyoxigraph import BlankNode, DefaultGraph, Literal, NamedNode, Quad, Triple
+
+Subject = NamedNode | BlankNode | Triple | None
+Object = NamedNode | BlankNode | Literal | Triple | None
+Functions = dict[NamedNode, Callable[..., NamedNode | BlankNode | Literal | Triple | None]]
+
+
+class QuadStore(Protocol):
+    """A dataset that can be read by pattern, queried and updated."""
+
+    def quads_for_pattern(
+        self,
+        subject: Subject,
+        predicate: NamedNode | None,
+        object: Object,
+        graph_name: NamedNode | BlankNode | DefaultGraph | None = None,
+        /,
+    ) -> Iterator[Quad]:
+        """The quads that match; None matches anything."""
+
+    def query(
+        self,
+        query: str,
+        /,
+        *,
+        base_iri: str | None = None,
+        prefixes: dict[str, str] | None = None,
+        use_default_graph_as_union: bool = False,
+        custom_functions: Functions | None = None,
+    ) -> Any:
+        """Solutions (with `variables`), a boolean, or triples, by the form of the query.
+
+        Relative IRIs are resolved against `base_iri`, where the query has no BASE of its own.
+        Raises SyntaxError where the query does not parse.
+        """
+
+    def update(self, update: str, /) -> None:
+        """Run a SPARQL update: all of it, or nothing and an OSError or HereaboutsError."""
+
+    def __contains__(self, quad: Any, /) -> bool: ...
+
+    def __iter__(self) -> Iterator[Quad]: ...

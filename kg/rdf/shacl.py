@@ -1,0 +1,103 @@
+"""SHACL validation by pyshacl, its results as findings.
+
+rdflib and pyshacl take a third of a second to import: import this module where it is used.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable
+from pathlib import Path
+
+import pyoxigraph
+import rdflib
+from pyshacl import validate as pyshacl_validate
+from rdflib.term import Node
+
+from kg import vocabulary as v
+from kg.errors import OntologyError
+from kg.rdf.findings import Finding
+
+#: beginnings of IRIs that pyshacl takes as they are; of others it makes prefixed names
+_PLAIN = ("http:", "https:", "urn:", "file:")
+
+
+def _is_not_ill_typed(record: logging.LogRecord) -> bool:
+    return not str(record.msg).startswith("Failed to convert Literal")
+
+
+# an ill-typed literal is a finding; rdflib would also print a traceback for each
+logging.getLogger("rdflib.term").addFilter(_is_not_ill_typed)
+
+
+class Shapes:
+    """A file of shapes, read once."""
+
+    def __init__(self, file: Path) -> None:
+        """Raises OntologyError where the shapes do not parse."""
+        self._file = file
+        try:
+            self._graph = rdflib.Graph().parse(file, format="turtle")
+        except (SyntaxError, OSError) as error:
+            raise OntologyError(f"{file}: {str(error).splitlines()[0]}") from None
+
+    def validate(
+        self, quads: Iterable[pyoxigraph.Quad], focus: Iterable[str] | None = None
+    ) -> list[Finding]:
+        """Validate quads of all graphs against the shapes; nothing is inferred or fetched.
+
+        `focus` has the IRIs of the subjects to look at; where the validator could take one of them
+        for a prefixed name, it looks at all. Raises OntologyError where the shapes are no shapes.
+        """
+        data = rdflib.Graph()
+        for q in quads:
+            data.add((as_rdflib(q.subject), as_rdflib(q.predicate), as_rdflib(q.object)))
+        names = None if focus is None else list(focus)
+        if names is not None and not all(name.lower().startswith(_PLAIN) for name in names):
+            names = None
+        _, results, text = pyshacl_validate(
+            data,
+            shacl_graph=self._graph,
+            inference="none",
+            do_owl_imports=False,
+            inplace=True,
+            focus_nodes=names,
+        )
+        if not isinstance(results, rdflib.Graph):
+            raise OntologyError(f"{self._file}: {text}")
+        is_result = (rdflib.RDF.type, rdflib.URIRef(v.SH_RESULT))
+        return sorted({_finding(results, result) for result in results.subjects(*is_result)})
+
+
+def validate(quads: Iterable[pyoxigraph.Quad], shapes: Path) -> list[Finding]:
+    """`Shapes.validate` for one use of a file."""
+    return Shapes(shapes).validate(quads)
+
+
+def _finding(results: rdflib.Graph, result: Node) -> Finding:
+    def value_of(predicate: str) -> str:
+        term = results.value(result, rdflib.URIRef(predicate))
+        return "" if term is None or isinstance(term, rdflib.BNode) else str(term)
+
+    focus = results.value(result, rdflib.URIRef(v.SH_FOCUS_NODE))
+    return Finding(
+        focus=str(focus),
+        message=value_of(v.SH_RESULT_MESSAGE),
+        path=value_of(v.SH_RESULT_PATH),
+        value=value_of(v.SH_VALUE),
+        severity="warning" if value_of(v.SH_RESULT_SEVERITY) == v.SH_WARNING else "violation",
+    )
+
+
+def as_rdflib(term: object) -> Node:
+    """The same term in rdflib, its lexical form untouched (NaN stays NaN)."""
+    if isinstance(term, pyoxigraph.NamedNode):
+        return rdflib.URIRef(term.value)
+    if isinstance(term, pyoxigraph.BlankNode):
+        return rdflib.BNode(term.value)
+    if isinstance(term, pyoxigraph.Literal):
+        if term.language:
+            return rdflib.Literal(term.value, lang=term.language)
+        datatype = rdflib.URIRef(term.datatype.value)
+        return rdflib.Literal(term.value, datatype=datatype, normalize=False)
+    raise OntologyError(f"a quoted triple cannot be checked: {term}")

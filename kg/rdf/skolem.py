@@ -1,0 +1,145 @@
+"""Skolemisation: IRIs in place of blank nodes (RDF 1.1 Concepts, section 3.5), and back.
+
+A SPARQL update cannot delete a blank node, and a history cannot identify the one that changed. So a
+map holds its ontology with an IRI for each blank node, a digest of the node's properties: the same
+axiom has the same IRI in every file, and an edit changes only the IRIs of the axioms it touches.
+Exports have blank nodes again, because OWL requires them.
+"""
+
+from __future__ import annotations
+
+import uuid
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+from graphlib import CycleError, TopologicalSorter
+from hashlib import blake2s
+
+from pyoxigraph import BlankNode, Literal, NamedNode, Quad, Store, Triple
+
+from kg import vocabulary as v
+from kg.errors import OntologyError
+from kg.rdf.canonical_lists import with_sorted_sets
+from kg.rdf.quad_store import Object, Subject
+
+_LETTER = "g"  # a node id of RDF/XML begins with a letter
+
+
+def named(quads: Iterable[Quad]) -> tuple[Quad, ...]:
+    """The quads with an IRI in place of each blank node; each quad once, as a store holds it.
+
+    Nodes with the same properties become one. Raises OntologyError for blank nodes that point at
+    each other in a circle, which OWL 2 DL has not.
+    """
+    quads = with_sorted_sets(_as_stored(anonymous(quads)))
+    about: dict[BlankNode, list[Quad]] = defaultdict(list)
+    pointing: dict[BlankNode, list[Quad]] = defaultdict(list)
+    for quad in quads:
+        if isinstance(quad.subject, BlankNode):
+            about[quad.subject].append(quad)
+        if isinstance(quad.object, BlankNode):
+            pointing[quad.object].append(quad)
+    inner_first = _inner_first(about, pointing)
+    content: dict[BlankNode, str] = {}
+    for node in inner_first:
+        properties = (f"{q.predicate} {_known(q.object, content)}" for q in about[node])
+        content[node] = _digest(properties)
+    names: dict[object, NamedNode] = {}
+    for node in reversed(inner_first):
+        above = (f"{names.get(q.subject, q.subject)} {q.predicate}" for q in pointing[node])
+        names[node] = NamedNode(v.GENID + _digest([content[node], *sorted(above)]))
+    return tuple(
+        dict.fromkeys(
+            Quad(
+                names.get(q.subject, q.subject),
+                q.predicate,
+                names.get(q.object, q.object),
+                q.graph_name,
+            )
+            for q in quads
+        )
+    )
+
+
+def with_fresh_iris(quads: Iterable[Quad]) -> Iterator[Quad]:
+    """The quads with an IRI never used before in place of each blank node (skolemisation)."""
+    fresh: dict[BlankNode, NamedNode] = {}
+
+    def skolem(term: Subject | Object) -> Subject | Object:
+        if isinstance(term, BlankNode):
+            return fresh.setdefault(term, NamedNode(v.GENID + uuid.uuid4().hex))
+        if isinstance(term, Triple):
+            parts = skolem(term.subject), term.predicate, skolem(term.object)
+            return Triple(*parts)  # type: ignore[arg-type]
+        return term
+
+    for quad in quads:
+        subject, value = skolem(quad.subject), skolem(quad.object)
+        yield Quad(subject, quad.predicate, value, quad.graph_name)  # type: ignore[arg-type]
+
+
+def anonymous(quads: Iterable[Quad]) -> Iterator[Quad]:
+    """The quads with a blank node in place of each such IRI: what `named` was given."""
+    for quad in quads:
+        subject, predicate, value, graph = quad
+        bare, bare_value = _without_name(subject), _without_name(value)
+        if bare is subject and bare_value is value:
+            yield quad
+        else:
+            yield Quad(bare, predicate, bare_value, graph)  # type: ignore[arg-type]
+
+
+def anonymous_triple(triple: Triple) -> Triple:
+    """A single triple as `anonymous` gives it."""
+    subject, value = _without_name(triple.subject), _without_name(triple.object)
+    return Triple(subject, triple.predicate, value)  # type: ignore[arg-type]
+
+
+def _without_name(term: Subject | Object) -> Subject | Object:
+    if isinstance(term, NamedNode) and term.value.startswith(v.GENID):
+        return BlankNode(_LETTER + term.value.removeprefix(v.GENID))
+    return term
+
+
+def _as_stored(quads: Iterable[Quad]) -> tuple[Quad, ...]:
+    """The quads in their order, numbers written as the engine keeps them (0.2e0 as 0.2)."""
+    quads = tuple(quads)
+    kept = _as_kept({q.object for q in quads if isinstance(q.object, Literal)})
+    return tuple(
+        dict.fromkeys(
+            Quad(q.subject, q.predicate, kept.get(q.object, q.object), q.graph_name) for q in quads
+        )
+    )
+
+
+def _as_kept(literals: Iterable[Literal]) -> dict[object, Literal]:
+    """Each literal of a type of XML Schema, and how the engine gives it back."""
+    typed = [literal for literal in literals if literal.datatype.value.startswith(v.XSD)]
+    store, predicate = Store(), NamedNode(v.RDFS_LABEL)
+    nodes = [BlankNode() for _ in typed]
+    store.extend(Quad(*pair) for pair in zip(nodes, [predicate] * len(nodes), typed, strict=True))
+    given_back = {quad.subject: quad.object for quad in store}
+    return {was: given_back[node] for was, node in zip(typed, nodes, strict=True)}
+
+
+def _known(term: Object, content: dict[BlankNode, str]) -> str:
+    return content[term] if isinstance(term, BlankNode) else str(term)
+
+
+def _inner_first(
+    about: dict[BlankNode, list[Quad]], pointing: dict[BlankNode, list[Quad]]
+) -> list[BlankNode]:
+    """All blank nodes, each after those that it points at."""
+    sorter: TopologicalSorter[BlankNode] = TopologicalSorter()
+    for node in (*about, *pointing):
+        below = (q.object for q in about.get(node, ()))
+        sorter.add(node, *(term for term in below if isinstance(term, BlankNode)))
+    try:
+        return list(sorter.static_order())
+    except CycleError as error:
+        raise OntologyError(
+            "blank nodes of the ontology point at each other in a circle; give them IRIs"
+        ) from error
+
+
+def _digest(lines: Iterable[str]) -> str:
+    return blake2s("\n".join(sorted(set(lines))).encode(), digest_size=12).hexdigest()

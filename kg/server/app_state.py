@@ -1,0 +1,39 @@
+"""What the parts of a running server share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from kg.maps.semantic_map import SemanticMap
+from kg.server.feeds.change_broadcast import BroadcastClient, ChangeBroadcast
+from kg.server.http.client_sessions import Sessions
+from kg.server.metrics import Metrics
+from kg.server.running_counts import RunningCounts
+from kg.server.settings import Settings
+from kg.workers.pool import QueryPool
+
+#: What else runs beside the server, for `/health`: name -> how it is.
+Status = Callable[[], Mapping[str, object]]
+
+
+class QuerySubscription(BroadcastClient, Protocol):
+    """A query that a client follows."""
+
+    client: str
+
+
+@dataclass(slots=True)
+class AppState:
+    """One map being served."""
+
+    semantic_map: SemanticMap
+    settings: Settings
+    pool: QueryPool
+    feed: ChangeBroadcast
+    tally: RunningCounts
+    metrics: Metrics = field(default_factory=Metrics)
+    subscriptions: set[QuerySubscription] = field(default_factory=set)
+    status: Status = dict
+    sessions: Sessions = field(default_factory=Sessions)

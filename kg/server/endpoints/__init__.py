@@ -1,0 +1,1 @@
+"""Endpoints of the SPARQL protocols, of history, assertions and records."""

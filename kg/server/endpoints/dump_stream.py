@@ -1,0 +1,47 @@
+"""A dump as an HTTP answer: sent in chunks as a worker writes it, as fast as the client reads."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+
+from starlette.concurrency import run_in_threadpool
+from starlette.types import Receive, Scope, Send
+
+from kg.errors import HereaboutsError
+from kg.server.http.problems import problem_of, problem_response
+from kg.workers.dumps import Dump
+
+log = logging.getLogger("hereabouts.server")
+
+
+class DumpStream:
+    """An ASGI answer that sends a dump, and closes it however it ends.
+
+    A failure before the first part is answered as a problem; one after it cuts the connection, so
+    that nobody takes a part of a map for the whole.
+    """
+
+    def __init__(self, dump: Dump, headers: Mapping[str, str]) -> None:
+        self._dump, self._headers = dump, headers
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer one request."""
+        begun = False
+        try:
+            part = await run_in_threadpool(self._dump.read)
+            raw = [(k.lower().encode(), v.encode()) for k, v in self._headers.items()]
+            await send({"type": "http.response.start", "status": 200, "headers": raw})
+            begun = True
+            while part:
+                await send({"type": "http.response.body", "body": part, "more_body": True})
+                part = await run_in_threadpool(self._dump.read)
+            await send({"type": "http.response.body", "body": b""})
+        except HereaboutsError as error:
+            if begun:
+                log.error("a dump broke off: %s", error)
+                scope["state"]["connection"].abort()
+            else:
+                await problem_response(problem_of(error), None)(scope, receive, send)
+        finally:
+            await run_in_threadpool(self._dump.close)

@@ -1,0 +1,1 @@
+"""Feeds: committed transactions and changed query answers, as they happen."""

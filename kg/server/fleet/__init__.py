@@ -1,1 +1,0 @@
-"""Several maps behind one address: asked together, answered as one, each row with its member."""

@@ -1,0 +1,1 @@
+"""HTTP itself: limits, authentication, conditional requests, errors, connections."""

@@ -1,0 +1,82 @@
+"""Checks of a request's head: is it meant for this server, may its sender ask at all?
+
+The Host header (against DNS rebinding), the fetch metadata of browsers (W3C Fetch Metadata, against
+web pages elsewhere that ask through their visitors), and the token where the map is private.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import re
+from typing import Final
+
+from starlette.datastructures import Headers
+
+from kg.server.http.bearer_tokens import unauthorised
+from kg.server.http.client_sessions import client_of_address
+from kg.server.http.problems import Problem
+from kg.server.settings import Settings
+
+_HOST: Final = re.compile(r"(\[[0-9a-fA-F:.]+\]|[^\s:@/\[\]]+)(:[0-9]{0,5})?")
+#: what a link on a page elsewhere does not lead to: it would have the visitor run a query
+_NO_LINKS: Final = frozenset(("sparql", "subscribe", "changes", "log", "diff", "why"))
+
+
+def client_of(settings: Settings, headers: Headers, address: str) -> str:
+    """Whose request it is: that of a token's holder, else that of an address."""
+    authorization = headers.get("authorization")
+    name = settings.tokens.find(authorization) or settings.read_tokens.find(authorization)
+    return client_of_address(address) if name is None else f"token {name}"
+
+
+def refuse_other_host(settings: Settings, headers: Headers) -> None:
+    """Raises Problem: 400 for a Host that is none, 421 for one that is not this server's."""
+    host = headers.get("host", "")
+    match = _HOST.fullmatch(host)
+    if match is None:
+        raise Problem(400, f"no host: {host[:100]!r}; write a name or an address, and a port")
+    name = match[1].lower()
+    if name in settings.hosts or (not settings.loopback and _is_address(name)):
+        return
+    if settings.loopback:
+        raise Problem(421, "this server answers to localhost and to its own address alone")
+    name = name[:100]
+    raise Problem(421, f"this server is not called {name}; start it with --public-host {name}")
+
+
+def refuse_cross_site(settings: Settings, path: str, method: str, headers: Headers) -> None:
+    """Raises Problem 403 for what a page of another site has a browser do without permission.
+
+    A link to a page of the map may be followed; scripts, forms and pictures get nothing, unless
+    their origin is one of `allow_origins`.
+    """
+    if headers.get("sec-fetch-site", "none").lower() in ("none", "same-origin"):
+        return
+    if headers.get("origin") in settings.allow_origins:
+        return
+    is_link = headers.get("sec-fetch-mode") == "navigate" and method in ("GET", "HEAD")
+    in_frame = headers.get("sec-fetch-dest", "document") != "document"
+    if not is_link or in_frame or path.strip("/").partition("/")[0] in _NO_LINKS:
+        raise Problem(
+            403, "a web page elsewhere may not ask this server: start it with --allow-origin ORIGIN"
+        )
+
+
+def refuse_stranger(settings: Settings, headers: Headers) -> None:
+    """Raises Problem 401 where the map is private and the request carries none of its tokens."""
+    if not settings.read_tokens:
+        return
+    authorization = headers.get("authorization")
+    # both are looked up, so that time does not tell which kind of token came close
+    names = [tokens.find(authorization) for tokens in (settings.tokens, settings.read_tokens)]
+    if not any(names):
+        raise unauthorised("this map is private: send a header 'Authorization: Bearer TOKEN'")
+
+
+def _is_address(name: str) -> bool:
+    # no name can be made to point elsewhere where there is no name
+    try:
+        ipaddress.ip_address(name.strip("[]"))
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,35 @@
+"""Moments as clients name them: ISO 8601, or the number of a transaction."""
+
+from __future__ import annotations
+
+import re
+from functools import partial
+from typing import Final
+
+from starlette.concurrency import run_in_threadpool
+
+from kg.errors import HistoryError
+from kg.history.timestamps import moment, sequence_of
+from kg.maps.semantic_map import SemanticMap
+from kg.server.http.problems import Problem
+
+MOST_DIGITS: Final = 18  # of a transaction's number
+
+
+async def sequence_at(semantic_map: SemanticMap, text: str) -> int:
+    """The last transaction at or before a moment: ISO 8601, or a number, 42 or #42.
+
+    Raises Problem: 400 for what is no moment, 404 where that past is not kept.
+    """
+    text = text.strip()
+    if re.fullmatch(rf"#?[0-9]{{1,{MOST_DIGITS}}}", text):
+        when: int | str = int(text.removeprefix("#"))
+    else:
+        when = text
+        try:
+            moment(text)
+        except HistoryError as error:
+            raise Problem(
+                400, f"no moment {text[:60]!r}; write 42 (a transaction) or 2026-08-01T12:30:00Z"
+            ) from error
+    return await run_in_threadpool(partial(sequence_of, semantic_map.history, when))

@@ -1,0 +1,177 @@
+"""The HTML pages: the map's front page, and a page for a resource. They are self-contained."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from datetime import datetime
+from html import escape
+from importlib.resources import files
+from string import Template
+from typing import TYPE_CHECKING, Final
+
+from pyoxigraph import BlankNode, Literal, NamedNode, Quad
+
+from kg import vocabulary as v
+from kg.query.evaluation import Value
+from kg.rdf.xml_characters import shown
+
+if TYPE_CHECKING:
+    from kg.server.linked_data.resource_description import ResourceDescription
+
+#: An IRI -> where this server shows it, and what it is called.
+Link = Callable[[str], tuple[str, str]]
+_FIRST: Final = {v.RDFS_LABEL: 0, v.RDF_TYPE: 1}
+
+
+def front_page(
+    *,
+    title: str,
+    licence: str | None,
+    base: str,
+    sequence: int,
+    floor: str,
+    numbers: Sequence[tuple[str, int]],
+    objects: Sequence[Mapping[str, Value]],
+    places: Sequence[tuple[str, str, str, str]],
+    questions: Sequence[tuple[str, str, str]],
+    writable: bool,
+    path: Callable[[str], str],
+) -> str:
+    """The whole map at a glance.
+
+    `places` are (IRI, label, category, belief) and `questions` (name, summary, SPARQL).
+    """
+    tiles = "".join(f"<li><b>{count:,}</b> {escape(what)}</li>" for what, count in numbers)
+    options = "".join(
+        f'<option value="{escape(sparql)}">{escape(name)}: {escape(summary)}</option>'
+        for name, summary, sparql in questions
+    )
+    page = template("front.html").substitute(
+        head=head(title),
+        title=escape(title),
+        base=escape(base),
+        sequence=sequence,
+        floor=floor or '<p class="empty">Nothing has been mapped yet.</p>',
+        tiles=tiles,
+        objects="".join(_object_row(row, path) for row in objects),
+        places="".join(_place_row(row, path) for row in places),
+        questions=options,
+        licence=_licence(licence),
+        access="updates with a token" if writable else "reading only",
+    )
+    return shown(page)
+
+
+def _licence(iri: str | None) -> str:
+    if iri is None:
+        return ""
+    text = escape(iri)
+    # a link only where a browser would leave the page, never run a script
+    web = iri.startswith(("http://", "https://"))
+    return f' · licence <a rel="license" href="{text}">{text}</a>' if web else f" · licence {text}"
+
+
+def thing_page(thing: ResourceDescription, title: str, link: Link) -> str:
+    """One thing: its facts, and the facts that point at it."""
+    about = sorted((q for q in thing.about if _is(q.subject, thing.iri)), key=_order)
+    facts = "".join(_fact(quad.predicate.value, _term(quad.object, link), link) for quad in about)
+    pointing = "".join(
+        _fact(quad.predicate.value, _term(quad.subject, link), link) for quad in thing.pointing
+    )
+    page = template("thing.html").substitute(
+        head=head(title),
+        title=escape(title),
+        iri=escape(thing.iri),
+        turtle=escape(_turtle_address(link(thing.iri)[0])),
+        facts=facts,
+        pointing=pointing,
+        pointing_class="" if pointing else "hidden",
+    )
+    return shown(page)
+
+
+def _turtle_address(href: str) -> str:
+    return f"{href}{'&' if '?' in href else '?'}format=ttl"
+
+
+def compact(iri: str, base: str) -> str:
+    """An IRI as a prefixed name where a prefix fits; things of the map without their base."""
+    if iri.startswith(base) and iri != base:
+        return iri.removeprefix(base)
+    fitting = [(len(ns), name) for name, ns in v.PREFIXES.items() if iri.startswith(ns)]
+    if not fitting:
+        return iri
+    length, name = max(fitting)
+    return f"{name}:{iri[length:]}"
+
+
+def template(name: str) -> Template:
+    """A page of the shipped files, to be filled in."""
+    return Template(files("kg.server").joinpath("files", name).read_text(encoding="utf-8"))
+
+
+def head(title: str) -> str:
+    """What every page has in its head."""
+    return template("head.html").substitute(title=escape(title))
+
+
+def _is(term: object, iri: str) -> bool:
+    return isinstance(term, NamedNode) and term.value == iri
+
+
+def _order(quad: Quad) -> tuple[int, str, str]:
+    return _FIRST.get(quad.predicate.value, 2), quad.predicate.value, str(quad.object)
+
+
+def _fact(predicate: str, value: str, link: Link) -> str:
+    href, name = link(predicate)
+    return f'<tr><th><a href="{escape(href)}">{escape(name)}</a></th><td>{value}</td></tr>'
+
+
+def _term(term: object, link: Link) -> str:
+    if isinstance(term, NamedNode):
+        href, name = link(term.value)
+        return f'<a href="{escape(href)}" title="{escape(term.value)}">{escape(name)}</a>'
+    if isinstance(term, BlankNode):
+        return '<span class="dim">(unnamed)</span>'
+    if isinstance(term, Literal):
+        kind = term.language or term.datatype.value.rpartition("#")[2]
+        mark = "" if kind == "string" else f' <span class="dim">{escape(kind)}</span>'
+        return f"{escape(term.value)}{mark}"
+    return escape(str(term))
+
+
+def _object_row(row: Mapping[str, Value], path: Callable[[str], str]) -> str:
+    name = row["label"] or row["object"]
+    place = row["place"]
+    where = (
+        f'<a href="{escape(path(str(place)))}">{escape(str(row["placeLabel"]))}</a>'
+        if place
+        else ""
+    )
+    cells = [
+        f'<td><a href="{escape(path(str(row["object"])))}">{escape(str(name))}</a></td>',
+        f"<td>{escape(str(row['category']))}</td>",
+        *(f'<td class="number">{_number(row[axis])}</td>' for axis in ("x", "y", "z")),
+        f'<td class="number">{_number(row["existence"])}</td>',
+        f'<td class="number">{row["observations"] or ""}</td>',
+        f"<td>{where}</td>",
+        f"<td>{_when(row['lastSeen'])}</td>",
+    ]
+    return f"<tr>{''.join(cells)}</tr>"
+
+
+def _place_row(row: tuple[str, str, str, str], path: Callable[[str], str]) -> str:
+    iri, label, category, belief = map(escape, row)
+    return (
+        f'<tr><td><a href="{escape(path(row[0]))}" title="{iri}">{label}</a></td>'
+        f'<td>{category}</td><td class="number">{belief}</td></tr>'
+    )
+
+
+def _number(value: Value) -> str:
+    return f"{value:.2f}" if isinstance(value, int | float) else ""
+
+
+def _when(value: Value) -> str:
+    return value.strftime("%Y-%m-%d %H:%M:%S") if isinstance(value, datetime) else ""

@@ -1,0 +1,57 @@
+"""A map's server: the application of one map, at an address."""
+
+from __future__ import annotations
+
+from kg.maps.semantic_map import SemanticMap
+from kg.server.app import application
+from kg.server.app_state import AppState, Status
+from kg.server.feeds.change_broadcast import ChangeBroadcast
+from kg.server.http.lifecycle import ServerLifecycle
+from kg.server.running_counts import RunningCounts
+from kg.server.settings import Settings
+from kg.workers.pool import QueryPool
+
+
+class MapServer(ServerLifecycle):
+    """Serves one map; `run` blocks, and as a context manager it serves from a thread.
+
+    The map stays the caller's, to write and to close. Raises ServerError, when made, where the
+    address cannot be listened at.
+    """
+
+    def __init__(
+        self,
+        semantic_map: SemanticMap,
+        settings: Settings | None = None,
+        *,
+        status: Status = dict,
+    ) -> None:
+        super().__init__(settings)
+        limits = self.settings.limits
+        self.serving = AppState(
+            semantic_map,
+            self.settings,
+            QueryPool(
+                semantic_map,
+                workers=limits.workers,
+                timeout=limits.query_seconds,
+                memory_mb=limits.query_memory,
+                max_result_bytes=limits.result,
+                refresh=limits.staleness,
+                services=self.settings.services,
+            ),
+            ChangeBroadcast(semantic_map, limits),
+            RunningCounts(semantic_map),
+            status=status,
+        )
+        self._answer_with(application(self.serving), self.serving.feed.stop)
+
+    @property
+    def isolation(self) -> str:
+        """How the kernel denies queries the network: "seccomp", "namespace", or "none"."""
+        return self.serving.pool.isolation
+
+    def _close(self) -> None:
+        self.serving.tally.stop()
+        self.serving.pool.close()
+        super()._close()

@@ -1,0 +1,98 @@
+"""Running counts of a served map, kept without queries: objects, and when each graph changed.
+
+It is kept from the change sets, a transaction at a time, whoever wrote it. Only a category that is
+one no longer has the objects counted anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Final
+
+from pyoxigraph import BlankNode, NamedNode, Quad, Triple
+
+from kg import vocabulary as v
+from kg.facts.object_filters import subcategories
+from kg.maps.semantic_map import SemanticMap
+from kg.transactions import ChangeSet
+
+_Typed = tuple[NamedNode | BlankNode | Triple, object]  # a thing and a class
+
+_TYPE: Final = NamedNode(v.RDF_TYPE)
+_IS_A: Final = NamedNode(v.IS_A)
+_OBJECT: Final = NamedNode(v.OBJECT)
+_MAP: Final = NamedNode(v.MAP_GRAPH)
+
+
+class RunningCounts:
+    """Counts of one map, from when it is made until `stop`; read from any thread."""
+
+    def __init__(self, semantic_map: SemanticMap) -> None:
+        self._map = semantic_map
+        with semantic_map.hold():
+            self._begun = semantic_map.sequence
+            self._changed: dict[NamedNode, int] = {}
+            self._stale = False
+            self._recount()
+            self._stop: Callable[[], None] | None = semantic_map.listen(self._hear)
+
+    @property
+    def objects(self) -> int:
+        """Things of the map that have a category of objects."""
+        if self._stale:
+            with self._map.hold():
+                self._recount()
+                self._stale = False
+        return self._objects
+
+    def changed(self, graph: NamedNode) -> int:
+        """The last transaction that changed a graph, as far as that is known: not an older one."""
+        return self._changed.get(graph, self._begun)
+
+    def stop(self) -> None:
+        """Unsubscribe from the map."""
+        if self._stop is not None:
+            self._stop()
+            self._stop = None
+
+    def _hear(self, change: ChangeSet) -> None:
+        quads = (*change.added, *change.removed)
+        for graph in {quad.graph_name for quad in quads}:
+            if isinstance(graph, NamedNode):
+                self._changed[graph] = change.sequence
+        kinds = {q.subject for q in quads if q.predicate == _IS_A and q.object == _OBJECT}
+        if kinds:
+            # which of those that have the type counted before is not known any more
+            self._stale = True
+        else:
+            self._objects += self._more(change)
+
+    def _more(self, change: ChangeSet) -> int:
+        """How many objects there are more than before a change of the map alone."""
+        added, removed = _types(change.added), _types(change.removed)
+        more = 0
+        for subject in {s for s, _ in added | removed}:
+            held = self._map.engine.quads_for_pattern(subject, _TYPE, None, _MAP)
+            now = {(subject, quad.object) for quad in held}
+            more += self._counts(now) - self._counts((now | removed) - added, subject)
+        return more
+
+    def _counts(self, types: Iterable[_Typed], about: object = None) -> bool:
+        return any(
+            kind in self._kinds and (about is None or subject == about) for subject, kind in types
+        )
+
+    def _recount(self) -> None:
+        engine = self._map.engine
+        self._kinds = frozenset(map(NamedNode, subcategories(engine, v.OBJECT)))
+        self._objects = len(
+            {
+                quad.subject
+                for kind in self._kinds
+                for quad in engine.quads_for_pattern(None, _TYPE, kind, _MAP)
+            }
+        )
+
+
+def _types(quads: Iterable[Quad]) -> set[_Typed]:
+    return {(q.subject, q.object) for q in quads if q.predicate == _TYPE and q.graph_name == _MAP}

@@ -1,0 +1,1 @@
+"""The text of SPARQL queries and updates: lexer, parameters, vetting, operations."""

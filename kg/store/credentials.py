@@ -1,0 +1,83 @@
+"""Bearer tokens of a client: which token goes to which server, decided here alone.
+
+A token goes to the origin (RFC 6454: scheme, host, port) it is for and to no other, whatever an
+address was found in: data, an argument, a redirect. ``HEREABOUTS_TOKEN`` is for the server in
+``HEREABOUTS_SERVER``; the file in ``HEREABOUTS_TOKEN_FILE`` has a line ``ADDRESS TOKEN`` for each.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Final
+from urllib.parse import urlsplit
+
+from kg.errors import RemoteError
+
+TOKEN_VARIABLE: Final = "HEREABOUTS_TOKEN"
+SERVER_VARIABLE: Final = "HEREABOUTS_SERVER"
+FILE_VARIABLE: Final = "HEREABOUTS_TOKEN_FILE"
+HINT: Final = (
+    f"one of its tokens goes into {TOKEN_VARIABLE}, and its address into {SERVER_VARIABLE}"
+)
+_PORTS: Final = {"http": 80, "https": 443}
+
+
+def authorization(url: str) -> dict[str, str]:
+    """The Authorization header of a request to `url`; empty where no token is for it.
+
+    Raises RemoteError for a token file that cannot be read.
+    """
+    token = token_for(url)
+    return {} if token is None else bearer(token)
+
+
+def bearer(token: str) -> dict[str, str]:
+    """The Authorization header that carries a token (RFC 6750)."""
+    return {"Authorization": f"Bearer {token}"}
+
+
+def token_for(url: str) -> str | None:
+    """The token for the server of a URL, by the environment; None where there is none."""
+    origin = _origin(url)
+    for address, token in _tokens():
+        if origin is not None and _origin(address) == origin:
+            return token
+    return None
+
+
+def _tokens() -> list[tuple[str, str]]:
+    server, token = os.environ.get(SERVER_VARIABLE), os.environ.get(TOKEN_VARIABLE)
+    own = [(server, token)] if server and token else []
+    path = os.environ.get(FILE_VARIABLE)
+    return own + (_of_file(path) if path else [])
+
+
+def _of_file(path: str) -> list[tuple[str, str]]:
+    try:
+        lines = Path(path).read_text("utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
+        raise RemoteError(f"cannot read the tokens in {path}: {reason}") from error
+    entries = []
+    for number, line in enumerate(lines, start=1):
+        words = line.split()
+        if not words or words[0].startswith("#"):
+            continue
+        if len(words) != 2 or _origin(words[0]) is None:
+            raise RemoteError(f"{path}, line {number}: needs ADDRESS TOKEN, http://host:port first")
+        entries.append((words[0], words[1]))
+    return entries
+
+
+def _origin(url: str) -> tuple[str, str, int] | None:
+    """Scheme, host and port; None for what has none of them."""
+    try:
+        parts = urlsplit(url)
+        port = parts.port
+    except ValueError:
+        return None
+    scheme, host = parts.scheme.lower(), parts.hostname
+    if scheme not in _PORTS or not host:
+        return None
+    return scheme, host.rstrip("."), port or _PORTS[scheme]

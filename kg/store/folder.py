@@ -1,0 +1,98 @@
+"""The folder of a map: ``store/`` is Oxigraph's, ``lock`` says who has it open."""
+
+from __future__ import annotations
+
+import fcntl
+import glob
+import os
+import shutil
+from collections.abc import Iterable
+from pathlib import Path
+
+from pyoxigraph import Quad, Store
+
+from kg.errors import GraphError, MapBusyError, MapNotFoundError
+
+
+def fill(folder: Path, quads: Iterable[Quad]) -> None:
+    """Make the store of a new map hold `quads`."""
+    engine = Store(str(folder))
+    engine.bulk_extend(quads)
+    engine.flush()
+
+
+def engine_of(path: Path, read_only: bool) -> Store:
+    """The engine of the map at `path`."""
+    folder = str(path / "store")
+    return Store.read_only(folder) if read_only else Store(folder)
+
+
+def locked(file: Path, path: Path, *, shared: bool) -> int:
+    """An open file that holds the lock of the map at `path`; raises MapBusyError."""
+    try:
+        descriptor = _open_lock(file, shared)
+    except OSError as error:
+        raise GraphError(f"cannot lock the map at {path}: {reason_of(error)}") from error
+    try:
+        fcntl.flock(descriptor, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
+    except OSError as error:
+        os.close(descriptor)
+        what = "is being written" if shared else "is already open"
+        raise MapBusyError(
+            f"the map at {path} {what}, here or in another process; close it there first, "
+            "or work on a copy of the folder"
+        ) from error
+    return descriptor
+
+
+def _open_lock(file: Path, shared: bool) -> int:
+    if shared:
+        try:
+            return os.open(file, os.O_RDONLY)
+        except FileNotFoundError:
+            pass  # a copied map may lack it
+    return os.open(file, os.O_RDWR | os.O_CREAT, 0o666)
+
+
+def refuse_existing(path: Path) -> None:
+    """Raises GraphError where something lies at `path` already."""
+    if path.is_dir() and not any(path.iterdir()):
+        return
+    if path.exists() or path.is_symlink():
+        what = "there is a map" if (path / "store" / "CURRENT").is_file() else "something lies"
+        raise GraphError(f"{what} at {path} already; open it, or create at a path that is free")
+
+
+def refuse_what_is_no_map(path: Path) -> None:
+    """Raises MapNotFoundError where no map lies at `path`."""
+    if not path.exists():
+        raise MapNotFoundError(f"no map at {path}: nothing is there; create a map first")
+    if not path.is_dir():
+        raise MapNotFoundError(f"no map at {path}: that is a file; a map is a folder with store/")
+    if not (path / "store" / "CURRENT").is_file():
+        raise MapNotFoundError(f"no map at {path}: that folder holds no store/; create a map first")
+
+
+def remove_abandoned(path: Path, kind: str = "new") -> None:
+    """Folders ``.<name>.<kind>-*`` beside `path` of processes that were killed.
+
+    Nobody holds the lock in them any more.
+    """
+    for folder in path.parent.glob(f".{glob.escape(path.name)}.{kind}-*"):
+        try:
+            lock = os.open(folder / "lock", os.O_RDWR)
+        except OSError:
+            continue
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            shutil.rmtree(folder, ignore_errors=True)
+        except OSError:
+            continue
+        finally:
+            os.close(lock)
+
+
+def reason_of(error: OSError | RuntimeError) -> str:
+    """What an error of the file system says, in one line."""
+    reason = error.strerror if isinstance(error, OSError) else None
+    return " ".join((reason or str(error)).split())

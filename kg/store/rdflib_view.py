@@ -1,0 +1,71 @@
+"""rdflib store over a live map: read as any other, written by validated updates alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NoReturn, Protocol
+
+import pyoxigraph
+from oxrdflib import OxigraphStore
+from rdflib.plugins.sparql.sparql import Update
+
+from kg.errors import ProtectedError
+
+
+class ApplyUpdate(Protocol):
+    """Applies SPARQL Update to the map, as `SemanticMap.update` does."""
+
+    def __call__(self, sparql: str, /, *, confirmed: bool = False) -> object:
+        """Apply it; a large deletion has to be `confirmed`."""
+
+
+class DatasetView(OxigraphStore):
+    """An rdflib store over a live map.
+
+    ``Dataset.update`` does what `SemanticMap.update` does, ``confirmed=True`` included; adding and
+    removing single triples is refused, since hardly a triple of a map stands alone.
+    """
+
+    def __init__(self, engine: pyoxigraph.Store, update: ApplyUpdate) -> None:
+        super().__init__(store=engine)
+        self._apply = update
+
+    def update(
+        self,
+        update: Update | str,
+        initNs: Mapping[str, object],
+        initBindings: Mapping[str, object],
+        queryGraph: object,
+        **kwargs: object,
+    ) -> None:
+        """Apply SPARQL Update, given as text; raises as `SemanticMap.update`."""
+        if not isinstance(update, str) or initBindings:
+            raise ProtectedError("give the update as text without bindings: SemanticMap.update")
+        declared = "".join(f"PREFIX {name}: <{iri}>\n" for name, iri in initNs.items())
+        self._apply(declared + update, confirmed=kwargs.get("confirmed") is True)
+
+    def add(self, *args: object, **kwargs: object) -> NoReturn:
+        """Refused."""
+        raise _refusal()
+
+    def addN(self, *args: object, **kwargs: object) -> NoReturn:  # noqa: N802
+        """Refused."""
+        raise _refusal()
+
+    def remove(self, *args: object, **kwargs: object) -> NoReturn:
+        """Refused."""
+        raise _refusal()
+
+    def add_graph(self, graph: object) -> None:
+        """Nothing: a graph of a map is there while it holds something."""
+
+    def remove_graph(self, graph: object) -> NoReturn:
+        """Refused."""
+        raise _refusal()
+
+
+def _refusal() -> ProtectedError:
+    return ProtectedError(
+        "the rdflib view of a map does not write single triples; "
+        "write with SemanticMap.update(sparql, by=...) or the view's own update(sparql)"
+    )

@@ -1,0 +1,402 @@
+"""Transactional quad store on disk: one Oxigraph store a process, one writer at a time.
+
+A map is a folder: ``store/`` is Oxigraph's, ``lock`` a lock file. A writer holds the lock
+exclusively; readers share it, since Oxigraph leaves reading beside a writing process undefined.
+Deletions leave tombstones that slow every query until a flush, so a writer's thread flushes every
+few seconds.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import threading
+import time
+import uuid
+import weakref
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Protocol, Self
+
+from pyoxigraph import BlankNode, Literal, NamedNode, Quad, Store
+
+from kg import vocabulary as v
+from kg.errors import GraphError, InvalidFactError
+from kg.rdf.quad_store import QuadStore
+from kg.rdf.xml_characters import unwritable
+from kg.store.folder import (
+    engine_of,
+    fill,
+    locked,
+    reason_of,
+    refuse_existing,
+    refuse_what_is_no_map,
+    remove_abandoned,
+)
+from kg.store.heap_trimming import EVERY, give_back
+from kg.store.sparql_backend import SparqlBackend, graph_blocks, reading_ahead
+from kg.transactions import Cause, ChangeSet, Listener
+
+FLUSH_EVERY = 3.0  # [s]
+
+
+class Journal(Protocol):
+    """Write-ahead log: each transaction is recorded here before the store applies it."""
+
+    last_time: float  # [s] of the last transaction recorded
+
+    def append(self, change: ChangeSet) -> None:
+        """Record it; raises GraphError where that fails."""
+
+    def withdraw(self, sequence: int) -> None:
+        """Remove it and later ones: the store refused it."""
+
+    def flush(self) -> None:
+        """Do background work, on the flushing thread."""
+
+    def close(self) -> None:
+        """Close its files."""
+
+
+class TransactionalStore:
+    """An open store; closes with `close` and as a context manager.
+
+    `engine` is the live store, for reading; `commit` writes to it. A `journal` records each
+    transaction before the store applies it.
+    """
+
+    def __init__(self, engine: QuadStore, *, where: str, read_only: bool, lock: int | None) -> None:
+        self._engine: QuadStore | None = engine
+        self.where = where
+        self.read_only = read_only
+        self.journal: Journal | None = None
+        self._sequence: int | None = None
+        self._listeners: list[Listener] = []
+        self._committing = threading.RLock()
+        self._stop = threading.Event()
+        self._flusher: threading.Thread | None = None
+        self._unlock = weakref.finalize(self, os.close, lock) if lock is not None else None
+        if lock is not None and not read_only:
+            self._flusher = threading.Thread(
+                target=_keep_flushing, args=(weakref.ref(self), self._stop), daemon=True
+            )
+            self._flusher.start()
+
+    @classmethod
+    def in_memory(cls, quads: Iterable[Quad], *, read_only: bool = False) -> Self:
+        """A store without a path, gone when closed."""
+        engine = Store()
+        engine.bulk_extend(quads)
+        return cls(engine, where="memory", read_only=read_only, lock=None)
+
+    @classmethod
+    def create(cls, path: Path, quads: Iterable[Quad]) -> Self:
+        """A new store at `path` that holds `quads`, open for writing.
+
+        Built beside `path` and renamed into place, so a process that dies meanwhile leaves no half
+        of a map. Raises GraphError where `path` exists already.
+        """
+        refuse_existing(path)
+        building = path.parent / f".{path.name}.new-{uuid.uuid4().hex}"
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            remove_abandoned(path)
+            building.mkdir()
+            lock = locked(building / "lock", path, shared=False)
+            try:
+                fill(building / "store", quads)
+                building.rename(path)
+                return cls(engine_of(path, False), where=str(path), read_only=False, lock=lock)
+            except BaseException:
+                os.close(lock)
+                shutil.rmtree(building, ignore_errors=True)
+                raise
+        except OSError as error:
+            raise GraphError(f"cannot create a map at {path}: {reason_of(error)}") from error
+
+    @classmethod
+    def open(cls, path: Path, *, read_only: bool = False) -> Self:
+        """The store at `path`.
+
+        Raises MapNotFoundError where there is none (and creates nothing), MapBusyError where
+        another process (or another handle of this one) writes it, or reads it while this one wants
+        to write.
+        """
+        refuse_what_is_no_map(path)
+        lock = locked(path / "lock", path, shared=read_only)
+        try:
+            engine = engine_of(path, read_only)
+        except (OSError, RuntimeError) as error:  # RuntimeError: RocksDB finds damaged files
+            os.close(lock)
+            raise GraphError(f"cannot open the map at {path}: {reason_of(error)}") from error
+        return cls(engine, where=str(path), read_only=read_only, lock=lock)
+
+    @classmethod
+    def create_on(cls, url: str, quads: Iterable[Quad]) -> Self:
+        """A new map of `quads` on the server at `url`, which may hold other graphs beside.
+
+        Raises GraphError where there is a map already, RemoteError where no server answers.
+        """
+        with contextlib.closing(SparqlBackend(url)) as engine:
+            kind = NamedNode(v.SEMANTIC_MAP)
+            if any(engine.quads_for_pattern(None, NamedNode(v.RDF_TYPE), kind, None)):
+                raise GraphError(f"there is a map at {engine.where} already; open it")
+            engine.load(quads)
+        # connected anew: the server's default graph can be probed only once it holds a map
+        return cls.connect(url)
+
+    @classmethod
+    def connect(cls, url: str, *, read_only: bool = False) -> Self:
+        """The store of the SPARQL 1.1 server at `url`; raises RemoteError where none answers.
+
+        Such a store has no lock: its users must ensure that one process at a time writes.
+        """
+        engine = SparqlBackend(url)
+        return cls(engine, where=engine.where, read_only=read_only, lock=None)
+
+    @property
+    def engine(self) -> QuadStore:
+        """The live store; raises GraphError once closed."""
+        if self._engine is None:
+            raise GraphError(f"the map at {self.where} is closed; open it again")
+        return self._engine
+
+    @property
+    def path(self) -> Path | None:
+        """The map's folder; None in memory and on a server."""
+        return Path(self.where) if self._unlock is not None else None
+
+    @property
+    def shared(self) -> bool:
+        """Whether other processes may write it without a notification."""
+        return isinstance(self.engine, SparqlBackend)
+
+    @property
+    def native(self) -> Store:
+        """The live store where it is in this process; raises GraphError where it is not."""
+        if not isinstance(self.engine, Store):
+            raise GraphError(
+                f"the map at {self.where} is on a server; open the folder of a map for this"
+            )
+        return self.engine
+
+    def commit(
+        self,
+        delete: Iterable[Quad],
+        insert: Iterable[Quad],
+        cause: Cause,
+        *,
+        exact_at: int | None = None,
+    ) -> ChangeSet | None:
+        """Delete and insert in one transaction: all of it or nothing, also when killed midway.
+
+        Only real changes are written, with the transaction's number; None where there are none. For
+        quads that are exact as of the transaction `exact_at` the store is not searched for them.
+        Raises InvalidFactError for blank nodes, and for texts that XML cannot represent.
+        """
+        self.refuse_read_only()
+        insert, delete = dict.fromkeys(insert), dict.fromkeys(delete)
+        subjects = (q.subject for q in (sequence_quad(0), *insert, *delete))
+        named = (subject for subject in subjects if isinstance(subject, NamedNode))
+        with self._committing, reading_ahead(self.engine, named):
+            added, removed = tuple(insert), tuple(delete)
+            if exact_at is None or exact_at != self.sequence:
+                added = tuple(quad for quad in insert if quad not in self.engine)
+                removed = tuple(q for q in delete if q not in insert and q in self.engine)
+            if not added and not removed:
+                return None
+            _refuse_blank_nodes((*added, *removed))
+            _refuse_unwritable(added)
+            change = ChangeSet(self.sequence + 1, self._now(), cause, added, removed)
+            self._record(change)
+            self._sequence = change.sequence
+            self.notify(change)
+        return change
+
+    @property
+    def sequence(self) -> int:
+        """The number of the last transaction; 0 before the first."""
+        if self._sequence is None or self.shared:
+            self._sequence = stored_sequence(self.engine)
+        return self._sequence
+
+    @contextlib.contextmanager
+    def copied(self) -> Iterator[Store]:
+        """A copy of the store as it is now, gone after the block; on disk by hard links."""
+        if self._unlock is None:
+            copy = Store()
+            copy.bulk_extend(self.native)
+            yield copy
+            return
+        folder = Path(self.where) / "scratch"
+        shutil.rmtree(folder, ignore_errors=True)  # of a process that was killed
+        try:
+            self.native.backup(str(folder))
+            copy = Store(str(folder))
+            yield copy
+            del copy
+        except OSError as error:
+            raise GraphError(f"cannot copy the map at {self.where}: {reason_of(error)}") from error
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+
+    def listen(self, listener: Listener) -> Callable[[], None]:
+        """Have `listener` called after each commit; returns the function that stops it."""
+        self._listeners.append(listener)
+        return lambda: self._listeners.remove(listener)
+
+    def notify(self, change: ChangeSet) -> None:
+        """Call the listeners with a transaction that is stored."""
+        for listener in tuple(self._listeners):
+            listener(change)
+
+    def replay(self, change: ChangeSet) -> None:
+        """Apply a transaction that the journal holds already, without notification."""
+        self.refuse_read_only()
+        with self._committing:
+            self._write(change)
+            self._sequence = change.sequence
+
+    def rewrite_graph(self, graph: NamedNode, quads: Iterable[Quad]) -> None:
+        """Replace the quads of a graph by equivalent ones without blank nodes; no transaction.
+
+        For maps whose ontology was stored with blank nodes.
+        """
+        self.refuse_read_only()
+        with self._committing:
+            text = f"CLEAR GRAPH {graph};\nINSERT DATA {{\n{graph_blocks(quads)}}}"
+            try:
+                self.engine.update(text)
+            except OSError as error:
+                reason = reason_of(error)
+                raise GraphError(f"cannot write the map at {self.where}: {reason}") from error
+
+    def _now(self) -> float:
+        # whole milliseconds, as times are printed: `--at` the time of a transaction includes it;
+        # a clock set back must not put a transaction before the one it follows
+        now = time.time_ns() // 1_000_000 / 1000
+        return max(now, self.journal.last_time if self.journal else 0.0)
+
+    def _record(self, change: ChangeSet) -> None:
+        if self.journal is None:
+            self._write(change)
+            return
+        self.journal.append(change)
+        try:
+            self._write(change)
+        except GraphError:
+            # on a full disk neither can be written: the next `append` withdraws it first
+            with contextlib.suppress(GraphError):
+                self.journal.withdraw(change.sequence)
+            raise
+
+    def _write(self, change: ChangeSet) -> None:
+        removed, added = [*change.removed], [*change.added, sequence_quad(change.sequence)]
+        if self.sequence:
+            removed.append(sequence_quad(self.sequence))
+        text = ";\n".join(
+            f"{verb} DATA {{\n{graph_blocks(quads)}}}"
+            for verb, quads in (("DELETE", removed), ("INSERT", added))
+            if quads
+        )
+        try:
+            self.engine.update(text)
+        except (OSError, RuntimeError) as error:
+            raise GraphError(f"cannot write the map at {self.where}: {reason_of(error)}") from error
+
+    def refuse_read_only(self) -> None:
+        """Raises GraphError where the store was opened for reading only."""
+        if self.read_only:
+            raise GraphError(f"the map at {self.where} is open for reading only; open it to write")
+
+    def flush(self) -> None:
+        """Write everything to disk and drop tombstones; nothing to do for readers.
+
+        Raises GraphError where that fails, as on a full disk.
+        """
+        engine = self._engine
+        if isinstance(engine, Store) and self._unlock is not None and not self.read_only:
+            try:
+                engine.flush()
+            except (OSError, RuntimeError) as error:
+                reason = reason_of(error)
+                raise GraphError(f"cannot write the map at {self.where}: {reason}") from error
+            if self.journal is not None:
+                self.journal.flush()
+
+    def close(self) -> None:
+        """Flush, stop the thread, release store and lock; closing twice is fine.
+
+        Raises GraphError, after all that, where what is flushed cannot be written.
+        """
+        self._stop.set()
+        if self._flusher is not None:
+            self._flusher.join()
+            self._flusher = None
+        try:
+            self.flush()
+        finally:
+            self._let_go()
+
+    def _let_go(self) -> None:
+        if self.journal is not None:
+            self.journal.close()
+            self.journal = None
+        if isinstance(self._engine, SparqlBackend):
+            self._engine.close()
+        self._engine = None
+        if self._unlock is not None:
+            self._unlock()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+
+def _keep_flushing(reference: weakref.ref[TransactionalStore], stop: threading.Event) -> None:
+    # a weak reference, so that an unreferenced map is freed although never closed
+    given_back, written = time.monotonic(), 0
+    while not stop.wait(FLUSH_EVERY):
+        store = reference()
+        if store is None:
+            return
+        with contextlib.suppress(GraphError):  # the next commit, or closing, reports it
+            store.flush()
+        sequence = store.sequence
+        del store
+        if sequence != written and time.monotonic() - given_back > EVERY:
+            give_back()
+            given_back, written = time.monotonic(), sequence
+
+
+def _refuse_blank_nodes(quads: Iterable[Quad]) -> None:
+    # an update renames blank nodes that it inserts and cannot delete any
+    for quad in quads:
+        if isinstance(quad.subject, BlankNode) or isinstance(quad.object, BlankNode):
+            raise InvalidFactError(f"a blank node cannot be written: {quad.triple}; give it an IRI")
+
+
+def _refuse_unwritable(quads: Iterable[Quad]) -> None:
+    for quad in quads:
+        text = quad.object.value if isinstance(quad.object, Literal) else ""
+        if (character := unwritable(text)) is not None:
+            raise InvalidFactError(
+                f"a text with {character} cannot be written, since XML cannot represent it: "
+                f"{text[:60]!r}, {quad.predicate} of {quad.subject}; leave that character out"
+            )
+
+
+def sequence_quad(number: int) -> Quad:
+    """The fact that the store holds the transaction `number` and all before it."""
+    graph = NamedNode(v.DATASET_GRAPH)
+    return Quad(graph, NamedNode(v.SEQUENCE), Literal(number), graph)
+
+
+def stored_sequence(engine: QuadStore) -> int:
+    """The number of the last transaction that a store holds; 0 before the first."""
+    graph = NamedNode(v.DATASET_GRAPH)
+    quads = engine.quads_for_pattern(graph, NamedNode(v.SEQUENCE), None, graph)
+    return max((int(q.object.value) for q in quads if isinstance(q.object, Literal)), default=0)

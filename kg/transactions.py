@@ -1,0 +1,52 @@
+"""What one transaction did to the graph, and on whose account."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+from pyoxigraph import Quad
+
+Kind = Literal[
+    "frame",
+    "update",
+    "assert",
+    "retract",
+    "import",
+    "ontology",
+    "recovery",
+    "search",
+    "restore",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class Cause:
+    """Why the graph changed: what kind of act, by whom, and what about."""
+
+    kind: Kind
+    by: str | None = None  # the person or program; None = the mapper itself
+    note: str = ""  # e.g. "redkitchen/frame-000056", or the text of an update
+
+
+@dataclass(frozen=True, slots=True)
+class ChangeSet:
+    """One transaction: quads that were not there before, and quads that are there no more."""
+
+    sequence: int  # 1, 2, 3, ... without gaps
+    time: float  # [s] since 1970-01-01 UTC, when it was applied
+    cause: Cause
+    added: tuple[Quad, ...]
+    removed: tuple[Quad, ...]
+
+    def __len__(self) -> int:
+        return len(self.added) + len(self.removed)
+
+    def reversed(self) -> ChangeSet:
+        """What undoes it, under the same number."""
+        return ChangeSet(self.sequence, self.time, self.cause, self.removed, self.added)
+
+
+#: Hears of each change set right after it is in the store, in order, on the committing thread.
+Listener = Callable[[ChangeSet], None]

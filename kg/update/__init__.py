@@ -1,0 +1,1 @@
+"""SPARQL Update from users: execution, completion, validation before commit."""

@@ -1,0 +1,184 @@
+"""Completion of updates: the facts that follow from an edit by a person, written with it.
+
+Updates state what people mean ("a cup at 1, 2"; "no object 17"), not the facts derived from it.
+An object given with a class and a position is completed: z, label, cell, place, confidence,
+existence, count, times. Where x or y change, the cell follows. A subject all of whose facts are
+removed takes along its observation, its beliefs, the assertions about it, and the references to it.
+A number that an object was given by hand is never assigned again. A category that is written to an
+object or place becomes an assertion, so that perception does not overwrite it; so does a new
+position or label where one was asserted before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Final
+
+from pyoxigraph import Literal, NamedNode, Quad
+
+from kg import vocabulary as v
+from kg.facts.assertions import Assertions
+from kg.facts.objects_and_places import RecordCodec
+from kg.rdf.datetimes import now
+from kg.rdf.grid_cells import cell_of
+from kg.update.change_draft import ChangeDraft, Subject
+from kg.update.implicit_assertions import assert_perceived_properties
+from kg.update.implicit_assertions import categories as _categories
+
+_MAP: Final = NamedNode(v.MAP_GRAPH)
+_DATASET: Final = NamedNode(v.DATASET_GRAPH)
+_TYPE: Final = NamedNode(v.RDF_TYPE)
+_NUMERIC: Final = {v.XSD + name for name in ("decimal", "integer", "double", "float")}
+_EDGES: Final = (v.X_MIN, v.X_MAX, v.Y_MIN, v.Y_MAX)
+_DOUBLES: Final = (v.X, v.Y, v.Z, v.CONFIDENCE, v.EXISTENCE)
+
+
+def complete_change(pending: ChangeDraft, facts: RecordCodec, by: str | None) -> None:
+    """Add to `pending` what follows from it in the map of `facts`."""
+    touched = dict.fromkeys(
+        quad.subject
+        for quad in (*pending.removed, *pending.added)
+        if quad.graph_name == _MAP and isinstance(quad.subject, NamedNode)
+    )
+    for subject in touched:
+        if next(pending.after(subject, None, None, _MAP), None) is None:
+            _remove_dependents(pending, facts, subject)
+            continue
+        if _categories(pending.after, facts, subject, "object"):
+            _complete(pending, facts, subject)
+        elif _is_place(pending, facts, subject):
+            _complete_place(pending, subject)
+        assert_perceived_properties(pending, facts, subject, by or "somebody")
+    _count_up(pending, facts, touched)
+
+
+def _is_place(pending: ChangeDraft, facts: RecordCodec, subject: NamedNode) -> bool:
+    kind = Quad(subject, _TYPE, NamedNode(v.PLACE), _MAP)
+    return kind in pending.after(subject, _TYPE, None, _MAP) or bool(
+        _categories(pending.after, facts, subject, "place")
+    )
+
+
+def _remove_dependents(pending: ChangeDraft, facts: RecordCodec, removed: NamedNode) -> None:
+    """Remove the nodes that depend on `removed`."""
+    follow = [*pending.after(None, None, removed, _MAP)]
+    owned = {facts.observation_iri(removed.value)}
+    owned.update(
+        quad.object.value
+        for quad in pending.removed
+        if quad.subject == removed
+        and quad.predicate.value == v.HAS_BELIEF
+        and isinstance(quad.object, NamedNode)
+    )
+    for iri in owned:
+        follow += pending.after(NamedNode(iri), None, None, _MAP)
+    follow += Assertions(facts.base).stored(pending.engine, removed.value)
+    pending.change(follow, ())
+
+
+def _complete(pending: ChangeDraft, facts: RecordCodec, subject: NamedNode) -> None:
+    """Write doubles as doubles, the cell by the position, and what is missing."""
+    for predicate in _DOUBLES:
+        for quad in tuple(pending.after(subject, NamedNode(predicate), None, _MAP)):
+            _as_double(pending, quad)
+    _assign_cell(pending, subject)
+    if not _is_new(pending, subject):
+        return  # the shapes report what is missing
+    for predicate, value in (
+        (v.Z, Literal(0.0)),
+        (v.RDFS_LABEL, Literal(_label(pending, facts, subject))),
+        (v.CONFIDENCE, Literal(1.0)),
+        (v.EXISTENCE, Literal(1.0)),
+        (v.OBSERVATION_COUNT, Literal(1)),
+        (v.LAST_SEEN, _only(pending, subject, v.FIRST_SEEN) or now()),
+        (v.FIRST_SEEN, _only(pending, subject, v.LAST_SEEN) or now()),
+    ):
+        if _only(pending, subject, predicate) is None:
+            pending.change((), [Quad(subject, NamedNode(predicate), value, _MAP)])
+
+
+def _complete_place(pending: ChangeDraft, subject: NamedNode) -> None:
+    """Write doubles as doubles, the centre by the rectangle, and what is missing."""
+    for predicate in _EDGES:
+        for quad in tuple(pending.after(subject, NamedNode(predicate), None, _MAP)):
+            _as_double(pending, quad)
+    edges = [_coordinate(pending, subject, edge) for edge in _EDGES]
+    if _touched(pending, subject, _EDGES):
+        for axis, least, most in ((v.X, edges[0], edges[1]), (v.Y, edges[2], edges[3])):
+            if least is None or most is None:
+                continue
+            old = list(pending.after(subject, NamedNode(axis), None, _MAP))
+            middle = Literal(round((least + most) / 2, 2) + 0.0)
+            pending.change(old, [Quad(subject, NamedNode(axis), middle, _MAP)])
+    if not _is_new(pending, subject):
+        return
+    kinds = [Quad(subject, _TYPE, NamedNode(kind), _MAP) for kind in (v.PLACE, v.BOT_SPACE)]
+    pending.change((), kinds)
+    name = " ".join(subject.value.rstrip("/").split("/")[-2:])
+    for predicate, value in ((v.RDFS_LABEL, Literal(name)), (v.VIEW_COUNT, Literal(0))):
+        if _only(pending, subject, predicate) is None:
+            pending.change((), [Quad(subject, NamedNode(predicate), value, _MAP)])
+
+
+def _assign_cell(pending: ChangeDraft, subject: NamedNode) -> None:
+    x, y = _coordinate(pending, subject, v.X), _coordinate(pending, subject, v.Y)
+    if x is None or y is None or not _touched(pending, subject, (v.X, v.Y)):
+        return
+    in_cell = NamedNode(v.IN_CELL)
+    cell = Quad(subject, in_cell, NamedNode(cell_of(x, y)), _MAP)
+    old = [q for q in pending.after(subject, in_cell, None, _MAP) if q != cell]
+    pending.change(old, [cell])
+
+
+def _is_new(pending: ChangeDraft, subject: NamedNode) -> bool:
+    return next(pending.before(subject, _TYPE, None, _MAP), None) is None
+
+
+def _touched(pending: ChangeDraft, subject: NamedNode, predicates: Iterable[str]) -> bool:
+    return any(
+        quad.subject == subject and quad.predicate.value in predicates
+        for quad in (*pending.added, *pending.removed)
+    )
+
+
+def _as_double(pending: ChangeDraft, quad: Quad) -> None:
+    value = quad.object
+    if isinstance(value, Literal) and value.datatype.value in _NUMERIC - {v.XSD_DOUBLE}:
+        number = Literal(float(value.value))
+        pending.change([quad], [Quad(quad.subject, quad.predicate, number, _MAP)])
+
+
+def _only(pending: ChangeDraft, subject: NamedNode, predicate: str) -> Literal | None:
+    for quad in pending.after(subject, NamedNode(predicate), None, _MAP):
+        if isinstance(quad.object, Literal):
+            return quad.object
+    return None
+
+
+def _coordinate(pending: ChangeDraft, subject: NamedNode, axis: str) -> float | None:
+    literal = _only(pending, subject, axis)
+    try:
+        number = float(literal.value) if literal else None
+    except ValueError:
+        return None
+    return number if number is not None and abs(number) < 1e9 else None
+
+
+def _label(pending: ChangeDraft, facts: RecordCodec, subject: NamedNode) -> str:
+    for quad in pending.after(subject, _TYPE, None, _MAP):
+        category = facts.catalogue.by_iri(getattr(quad.object, "value", ""))
+        if category is not None:
+            return f"{category.label} {subject.value.rstrip('/').rpartition('/')[2]}"
+    return subject.value
+
+
+def _count_up(pending: ChangeDraft, facts: RecordCodec, touched: Iterable[Subject]) -> None:
+    used = 0
+    for subject in touched:
+        number = getattr(subject, "value", "").removeprefix(facts.base + "object/")
+        if number.isascii() and number.isdigit():
+            used = max(used, int(number))
+    base, following = NamedNode(facts.base), NamedNode(v.NEXT_OBJECT)
+    for quad in tuple(pending.after(base, following, None, _DATASET)):
+        if isinstance(quad.object, Literal) and int(quad.object.value) <= used:
+            pending.change([quad], [Quad(base, following, Literal(used + 1), _DATASET)])

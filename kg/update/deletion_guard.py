@@ -1,0 +1,85 @@
+"""Deletion guard: a change that removes a large share of a map needs to be confirmed.
+
+What was removed can be restored from the history; still, `DELETE WHERE {?s ?p ?o}` is more often a
+mistake than a wish. Objects and places are counted, not triples: a change that removes more than
+`DeletionLimit.count` of them, and more than `DeletionLimit.share` of all, is refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final
+
+from pyoxigraph import NamedNode, Quad
+
+from kg import vocabulary as v
+from kg.errors import UnconfirmedDeletionError
+from kg.facts.objects_and_places import RecordCodec
+from kg.update.change_draft import ChangeDraft, Subject
+from kg.update.implicit_assertions import Read, categories
+
+_MAP: Final = NamedNode(v.MAP_GRAPH)
+_TYPE: Final = NamedNode(v.RDF_TYPE)
+_PLACE: Final = NamedNode(v.PLACE)
+
+
+@dataclass(frozen=True, slots=True)
+class DeletionLimit:
+    """The largest deletion that needs no confirmation: within either bound it passes."""
+
+    share: float = 0.1  # of all objects and places of the map, 0 to 1
+    count: int = 10  # objects and places together
+
+
+def refuse_unconfirmed(pending: ChangeDraft, facts: RecordCodec, limit: DeletionLimit) -> None:
+    """Raise UnconfirmedDeletionError where `pending` removes more than `limit`."""
+    lost = len(removed_things(pending, facts))
+    if lost <= limit.count:
+        return
+    # no local variable for the iterator: the traceback would take it to another thread
+    total = len(things_in(pending.before(None, _TYPE, None, _MAP), facts))
+    if lost > limit.share * total:
+        raise UnconfirmedDeletionError(
+            f"this would delete {lost} of {total} objects and places, and nothing was written; "
+            "confirm it with --yes (over HTTP the header Here-Confirm: delete, in Python "
+            "confirmed=True), or delete fewer"
+        )
+
+
+def removed_things(pending: ChangeDraft, facts: RecordCodec) -> frozenset[Subject]:
+    """Objects and places that `pending` makes cease to be such."""
+    before = things_in(pending.removed, facts)
+    return frozenset(s for s in before if not _is_thing(pending.after, facts, s))
+
+
+def added_things(pending: ChangeDraft, facts: RecordCodec) -> frozenset[Subject]:
+    """Objects and places that `pending` makes."""
+    after = things_in(pending.added, facts)
+    return frozenset(s for s in after if not _is_thing(pending.before, facts, s))
+
+
+def things_in(quads: Iterable[Quad], facts: RecordCodec) -> frozenset[Subject]:
+    """Subjects that one of `quads`, a type in graph:map, makes an object or a place."""
+    return frozenset(
+        quad.subject
+        for quad in quads
+        if quad.predicate == _TYPE and quad.graph_name == _MAP and _is_kind(quad, facts)
+    )
+
+
+def is_place(read: Read, facts: RecordCodec, subject: Subject) -> bool:
+    """Whether a subject is a place in the graph that `read` reads."""
+    types = {quad.object for quad in read(subject, _TYPE, None, _MAP)}
+    if _PLACE in types or not isinstance(subject, NamedNode):
+        return _PLACE in types
+    return bool(categories(read, facts, subject, "place"))
+
+
+def _is_thing(read: Read, facts: RecordCodec, subject: Subject) -> bool:
+    return bool(things_in(read(subject, _TYPE, None, _MAP), facts))
+
+
+def _is_kind(quad: Quad, facts: RecordCodec) -> bool:
+    category = getattr(quad.object, "value", "")
+    return quad.object == _PLACE or facts.catalogue.by_iri(category) is not None

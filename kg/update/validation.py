@@ -1,0 +1,183 @@
+"""The door for updates from outside: what may be written, and whether the map stays well made.
+
+Only what an update touches is validated, whatever the size of the map: the subjects whose facts
+change, and, where one of these changes its type, one subject for each property that points at it.
+Those pointing in the same way can only break in the same way. They are held to the shipped SHACL
+shapes by pyshacl, over their own facts, the types of what they point at, and the classes above.
+What was wrong before an update is not held against it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterable, Iterator
+from functools import cached_property
+from itertools import islice
+from typing import Final
+
+from pyoxigraph import BlankNode, NamedNode, Quad, Triple
+
+from kg import vocabulary as v
+from kg.errors import ProtectedError, ShapeError, did_you_mean
+from kg.ontology.loading import SHAPES_FILE, superclasses
+from kg.rdf.findings import Finding
+from kg.resources import ONTOLOGIES
+from kg.store.transactional import TransactionalStore
+from kg.update.change_draft import ChangeDraft, Subject
+
+#: Graphs that an update may write only where its caller allows it, and what else would do.
+PROTECTED: Final = {
+    "ontology": (
+        v.ONTOLOGY_GRAPH,
+        "edit the ontology files and reload them (docs/how-to/protege.md)",
+    ),
+    "commonsense": (v.COMMONSENSE_GRAPH, "it is compiled from the ontology: edit that"),
+    "history": (v.HISTORY_GRAPH, "the past is not rewritten"),
+    "assertions": (v.ASSERTIONS_GRAPH, "use assert and retract, which move assertions with it"),
+}
+_COUNTERS: Final = {v.SEQUENCE, v.NEXT_OBJECT, v.FRAMES_APPLIED, v.LAST_FRAME, v.TRANSFORM}
+_SHAPED: Final = tuple(NamedNode(g) for g in (v.MAP_GRAPH, v.DATASET_GRAPH, v.ASSERTIONS_GRAPH))
+_TYPE: Final = NamedNode(v.RDF_TYPE)
+_SUB_CLASS: Final = NamedNode(v.RDFS_SUB_CLASS_OF)
+_ONTOLOGY: Final = NamedNode(v.ONTOLOGY_GRAPH)
+_SHOWN = 3  # findings named in one message
+
+
+class UpdateValidator:
+    """Checks updates against the shapes and the ontology of one map."""
+
+    def __init__(self, store: TransactionalStore) -> None:
+        from kg.rdf.shacl import Shapes  # a third of a second, for those who write alone
+
+        self._store = store
+        self._shapes = Shapes(ONTOLOGIES / SHAPES_FILE)
+
+    def refuse_protected(self, pending: ChangeDraft, allow: Collection[str]) -> None:
+        """Raises ProtectedError where `pending` writes what it may not; `allow` names graphs."""
+        closed = {iri: how for name, (iri, how) in PROTECTED.items() if name not in allow}
+        for quad in (*pending.added, *pending.removed):
+            graph = getattr(quad.graph_name, "value", "")
+            if graph in closed:
+                raise ProtectedError(
+                    f"an update may not write graph:{graph.removeprefix(v.GRAPH)}: {closed[graph]}"
+                )
+            if graph == v.DATASET_GRAPH and "dataset" not in allow and _kept(quad):
+                raise ProtectedError(
+                    f"an update may not write {_short(quad.predicate.value)} of graph:dataset: "
+                    "the map counts by itself"
+                )
+
+    def refuse_malformed(self, pending: ChangeDraft) -> None:
+        """Raises ShapeError where an undeclared here: term is used, or a shape would break."""
+        self._refuse_unknown_terms(pending.added)
+        focus = dict.fromkeys(_focus(pending))
+        if not focus:
+            return
+        found = self._findings(focus, pending, after=True)
+        if found:
+            before = {f.without_value() for f in self._findings(focus, pending, after=False)}
+            found = [finding for finding in found if finding.without_value() not in before]
+        if found:
+            messages = list({(f.focus, f.message): _message_of(f) for f in found}.values())
+            more = f"; and {len(messages) - _SHOWN} more" if len(messages) > _SHOWN else ""
+            raise ShapeError(f"the update is refused: {'; '.join(messages[:_SHOWN])}{more}")
+
+    def _refuse_unknown_terms(self, added: Iterable[Quad]) -> None:
+        for quad in added:
+            for term in (quad.subject, quad.predicate, quad.object):
+                if isinstance(term, Triple):
+                    raise ShapeError(f"the update is refused: triple terms are not used: {term}")
+                if isinstance(term, NamedNode) and term.value.startswith(v.HERE):
+                    self._refuse_unknown(term.value, quad)
+
+    def _refuse_unknown(self, iri: str, quad: Quad) -> None:
+        if iri in self._declared or quad.graph_name == _ONTOLOGY:
+            return
+        names = {
+            _short(known).lower(): _short(known) for known in self._declared if known != v.HERE
+        }
+        close = re.sub(
+            r"here:[\w-]+", lambda m: names[m[0]], did_you_mean(_short(iri).lower(), names)
+        )
+        raise ShapeError(f"the update is refused: no ontology declares {_short(iri)}{close}")
+
+    def _findings(
+        self, focus: dict[Subject, None], pending: ChangeDraft, *, after: bool
+    ) -> list[Finding]:
+        quads = list(self._surroundings(focus, pending, after))
+        names = {getattr(subject, "value", "") for subject in focus}
+        return [
+            finding
+            for finding in self._shapes.validate(quads, names)
+            if finding.focus in names and finding.severity == "violation"
+        ]
+
+    def _surroundings(
+        self, focus: dict[Subject, None], pending: ChangeDraft, after: bool
+    ) -> Iterator[Quad]:
+        """What the shapes can see of the focus: its facts, its neighbours' types, its classes."""
+        read = pending.after if after else pending.before
+        classes: dict[str, None] = {}
+        neighbours: dict[Subject, None] = {}
+        for subject in focus:
+            for graph in _SHAPED:
+                for quad in read(subject, None, None, graph):
+                    yield quad
+                    if quad.predicate == _TYPE and isinstance(quad.object, NamedNode):
+                        classes[quad.object.value] = None
+                    elif isinstance(quad.object, NamedNode | BlankNode):
+                        neighbours[quad.object] = None
+        for node in neighbours:
+            classes[node.value if isinstance(node, NamedNode) else ""] = None
+            for graph in _SHAPED:
+                for quad in read(node, _TYPE, None, graph):
+                    yield quad
+                    classes[getattr(quad.object, "value", "")] = None
+        yield from self._hierarchy(classes)
+
+    def _hierarchy(self, classes: Iterable[str]) -> Iterator[Quad]:
+        for iri in classes:
+            for above in self._above.get(iri, ()):
+                if above != iri:
+                    yield Quad(NamedNode(iri), _SUB_CLASS, NamedNode(above), _ONTOLOGY)
+
+    @cached_property
+    def _above(self) -> dict[str, tuple[str, ...]]:
+        return superclasses(self._store.engine.quads_for_pattern(None, None, None, _ONTOLOGY))
+
+    @cached_property
+    def _declared(self) -> set[str]:
+        ours = {value for value in vars(v).values() if isinstance(value, str)}
+        quads = self._store.engine.quads_for_pattern(None, _TYPE, None, _ONTOLOGY)
+        declared = {q.subject.value for q in quads if isinstance(q.subject, NamedNode)}
+        return {iri for iri in ours | declared if iri.startswith(v.HERE)} | {v.HERE}
+
+
+def _focus(pending: ChangeDraft) -> Iterator[Subject]:
+    retyped: dict[Subject, None] = {}
+    for quad in (*pending.added, *pending.removed):
+        if quad.graph_name in _SHAPED:
+            yield quad.subject
+            if quad.predicate == _TYPE and quad in pending.removed:
+                retyped[quad.subject] = None
+    for subject in retyped:
+        pointed: set[str] = set()
+        # most references are alike; the search is bounded all the same
+        for quad in islice(pending.after(None, None, subject, NamedNode(v.MAP_GRAPH)), 100_000):
+            if quad.predicate.value not in pointed:
+                pointed.add(quad.predicate.value)
+                yield quad.subject
+
+
+def _kept(quad: Quad) -> bool:
+    is_identity = quad.predicate == _TYPE and quad.object == NamedNode(v.SEMANTIC_MAP)
+    return is_identity or quad.predicate.value in _COUNTERS
+
+
+def _short(iri: str) -> str:
+    return iri.replace(v.HERE, "here:")
+
+
+def _message_of(finding: Finding) -> str:
+    value = f" (found {_short(finding.value)})" if finding.value else ""
+    return f"{_short(finding.focus)}: {finding.message}{value}"

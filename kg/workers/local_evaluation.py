@@ -1,0 +1,73 @@
+"""Queries and updates of the command line, evaluated in an isolated worker.
+
+The text may come from anywhere. So it is evaluated as a server does it: in a process that the
+kernel denies the network, which dies in place of this one where the engine fails. The limits only
+keep a mistake from taking the machine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+from pyoxigraph import QueryResultsFormat, RdfFormat, parse, parse_query_results
+
+from kg.history.timestamps import Instant, sequence_of
+from kg.maps.semantic_map import SemanticMap
+from kg.query.evaluation import Table, answer_of
+from kg.query.query_files import ParameterizedQuery
+from kg.store.sparql_client import Triples
+from kg.transactions import ChangeSet
+from kg.workers.pool import QueryPool
+from kg.workers.process import Answer
+from kg.workers.request import request_of
+from kg.workers.updates import UpdateRequest, update_map
+
+SECONDS: Final = 3600.0
+MEMORY: Final = 4096  # [MB]
+RESULT: Final = 1 << 30  # [bytes]
+_SOLUTIONS: Final = "application/sparql-results+json"
+_TRIPLES: Final = "application/n-triples"
+
+
+def query_isolated(
+    semantic_map: SemanticMap,
+    question: ParameterizedQuery,
+    parameters: Mapping[str, object],
+    *,
+    at: Instant | None = None,
+) -> Table:
+    """The answer to a query on a map in a folder, as believed at an instant where one is given.
+
+    Raises as `SemanticMap.query`, and QueryTimeoutError, QueryTooLargeError or EngineFailureError
+    where the worker ends.
+    """
+    sequence = None if at is None else sequence_of(semantic_map.history, at)
+    then = semantic_map if at is None else semantic_map.at(at)
+    sparql = then.bound(question, parameters)
+    request = request_of(sparql, f"{_SOLUTIONS}, {_TRIPLES}", (), (), semantic_map.base)
+    with _pool(semantic_map) as pool:
+        answer = pool.request(b"Q", request | {"name": question.name}, at=sequence)
+    return question.check(_table(answer))
+
+
+def update_isolated(
+    semantic_map: SemanticMap, sparql: str, *, by: str | None, confirmed: bool = False
+) -> ChangeSet | None:
+    """Apply an update to a map in a folder; raises as `kg.workers.updates.update_map`."""
+    semantic_map.store.refuse_read_only()
+    with _pool(semantic_map) as pool:
+        return update_map(pool, semantic_map, UpdateRequest(sparql), by=by, confirmed=confirmed)
+
+
+def _pool(semantic_map: SemanticMap) -> QueryPool:
+    return QueryPool(
+        semantic_map, workers=1, timeout=SECONDS, memory_mb=MEMORY, max_result_bytes=RESULT
+    )
+
+
+def _table(answer: Answer) -> Table:
+    if answer.media_type == _TRIPLES:
+        triples = parse(answer.body, format=RdfFormat.N_TRIPLES)
+        return answer_of(Triples(tuple(quad.triple for quad in triples)))
+    return answer_of(parse_query_results(answer.body, format=QueryResultsFormat.JSON))

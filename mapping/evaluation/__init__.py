@@ -1,0 +1,1 @@
+"""Evaluation: a map's objects against hand-made truth."""

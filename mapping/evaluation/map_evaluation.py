@@ -1,0 +1,101 @@
+"""Evaluation of a map against a complete truth: all scores of one map, or of several together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from kg.errors import HistoryError
+from kg.maps.semantic_map import SemanticMap
+from kg.records import ObjectRecord
+from mapping.evaluation.existence_calibration import Calibration, calibration
+from mapping.evaluation.existence_scores import (
+    THRESHOLDS,
+    ExistenceScore,
+    matchings_by_existence,
+    pooled_scores,
+    scores_by_existence,
+)
+from mapping.evaluation.identity_switches import SHOWN, identity_switches, object_states
+from mapping.evaluation.position_coverage import Coverage, coverage
+from mapping.evaluation.truth_matching import MappedObject, Matching, TruthMatcher
+
+
+@dataclass(frozen=True, slots=True)
+class MapScores:
+    """Scores of a map, or of several together."""
+
+    thresholds: tuple[ExistenceScore, ...]
+    switches: int | None  # identity switches; None: the past is not kept
+    calibration: Calibration
+    coverage: Coverage
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values, for `--json`."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MapEvaluation:
+    """A map matched to its truth."""
+
+    matcher: TruthMatcher
+    matchings: tuple[Matching, ...]  # at each of THRESHOLDS
+    switches: int | None
+
+    @property
+    def shown(self) -> Matching:
+        """Matching of the objects at existence 0.5 and above."""
+        return self.matchings[THRESHOLDS.index(SHOWN)]
+
+    def scores(self) -> MapScores:
+        """Scores of this map."""
+        everything = self.matchings[0]
+        return MapScores(
+            thresholds=scores_by_existence(self.matchings, self.matcher),
+            switches=self.switches,
+            calibration=calibration([everything]),
+            coverage=coverage([(everything, self.matcher)]),
+        )
+
+
+def evaluate_map(semantic_map: SemanticMap, matcher: TruthMatcher) -> MapEvaluation:
+    """Match the objects of a map, now and after each of its transactions."""
+    label = semantic_map.catalogue.label
+    objects = mapped_objects(semantic_map.objects(), label)
+    try:
+        states = (mapped_objects(state, label) for state in object_states(semantic_map))
+        switches = identity_switches(states, matcher)
+    except HistoryError:
+        switches = None
+    return MapEvaluation(matcher, matchings_by_existence(objects, matcher), switches)
+
+
+def pooled(evaluations: Sequence[MapEvaluation]) -> MapScores:
+    """Scores over the objects of several maps together."""
+    switches = [e.switches for e in evaluations if e.switches is not None]
+    return MapScores(
+        thresholds=pooled_scores(
+            [e.matchings for e in evaluations], [e.matcher.counted for e in evaluations]
+        ),
+        switches=sum(switches) if len(switches) == len(evaluations) else None,
+        calibration=calibration(e.matchings[0] for e in evaluations),
+        coverage=coverage((e.matchings[0], e.matcher) for e in evaluations),
+    )
+
+
+def mapped_objects(
+    records: Iterable[ObjectRecord], label: Callable[[str], str]
+) -> tuple[MappedObject, ...]:
+    """Objects under evaluation from their records; `label` gives that of a category's IRI."""
+    return tuple(
+        MappedObject(
+            label=label(record.category),
+            p_map=record.p_map,
+            existence=record.existence,
+            iri=record.iri,
+            covariance=getattr(record, "covariance", None),
+        )
+        for record in records
+    )

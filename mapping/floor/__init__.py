@@ -1,1 +1,0 @@
-"""The floor from depth frames: which cells are free, which are not, and which nobody has seen."""

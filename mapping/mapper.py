@@ -1,0 +1,275 @@
+"""Mapper: the public per-frame API. Frames with poses in, one transaction of the map a frame."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from types import TracebackType
+from typing import Final, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kg.errors import ConflictError
+from kg.maps.semantic_map import SemanticMap
+from kg.records import MapUpdate, ObjectRecord, PlaceRecord, RecordingRecord, RobotRecord
+from mapping.label_resolver import LabelResolver
+from mapping.label_table import LabelTable
+from mapping.mapper_lease import MapperLease
+from mapping.objects.bayes_mapper import BayesObjectMapper
+from mapping.objects.object_mapper import ObjectChanges, ObjectMapper
+from mapping.objects.settings import ObjectSettings
+from mapping.occupancy.occupancy_map import OccupancyMap
+from mapping.places.evidence_from_objects import ObjectEvidence
+from mapping.places.layout import Layout
+from mapping.places.place_mapper import PlaceMapper
+from mapping.places.place_registry import PlaceRegistry
+from mapping.progress_report import StageTimer
+from mapping.projection import map_points
+from mapping.reference.settings import ReferenceSettings
+from mapping.sighting import Sighting
+from perception.frames import Detections, Frame, SceneScores
+
+Mode = Literal["bayes", "reference"]
+TRIES: Final = 10  # of a transaction that conflicts with other writers
+
+_Change = tuple[ObjectChanges, MapUpdate]
+
+
+class Mapper:
+    """Mapper of one stream of frames into a map, written by this and perhaps other programs.
+
+    Each `add` is one transaction. As a context manager it writes the rest of the occupancy map at
+    the end. `timer` measures its stages.
+
+    Args:
+        semantic_map: the map, open for writing: a folder, in memory, or a served one.
+        mode: "bayes" (`mapping.objects.bayes_mapper`), or "reference": the thesis' objects.
+        settings: the reference mapper's settings; the Bayes mapper uses those of places and of
+            unknown labels. The thesis' values by default.
+        objects: the Bayes mapper's settings.
+        layout: rectangles of the places; without it the stream gets one place that grows with what
+            is seen.
+        labels: what the networks' labels mean, before what the ontology has of them.
+        occupancy: whether depth also goes into the occupancy map of the floor.
+        recording: name of the stream in the map. A stream of that name is continued.
+        T_map_world: (4, 4) how the stream's own world sits in the map, kept with its name; the
+            poses of frames are in the map frame already. Identity by default.
+        detector: name of the detector, kept with each observation.
+        scene_model: name of the scene classifier, kept with the stream.
+        again: whether the stream is mapped once more from its beginning.
+
+    Raises LayoutError where the layout contradicts the ontology, LabelsError where `labels` names
+    what is no category.
+    """
+
+    def __init__(
+        self,
+        semantic_map: SemanticMap,
+        *,
+        mode: Mode = "bayes",
+        settings: ReferenceSettings | None = None,
+        objects: ObjectSettings | None = None,
+        layout: Layout | None = None,
+        labels: LabelTable | None = None,
+        occupancy: bool = True,
+        recording: str = "live",
+        T_map_world: NDArray[np.float64] | None = None,
+        detector: str = "",
+        scene_model: str = "",
+        again: bool = False,
+    ) -> None:
+        table, s = labels or LabelTable(), settings or ReferenceSettings()
+        table.refuse_unknown(semantic_map.catalogue)
+        self.timer = StageTimer()
+        self.changed_triples = 0  # by the last transaction
+        self._map, self._settings = semantic_map, s
+        self._recording, self._scene_model = recording, scene_model
+        self._T_map_world = np.eye(4) if T_map_world is None else T_map_world
+        self._lease = MapperLease(semantic_map, recording)
+        self._progress = self._lease.record
+        self._next = 0 if again else self.frames_applied
+        self._places = PlaceRegistry(semantic_map, layout, recording=recording)
+        self._place_mapper = PlaceMapper(
+            semantic_map, self._places, s, model=scene_model, labels=table
+        )
+        self._objects: ObjectMapper | BayesObjectMapper
+        if mode == "reference":
+            self._objects = ObjectMapper(
+                semantic_map, s, self._places, recording=recording, model=detector, labels=table
+            )
+        else:
+            self._objects = BayesObjectMapper(
+                semantic_map,
+                objects,
+                self._places,
+                recording=recording,
+                model=detector,
+                labels=table,
+                unknown_labels=s.unknown_labels,
+            )
+        self._occupancy = OccupancyMap(semantic_map) if occupancy else None
+        evidence = ObjectEvidence(semantic_map, self._places, s) if s.places_from_objects else None
+        self._evidence = evidence
+        self._observed: Frame | None = None  # the frame that the places have taken in
+        self._viewed: tuple[Frame, str | None] | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None
+    ) -> None:
+        if kind is None:
+            self.flush()
+
+    def add(
+        self, frame: Frame, detections: Detections, scores: SceneScores | None = None
+    ) -> MapUpdate:
+        """Map one frame: objects, places, occupancy and the robot's pose; returns what was written.
+
+        `scores` count where `viewed_place` says so. Raises MapBusyError where another mapper writes
+        the same stream, ConflictError where others keep writing the same things.
+        """
+        with self.timer.stage("map"):
+            self._observe(frame)
+        place = None if scores is None else self.viewed_place(frame)
+        if scores is not None and place is not None:
+            with self.timer.stage("map"):
+                self._place_mapper.view(place, frame, scores)
+        if self._occupancy is not None:
+            with self.timer.stage("floor"):
+                self._occupancy.add(frame)
+        self._observed = self._viewed = None
+        update = self._apply(lambda: self._frame_change(self._next, frame, detections))
+        self._next += 1
+        return update
+
+    def add_sightings(
+        self, sightings: Sequence[Sighting], stamp: float, *, robot: RobotRecord | None = None
+    ) -> MapUpdate:
+        """Map detections that have positions already; returns what was written.
+
+        As `add` by association, confidence and corrections, but without negative evidence: nothing
+        is known of what the sensor could see. `stamp` [s since 1970] is when they were taken.
+        """
+
+        def change() -> _Change:
+            with self.timer.stage("map"):
+                changes = self._objects.add_sightings(sightings, stamp)
+            return changes, MapUpdate(changes.updated, changes.removed, robot=robot)
+
+        return self._apply(change)
+
+    def viewed_place(self, frame: Frame) -> str | None:
+        """IRI of the place whose category belief the scene scores of `frame` would update.
+
+        None: they would not count (little depth, several places in view, a repeated view), so that
+        the scene classifier need not be run.
+        """
+        if self._viewed is None or self._viewed[0] is not frame:
+            with self.timer.stage("map"):
+                self._observe(frame)
+                self._viewed = frame, self._place_mapper.viewed_place(frame)
+        return self._viewed[1]
+
+    def flush(self) -> None:
+        """Write what is left of the occupancy map; tiles are written seldom while mapping."""
+        if self._occupancy is not None:
+            self._apply(self._rest_of_occupancy)
+
+    def objects(self) -> tuple[ObjectRecord, ...]:
+        """All objects of the map, with assertions applied."""
+        return self._objects.objects()
+
+    def places(self) -> tuple[PlaceRecord, ...]:
+        """All places of the map, as perception believes them."""
+        return self._places.places()
+
+    @property
+    def frames_applied(self) -> int:
+        """Frames of the stream that the map holds."""
+        return self._progress.frames_applied if self._progress else 0
+
+    @property
+    def unplaced(self) -> int:
+        """Detections so far without usable depth."""
+        return self._objects.unplaced
+
+    @property
+    def label_resolvers(self) -> tuple[LabelResolver, LabelResolver]:
+        """Resolvers of the detector's and of the scene classifier's labels, with what they met."""
+        return self._objects.labels, self._place_mapper.labels
+
+    def _observe(self, frame: Frame) -> None:
+        if self._observed is not frame:
+            self._places.refresh()
+            s = self._settings
+            self._places.observe(map_points(frame, s.stride, s.max_depth))
+            self._observed = frame
+
+    def _frame_change(self, index: int, frame: Frame, detections: Detections) -> _Change:
+        with self.timer.stage("map"):
+            changes = self._objects.add(frame, detections)
+            if self._evidence is not None:
+                self._evidence.update(self._objects.objects())
+        if self.frames_applied <= index:
+            self._progress = RecordingRecord(
+                name=self._recording,
+                frames_applied=index + 1,
+                last_frame=frame.id,
+                T_map_world=self._T_map_world,
+                scene_model=self._scene_model,
+            )
+        return changes, MapUpdate(
+            objects=changes.updated,
+            removed=changes.removed,
+            places=self._places.take_changed(),
+            robot=robot_at(frame),
+            recording=self._progress,
+            floor=() if self._occupancy is None else self._occupancy.take_changed(frame.stamp),
+        )
+
+    def _rest_of_occupancy(self) -> _Change | None:
+        rest = () if self._occupancy is None else self._occupancy.take_rest()
+        return (ObjectChanges(), MapUpdate(recording=self._progress, floor=rest)) if rest else None
+
+    def _apply(self, change: Callable[[], _Change | None]) -> MapUpdate:
+        """Optimistic transaction: computed and written again where it conflicts with others."""
+        for _ in range(TRIES - 1):
+            try:
+                return self._try(change)
+            except ConflictError:
+                continue
+        return self._try(change)
+
+    def _try(self, change: Callable[[], _Change | None]) -> MapUpdate:
+        with self._map.hold():  # nobody else writes between reading and writing
+            self._lease.check()
+            if self._occupancy is not None:
+                self._occupancy.refresh()
+            changed = change()
+            if changed is None:
+                return MapUpdate()
+            changes, update = changed
+            try:
+                with self.timer.stage("graph"):
+                    self.changed_triples = self._map.apply(update)
+            except ConflictError:
+                self._undo(changes, update)
+                raise
+            self._lease.renew(update.recording)
+            return update
+
+    def _undo(self, changes: ObjectChanges, update: MapUpdate) -> None:
+        self._objects.undo(changes)
+        self._places.undo(update.places)
+        if self._occupancy is not None:
+            self._occupancy.undo(update.floor)
+
+
+def robot_at(frame: Frame) -> RobotRecord:
+    """Robot pose from a camera's: its position, and heading [rad] of its axis seen from above."""
+    T = frame.T_map_cam
+    heading = math.atan2(float(T[1, 2]), float(T[0, 2]))
+    return RobotRecord(p_map=T[:3, 3].copy(), heading=heading, stamp=frame.stamp)

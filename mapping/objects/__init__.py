@@ -1,0 +1,1 @@
+"""Objects: localisation, data association, confidence, visibility."""

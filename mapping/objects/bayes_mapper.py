@@ -1,0 +1,477 @@
+"""Bayes mapper of objects: multi-view existence, one identity for each thing, extents.
+
+Each frame's detections are grouped by thing and localised, associated with tracks, and counted as
+evidence: a hit or a miss of each detector for each category of a track. A track becomes an object
+of the map once distinct views make it probable, and leaves it when they make it improbable.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kg.maps.semantic_map import SemanticMap
+from kg.records import Evidence, ObjectRecord
+from mapping.label_resolver import LabelResolver
+from mapping.label_table import LabelTable
+from mapping.objects.association import associate
+from mapping.objects.detector_rates import DetectorRates, rates_of
+from mapping.objects.existence import logit
+from mapping.objects.merging import duplicates
+from mapping.objects.object_cache import ObjectCache
+from mapping.objects.object_mapper import ObjectChanges
+from mapping.objects.ray_test import VolumeView, in_front, ray_test
+from mapping.objects.settings import ObjectSettings
+from mapping.objects.sightings import SightingExtractor, ThingSighting
+from mapping.objects.tracks import Track, track_of
+from mapping.objects.usual_sizes import UsualSize, size_log_likelihood, usual_sizes
+from mapping.places.place_registry import PlaceRegistry
+from mapping.reference.settings import UnknownLabels
+from mapping.sighting import Sighting
+from perception.frames import Detections, Frame
+
+_NEARBY = 6.0  # [m] tracks farther from every sighting are not looked at
+
+
+class BayesObjectMapper:
+    """Turns detections into changes of the map's objects; writes nothing itself.
+
+    Arguments and methods are those of `ObjectMapper`, the thesis' one, but for `settings`. What
+    others write is read again, and the track of a changed object starts anew from its record.
+    """
+
+    def __init__(
+        self,
+        semantic_map: SemanticMap,
+        settings: ObjectSettings | None = None,
+        places: PlaceRegistry | None = None,
+        *,
+        recording: str = "",
+        model: str = "",
+        labels: LabelTable | None = None,
+        unknown_labels: UnknownLabels = "ignore",
+    ) -> None:
+        self._map, self._places = semantic_map, places
+        self._settings = settings or ObjectSettings()
+        self._recording, self._model = recording, model
+        self._objects = ObjectCache(semantic_map)
+        self.labels = LabelResolver(
+            semantic_map, "object", table=labels, unknown=unknown_labels, model=model
+        )
+        self._extractor = SightingExtractor(self.labels, self._usual_size, self._settings)
+        self._rates: dict[str, DetectorRates] = {}
+        self._tracks: list[Track] = [self._track(r) for r in self._objects.perceived.values()]
+        self._new: set[str | None] = set()  # IRIs that the last frame gave
+        self._frame = 0  # number of the present one
+        self._revision = -1  # of the places' rectangles, when objects were last put into places
+
+    @property
+    def unplaced(self) -> int:
+        """Things detected so far without usable depth."""
+        return self._extractor.unplaced
+
+    def objects(self) -> tuple[ObjectRecord, ...]:
+        """All objects, with assertions applied."""
+        return tuple(self._objects.believed(r) for r in self._objects.perceived.values())
+
+    def get(self, iri: str) -> ObjectRecord | None:
+        """Object with that IRI, with assertions applied; None where there is none."""
+        record = self._objects.perceived.get(iri)
+        return None if record is None else self._objects.believed(record)
+
+    def object_of(self, sighting: Sighting) -> str | None:
+        """IRI of the object that `sighting` is associated with at present, or None."""
+        objects = [track for track in self._tracks if track.iri is not None]
+        one = self._extractor.of_position(sighting)
+        found = associate((one,), objects, self._asserted, self._settings)
+        return objects[found[0]].iri if found else None
+
+    def add(self, frame: Frame, detections: Detections) -> ObjectChanges:
+        """Process one frame: evidence for what is seen and what is missed, candidates, merges."""
+        self.refresh()
+        self._frame += 1
+        camera = frame.T_map_cam[:3, 3]
+        sightings = self._extractor.sightings(frame, detections)
+        detectors = detections.detectors or ("",)
+        known = self._associated(sightings)
+        for sighting, track in known:
+            self._see(track, sighting, detectors, frame, track.novelty(camera))
+        _count_together([track for _, track in known])
+        seen = [track for _, track in known]
+        missed = self._miss(frame, seen, detectors)
+        matched = {id(sighting) for sighting, _ in known}
+        born = [
+            self._born(sighting, detectors, frame)
+            for sighting in sightings
+            if id(sighting) not in matched and self._may_be_new(sighting)
+        ]
+        self._tracks += born
+        absorbed = self._merge([*seen, *born])
+        return self._changes([*seen, *born], missed, absorbed)
+
+    def add_sightings(
+        self, sightings: Sequence[Sighting], stamp: float, *, frame: str = ""
+    ) -> ObjectChanges:
+        """Process detections that have positions already, taken at `stamp` [s since 1970].
+
+        As `add`, but without negative evidence, as nothing is known of what the camera could see,
+        and each is an object at once. `frame` is the id of the image.
+        """
+        self.refresh()
+        self._frame += 1
+        located = [self._extractor.of_position(sighting) for sighting in sightings]
+        touched = dict[int, Track]()
+        for sighting in located:
+            # one by one: a message may hold the same thing several times, from several pictures
+            known = self._associated((sighting,))
+            track = known[0][1] if known else self._new_track(sighting, stamp)
+            touched[id(track)] = track
+            track.iri = track.iri or self._map.new_object_iri()
+            self._locate(track, sighting, 1.0, stamp)
+            for (detector, category), score in sighting.scores.items():
+                track.add_evidence(category, detector, self._rate("").hit(score, 1.0), 1.0)
+            self._finish(track, sighting, stamp, frame)
+            if not known:
+                self._tracks.append(track)
+        return self._changes(list(touched.values()), [], ())
+
+    def decay(self, iri: str, times: int = 1) -> ObjectChanges:
+        """Count `times` looks that should have shown the object and did not."""
+        self.refresh()
+        self._frame += 1
+        track = next((track for track in self._tracks if track.iri == iri), None)
+        if track is None or times < 1:
+            return ObjectChanges()
+        for held in track.evidence.values():
+            for evidence in held.values():
+                evidence.add(self._rate("").miss(1.0), times)
+        self._assess(track)
+        return self._changes([], [track], ())
+
+    def undo(self, changes: ObjectChanges) -> None:
+        """Discard changes that could not be written; their objects are read again."""
+        self._objects.invalidate([*(record.iri for record in changes.updated), *changes.removed])
+        for track in self._tracks:
+            if track.iri in self._new:
+                track.iri = track.written = None  # a candidate again
+            if track.iri is None and track.last_frame == self._frame:
+                track.observations -= 1
+        self._revision = -1
+
+    def refresh(self) -> None:
+        """Read again what others changed since the last call; cheap where nothing was."""
+        if self._places is not None:
+            self._places.refresh()
+        touched = self._objects.refresh()
+        if not touched:
+            return
+        held = self._objects.perceived
+        kept = list[Track]()
+        for track in self._tracks:
+            if track.iri not in touched:
+                kept.append(track)
+            elif track.iri in held:
+                same = track.written is not None and _same_facts(track.written, held[track.iri])
+                kept.append(track if same else self._track(held[track.iri]))
+        known = {track.iri for track in kept}
+        self._tracks = kept + [
+            self._track(held[iri]) for iri in touched if iri in held and iri not in known
+        ]
+
+    # one frame
+
+    def _associated(self, sightings: Sequence[ThingSighting]) -> list[tuple[ThingSighting, Track]]:
+        near = self._near(sightings)
+        found = associate(sightings, near, self._asserted, self._settings)
+        return [(sightings[row], near[column]) for row, column in found.items()]
+
+    def _near(self, sightings: Sequence[ThingSighting]) -> list[Track]:
+        """Tracks that any of the sightings may show, by where they are perceived or asserted."""
+        if not sightings or not self._tracks:
+            return []
+        centre = np.mean([sighting.p_map for sighting in sightings], axis=0)
+        reach = _NEARBY + max(float(np.linalg.norm(x.p_map - centre)) for x in sightings)
+        offsets = np.linalg.norm(self._positions() - centre, axis=1)
+        return [
+            track
+            for track, offset in zip(self._tracks, offsets, strict=True)
+            if offset < reach or self._asserted(track)[0] is not None
+        ]
+
+    def _see(
+        self,
+        track: Track,
+        sighting: ThingSighting,
+        detectors: Collection[str],
+        frame: Frame,
+        novelty: float,
+    ) -> None:
+        """Count a sighting as a view: hits of its categories, misses of the track's others."""
+        track.views += novelty == 1.0
+        track.clear_views.clear()
+        track.emptiness = min(0.0, track.emptiness + 2 * novelty)
+        self._locate(track, sighting, novelty, frame.stamp)
+        share = self._share(track.size, sighting.depth or 1.0, frame)
+        for category in sighting.categories:
+            track.evidence.setdefault(category, {})
+        for category in track.evidence:
+            for detector in detectors:
+                score = sighting.scores.get((detector, category))
+                rate = self._rate(detector)
+                if score is not None:
+                    track.add_evidence(category, detector, rate.hit(score, share), novelty)
+                elif not sighting.cut:
+                    track.add_evidence(category, detector, rate.miss(share), novelty)
+        self._finish(track, sighting, frame.stamp, frame.id)
+
+    def _miss(
+        self, frame: Frame, seen: Collection[Track], detectors: Collection[str]
+    ) -> list[Track]:
+        """Count the frame against the tracks that it should have shown; returns them."""
+        s, shown = self._settings, {id(track) for track in seen}
+        camera = frame.T_map_cam[:3, 3]
+        missed = list[Track]()
+        for index in in_front(frame, self._positions(), s):
+            track = self._tracks[index]
+            if id(track) in shown or self._asserted(track)[0] is not None:
+                continue
+            view = ray_test(frame, track.p_map, min(track.size, s.largest), s)
+            if view is VolumeView.NOTHING:
+                continue
+            weight = track.novelty(camera)
+            if view is VolumeView.EMPTY:
+                track.add_clear_view(camera)
+                track.emptiness = max(track.emptiness + s.emptiness * weight, -8.0)
+            share = self._share(track.size, float(np.linalg.norm(track.p_map - camera)), frame)
+            for category in track.evidence:
+                for detector in detectors:
+                    track.add_evidence(category, detector, self._rate(detector).miss(share), weight)
+            self._assess(track)
+            missed.append(track)
+        return missed
+
+    def _may_be_new(self, sighting: ThingSighting) -> bool:
+        """Whether an unassociated sighting makes a candidate.
+
+        A box that the border cuts is likely a part of an object of its category nearby.
+        """
+        s = self._settings
+        odds = max(self._rate(d).hit(score, 1.0) for (d, _), score in sighting.scores.items())
+        if odds + s.prior < s.birth:
+            return False
+        if not sighting.cut or not self._tracks:
+            return True
+        offsets = np.linalg.norm(self._positions() - sighting.p_map, axis=1)
+        size = min(sighting.size, s.largest)
+        return not any(
+            offsets[index] < 0.4 + 0.5 * max(size, min(self._tracks[index].size, s.largest))
+            and sighting.categories & self._tracks[index].plausible
+            for index in np.nonzero(offsets < 2.0)[0]
+        )
+
+    def _born(self, sighting: ThingSighting, detectors: Collection[str], frame: Frame) -> Track:
+        track = self._new_track(sighting, frame.stamp)
+        self._see(track, sighting, detectors, frame, track.novelty(frame.T_map_cam[:3, 3]))
+        return track
+
+    def _new_track(self, sighting: ThingSighting, stamp: float) -> Track:
+        return Track(
+            p_map=sighting.p_map.copy(),
+            size=sighting.size,
+            settings=self._settings,
+            first_seen=stamp,
+            last_seen=stamp,
+        )
+
+    def _locate(self, track: Track, sighting: ThingSighting, novelty: float, stamp: float) -> None:
+        track.locate(sighting, novelty)
+        track.observations += 1
+        track.last_seen = max(track.last_seen, stamp)
+        track.last_frame = self._frame
+
+    def _finish(self, track: Track, sighting: ThingSighting, stamp: float, frame: str) -> None:
+        """Assess the track, and keep the sighting where it explains the track best."""
+        self._assess(track)
+        shown = {d: score for (d, c), score in sighting.scores.items() if c == track.category}
+        if sighting.box is None or not shown:
+            return
+        detector = max(shown, key=lambda d: shown[d])
+        if track.best is None or shown[detector] > track.best.score:
+            track.best = Evidence(
+                frame=frame,
+                recording=self._recording,
+                stamp=stamp,
+                box=sighting.box,
+                score=shown[detector],
+                model=detector or self._model,
+            )
+
+    def _assess(self, track: Track) -> None:
+        size = float(np.median(track.sizes)) if track.sizes else 0.0
+        track.assess({c: size_log_likelihood(size, self._usual_size(c)) for c in track.evidence})
+
+    def _merge(self, touched: Sequence[Track]) -> tuple[Track, ...]:
+        """Merge tracks that are one thing; returns those that were absorbed.
+
+        An object of which people assert anything stays itself.
+        """
+        found = [
+            (kept, absorbed)
+            for kept, absorbed in duplicates(
+                touched, self._tracks, self._usual_size, self._settings
+            )
+            if not self._objects.has_assertions(absorbed.iri)
+        ]
+        if not found:
+            return ()
+        for kept, absorbed in found:
+            kept.merge(absorbed)
+            self._assess(kept)
+        gone = {id(absorbed) for _, absorbed in found}
+        self._tracks = [track for track in self._tracks if id(track) not in gone]
+        return tuple(absorbed for _, absorbed in found)
+
+    # changes of the map
+
+    def _changes(
+        self, seen: Sequence[Track], missed: Sequence[Track], absorbed: Sequence[Track]
+    ) -> ObjectChanges:
+        gone = {id(track) for track in absorbed}
+        touched = [track for track in (*seen, *missed) if id(track) not in gone]
+        new = self._confirmed(touched)
+        self._new = {track.iri for track in seen if track.written is None} - {None}
+        lost = [track for track in touched if track.iri is not None and self._improbable(track)]
+        removed = [track.iri for track in (*lost, *absorbed) if track.iri is not None]
+        self._drop(lost)
+        self._objects.remove(iri for iri in removed if iri in self._objects.perceived)
+        dropped = {id(track) for track in lost}
+        written = {
+            track.iri: self._record(track)
+            for track in touched
+            if track.iri is not None and id(track) not in dropped
+        }
+        written |= self._moved(written)
+        self._objects.update(written)
+        return ObjectChanges(
+            tuple(written.values()), tuple(removed), len(new), len(seen), len(missed)
+        )
+
+    def _confirmed(self, touched: Sequence[Track]) -> list[Track]:
+        """Give probable candidates an IRI; returns them."""
+        s = self._settings
+        new = [
+            track
+            for track in touched
+            if track.iri is None
+            and track.views >= s.confirmed_views
+            and track.existence >= s.confirmed
+        ]
+        for track in new:
+            track.iri = self._map.new_object_iri()
+        return new
+
+    def _improbable(self, track: Track) -> bool:
+        assert track.iri is not None
+        if self._objects.asserted_present(track.iri):
+            return False
+        s = self._settings
+        # of a robot's single sighting that a further look did not confirm
+        unconfirmed = track.views < s.confirmed_views and track.last_frame < self._frame
+        least = s.confirmed if unconfirmed else s.removed
+        return track.existence < least or len(track.clear_views) >= s.clear_views
+
+    def _drop(self, lost: Sequence[Track]) -> None:
+        """Forget what left the map, and candidates that are improbable or long unseen."""
+        s, gone = self._settings, {id(track) for track in lost}
+        least = logit(s.removed)
+        self._tracks = [
+            track
+            for track in self._tracks
+            if id(track) not in gone
+            and (
+                track.iri is not None
+                or (
+                    max(track.log_odds.values()) > least
+                    and self._frame - track.last_frame < s.forgotten
+                )
+            )
+        ]
+
+    def _record(self, track: Track) -> ObjectRecord:
+        record = track.record()
+        if self._places is not None:
+            track.place = self._places.at(self._objects.believed(record).p_map)
+            record = replace(record, place=track.place)
+        track.written = record
+        return record
+
+    def _moved(self, written: Mapping[str, ObjectRecord]) -> dict[str, ObjectRecord]:
+        """Objects that are in another place since the places' rectangles changed."""
+        if self._places is None or self._places.revision == self._revision:
+            return {}
+        self._revision = self._places.revision
+        moved = {}
+        for track in self._tracks:
+            if track.iri is None or track.iri in written or track.written is None:
+                continue
+            place = self._places.at(self._objects.believed(track.written).p_map)
+            if place != track.place:
+                track.place = place
+                track.written = moved[track.iri] = replace(track.written, place=place)
+        return moved
+
+    # helpers
+
+    def _track(self, record: ObjectRecord) -> Track:
+        return track_of(record, self._settings, self._usual_size(record.category))
+
+    def _positions(self) -> NDArray[np.float64]:
+        """(n, 3) [m] of all tracks."""
+        if not self._tracks:
+            return np.zeros((0, 3))
+        return np.array([track.p_map for track in self._tracks])
+
+    def _asserted(self, track: Track) -> tuple[NDArray[np.float64] | None, str | None]:
+        """Position and category of a track as people assert them, where they differ from ours."""
+        record = None if track.iri is None else self._objects.perceived.get(track.iri)
+        if record is None:
+            return None, None
+        believed = self._objects.believed(record)
+        if believed is record:
+            return None, None
+        moved = not np.allclose(believed.p_map, record.p_map)
+        return believed.p_map if moved else None, believed.category
+
+    def _usual_size(self, category: str) -> UsualSize | None:
+        return usual_sizes().get(self._map.catalogue.label(category))
+
+    def _rate(self, detector: str) -> DetectorRates:
+        if detector not in self._rates:
+            self._rates[detector] = rates_of(detector or self._model)
+        return self._rates[detector]
+
+    def _share(self, size: float, depth: float, frame: Frame) -> float:
+        """Side of a thing of `size` [m] at `depth` [m], as a share of the image's side."""
+        height, width = frame.depth.shape
+        seen = 0.8 * min(size, self._settings.largest) * frame.K[0, 0] / max(depth, 0.3)
+        return float(seen / np.sqrt(height * width))
+
+
+def _count_together(tracks: Sequence[Track]) -> None:
+    """Count a frame that shows these tracks as different things."""
+    for track in tracks:
+        for other in tracks:
+            if other is not track:
+                track.together[id(other)] = track.together.get(id(other), 0) + 1
+
+
+def _same_facts(a: ObjectRecord, b: ObjectRecord) -> bool:
+    """Whether two records differ by rounding at most."""
+    return (
+        (a.category, a.observations) == (b.category, b.observations)
+        and abs(a.existence - b.existence) < 0.011
+        and bool(np.allclose(a.p_map, b.p_map, atol=0.011))
+    )

@@ -1,0 +1,80 @@
+"""Merging of tracks that turn out to be one thing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mapping.objects.association import boxes_touch, shared_footprint
+from mapping.objects.settings import ObjectSettings
+from mapping.objects.tracks import Track
+from mapping.objects.usual_sizes import UNUSUAL, SizeOf, UsualSize
+
+_LARGE = 1.2  # [m] usual size of things that are seen in parts
+_TOLERANCE = 1.15  # of the usual size
+_SEEN_TOGETHER = 2  # frames with a detection of each, which shows that they are two
+
+
+def duplicates(
+    touched: Sequence[Track], tracks: Sequence[Track], usual: SizeOf, settings: ObjectSettings
+) -> list[tuple[Track, Track]]:
+    """Pairs (kept, absorbed) of tracks that are one thing; only `touched` ones are looked at.
+
+    Objects of the map absorb candidates, older ones younger ones.
+    """
+    if not touched or len(tracks) < 2:
+        return []
+    positions = np.array([track.p_map for track in tracks])
+    lows, highs = np.array([t.low for t in tracks]), np.array([t.high for t in tracks])
+    farthest = 2.0  # [m] largest distance of two parts of one thing
+    found, gone = list[tuple[Track, Track]](), set[int]()
+    for track in touched:
+        if id(track) in gone:
+            continue
+        near = np.linalg.norm(positions - track.p_map, axis=1) < farthest
+        near |= boxes_touch(track.low, track.high, lows, highs)
+        for index in np.nonzero(near)[0]:
+            other = tracks[int(index)]
+            if other is track or id(other) in gone or id(track) in gone:
+                continue
+            if same_thing(track, other, usual, settings):
+                kept, absorbed = sorted((track, other), key=_seniority)
+                found.append((kept, absorbed))
+                gone.add(id(absorbed))
+    return found
+
+
+def _seniority(track: Track) -> tuple[bool, float]:
+    """Sorts objects of the map first, then what exists more probably."""
+    return track.iri is None, -track.existence
+
+
+def same_thing(a: Track, b: Track, usual: SizeOf, s: ObjectSettings) -> bool:
+    """Whether two tracks are one thing."""
+    distance = float(np.linalg.norm(a.p_map - b.p_map))
+    sizes = min(a.size, s.largest), min(b.size, s.largest)
+    apart = a.together.get(id(b), 0) >= _SEEN_TOGETHER
+    if a.category != b.category:
+        return not apart and distance < 0.3 * min(sizes)
+    expected = usual(a.category) or UNUSUAL
+    if distance < max(s.separation * expected.width, 0.1 * max(sizes)):
+        return True
+    shared = shared_footprint(a.low, a.high, b.low, b.high)
+    if max(sizes) > UNUSUAL.longest and shared > s.interpenetration:
+        return True
+    if apart:
+        return False
+    near = distance < 0.1 + s.same_place * sum(sizes) / 2
+    return near or shared > s.overlap or _parts_of_one(a, b, expected)
+
+
+def _parts_of_one(a: Track, b: Track, expected: UsualSize) -> bool:
+    """Whether both are parts of one large thing: their common box is no larger than one of them.
+
+    Beds, tables and couches are seen in parts, cut by the image's border.
+    """
+    if expected.longest < _LARGE:
+        return False
+    low, high = np.minimum(a.low, b.low), np.maximum(a.high, b.high)
+    return float((high - low)[:2].max()) < _TOLERANCE * expected.longest

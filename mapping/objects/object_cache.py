@@ -1,0 +1,81 @@
+"""Object cache: a map's objects as perception believes them, and the assertions about them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+
+from kg.facts.assertions import PropertyAssertions, believed_object
+from kg.maps.cache_invalidation import PerceivedObjects
+from kg.maps.semantic_map import SemanticMap
+from kg.records import ObjectRecord
+
+
+class ObjectCache:
+    """Cache of a map's objects, ahead of the map by what is not written yet."""
+
+    def __init__(self, semantic_map: SemanticMap) -> None:
+        self._map = semantic_map
+        self.perceived = PerceivedObjects(semantic_map)  # by IRI
+        self._assertions: dict[str, PropertyAssertions] = {}
+        self._read_assertions(self.perceived)
+
+    def believed(self, record: ObjectRecord) -> ObjectRecord:
+        """Record with assertions applied."""
+        asserted = self._assertions.get(record.iri)
+        return record if asserted is None else believed_object(record, asserted)
+
+    def candidates(self) -> Iterator[ObjectRecord]:
+        """Objects as detections may show them: as perceived, and as asserted where that differs."""
+        for record in self.perceived.values():
+            yield record
+            if record.iri in self._assertions:
+                believed = self.believed(record)
+                yield believed
+                yield replace(record, category=believed.category)
+                yield replace(record, p_map=believed.p_map)
+
+    def asserted_present(self, iri: str) -> bool:
+        """Whether the object's existence is asserted."""
+        existence = self._assertions.get(iri, {}).get("existence")
+        return existence is not None and existence.value == "present"
+
+    def has_assertions(self, iri: str | None) -> bool:
+        """Whether anything is asserted of the object."""
+        return iri is not None and iri in self._assertions
+
+    def update(self, records: Mapping[str, ObjectRecord]) -> None:
+        """Store new records by IRI."""
+        self.perceived |= records
+
+    def remove(self, iris: Iterable[str]) -> None:
+        """Forget objects."""
+        for iri in iris:
+            del self.perceived[iri]
+            self._assertions.pop(iri, None)
+
+    def invalidate(self, iris: Iterable[str]) -> None:
+        """Mark objects to be read again at the next `refresh`."""
+        self.perceived.invalidate(iris)
+
+    def refresh(self) -> frozenset[str]:
+        """IRIs of things that others changed since the last call, read again; cheap where none."""
+        touched = self.perceived.refresh()
+        if not touched:
+            return touched
+        for iri in touched - self.perceived.keys():
+            self._assertions.pop(iri, None)
+        self._read_assertions(touched & self.perceived.keys())
+        return touched
+
+    def _read_assertions(self, iris: Iterable[str]) -> None:
+        by_subject: dict[str, PropertyAssertions] = {}
+        for assertion in self._map.assertions():
+            by_subject[assertion.subject] = {
+                **by_subject.get(assertion.subject, {}),
+                assertion.property: assertion,
+            }
+        for iri in iris:
+            self._assertions.pop(iri, None)
+            if iri in by_subject:
+                self._assertions[iri] = by_subject[iri]

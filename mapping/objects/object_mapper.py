@@ -1,0 +1,225 @@
+"""Object mapper: association, confidence and negative evidence, frame by frame (section 3.3.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+from kg.maps.semantic_map import SemanticMap
+from kg.records import Evidence, ObjectRecord
+from mapping.label_resolver import LabelResolver
+from mapping.label_table import LabelTable
+from mapping.objects.detection_localiser import DetectionLocaliser
+from mapping.objects.object_cache import ObjectCache
+from mapping.places.place_registry import PlaceRegistry
+from mapping.reference.confidence import decayed, existence
+from mapping.reference.nearest_association import Association, associate, most_confident
+from mapping.reference.object_update import new_object, updated_object
+from mapping.reference.settings import ReferenceSettings
+from mapping.reference.visibility import missed
+from mapping.sighting import Sighting
+from perception.frames import Detections, Frame
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectChanges:
+    """Changes of the map's objects that one frame, or one set of sightings, leads to."""
+
+    updated: tuple[ObjectRecord, ...] = ()  # whole new records, as perception believes them
+    removed: tuple[str, ...] = ()  # IRIs
+    new: int = 0
+    seen: int = 0
+    missed: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class _Source:
+    """The frame that sightings come from."""
+
+    stamp: float  # [s since 1970]
+    frame: str  # id
+
+
+class ObjectMapper:
+    """Object mapper: turns detections into changes of the map's objects; writes nothing itself.
+
+    Its state is a cache of the map: loaded when made, ahead of the map by rounding only, and read
+    again where others wrote since. It holds what perception believes; assertions decide which
+    object a detection belongs to. `labels` resolves the detector's labels.
+    """
+
+    def __init__(
+        self,
+        semantic_map: SemanticMap,
+        settings: ReferenceSettings,
+        places: PlaceRegistry | None = None,
+        *,
+        recording: str = "",
+        model: str = "",
+        labels: LabelTable | None = None,
+    ) -> None:
+        self._map = semantic_map
+        self._settings = settings
+        self._places = places
+        self._recording, self._model = recording, model
+        self._objects = ObjectCache(semantic_map)
+        self.labels = LabelResolver(
+            semantic_map, "object", table=labels, unknown=settings.unknown_labels, model=model
+        )
+        self._localiser = DetectionLocaliser(self.labels, settings)
+        self._revision = -1  # of the places' rectangles, when objects were last put into places
+
+    @property
+    def unplaced(self) -> int:
+        """Detections so far without usable depth."""
+        return self._localiser.unplaced
+
+    def objects(self) -> tuple[ObjectRecord, ...]:
+        """All objects, with assertions applied."""
+        return tuple(self._objects.believed(r) for r in self._objects.perceived.values())
+
+    def get(self, iri: str) -> ObjectRecord | None:
+        """Object with that IRI, with assertions applied; None where there is none."""
+        record = self._objects.perceived.get(iri)
+        return None if record is None else self._objects.believed(record)
+
+    def object_of(self, sighting: Sighting) -> str | None:
+        """IRI of the object that `sighting` is associated with at present, or None."""
+        return next(iter(self._associated((sighting,)).matched), None)
+
+    def add(self, frame: Frame, detections: Detections) -> ObjectChanges:
+        """Process one frame: reinforce what is seen, register what is new, decay what is missed."""
+        self.refresh()
+        found = self._associated(self._localiser.sightings(frame, detections))
+        missing = self._missing(frame, found.matched)
+        changes = self._changes(found, missing, _Source(frame.stamp, frame.id))
+        moved = self._moved()
+        if not moved:
+            return changes
+        updated = {record.iri: record for record in changes.updated} | moved
+        return replace(changes, updated=tuple(updated.values()))
+
+    def add_sightings(
+        self, sightings: Sequence[Sighting], stamp: float, *, frame: str = ""
+    ) -> ObjectChanges:
+        """Process detections that have positions already, taken at `stamp` [s since 1970].
+
+        As `add`, but without negative evidence: nothing is known of what the camera could see.
+        `frame` is the id of the image, for the evidence of sightings that have a box in it.
+        """
+        self.refresh()
+        return self._changes(self._associated(sightings), (), _Source(stamp, frame))
+
+    def decay(self, iri: str, times: int = 1) -> ObjectChanges:
+        """Apply eq. 3.4 `times` times to one object, for looks that should have shown it."""
+        self.refresh()
+        record = self._objects.perceived.get(iri)
+        if record is None or times < 1:
+            return ObjectChanges()
+        for _ in range(times):
+            record = self._decayed(record)
+        removed = self._without_confidence([record])
+        self._objects.remove(removed)
+        updated = () if removed else (record,)
+        self._objects.update({record.iri: record for record in updated})
+        return ObjectChanges(updated, removed, missed=1)
+
+    def undo(self, changes: ObjectChanges) -> None:
+        """Discard changes that could not be written; their objects are read again."""
+        self._objects.invalidate((*(record.iri for record in changes.updated), *changes.removed))
+        self._revision = -1
+
+    def refresh(self) -> None:
+        """Read again what others changed since the last call; cheap where nothing was."""
+        if self._places is not None:
+            self._places.refresh()
+        self._objects.refresh()
+
+    def _changes(
+        self, found: Association, missing: Sequence[ObjectRecord], source: _Source
+    ) -> ObjectChanges:
+        s = self._settings
+        objects = self._objects.perceived
+        seen = [self._seen(objects[iri], x, source) for iri, x in found.matched.items()]
+        in_range = [
+            x for x in found.new if x.depth is None or s.min_depth <= x.depth <= s.max_depth
+        ]
+        new = [self._new(x, source) for x in most_confident(in_range, s.kappa)]
+        fallen = [self._decayed(record) for record in missing]
+        removed = self._without_confidence(fallen)
+        self._objects.remove(removed)
+        changed = {r.iri: r for r in (*seen, *new, *fallen) if r.iri not in removed}
+        self._objects.update(changed)
+        return ObjectChanges(tuple(changed.values()), removed, len(new), len(seen), len(fallen))
+
+    def _associated(self, sightings: Sequence[Sighting]) -> Association:
+        return associate(sightings, tuple(self._objects.candidates()), self._settings.kappa)
+
+    def _missing(self, frame: Frame, matched: Collection[str]) -> list[ObjectRecord]:
+        """Objects that this frame should have shown (eq. 3.2, 3.3) and did not."""
+        return [
+            record
+            for record in self._objects.perceived.values()
+            if record.iri not in matched
+            and missed(frame, self._objects.believed(record).p_map, self._settings)
+        ]
+
+    def _without_confidence(self, decayed: Sequence[ObjectRecord]) -> tuple[str, ...]:
+        """IRIs of objects to be removed; those whose existence is asserted stay."""
+        kept = self._objects.asserted_present
+        return tuple(r.iri for r in decayed if r.confidence <= 0 and not kept(r.iri))
+
+    def _seen(self, record: ObjectRecord, sighting: Sighting, source: _Source) -> ObjectRecord:
+        evidence = record.evidence
+        if evidence is None or sighting.score > evidence.score:
+            evidence = self._evidence(sighting, source) or evidence
+        after = updated_object(record, sighting, source.stamp, self._settings)
+        return replace(after, place=self._place(after), evidence=evidence)
+
+    def _new(self, sighting: Sighting, source: _Source) -> ObjectRecord:
+        return replace(
+            new_object(self._map.new_object_iri(), sighting, source.stamp, self._settings),
+            place=self._places.at(sighting.p_map) if self._places else None,
+            evidence=self._evidence(sighting, source),
+        )
+
+    def _decayed(self, record: ObjectRecord) -> ObjectRecord:
+        confidence = decayed(record.confidence, self._settings.xi)
+        if self._objects.asserted_present(record.iri):
+            confidence = max(confidence, 0.0)
+        return replace(
+            record,
+            confidence=confidence,
+            existence=existence(max(confidence, 0.0), self._settings.nu),
+        )
+
+    def _evidence(self, sighting: Sighting, source: _Source) -> Evidence | None:
+        if sighting.box is None:
+            return None
+        return Evidence(
+            frame=source.frame,
+            recording=self._recording,
+            stamp=source.stamp,
+            box=sighting.box,
+            score=sighting.score,
+            model=self._model,
+        )
+
+    def _moved(self) -> dict[str, ObjectRecord]:
+        """Objects that are in another place since the places' rectangles changed."""
+        if self._places is None or self._places.revision == self._revision:
+            return {}
+        self._revision = self._places.revision
+        moved = {}
+        for iri, record in self._objects.perceived.items():
+            place = self._place(record)
+            if place != record.place:
+                moved[iri] = replace(record, place=place)
+        self._objects.update(moved)
+        return moved
+
+    def _place(self, record: ObjectRecord) -> str | None:
+        """IRI of the place that contains the object's believed position."""
+        if self._places is None:
+            return record.place
+        return self._places.at(self._objects.believed(record).p_map)

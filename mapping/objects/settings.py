@@ -1,0 +1,66 @@
+"""Settings of the Bayes mapper's objects."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectSettings:
+    """Settings of `BayesObjectMapper`.
+
+    Detector rates are fitted to photographs, the rest was chosen on simulated houses and two real
+    rooms; `docs/explanation/mapping.md` says how.
+    """
+
+    min_score: float = 0.2  # detections below are ignored
+    min_depth: float = 0.4  # [m] of a sighting
+    max_depth: float = 5.0  # [m]
+
+    # one thing, several boxes
+    same_label_overlap: float = 0.45  # IoU above which boxes of one category are one thing
+    other_label_overlap: float = 0.6  # ... of different ones
+    border: float = 4.0  # [px] a box this near the image's border is cut
+
+    # existence
+    prior: float = -1.8  # log-odds that a first candidate of a category is one
+    correlation: float = 0.12  # of the views of one thing
+    repeated_view: float = 0.15  # weight of a view from where the thing was seen before
+    view_distance: float = 0.2  # [m] a view is new this far from others ...
+    view_angle: float = math.radians(10)  # ... or from this other direction
+    birth: float = -3.0  # log-odds by one detection, below which no candidate is made
+    confirmed_views: int = 2  # distinct views before a candidate enters the map, and ...
+    confirmed: float = 0.2  # ... the existence that it needs
+    removed: float = 0.02  # existence at which an object leaves the map
+    forgotten: int = 300  # frames after which a candidate is dropped
+
+    # association
+    gate: float = 0.2  # [m] gate of equal categories: gate + gate_size (sizes) + gate_depth z^2
+    gate_size: float = 0.3
+    gate_depth: float = 0.02  # [1/m]
+    other_gate: float = 0.5  # share of the smaller size, for unequal categories
+    largest: float = 1.5  # [m] sizes count no more than this
+    overlap: float = 0.5  # share of the smaller footprint that makes one object of two boxes
+
+    # extents and position
+    voices: int = 25  # latest sightings that an extent is made of
+    outliers: float = 0.1  # share of their sides that lie outside
+    centred: float = 0.3  # [m] longer things stand at the centre of their extent
+    position_noise: float = 0.025  # [m] standard deviation of a position, and ...
+    size_noise: float = 0.15  # ... by the object's size
+    most_weight: float = 20.0  # of earlier sightings in a position
+
+    # merging
+    separation: float = 0.6  # share of the usual width within which two of a category are one
+    same_place: float = 0.2  # share of the sizes within which two never seen together are one
+    interpenetration: float = 0.5  # shared footprint that two solid things cannot have
+
+    # negative evidence
+    sight_margin: float = 5.0  # [px] from the image's border
+    nearest_sight: float = 0.5  # [m]
+    farthest_sight: float = 4.5  # [m]
+    empty: float = 0.8  # share of rays through the volume that shows it empty
+    occluded: float = 0.3  # share of rays that end before it, above which nothing is known
+    emptiness: float = -1.0  # log-odds of a view of an empty volume
+    clear_views: int = 3  # distinct ones through its volume after which an object has left

@@ -1,0 +1,227 @@
+"""Tracks: what the Bayes mapper knows of one thing, from its first candidate detection on."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kg.records import Evidence, ObjectRecord
+from mapping.objects.existence import ViewEvidence, category_probabilities, logit
+from mapping.objects.settings import ObjectSettings
+from mapping.objects.sightings import ThingSighting
+from mapping.objects.usual_sizes import UNUSUAL, UsualSize
+
+Floats = NDArray[np.float64]
+Viewpoint = tuple[Floats, Floats]  # position (3,) [m] of the camera, direction (3,) to the thing
+_VIEWPOINTS = 64  # remembered of each track
+RECORD = "record"  # stands for the detectors whose evidence is only known by its result
+
+
+@dataclass(eq=False, slots=True)
+class Track:
+    """One thing: evidence for its categories, position, extent, and from where it was seen.
+
+    Tentative until it has an IRI; it is then an object of the map.
+    """
+
+    p_map: Floats  # (3,) [m]
+    size: float  # [m] longest dimension that was seen
+    settings: ObjectSettings
+    iri: str | None = None
+    evidence: dict[str, dict[str, ViewEvidence]] = field(default_factory=dict)  # category, detector
+    emptiness: float = 0.0  # log-odds of views through its volume
+    views: int = 0  # distinct ones that showed it
+    observations: int = 0
+    weight: float = 0.0  # of the sightings in its position
+    sizes: deque[float] = field(default_factory=lambda: deque(maxlen=15))  # of whole boxes
+    lows: deque[Floats] = field(default_factory=deque)  # corners of the latest sightings' boxes
+    highs: deque[Floats] = field(default_factory=deque)
+    low: Floats = field(default_factory=lambda: np.zeros(3))  # (3,) [m] corners of its own
+    high: Floats = field(default_factory=lambda: np.zeros(3))
+    viewpoints: list[Viewpoint] = field(default_factory=list)
+    clear_views: list[Viewpoint] = field(default_factory=list)  # through its volume, since seen
+    together: dict[int, int] = field(default_factory=dict)  # frames that showed another beside it
+    first_seen: float = 0.0  # [s]
+    last_seen: float = 0.0
+    last_frame: int = 0  # number of the frame that last showed it
+    place: str | None = None
+    best: Evidence | None = None
+    written: ObjectRecord | None = None
+    log_odds: dict[str, float] = field(default_factory=dict)  # by category, as last computed
+
+    @property
+    def category(self) -> str:
+        """IRI of the most probable category."""
+        return max(self.log_odds, key=lambda c: (self.log_odds[c], c))
+
+    @property
+    def existence(self) -> float:
+        """Probability that a thing of `category` is there."""
+        return category_probabilities(self.log_odds)[self.category]
+
+    @property
+    def plausible(self) -> frozenset[str]:
+        """Categories that a detection of the same thing may have."""
+        top = max(self.log_odds.values())
+        return frozenset(c for c, odds in self.log_odds.items() if odds > top - 3)
+
+    @property
+    def position(self) -> Floats:
+        """(3,) [m]: the mean of the visible surface; of a long thing its extent's centre."""
+        if float((self.high - self.low)[:2].max()) > self.settings.centred:
+            return (self.low + self.high) / 2
+        return self.p_map
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation [m] of each coordinate of its position."""
+        s = self.settings
+        return s.position_noise + s.size_noise * min(self.size, 2 * s.largest)
+
+    def novelty(self, camera: Floats) -> float:
+        """Weight of a view from `camera` (3,) [m], which is remembered if it is a new one."""
+        known = len(self.viewpoints) == _VIEWPOINTS or not self._add(self.viewpoints, camera)
+        return self.settings.repeated_view if known else 1.0
+
+    def add_clear_view(self, camera: Floats) -> None:
+        """Count a view from `camera` (3,) [m] through its volume, unless one from there was."""
+        self._add(self.clear_views, camera)
+
+    def _add(self, viewpoints: list[Viewpoint], camera: Floats) -> bool:
+        """Add a viewpoint; False if it is near another."""
+        s = self.settings
+        offset = self.p_map - camera
+        direction = offset / max(float(np.linalg.norm(offset)), 1e-6)
+        if viewpoints:
+            positions, directions = (np.array(part) for part in zip(*viewpoints, strict=True))
+            near = np.linalg.norm(positions - camera, axis=1) < s.view_distance
+            if bool(np.any(near & (directions @ direction > np.cos(s.view_angle)))):
+                return False
+        viewpoints.append((camera.copy(), direction))
+        return True
+
+    def locate(self, sighting: ThingSighting, novelty: float) -> None:
+        """Update position and extent with a sighting.
+
+        One that no gate reaches shows a thing whose position was asserted elsewhere: both start
+        anew from it.
+        """
+        s = self.settings
+        reach = s.gate + 2 * s.gate_size * min(max(self.size, sighting.size), s.largest)
+        if self.observations and float(np.linalg.norm(sighting.p_map - self.p_map)) > reach + 0.5:
+            self.weight = 0.0
+            self.lows.clear()
+            self.highs.clear()
+        weight = novelty * (0.3 if sighting.cut else 1.0) / (0.5 + (sighting.depth or 1.0) ** 2 / 4)
+        self.weight = min(self.weight + weight, s.most_weight)
+        self.p_map = self.p_map + (sighting.p_map - self.p_map) * min(weight / self.weight, 1.0)
+        if not sighting.cut:
+            self.sizes.append(sighting.size)
+            self.size = float(np.median(self.sizes))
+        elif not self.sizes:
+            self.size = max(self.size, sighting.size)
+        self.add_box(sighting.low, sighting.high)
+
+    def add_box(self, low: Floats, high: Floats) -> None:
+        """Update the extent with one more box, corners (3,) [m]."""
+        s = self.settings
+        self.lows.append(low)
+        self.highs.append(high)
+        while len(self.lows) > s.voices:
+            self.lows.popleft()
+            self.highs.popleft()
+        outliers = int(len(self.lows) * s.outliers + 0.5)
+        self.low = np.sort(self.lows, axis=0)[outliers]
+        self.high = np.sort(self.highs, axis=0)[-1 - outliers]
+
+    def add_evidence(self, category: str, detector: str, ratio: float, weight: float) -> None:
+        """Add a view's log-likelihood ratio for one of the categories."""
+        held = self.evidence.setdefault(category, {})
+        held.setdefault(detector, ViewEvidence()).add(ratio, weight)
+
+    def assess(self, size_prior: Mapping[str, float]) -> None:
+        """Compute the categories' log-odds anew; `size_prior` has log-likelihoods by category."""
+        s = self.settings
+        self.log_odds = {
+            category: s.prior
+            + self.emptiness
+            + size_prior.get(category, 0.0)
+            + sum(one.saturated(s.correlation) for one in held.values())
+            for category, held in self.evidence.items()
+        }
+
+    def merge(self, other: Track) -> None:
+        """Take over all that is known of `other`, which is the same thing."""
+        for category, held in other.evidence.items():
+            for detector, evidence in held.items():
+                mine = self.evidence.setdefault(category, {})
+                mine.setdefault(detector, ViewEvidence()).merge(evidence)
+        total = self.weight + other.weight
+        if total > 0:
+            self.p_map = (self.p_map * self.weight + other.p_map * other.weight) / total
+        self.weight = min(total, self.settings.most_weight)
+        self.sizes.extend(other.sizes)
+        for low, high in zip(other.lows, other.highs, strict=True):
+            self.add_box(low, high)
+        self.viewpoints = (self.viewpoints + other.viewpoints)[-_VIEWPOINTS:]
+        self.views = max(self.views, other.views)
+        self.observations += other.observations
+        self.first_seen = min(self.first_seen, other.first_seen)
+        self.last_seen = max(self.last_seen, other.last_seen)
+        self.last_frame = max(self.last_frame, other.last_frame)
+
+    def record(self) -> ObjectRecord:
+        """Its record, as perception believes it."""
+        assert self.iri is not None
+        existence = self.existence
+        return ObjectRecord(
+            iri=self.iri,
+            category=self.category,
+            p_map=self.position,
+            confidence=3 * existence,
+            existence=existence,
+            observations=self.observations,
+            first_seen=self.first_seen,
+            last_seen=self.last_seen,
+            place=self.place,
+            evidence=self.best,
+            deviation=self.deviation,
+            extent=self.high - self.low,
+        )
+
+
+def track_of(record: ObjectRecord, settings: ObjectSettings, usual: UsualSize | None) -> Track:
+    """Track of an object of the map, with what its record tells of the evidence.
+
+    `usual` is the size of a thing whose record has no extent.
+    """
+    extent = record.extent if record.extent is not None else np.full(3, (usual or UNUSUAL).longest)
+    views = float(min(record.observations, 20))
+    held = ViewEvidence(views)
+    odds = logit(record.existence) - settings.prior
+    held.total = odds * (1 + (views - 1) * settings.correlation)
+    track = Track(
+        p_map=record.p_map,
+        size=max(float(extent.max()), 0.05),
+        settings=settings,
+        iri=record.iri,
+        evidence={record.category: {RECORD: held}},
+        views=settings.confirmed_views,
+        observations=record.observations,
+        weight=min(0.5 * record.observations, settings.most_weight),
+        first_seen=record.first_seen,
+        last_seen=record.last_seen,
+        place=record.place,
+        best=record.evidence,
+        written=record,
+    )
+    track.low, track.high = record.p_map - extent / 2, record.p_map + extent / 2
+    for _ in range(min(record.observations, settings.voices)):
+        track.lows.append(track.low)
+        track.highs.append(track.high)
+    track.assess({})
+    return track

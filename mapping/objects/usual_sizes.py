@@ -1,0 +1,57 @@
+"""Usual sizes: the longest dimension and the width that things of a category usually have.
+
+Figures are common knowledge about household things, one a line of `usual_sizes.csv`; categories
+that are not listed have no usual size.
+"""
+
+from __future__ import annotations
+
+import csv
+import functools
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+_FILE: Final = Path(__file__).with_name("usual_sizes.csv")
+SPREAD: Final = 0.5  # standard deviation of log size within a category
+OCCLUDED: Final = 0.35  # weight of a deviation below: hidden and cut things look smaller
+WORST: Final = -4.0  # an outlier by size costs no more than this
+
+
+@dataclass(frozen=True, slots=True)
+class UsualSize:
+    """Usual dimensions of a category's things [m]."""
+
+    longest: float
+    width: float  # the shorter horizontal one: the centres of two of them are no nearer
+
+
+#: of things without a usual size
+UNUSUAL: Final = UsualSize(longest=0.3, width=0.1)
+
+
+@functools.cache
+def usual_sizes() -> Mapping[str, UsualSize]:
+    """Usual sizes by label."""
+    with _FILE.open(newline="", encoding="utf-8") as file:
+        rows = csv.DictReader(file)
+        return {row["label"]: UsualSize(float(row["size"]), float(row["width"])) for row in rows}
+
+
+def size_log_likelihood(size: float, usual: UsualSize | None) -> float:
+    """Log-likelihood of a longest dimension `size` [m], log-normal about `usual`; 0 at its mode.
+
+    Sizes below the usual one count less, as what is seen of a thing is often a part of it.
+    """
+    if usual is None or size <= 0:
+        return 0.0
+    deviation = math.log(size / usual.longest) / SPREAD
+    if deviation < 0:
+        deviation *= OCCLUDED
+    return max(-0.5 * deviation * deviation, WORST)
+
+
+#: usual size of a category by IRI, None where it has none
+SizeOf = Callable[[str], UsualSize | None]

@@ -1,0 +1,1 @@
+"""Occupancy: depth to floor tiles, by storey."""

@@ -1,0 +1,107 @@
+"""Inverse sensor model: the floor evidence of one depth frame. Pure functions.
+
+Each pixel is a point above the floor: on it, on an obstacle, or above both. Two neighbours in one
+image column that both lie on the floor have nothing between them, so that the floor between is
+free too; two on the same obstacle have it between them. Nothing else is concluded from what a ray
+passes, since rays pass over tables. After Moravec and Elfes (ICRA 1985) and Thrun, Burgard and Fox
+(Probabilistic Robotics, 2005, chapter 9), with image columns in place of their sensor's cone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapping.occupancy.occupancy_settings import OccupancySettings
+
+_INTERPOLATED: Final = np.arange(1, 4)[:, None] / 4  # shares of the way between two neighbours
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FramePoints:
+    """Point cloud of a frame in the map, on a grid of every few pixels."""
+
+    xyz: Floats  # (3, rows, columns) [m] map frame, nan where there is no depth to rely on
+    depth: Floats  # (rows, columns) [m]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FloorEvidence:
+    """Floor evidence of one frame, for whole tiles around its camera; cells are (x, y)."""
+
+    tile: tuple[int, int]  # number of the first tile
+    free: NDArray[np.bool_]  # (n, n)
+    hit: NDArray[np.bool_]  # (n, n) obstacle
+    tall: NDArray[np.bool_]  # (n, n) obstacle that cannot be looked over
+
+
+def frame_points(
+    depth: NDArray[np.float32], K: Floats, T_map_cam: Floats, settings: OccupancySettings
+) -> FramePoints:
+    """Point cloud of a frame; `depth` (h, w) [m], `K` (3, 3) [px], `T_map_cam` (4, 4).
+
+    Pixels on depth edges are left out: their depth is often that of neither side.
+    """
+    s = settings
+    step = max(1, round(depth.shape[1] / s.columns))
+    first = step // 2
+    here = depth[first:-1:step, first:-1:step].astype(np.float64)
+    right = depth[first:-1:step, first + 1 :: step][: here.shape[0], : here.shape[1]]
+    below = depth[first + 1 :: step, first:-1:step][: here.shape[0], : here.shape[1]]
+    with np.errstate(invalid="ignore"):
+        known = (here >= s.near) & (here <= s.far)
+        known &= np.maximum(abs(right - here), abs(below - here)) <= s.edge * here
+    z = np.where(known, here, np.nan)
+    u = (first + step * np.arange(here.shape[1]) - K[0, 2]) / K[0, 0]
+    v = (first + step * np.arange(here.shape[0]) - K[1, 2]) / K[1, 1]
+    p_cam = np.stack([z * u, z * v[:, None], z])
+    xyz = np.einsum("ij,jrc->irc", T_map_cam[:3, :3], p_cam) + T_map_cam[:3, 3, None, None]
+    return FramePoints(xyz, z)
+
+
+def floor_evidence(
+    points: FramePoints, camera: Floats, floor: float, settings: OccupancySettings
+) -> FloorEvidence:
+    """Evidence of `points`, seen from `camera` (3,) [m], on a floor at height `floor` [m]."""
+    s = settings
+    first, second = (int(np.floor((c - s.far) / s.span)) for c in camera[:2])
+    cells = s.side * (int(np.ceil(2 * s.far / s.span)) + 1)
+    height = points.xyz[2] - floor
+    level = s.level + s.level_growth * points.depth
+    with np.errstate(invalid="ignore"):
+        on_floor = abs(height) <= level
+        obstacle = (height > level + s.clearance) & (height < s.top)
+        above_eyes = obstacle & (height > s.eye)
+    corner = np.array([first, second]) * s.span
+    xy = (points.xyz[:2] - corner[:, None, None]) / s.cell
+    with np.errstate(invalid="ignore"):
+        joined = abs(np.diff(points.depth, axis=0)) <= s.thing
+
+    def count(chosen: NDArray[np.bool_], pairs: NDArray[np.bool_]) -> NDArray[np.intp]:
+        return _histogram(_with_interpolated(xy, chosen, pairs), cells)
+
+    obstacles = count(obstacle, joined)
+    hit = obstacles >= s.hits
+    free = (count(on_floor, np.ones_like(joined)) > 0) & (obstacles == 0)
+    tall = hit & (count(above_eyes, joined) >= s.hits)
+    return FloorEvidence((first, second), free, hit, tall)
+
+
+def _with_interpolated(xy: Floats, chosen: NDArray[np.bool_], joined: NDArray[np.bool_]) -> Floats:
+    """Chosen points and interpolated ones between vertical neighbours, (2, n) [cells]."""
+    both = chosen[:-1] & chosen[1:] & joined
+    low, high = xy[:, 1:][:, both], xy[:, :-1][:, both]
+    between = low[:, None, :] + _INTERPOLATED * (high - low)[:, None, :]
+    return np.concatenate([xy[:, chosen], between.reshape(2, -1)], axis=1)
+
+
+def _histogram(xy: Floats, cells: int) -> NDArray[np.intp]:
+    """2D histogram (cells, cells) of points (2, n) [cells]."""
+    at = np.floor(xy).astype(np.intp)
+    at = at[:, ((at >= 0) & (at < cells)).all(axis=0)]
+    return np.bincount(at[0] * cells + at[1], minlength=cells * cells).reshape(cells, cells)

@@ -1,0 +1,149 @@
+"""Occupancy map of the floor: log-odds in memory, classified tiles in the graph.
+
+A cache that the graph can rebuild but for the log-odds: of a tile written before, only the class of
+each cell is known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from kg.facts.occupancy import tile_iri
+from kg.maps.cache_invalidation import ExternalChanges
+from kg.maps.semantic_map import SemanticMap
+from kg.records import UNKNOWN, FloorTile
+from mapping.occupancy.depth_projection import FloorEvidence, floor_evidence, frame_points
+from mapping.occupancy.occupancy_settings import OccupancySettings
+from mapping.occupancy.storeys import Storeys
+from mapping.occupancy.tiles import Key, OccupancyTile, States, tile_evidence
+from perception.frames import Frame
+
+_TileKey = tuple[int, Key]  # storey and tile
+
+
+class _CachedTile:
+    """One tile: its log-odds, and its states as written to the graph."""
+
+    __slots__ = ("compared", "observed", "tile", "written", "written_at")
+
+    def __init__(self, settings: OccupancySettings, known: FloorTile | None) -> None:
+        shape = (settings.side, settings.side)
+        self.written: States = np.full(shape, UNKNOWN, np.uint8) if known is None else known.cells
+        self.tile = OccupancyTile(settings, None if known is None else known.cells)
+        self.written_at = -np.inf  # [s] stamp of the frame that it was last written with
+        self.observed = 0.0  # [s] stamp of the last frame with evidence of it
+        self.compared = True  # whether it was compared with what is written since then
+
+
+class OccupancyMap:
+    """Occupancy map in tiles: frames in, tiles that have changed enough out, to be written."""
+
+    def __init__(
+        self, semantic_map: SemanticMap, settings: OccupancySettings | None = None
+    ) -> None:
+        self._map, self._settings = semantic_map, settings or OccupancySettings()
+        self._watch = ExternalChanges(semantic_map)
+        self._tiles: dict[_TileKey, _CachedTile] = {}  # least recently observed first
+        self._unwritten: dict[_TileKey, None] = {}  # observed since they were last written
+        heights = {tile.storey: tile.height for tile in semantic_map.floor()}
+        self._storeys = Storeys(heights, self._settings)
+
+    def refresh(self) -> None:
+        """Drop tiles that others changed since the last call; cheap where nothing was."""
+        touched = self._watch.take()
+        if not touched:
+            return
+        for key in [p for p in self._tiles if self._iri(p) in touched]:
+            del self._tiles[key]
+            self._unwritten.pop(key, None)
+
+    def _iri(self, key: _TileKey) -> str:
+        storey, (column, row) = key
+        return tile_iri(self._map.base, storey, column, row)
+
+    def add(self, frame: Frame) -> None:
+        """Update the log-odds with what `frame` shows of the floor."""
+        points = frame_points(frame.depth, frame.K, frame.T_map_cam, self._settings)
+        camera = frame.T_map_cam[:3, 3]
+        storey = self._storeys.below(camera, points)
+        if storey is None:
+            return
+        height = self._storeys.heights[storey]
+        self._update(storey, floor_evidence(points, camera, height, self._settings), frame.stamp)
+
+    def _update(self, storey: int, observed: FloorEvidence, stamp: float) -> None:
+        for number, free, hit, tall in tile_evidence(observed, self._settings):
+            key = (storey, number)
+            cached = self._tiles.pop(key, None)
+            if cached is None:
+                cached = _CachedTile(self._settings, self._known(key))
+            self._tiles[key] = cached
+            cached.tile.add(free, hit, tall, self._settings)
+            cached.observed, cached.compared = stamp, False
+            self._unwritten[key] = None
+
+    def _known(self, key: _TileKey) -> FloorTile | None:
+        """Tile as the graph has it, where its cells have this size."""
+        s, tile = self._settings, self._map.floor_tile(self._iri(key))
+        fits = tile is not None and tile.cells.shape == (s.side, s.side)
+        return tile if fits and tile is not None and tile.resolution == s.cell else None
+
+    def take_changed(self, stamp: float) -> tuple[FloorTile, ...]:
+        """Tiles to be written with the frame of `stamp` [s].
+
+        Those that have changed enough and were not written just before, and those that leave the
+        cache.
+        """
+        s = self._settings
+        old = list(self._tiles)[: max(len(self._tiles) - s.kept, 0)]
+        unwritten = ((key, self._tiles[key]) for key in self._unwritten)
+        due = [
+            p
+            for p, cached in unwritten
+            if not cached.compared and abs(stamp - cached.written_at) >= s.pause
+        ]
+        found = self._states(due, s.enough) + self._states(
+            [p for p in old if p in self._unwritten], 1
+        )
+        for key in old:
+            del self._tiles[key]
+            self._unwritten.pop(key, None)
+        return found
+
+    def take_rest(self) -> tuple[FloorTile, ...]:
+        """Tiles with any state that is not written yet."""
+        return self._states(list(self._unwritten), 1)
+
+    def undo(self, tiles: Iterable[FloorTile]) -> None:
+        """Mark tiles as unwritten again, that could not be written."""
+        for tile in tiles:
+            key = (tile.storey, (tile.column, tile.row))
+            cached = self._tiles.get(key)
+            if cached is None:  # it had left the cache
+                cached = self._tiles[key] = _CachedTile(self._settings, tile)
+                cached.observed = tile.changed
+            known = self._known(key)
+            cached.written = np.full_like(tile.cells, UNKNOWN) if known is None else known.cells
+            cached.written_at, cached.compared = -np.inf, False
+            self._unwritten[key] = None
+
+    def _states(self, keys: Iterable[_TileKey], least: int) -> tuple[FloorTile, ...]:
+        s, found = self._settings, list[FloorTile]()
+        for key in keys:
+            storey, (column, row) = key
+            cached = self._tiles[key]
+            cached.compared = True
+            states = cached.tile.states(s)
+            differs = int((states != cached.written).sum())
+            if differs < least:
+                if not differs:
+                    del self._unwritten[key]
+                continue
+            height = self._storeys.heights[storey]
+            tile = FloorTile(storey, column, row, height, s.cell, states, cached.observed)
+            cached.written, cached.written_at = states, cached.observed
+            del self._unwritten[key]
+            found.append(tile)
+        return tuple(found)

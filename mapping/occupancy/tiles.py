@@ -1,0 +1,71 @@
+"""Occupancy grid tiles: log-odds of one storey's cells, in squares."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kg.records import FREE, LOW, TALL, UNKNOWN
+from mapping.occupancy.depth_projection import FloorEvidence
+from mapping.occupancy.occupancy_settings import OccupancySettings
+
+Key = tuple[int, int]  # number of a tile along x and y
+States = NDArray[np.uint8]  # (side, side) cells (x, y): UNKNOWN, FREE, LOW or TALL
+
+_TALLEST: Final = 9  # of the evidence that something is tall
+_TALL_SEEN: Final = 3
+
+
+class OccupancyTile:
+    """Occupancy grid of one square: log-odds of an obstacle, and evidence of its height."""
+
+    __slots__ = ("log_odds", "tall")
+
+    def __init__(self, settings: OccupancySettings, states: States | None = None) -> None:
+        shape = (settings.side, settings.side)
+        self.log_odds = np.zeros(shape, np.int16)
+        self.tall = np.zeros(shape, np.int8)
+        if states is not None:  # the log-odds behind written states are not kept
+            self.log_odds[states == FREE] = settings.free - settings.miss
+            self.log_odds[(states == LOW) | (states == TALL)] = settings.occupied + settings.hit
+            self.tall[states == TALL] = _TALL_SEEN
+
+    def add(
+        self,
+        free: NDArray[np.bool_],
+        hit: NDArray[np.bool_],
+        tall: NDArray[np.bool_],
+        settings: OccupancySettings,
+    ) -> None:
+        """Add one frame's evidence, (side, side) each."""
+        self.log_odds += hit * np.int16(settings.hit) - free * np.int16(settings.miss)
+        np.clip(self.log_odds, settings.least, settings.most, out=self.log_odds)
+        # what reaches above the eyes outweighs a few frames that show its lower part only
+        self.tall += tall * np.int8(_TALL_SEEN + 1) - hit * np.int8(1)
+        np.clip(self.tall, 0, _TALLEST, out=self.tall)
+
+    def states(self, settings: OccupancySettings) -> States:
+        """Classified cells: free, low, tall or unknown."""
+        found = np.full(self.log_odds.shape, UNKNOWN, np.uint8)
+        found[self.log_odds <= settings.free] = FREE
+        occupied = self.log_odds >= settings.occupied
+        found[occupied] = LOW
+        found[occupied & (self.tall > 0)] = TALL
+        return found
+
+
+def tile_evidence(
+    frame: FloorEvidence, settings: OccupancySettings
+) -> Iterator[tuple[Key, NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]]:
+    """Evidence by tile: key, free, hit and tall of each tile that a frame has any for."""
+    side = settings.side
+    known = frame.free | frame.hit
+    count = len(known) // side
+    touched = known.reshape(count, side, count, side).any(axis=(1, 3))
+    for i, j in np.argwhere(touched):
+        part = slice(i * side, (i + 1) * side), slice(j * side, (j + 1) * side)
+        key = (frame.tile[0] + int(i), frame.tile[1] + int(j))
+        yield key, frame.free[part], frame.hit[part], frame.tall[part]

@@ -1,0 +1,1 @@
+"""Places: layout, registry, category belief."""

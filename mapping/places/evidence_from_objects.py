@@ -1,0 +1,90 @@
+"""Object evidence for place categories: Bayes' rule with the objects in each place.
+
+The views of a place make the prior, the objects mapped in it the likelihood (`kg.placement`): each
+kind of object counts as far as one of it is believed to exist there. What this map itself believes
+of its places is no part of the table, or a place would confirm itself.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+
+from kg.maps.semantic_map import SemanticMap
+from kg.placement.table import PlacementTable, table_of
+from kg.records import ObjectRecord, PlaceRecord
+from mapping.places.place_registry import PlaceRegistry
+from mapping.reference.settings import ReferenceSettings
+
+_Presence = Mapping[str, float]  # category IRI -> probability that the place holds one
+
+
+class ObjectEvidence:
+    """Fuses the evidence of objects with the beliefs that the views of each place give."""
+
+    def __init__(
+        self, semantic_map: SemanticMap, places: PlaceRegistry, settings: ReferenceSettings
+    ) -> None:
+        self._map, self._places, self._settings = semantic_map, places, settings
+        self._catalogue = semantic_map.catalogue
+        self._table: PlacementTable = table_of(semantic_map.ontology())
+        self._done: dict[str, tuple[_Presence, _Presence, tuple[str, ...]]] = {}
+
+    def update(self, objects: Iterable[ObjectRecord]) -> None:
+        """Update the belief of every place from its views and from all `objects` in it."""
+        self._refresh_ontology()
+        inside: dict[str, list[ObjectRecord]] = defaultdict(list)
+        for record in objects:
+            if record.place is not None and record.existence > 0:
+                inside[record.place].append(record)
+        for place in self._places.places():
+            evidence = [r for r in inside[place.iri] if r.category in self._table.objects]
+            self._fuse(place, evidence)
+
+    def _fuse(self, place: PlaceRecord, evidence: list[ObjectRecord]) -> None:
+        if not evidence:
+            if place.told_by:
+                alone = replace(place, beliefs=place.from_views, scene_beliefs={}, told_by=())
+                self._places.put(alone)
+            return
+        present, objects = presence(evidence), tuple(record.iri for record in evidence)
+        views = place.from_views
+        if place.told_by and self._done.get(place.iri) == (present, views, objects):
+            return
+        self._done[place.iri] = present, views, objects
+        beliefs = self.fused(present, views)
+        self._places.put(replace(place, beliefs=beliefs, scene_beliefs=views, told_by=objects))
+
+    def fused(self, present: _Presence, views: Mapping[str, float]) -> dict[str, float]:
+        """Posterior p(category | views and objects) by IRI, of the categories worth keeping.
+
+        Args:
+            present: probability that the place holds an object of each category.
+            views: belief from the views; empty where there are none.
+        """
+        trust = self._settings.scene_trust
+        total = sum(views.values())
+        prior = None
+        if total > 0:  # a network has few place categories; objects may be evidence of others
+            share = (1 - trust) / len(self._table.places)
+            prior = {c: trust * views.get(c, 0.0) / total + share for c in self._table.places}
+        weight = self._settings.objects_weight
+        weighed = {category: weight * chance for category, chance in present.items()}
+        posterior = self._table.place_posterior(weighed, prior=prior)
+        return {c: p for c, p in posterior.items() if p >= self._settings.least_belief}
+
+    def _refresh_ontology(self) -> None:
+        if self._catalogue is not self._map.catalogue:
+            self._catalogue = self._map.catalogue
+            self._table = table_of(self._map.ontology())
+            self._done.clear()
+
+
+def presence(objects: Iterable[ObjectRecord]) -> dict[str, float]:
+    """Presence probability of each category, in steps of 0.01: at least one object is there."""
+    absent: dict[str, float] = {}
+    for record in objects:
+        chance = min(max(record.existence, 0.0), 1.0)
+        absent[record.category] = absent.get(record.category, 1.0) * (1 - chance)
+    return {category: round(1 - rest, 2) for category, rest in sorted(absent.items())}

@@ -1,0 +1,177 @@
+"""Place registry: the places of a map, the place of a point, and each place's belief."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kg.errors import LayoutError, UnknownCategoryError
+from kg.maps.cache_invalidation import ExternalChanges
+from kg.maps.semantic_map import SemanticMap
+from kg.ontology.catalogue import Catalogue
+from kg.records import PlaceRecord
+from mapping.places.layout import Layout, LayoutPlace
+from mapping.places.viewed_extent import extended
+
+
+class PlaceRegistry:
+    """All places of a map, those of this run first; a cache that the graph can rebuild.
+
+    With a layout its rectangles are this run's places. Without one the run has a single place,
+    labelled with the recording's name, that grows with what is seen; with `recording` None it has
+    no places of its own. Places that the map holds
+    from other runs stay behind them, with their views and beliefs. All as perception believes them;
+    what others wrote is taken over by `refresh`.
+
+    Raises LayoutError where the layout names a category that the ontology does not have.
+    """
+
+    def __init__(
+        self,
+        semantic_map: SemanticMap,
+        layout: Layout | None = None,
+        *,
+        recording: str | None = "extent",
+    ) -> None:
+        self._map = semantic_map
+        self._watch = ExternalChanges(semantic_map)
+        known = {record.iri: record for record in semantic_map.perceived_places()}
+        self.revision = 0  # counts the changes of any rectangle
+        self._recording = recording or ""
+        self._growing = (
+            None
+            if layout or recording is None
+            else _extent_iri(semantic_map, known.values(), recording)
+        )
+        given = _layout_places(semantic_map, layout.places, known) if layout else {}
+        if self._growing in known:
+            given = {self._growing: known[self._growing]}
+        self._places = given | {iri: r for iri, r in known.items() if iri not in given}
+        self._changed = {iri for iri, record in given.items() if record != known.get(iri)}
+
+    def places(self) -> tuple[PlaceRecord, ...]:
+        """Every place, in the order in which they claim points."""
+        return tuple(self._places.values())
+
+    def refresh(self) -> None:
+        """Read again what others changed since the last call; cheap where nothing was."""
+        touched = self._watch.take()
+        if not touched:
+            return
+        known = {record.iri: record for record in self._map.perceived_places()}
+        for iri in touched & self._places.keys():
+            self._changed.discard(iri)
+            if iri not in known:
+                del self._places[iri]
+        self._places |= {iri: record for iri, record in known.items() if iri in touched}
+        self.revision += 1
+
+    def put(self, record: PlaceRecord) -> None:
+        """Store a place's new record."""
+        self._places[record.iri] = record
+        self._changed.add(record.iri)
+
+    def __getitem__(self, iri: str) -> PlaceRecord:
+        return self._places[iri]
+
+    def take_changed(self) -> tuple[PlaceRecord, ...]:
+        """The records that changed since the last call, for the graph."""
+        changed = tuple(r for iri, r in self._places.items() if iri in self._changed)
+        self._changed.clear()
+        return changed
+
+    def undo(self, records: Iterable[PlaceRecord]) -> None:
+        """Mark records as changed again, that could not be written."""
+        self._changed |= {record.iri for record in records if record.iri in self._places}
+
+    def observe(self, points: NDArray[np.float64]) -> None:
+        """Extend the growing place, where there is one, by `points` (n, 3) [m] of the map."""
+        if self._growing is None:
+            return
+        old = self._places.get(self._growing)
+        before = old.rectangle if old else None
+        extent = extended(before, points)
+        if extent is None or extent == before:
+            return
+        first = PlaceRecord(
+            self._growing, self._recording, extent.xmin, extent.xmax, extent.ymin, extent.ymax
+        )
+        if old is not None:
+            first = replace(
+                first,
+                views=old.views,
+                beliefs=old.beliefs,
+                scene_beliefs=old.scene_beliefs,
+                told_by=old.told_by,
+            )
+        self._places = {self._growing: first} | self._places | {self._growing: first}
+        self._changed.add(self._growing)
+        self.revision += 1
+
+    def owners(self, points: NDArray[np.float64]) -> NDArray[np.intp]:
+        """Index into `places()` of the first place that holds each point (n, 2 or more); or -1."""
+        owner = np.full(len(points), -1, dtype=np.intp)
+        x, y = points[:, 0], points[:, 1]
+        for index, place in enumerate(self._places.values()):
+            inside = place.rectangle.contains_each(x, y)
+            owner[inside & (owner < 0)] = index
+        return owner
+
+    def at(self, p_map: NDArray[np.float64]) -> str | None:
+        """IRI of the place that holds `p_map` (3,) [m], or None."""
+        owner = int(self.owners(p_map[None, :])[0])
+        return None if owner < 0 else self.places()[owner].iri
+
+
+def _extent_iri(semantic_map: SemanticMap, known: Iterable[PlaceRecord], recording: str) -> str:
+    """IRI of the recording's own growing place, of an earlier run or the first free number."""
+    taken = set()
+    for record in known:
+        if record.label == recording:
+            return record.iri
+        taken.add(record.iri)
+    number = 1
+    while semantic_map.place_iri(number) in taken:
+        number += 1
+    return semantic_map.place_iri(number)
+
+
+def _layout_places(
+    semantic_map: SemanticMap, places: Iterable[LayoutPlace], known: dict[str, PlaceRecord]
+) -> dict[str, PlaceRecord]:
+    """Layout places by IRI, with the map's beliefs so far."""
+    given = {}
+    for place in places:
+        iri, rectangle = semantic_map.place_iri(place.number), place.rectangle
+        old = known.get(iri)
+        if old is not None and (old.views > 0 or old.told_by):
+            believed = old
+        else:
+            beliefs = _stated_category(place, semantic_map.catalogue)
+            believed = PlaceRecord(iri, "", 0.0, 0.0, 0.0, 0.0, len(beliefs), beliefs)
+        given[iri] = PlaceRecord(
+            iri,
+            place.label,
+            rectangle.xmin,
+            rectangle.xmax,
+            rectangle.ymin,
+            rectangle.ymax,
+            believed.views,
+            believed.beliefs,
+            believed.scene_beliefs,
+            believed.told_by,
+        )
+    return given
+
+
+def _stated_category(place: LayoutPlace, catalogue: Catalogue) -> dict[str, float]:
+    """A category that the layout states counts as one certain view."""
+    if place.category is None:
+        return {}
+    try:
+        return {catalogue.find(place.category, kind="place").iri: 1.0}
+    except UnknownCategoryError as error:
+        raise LayoutError(f"{place.label} has the category: {error}") from error

@@ -1,0 +1,98 @@
+"""Progress reports of a mapping run: after each frame, and at its end."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, Final
+
+STAGES: Final = ("read", "detect", "scene", "map", "floor", "graph")
+
+
+@dataclass(frozen=True, slots=True)
+class FrameReport:
+    """Frame report: one frame, mapped and in the graph."""
+
+    index: int  # within the recording, from 0
+    total: int  # frames of the recording
+    frame: str  # its id
+    detections: int
+    objects: int  # in the map now
+    place: str | None  # IRI of the place whose belief this frame changed
+    changed_triples: int
+    seconds: Mapping[str, float]  # stage -> [s]
+    frames_per_second: float  # of the run so far
+
+
+@dataclass(frozen=True, slots=True)
+class MappingReport:
+    """Mapping report: a whole run."""
+
+    recording: str
+    frames: int  # mapped by this run
+    skipped: int  # already in the map
+    seconds: float  # [s] wall clock
+    stage_seconds: Mapping[str, float]  # stage -> [s]
+    objects: int  # in the map at the end
+    places: int
+    views: int  # frames that were used for a place
+    unplaced: int  # detections without usable depth
+    unknown_labels: Mapping[str, int]  # network labels without a category -> how often
+    provisional: tuple[str, ...] = ()  # labels of provisional categories that it met
+
+    @property
+    def frames_per_second(self) -> float:
+        """Frames of this run over its wall clock; 0 where there were none."""
+        return self.frames / self.seconds if self.frames else 0.0
+
+    @property
+    def milliseconds(self) -> dict[str, float]:
+        """Stage -> mean [ms] a frame of this run."""
+        return {k: 1000 * v / max(self.frames, 1) for k, v in self.stage_seconds.items()}
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values, for `--json`."""
+        return {
+            "recording": self.recording,
+            "frames": self.frames,
+            "skipped": self.skipped,
+            "seconds": round(self.seconds, 3),
+            "frames_per_second": round(self.frames_per_second, 2),
+            "milliseconds_per_frame": {k: round(v, 2) for k, v in self.milliseconds.items()},
+            "objects": self.objects,
+            "places": self.places,
+            "views": self.views,
+            "unplaced": self.unplaced,
+            "unknown_labels": dict(self.unknown_labels),
+            "provisional": list(self.provisional),
+        }
+
+
+class StageTimer:
+    """Stage timer: seconds spent in each stage, of one frame and of the run."""
+
+    def __init__(self) -> None:
+        self._start = time.perf_counter()
+        self.frame = dict.fromkeys(STAGES, 0.0)
+        self.run = dict.fromkeys(STAGES, 0.0)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Count the time within the block as stage `name`."""
+        before = time.perf_counter()
+        try:
+            yield
+        finally:
+            spent = time.perf_counter() - before
+            self.frame[name] += spent
+            self.run[name] += spent
+
+    def next_frame(self) -> None:
+        """Begin a new frame."""
+        self.frame = dict.fromkeys(STAGES, 0.0)
+
+    def elapsed(self) -> float:
+        """[s] since the clock was made."""
+        return time.perf_counter() - self._start

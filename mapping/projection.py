@@ -1,0 +1,49 @@
+"""Pinhole projection between pixels, camera frame and map frame."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perception.frames import Frame
+
+Floats = NDArray[np.float64]
+
+
+def back_project(
+    rows: NDArray[np.intp], columns: NDArray[np.intp], depths: Floats, K: Floats
+) -> Floats:
+    """Back-projection of pixels (n,) with depth (n,) [m]: points (n, 3) [m] in the camera frame."""
+    x = (columns - K[0, 2]) * depths / K[0, 0]
+    y = (rows - K[1, 2]) * depths / K[1, 1]
+    return np.column_stack([x, y, depths])
+
+
+def project(p_cam: Floats, K: Floats) -> tuple[int, int]:
+    """Projection of `p_cam` (3,) [m], z > 0: row and column of its pixel."""
+    column = K[0, 0] * p_cam[0] / p_cam[2] + K[0, 2]
+    row = K[1, 1] * p_cam[1] / p_cam[2] + K[1, 2]
+    return math.floor(row + 0.5), math.floor(column + 0.5)
+
+
+def to_map(T_map_cam: Floats, p_cam: Floats) -> Floats:
+    """Rigid transform, camera to map frame: `p_cam` (3,) or (n, 3) [m] to the same shape.
+
+    The thesis' chain base link, camera link, optical frame is one matrix in each frame's pose.
+    """
+    return np.asarray(p_cam @ T_map_cam[:3, :3].T + T_map_cam[:3, 3], dtype=np.float64)
+
+
+def to_camera(T_map_cam: Floats, p_map: Floats) -> Floats:
+    """Rigid transform, map to camera frame: the inverse of `to_map`."""
+    return np.asarray((p_map - T_map_cam[:3, 3]) @ T_map_cam[:3, :3], dtype=np.float64)
+
+
+def map_points(frame: Frame, stride: int, max_depth: float = math.inf) -> Floats:
+    """Point cloud (n, 3) [m] in the map: every `stride`-th pixel with depth up to `max_depth`."""
+    sampled = frame.depth[::stride, ::stride]
+    rows, columns = np.nonzero((sampled > 0) & (sampled <= max_depth))
+    depths = sampled[rows, columns].astype(np.float64)
+    return to_map(frame.T_map_cam, back_project(rows * stride, columns * stride, depths, frame.K))

@@ -1,0 +1,156 @@
+"""Recording mapper: a loop over `mapping.mapper.Mapper`, with networks, resumption and progress."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from kg.errors import RecordingError
+from kg.maps.semantic_map import SemanticMap
+from mapping.label_table import LabelTable
+from mapping.mapper import Mapper, Mode
+from mapping.places.layout import Layout
+from mapping.progress_report import FrameReport, MappingReport
+from mapping.reference.settings import ReferenceSettings
+from mapping.resumption import resumed
+from perception.frames import (
+    Detections,
+    Detector,
+    Frame,
+    Recording,
+    SceneClassifier,
+    SceneScores,
+)
+
+OnFrame = Callable[[FrameReport], None]
+OnDetections = Callable[[Frame, Detections, SceneScores | None], None]
+
+
+def map_recording(
+    recording: Recording,
+    semantic_map: SemanticMap,
+    detector: Detector,
+    scene: SceneClassifier | None = None,
+    *,
+    mode: Mode = "bayes",
+    layout: Layout | None = None,
+    settings: ReferenceSettings | None = None,
+    on_frame: OnFrame | None = None,
+    on_detections: OnDetections | None = None,
+    again: bool = False,
+    labels: LabelTable | None = None,
+    occupancy: bool = True,
+) -> MappingReport:
+    """Map the frames of `recording` that `semantic_map` does not hold yet; all of them if `again`.
+
+    Each frame is one transaction: a run that ends early, by an error or by being killed, leaves
+    whole frames, and the same call continues after them. `on_frame` is called after each frame is
+    written; `on_detections` with each frame, its detections and, where the scene classifier was
+    run, its scores. The other arguments are `Mapper`'s.
+
+    Raises RecordingError at the first unreadable frame, LayoutError where the layout contradicts
+    the ontology, or another recording of that name, or this one by another transform, is in the
+    map already, LabelsError where `labels` names what is no category, MapBusyError where another
+    program maps the recording into a served map meanwhile. A recording that has grown since keeps
+    its transform (`mapping.resumption`).
+    """
+    (labels or LabelTable()).refuse_unknown(semantic_map.catalogue)
+    recording = resumed(recording, semantic_map)
+    mapper = Mapper(
+        semantic_map,
+        mode=mode,
+        settings=settings,
+        layout=layout,
+        labels=labels,
+        occupancy=occupancy,
+        recording=recording.name,
+        T_map_world=recording.T_map_world,
+        detector=detector.name,
+        scene_model=scene.name if scene else "",
+        again=again,
+    )
+    start = 0 if again else min(mapper.frames_applied, len(recording))
+    run = _Run(mapper, recording, detector, scene)
+    try:
+        for index, frame in run.read(start):
+            report, detections, scores = run.map(index, frame)
+            if on_detections is not None:
+                on_detections(frame, detections, scores)
+            if on_frame is not None:
+                on_frame(report)
+    except RecordingError:
+        mapper.flush()
+        raise
+    mapper.flush()
+    return run.report(start)
+
+
+@dataclass(slots=True)
+class _Run:
+    """One call of `map_recording`."""
+
+    mapper: Mapper
+    recording: Recording
+    detector: Detector
+    scene: SceneClassifier | None
+    frames: int = 0
+    views: int = 0  # frames that counted for a place
+
+    def read(self, start: int) -> Iterator[tuple[int, Frame]]:
+        """Frames from `start` on with their index."""
+        timer, frames = self.mapper.timer, self.recording.frames(start)
+        index = start
+        while True:
+            timer.next_frame()
+            with timer.stage("read"):
+                frame = next(frames, None)
+            if frame is None:
+                return
+            yield index, frame
+            index += 1
+
+    def map(self, index: int, frame: Frame) -> tuple[FrameReport, Detections, SceneScores | None]:
+        """Run the networks on one frame and map it."""
+        timer = self.mapper.timer
+        with timer.stage("detect"):
+            detections = self.detector.detect(frame)
+        place, scores = None, None
+        if self.scene is not None:
+            place = self.mapper.viewed_place(frame)
+            if place is not None:
+                with timer.stage("scene"):
+                    scores = self.scene.classify(frame)
+        self.mapper.add(frame, detections, scores)
+        self.frames += 1
+        self.views += place is not None
+        report = FrameReport(
+            index=index,
+            total=len(self.recording),
+            frame=frame.id,
+            detections=len(detections),
+            objects=len(self.mapper.objects()),
+            place=place,
+            changed_triples=self.mapper.changed_triples,
+            seconds=timer.frame,
+            frames_per_second=self.frames / timer.elapsed(),
+        )
+        return report, detections, scores
+
+    def report(self, skipped: int) -> MappingReport:
+        """Report of the whole run."""
+        mapper = self.mapper
+        resolvers = mapper.label_resolvers
+        unknown = resolvers[0].unknown_labels + resolvers[1].unknown_labels
+        return MappingReport(
+            recording=self.recording.name,
+            frames=self.frames,
+            skipped=skipped,
+            seconds=mapper.timer.elapsed(),
+            stage_seconds=dict(mapper.timer.run),
+            objects=len(mapper.objects()),
+            places=len(mapper.places()),
+            views=self.views,
+            unplaced=mapper.unplaced,
+            unknown_labels=dict(unknown.most_common()),
+            provisional=tuple(label for resolver in resolvers for label in resolver.provisional),
+        )

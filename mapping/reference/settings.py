@@ -1,0 +1,120 @@
+"""Settings of the reference mapper: each number with symbol, unit and section of the thesis.
+
+Where the thesis' text and its published code disagree the text counts, except for plain misprints;
+`docs/explanation/mapping.md` lists each case.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Literal
+
+Estimator = Literal["fd", "scott", "doane"]
+BeliefFilter = Literal["mean", "bayes"]
+UnknownLabels = Literal["ignore", "provisional"]
+
+#: Section 4.3: the indoor categories that the system is expected to meet ("prior knowledge").
+INDOOR_CATEGORIES: Final = (
+    "attic",
+    "auditorium",
+    "bar",
+    "bedroom",
+    "classroom",
+    "corridor",
+    "dining room",
+    "dinette",
+    "home office",
+    "kitchen",
+    "living room",
+    "lobby",
+    "office",
+    "pantry",
+    "parking lot",
+    "parlor",
+    "patio",
+    "pavilion",
+    "staircase",
+    "veranda",
+    "waiting room",
+)
+
+_CHOICES: Final = {
+    "estimator": ("fd", "scott", "doane"),
+    "belief_filter": ("mean", "bayes"),
+    "unknown_labels": ("ignore", "provisional"),
+}
+_SHARES: Final = (
+    *("purity", "max_unknown_view", "max_unknown_box", "min_score"),
+    *("least_scene", "scene_trust", "objects_weight"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class ReferenceSettings:
+    """The reference mapper's settings; the defaults are the thesis' own values.
+
+    Raises ValueError where a value cannot work.
+    """
+
+    # localisation, section 3.3.1
+    estimator: Estimator = "fd"  # histogram bins: Freedman-Diaconis, Scott, Doane
+    max_bins: int = 1000  # guard of ours: hardly any spread inside a wide range asks for millions
+    min_points: int = 1  # pixels with depth a box must hold
+    max_unknown_box: float = 1.0  # share of a box without depth; the author's code has 0.65
+    min_score: float = 0.0  # detections below are ignored; the detector has its own threshold
+
+    # association and confidence, section 3.3.1
+    kappa: float = 0.75  # kappa [m]: nearer than this is the same object
+    phi: float = 0.8  # phi of eq. 3.1: weight of a detection's score
+    nu: float = 3.0  # nu of eq. 3.1: greatest confidence
+    xi: float = 0.45  # xi of eq. 3.4: decay for each miss
+
+    # negative evidence, section 3.3.1
+    min_depth: float = 0.8  # [m] the sensor's good range, to register and to decrease
+    max_depth: float = 4.6  # [m]
+    occlusion_window: int = 10  # W of eq. 3.3 [px]: a square of this side
+    occlusion_tolerance: float = 0.0  # [m] eq. 3.3 is strict; the author's code has 0.075
+
+    # places, section 3.3.2
+    purity: float = 0.75  # least share of a view's points in one place
+    max_unknown_view: float = 0.75  # greatest share of a view without depth (author's code)
+    history_length: int = 50  # poses remembered for each place
+    history_distance: float = 0.15  # [m] a pose is used up when both this near ... (author's code)
+    history_angle: float = 0.17453292519943295  # [rad] ... and this alike: 10 degrees
+    belief_filter: BeliefFilter = "mean"  # eq. 3.5, or the Bayes filter it replaced
+    indoor_prior: bool = False  # section 4.3: only INDOOR_CATEGORIES
+    bayes_floor: float = 1e-3  # ours: least likelihood, or one zero would rule a category out
+    least_belief: float = 0.005  # ours: beliefs below stay out of the graph (it keeps 0.01 steps)
+    stride: int = 4  # [px] sampling step of a view's pixels; the author's code has 3
+
+    # labels that no category is called (ours; the thesis' networks have none)
+    unknown_labels: UnknownLabels = "ignore"
+    least_scene: float = 0.1  # probability in a view from which such a label is a kind of place
+
+    # place categories inferred from the objects in them (ours)
+    places_from_objects: bool = False
+    objects_weight: float = 0.5  # share of its log-likelihood that an object counts for
+    scene_trust: float = 0.9  # share of the prior that is the views'; the rest is uniform
+
+    # scoring against hand-made truth (ours)
+    match_distance: float = 0.5  # [m]
+    match_distance_large: float = 1.0  # [m]
+    large_labels: tuple[str, ...] = ("bed", "couch", "dining table")
+
+    def __post_init__(self) -> None:
+        for name in ("kappa", "phi", "nu", "xi", "match_distance", "match_distance_large"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+        for name in ("max_bins", "min_points", "occlusion_window", "history_length", "stride"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
+        for name in _SHARES:
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"{name} must lie in 0..1, got {getattr(self, name)}")
+        if not 0 < self.min_depth < self.max_depth:
+            raise ValueError(f"depth range {self.min_depth}..{self.max_depth} m is empty")
+        for name, choices in _CHOICES.items():
+            if getattr(self, name) not in choices:
+                given = getattr(self, name)
+                listed = " or ".join((", ".join(choices[:-1]), choices[-1]))
+                raise ValueError(f"{name} must be {listed}, got {given!r}")

@@ -1,0 +1,46 @@
+"""Viewpoint gate: which views count for a place (thesis section 3.3.2, Fig. 3.12 and 3.13)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perception.frames import Frame
+
+
+def unknown_share(frame: Frame, stride: int) -> float:
+    """Share, 0..1, of pixels without depth, at every `stride`-th pixel."""
+    return 1 - float(np.mean(frame.depth[::stride, ::stride] > 0))
+
+
+def main_owner(owners: NDArray[np.intp], purity: float) -> int | None:
+    """Place with at least a share `purity` of the points; `owners` (n,) has each point's, or -1.
+
+    Points in no place count against every place.
+    """
+    inside = owners[owners >= 0]
+    if len(inside) == 0:
+        return None
+    counts = np.bincount(inside)
+    best = int(np.argmax(counts))
+    return best if counts[best] >= purity * len(owners) else None
+
+
+def rotation_angle(T_a: NDArray[np.float64], T_b: NDArray[np.float64]) -> float:
+    """Rotation angle [rad] between two poses (4, 4)."""
+    trace = float(np.sum(T_a[:3, :3] * T_b[:3, :3]))
+    return math.acos(min(max((trace - 1) / 2, -1.0), 1.0))
+
+
+def repeats_view(
+    T: NDArray[np.float64], history: Iterable[NDArray[np.float64]], distance: float, angle: float
+) -> bool:
+    """Repeated-view test: pose `T` (4, 4) within `distance` [m] and `angle` [rad] of one before."""
+    return any(
+        float(np.linalg.norm(T[:3, 3] - past[:3, 3])) <= distance
+        and rotation_angle(T, past) <= angle
+        for past in history
+    )

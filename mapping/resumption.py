@@ -1,0 +1,47 @@
+"""Resumption: the rest of a recording is mapped by the transform of what the map has of it.
+
+How a recording's world is aligned with gravity is estimated from all that it shows, so the estimate
+changes a little when the recording has grown. The map's transform is kept.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kg.errors import LayoutError
+from kg.maps.semantic_map import SemanticMap
+from kg.records import RecordingRecord
+from perception.frames import Recording
+from perception.recordings.recording import FolderRecording
+
+
+def resumed(recording: Recording, semantic_map: SemanticMap) -> Recording:
+    """Recording by the transform that the map has of it; unchanged where it is new to the map.
+
+    Raises LayoutError where another recording of that name is in the map, or this one by another
+    transform than the given one.
+    """
+    known = [record for record in semantic_map.recordings() if record.name == recording.name]
+    if not known:
+        return recording
+    (before,) = known
+    _refuse_another(recording, before)
+    if isinstance(recording, FolderRecording) and recording.gravity_aligned:
+        return recording.placed(before.T_map_world)
+    if not np.allclose(before.T_map_world, recording.T_map_world, atol=1e-3):
+        raise LayoutError(
+            f"recording {recording.name!r} is in this map by another T_map_world; "
+            "the same transform, another name or another map would work"
+        )
+    return recording
+
+
+def _refuse_another(recording: Recording, before: RecordingRecord) -> None:
+    last = before.frames_applied - 1
+    if 0 <= last < len(recording):
+        frame = next(recording.frames(last)).id
+        if frame != before.last_frame:
+            raise LayoutError(
+                f"another recording {recording.name!r} is in this map: its frame {last + 1} is "
+                f"{before.last_frame}, not {frame}; another name would work"
+            )

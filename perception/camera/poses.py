@@ -1,0 +1,170 @@
+"""Camera poses, camera -> world, (4, 4) [m]: read, checked to be rigid, interpolated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kg.errors import RecordingError
+from perception.number_tables import all_numbers, floats, rows
+
+Pose = NDArray[np.float64]  # (4, 4)
+
+RIGID_TOLERANCE = 5e-3  # largest entry of R'R - I that rounding and drift of trackers explain
+LONGEST_GAP = 0.2  # [s] between two poses of a trajectory that are still interpolated
+
+
+def checked_pose(T: NDArray[np.float64], where: str) -> Pose:
+    """The rigid (4, 4) transform nearest to `T`.
+
+    Trackers accumulate rounding: the rotations of 7-Scenes are off by up to 2e-4.
+
+    Raises RecordingError, beginning with `where`, if it is not finite, not (4, 4) with the last row
+    0 0 0 1, or if its rotation part is no rotation (scaled, sheared or mirrored).
+    """
+    if T.shape != (4, 4):
+        raise RecordingError(f"{where}: a pose is a 4x4 matrix (16 numbers), got {T.size} numbers")
+    if not np.isfinite(T).all():
+        raise RecordingError(f"{where}: the pose is not finite (lost tracking?); drop that frame")
+    if np.abs(T[3] - (0, 0, 0, 1)).max() > RIGID_TOLERANCE:
+        raise RecordingError(
+            f"{where}: the last row of a pose is 0 0 0 1, got {' '.join(f'{x:g}' for x in T[3])}"
+        )
+    R = T[:3, :3]
+    error = float(np.abs(R.T @ R - np.eye(3)).max())
+    if error > RIGID_TOLERANCE or np.linalg.det(R) < 0:
+        raise RecordingError(
+            f"{where}: the pose is not rigid: its 3x3 part is off a rotation by {error:.2g}, "
+            f"determinant {np.linalg.det(R):.3g} (1 wanted)"
+        )
+    U, _, Vt = np.linalg.svd(R)
+    rigid = np.eye(4)
+    rigid[:3, :3] = U @ Vt
+    rigid[:3, 3] = T[:3, 3]
+    return rigid
+
+
+def read_pose(path: Path) -> Pose:
+    """The one pose a file holds as 16 numbers, row by row."""
+    numbers = all_numbers(path)
+    return checked_pose(numbers.reshape(4, 4) if numbers.size == 16 else numbers, str(path))
+
+
+def read_pose_rows(path: Path) -> list[Pose]:
+    """One pose a line, 16 numbers row by row."""
+    poses = []
+    for where, words in rows(path):
+        numbers = np.array(floats(words, where))
+        poses.append(checked_pose(numbers.reshape(4, 4) if numbers.size == 16 else numbers, where))
+    return poses
+
+
+def read_pose_log(path: Path) -> dict[int, Pose]:
+    """Poses by first key, of a log that repeats a key line of integers and four rows."""
+    lines = list(rows(path))
+    poses: dict[int, Pose] = {}
+    for start in range(0, len(lines), 5):
+        where, key = lines[start]
+        block = lines[start + 1 : start + 5]
+        if len(block) < 4 or not key[0].lstrip("-").isdigit():
+            raise RecordingError(
+                f"{where}: a trajectory log repeats a key line and four rows of a 4x4 pose"
+            )
+        T = np.array([x for at, words in block for x in floats(words, at)])
+        poses[int(key[0])] = checked_pose(T.reshape(4, 4) if T.size == 16 else T, where)
+    return poses
+
+
+def pose_from_quaternion(t: NDArray[np.float64], q: NDArray[np.float64], where: str) -> Pose:
+    """Pose from a translation (3,) [m] and a quaternion x y z w (4,) of any length but zero."""
+    norm = float(np.linalg.norm(q))
+    if not np.isfinite(norm) or abs(norm - 1) > 0.05:
+        raise RecordingError(f"{where}: a rotation quaternion has length 1, got {norm:.3g}")
+    x, y, z, w = q / norm
+    T = np.eye(4)
+    T[:3, :3] = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    T[:3, 3] = t
+    return checked_pose(T, where)
+
+
+def quaternion_from_pose(T: Pose) -> NDArray[np.float64]:
+    """Unit quaternion (4,) x y z w of the rotation of `T` (4, 4); w is not negative."""
+    R = T[:3, :3]
+    K = np.array(
+        [
+            [R[0, 0] - R[1, 1] - R[2, 2], 0, 0, 0],
+            [R[0, 1] + R[1, 0], R[1, 1] - R[0, 0] - R[2, 2], 0, 0],
+            [R[0, 2] + R[2, 0], R[1, 2] + R[2, 1], R[2, 2] - R[0, 0] - R[1, 1], 0],
+            [R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1], np.trace(R)],
+        ]
+    )  # Bar-Itzhack 2000: its eigenvector of the largest eigenvalue, from the lower triangle
+    _, vectors = np.linalg.eigh(K, "L")
+    q: NDArray[np.float64] = vectors[:, 3]
+    return -q if q[3] < 0 else q
+
+
+@dataclass(frozen=True, slots=True)
+class Trajectory:
+    """Poses over time."""
+
+    stamp: NDArray[np.float64]  # (n,) [s], increasing
+    t: NDArray[np.float64]  # (n, 3) [m]
+    q: NDArray[np.float64]  # (n, 4) x y z w, length 1
+
+    def at(self, stamp: float, tolerance: float) -> Pose | None:
+        """Pose at `stamp` [s]: between its two neighbours, or of one nearer than `tolerance` [s].
+
+        None where the trajectory does not reach: before its start, after its end, or in a gap
+        longer than LONGEST_GAP. Rotation is interpolated spherically.
+        """
+        after = int(np.searchsorted(self.stamp, stamp))
+        near = min(
+            (i for i in (after - 1, after) if 0 <= i < len(self.stamp)),
+            key=lambda i: abs(self.stamp[i] - stamp),
+        )
+        inside = 0 < after < len(self.stamp)
+        if inside and self.stamp[after] - self.stamp[after - 1] <= LONGEST_GAP:
+            return self._between(after - 1, stamp)
+        if abs(self.stamp[near] - stamp) <= tolerance:
+            return pose_from_quaternion(self.t[near], self.q[near], f"pose at {stamp:.6f}")
+        return None
+
+    def _between(self, i: int, stamp: float) -> Pose:
+        share = (stamp - self.stamp[i]) / (self.stamp[i + 1] - self.stamp[i])
+        a, b = self.q[i], self.q[i + 1]
+        cos = float(a @ b)
+        if cos < 0:  # q and -q are one rotation: take the short way round
+            b, cos = -b, -cos
+        angle = np.arccos(min(cos, 1.0))
+        if angle < 1e-6:
+            q = a + share * (b - a)
+        else:
+            q = (np.sin((1 - share) * angle) * a + np.sin(share * angle) * b) / np.sin(angle)
+        t = self.t[i] + share * (self.t[i + 1] - self.t[i])
+        return pose_from_quaternion(t, q, f"pose at {stamp:.6f}")
+
+
+def read_trajectory(path: Path) -> Trajectory:
+    """A trajectory in TUM format: `stamp tx ty tz qx qy qz qw` a line."""
+    table = []
+    for where, words in rows(path):
+        numbers = floats(words, where)
+        if len(numbers) != 8:
+            raise RecordingError(f"{where}: expected stamp tx ty tz qx qy qz qw, got {words}")
+        if not np.isfinite(numbers).all():
+            raise RecordingError(f"{where}: the pose is not finite")
+        pose_from_quaternion(np.array(numbers[1:4]), np.array(numbers[4:]), where)
+        table.append(numbers)
+    if not table:
+        raise RecordingError(f"{path} holds no poses")
+    sheet = np.array(table)
+    sheet = sheet[np.unique(sheet[:, 0], return_index=True)[1]]
+    q = sheet[:, 4:] / np.linalg.norm(sheet[:, 4:], axis=1, keepdims=True)
+    return Trajectory(sheet[:, 0], sheet[:, 1:4], q)

@@ -1,0 +1,105 @@
+"""Frames, detections, scene scores, and the protocols of what makes them.
+
+Pixels are (column, row) with the origin at the centre of the top left pixel; the camera looks along
++z with x right and y down; `T_map_cam` takes camera coordinates to map coordinates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """RGB-D image, registered, with its pose.
+
+    Raises ValueError where shapes or types are not the ones below.
+    """
+
+    id: str
+    rgb: NDArray[np.uint8]  # (H, W, 3)
+    depth: NDArray[np.float32]  # (H, W) [m] along the optical axis, nan = no return
+    K: NDArray[np.float64]  # (3, 3) pinhole intrinsics [px], distortion already undone
+    T_map_cam: NDArray[np.float64]  # (4, 4) camera -> map
+    stamp: float  # [s] since 1970-01-01 UTC
+
+    def __post_init__(self) -> None:
+        height, width = self.depth.shape
+        if self.rgb.shape != (height, width, 3) or self.rgb.dtype != np.uint8:
+            raise ValueError(f"rgb must be uint8 {(height, width, 3)}, got {self.rgb.shape}")
+        if self.K.shape != (3, 3) or self.T_map_cam.shape != (4, 4):
+            raise ValueError(
+                f"K must be (3, 3) and T_map_cam (4, 4), got {self.K.shape}, {self.T_map_cam.shape}"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class Detections:
+    """Detections of one image: parallel arrays of length n, best score first."""
+
+    xyxy: NDArray[np.float32]  # (n, 4) [px] in the frame's own pixels
+    score: NDArray[np.float32]  # (n,) 0..1
+    label: tuple[str, ...]  # (n,) the network's own label
+    source: tuple[str, ...] = ()  # (n,) name of each one's detector; (): there is only one
+    detectors: tuple[str, ...] = ()  # names of all that looked at the image; (): there is only one
+
+    def __post_init__(self) -> None:
+        n = len(self.label)
+        if self.source and len(self.source) != n:
+            raise ValueError(f"source must be ({n},), got ({len(self.source)},)")
+        if self.xyxy.shape != (n, 4) or self.score.shape != (n,):
+            raise ValueError(f"xyxy must be ({n}, 4), got {self.xyxy.shape}; score ({n},)")
+
+    def __len__(self) -> int:
+        return len(self.label)
+
+
+@dataclass(frozen=True, slots=True)
+class SceneScores:
+    """Scene classification of an image: the network's own label -> probability."""
+
+    probability: Mapping[str, float]
+
+
+class Detector(Protocol):
+    """Object detector."""
+
+    @property
+    def name(self) -> str:
+        """Short name, as kept with each observation."""
+
+    def detect(self, frame: Frame) -> Detections:
+        """All objects of `frame` with a score above the detector's threshold."""
+
+
+class SceneClassifier(Protocol):
+    """Scene classifier: what kind of place a frame shows."""
+
+    @property
+    def name(self) -> str:
+        """Short name, as kept with each belief."""
+
+    def classify(self, frame: Frame) -> SceneScores:
+        """Probability of each scene category for `frame`."""
+
+
+class Recording(Protocol):
+    """A sequence of frames that can be read again from any index."""
+
+    @property
+    def name(self) -> str:
+        """Name that identifies the recording within a map."""
+
+    @property
+    def T_map_world(self) -> NDArray[np.float64]:  # noqa: N802 - names its frames
+        """(4, 4) takes the recording's own world frame to the map frame."""
+
+    def __len__(self) -> int: ...
+
+    def frames(self, start: int = 0) -> Iterator[Frame]:
+        """Frames from index `start` on; raises RecordingError at the first unreadable one."""

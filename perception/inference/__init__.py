@@ -1,0 +1,1 @@
+"""Inference: ONNX sessions, detectors, scene classifiers, the model zoo."""

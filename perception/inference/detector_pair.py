@@ -1,0 +1,66 @@
+"""Detector pair: two networks that are weak alone and err in different ways, as one detector.
+
+The first looks at every frame, the second, which is slower, at those from a new point of view.
+Detections keep the name of their network; who maps them weighs each by its own rates.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perception.frames import Detections, Detector, Frame
+
+NEW_DISTANCE: Final = 0.1  # [m] of the camera from the last frame of the second network ...
+NEW_ANGLE: Final = math.radians(5)  # ... or of its orientation, that make a new point of view
+
+
+class DetectorPair:
+    """Detector of two networks; a recording's frames are to come in their order."""
+
+    def __init__(self, first: Detector, second: Detector) -> None:
+        self._first, self._second = first, second
+        self._looked_from: NDArray[np.float64] | None = None
+
+    @property
+    def name(self) -> str:
+        """Names of both."""
+        return f"{self._first.name} and {self._second.name}"
+
+    def detect(self, frame: Frame) -> Detections:
+        """Detections of the first network, and of the second where the point of view is new."""
+        found = [(self._first.name, self._first.detect(frame))]
+        if self._is_new(frame.T_map_cam):
+            self._looked_from = frame.T_map_cam
+            found.append((self._second.name, self._second.detect(frame)))
+        return joined(found)
+
+    def _is_new(self, T_map_cam: NDArray[np.float64]) -> bool:
+        if self._looked_from is None:
+            return True
+        turn = self._looked_from[:3, :3].T @ T_map_cam[:3, :3]
+        angle = math.acos(min(max((float(np.trace(turn)) - 1) / 2, -1.0), 1.0))
+        moved = float(np.linalg.norm(self._looked_from[:3, 3] - T_map_cam[:3, 3]))
+        return moved >= NEW_DISTANCE or angle >= NEW_ANGLE
+
+
+def joined(found: list[tuple[str, Detections]]) -> Detections:
+    """Detections of several detectors, given by name, of one image; best score first.
+
+    Those of a pair keep the names of its networks.
+    """
+    xyxy = np.concatenate([one.xyxy for _, one in found])
+    score = np.concatenate([one.score for _, one in found])
+    label = [text for _, one in found for text in one.label]
+    source = [text for name, one in found for text in one.source or (name,) * len(one)]
+    order = np.argsort(-score, kind="stable")
+    return Detections(
+        xyxy[order],
+        score[order],
+        tuple(label[int(i)] for i in order),
+        tuple(source[int(i)] for i in order),
+        tuple(text for name, one in found for text in one.detectors or (name,)),
+    )

@@ -1,0 +1,192 @@
+"""Model zoo: cards of known networks, their files, and the resolution of names to files.
+
+Cards are in `networks/registry.toml`. Some networks ship with the package, others are fetched on
+request into a cache folder, others are the user's own; a card has the input format of its network.
+"""
+
+from __future__ import annotations
+
+import functools
+import os
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from kg.errors import ModelError, did_you_mean
+from perception.inference.download import Expected, download, sha256_of
+
+NETWORKS = Path(__file__).resolve().parent / "networks"
+
+
+@dataclass(frozen=True, slots=True)
+class ModelCard:
+    """Model card: what is known of a network before it is opened."""
+
+    name: str
+    kind: str  # "detector" | "scene"
+    licence: str
+    quality: str  # one line for people
+    resize: str  # "stretch" | "letterbox" | "crop"
+    values: str  # "0..255" | "0..255 bgr" | "0..1" | "imagenet"
+    default: bool = False  # the one of its kind that is used unless another is named
+    file: str | None = None  # shipped under this name
+    url: str | None = None  # fetched from here
+    sha256: str | None = None
+    git_blob: str | None = None  # sha1 as git counts it, where only that is published
+    size: int = 0  # [bytes], 0 = not published
+    labels: str | None = None  # name of a shipped list of labels
+    rates: Mapping[str, float] | None = None  # measured (`mapping.objects.detector_rates`)
+    labels_url: str | None = None
+    labels_sha256: str | None = None
+
+    @property
+    def where(self) -> str:
+        """Where it is now: "bundled", "fetched", "to fetch", or "bring your own"."""
+        if self.file is not None:
+            return "bundled"
+        if cached_path(self).is_file():
+            return "fetched"
+        return "to fetch" if self.url is not None else "bring your own"
+
+    def to_json(self) -> dict[str, str | int | bool | None]:
+        """Plain values for `--json`."""
+        return {
+            "name": self.name,
+            "kind": self.kind,
+            "default": self.default,
+            "where": self.where,
+            "size": self.size or None,
+            "licence": self.licence,
+            "quality": self.quality,
+            "url": self.url,
+            "sha256": self.sha256,
+            "git_blob": self.git_blob,
+        }
+
+
+@functools.cache
+def cards() -> tuple[ModelCard, ...]:
+    """Every network with a card, also those that people must bring themselves."""
+    with (NETWORKS / "registry.toml").open("rb") as file:
+        return tuple(ModelCard(name=name, **entry) for name, entry in tomllib.load(file).items())
+
+
+def known_models() -> tuple[ModelCard, ...]:
+    """The networks that ship with hereabouts or can be fetched, bundled ones first."""
+    return tuple(model for model in cards() if model.file is not None or model.url is not None)
+
+
+def find_model(name: str) -> ModelCard:
+    """The card of a known network; raises ModelError with the known names for any other."""
+    for model in cards():
+        if model.name == name:
+            return model
+    names = [model.name for model in cards()]
+    raise ModelError(
+        f"no network {name!r}{did_you_mean(name, names)}; there are: {', '.join(names)}"
+    )
+
+
+def find_rates(name: str) -> Mapping[str, float] | None:
+    """Measured hit and false-alarm rates of the detector `name`; None where none were."""
+    return next((card.rates for card in cards() if card.name == name), None)
+
+
+def default_model(kind: str) -> ModelCard:
+    """The bundled network of `kind` ("detector" or "scene")."""
+    return next(model for model in cards() if model.kind == kind and model.default)
+
+
+def bundled_pair() -> tuple[str, str]:
+    """Names of the two bundled detectors, the default one first."""
+    first = default_model("detector").name
+    bundled = (card.name for card in cards() if card.kind == "detector" and card.file is not None)
+    return first, next(name for name in bundled if name != first)
+
+
+def cache_folder() -> Path:
+    """Where fetched networks lie: $HEREABOUTS_CACHE, else hereabouts in the user's cache folder."""
+    given = os.environ.get("HEREABOUTS_CACHE")
+    if given:
+        return Path(given)
+    base = os.environ.get("XDG_CACHE_HOME")
+    return (Path(base) if base else Path.home() / ".cache") / "hereabouts"
+
+
+def cached_path(model: ModelCard) -> Path:
+    """Where a fetched network lies, or would lie."""
+    return cache_folder() / f"{model.name}.onnx"
+
+
+def model_path(name: str) -> Path:
+    """The file of a known network; raises ModelError where it is not on this machine."""
+    model = find_model(name)
+    if model.file is not None:
+        return NETWORKS / model.file
+    path = cached_path(model)
+    if path.is_file():
+        return path
+    if model.url is None:
+        raise ModelError(f"network {name} is not bundled and has no address: give its file's path")
+    raise ModelError(f"network {name} is not fetched yet: run `hereabouts models fetch {name}`")
+
+
+def fetch_model(name: str, *, on_progress: Callable[[int], None] | None = None) -> Path:
+    """Download a known network, check it, and return its file; at once if it is there already.
+
+    An interrupted download is taken up where it broke off. Nothing lies at the returned path before
+    its hash has been found right. `on_progress` gets the bytes that are here so far. Raises
+    ModelError: no network, no such file at the address, another content than the card says.
+    """
+    model = find_model(name)
+    if model.file is not None or cached_path(model).is_file() or model.url is None:
+        return model_path(name)
+    path = cached_path(model)
+    if model.labels_url is not None and model.labels_sha256 is not None:
+        expected = Expected("sha256", model.labels_sha256)
+        download(model.labels_url, path.with_suffix(".labels.txt"), expected)
+    download(model.url, path, _expected(model), on_progress)
+    return path
+
+
+def _expected(model: ModelCard) -> Expected:
+    if model.sha256 is not None:
+        return Expected("sha256", model.sha256)
+    if model.git_blob is not None:
+        return Expected("git blob", model.git_blob)
+    raise ModelError(f"the card of {model.name} has no hash: nothing unchecked is fetched")
+
+
+def resolve(name_or_path: str | Path, kind: str) -> tuple[Path, ModelCard | None]:
+    """File and, if known, card of a network given as "default", by name, or by path.
+
+    A file is recognised by its content, else by its name without suffix. Raises ModelError for an
+    unknown name, a missing file, or a network of the other kind.
+    """
+    if name_or_path == "default":
+        found = default_model(kind)
+        return model_path(found.name), found
+    path = Path(name_or_path)
+    looks_like_path = path.suffix == ".onnx" or len(path.parts) > 1 or path.is_file()
+    if not looks_like_path:
+        known = find_model(str(name_or_path))
+        path = model_path(known.name)
+    elif not path.is_file():
+        raise ModelError(f"no network file {path}")
+    else:
+        recognised = recognise(path)
+        if recognised is None:
+            return path, None
+        known = recognised
+    if known.kind != kind:
+        raise ModelError(f"network {known.name} is a {known.kind} network, a {kind} one is wanted")
+    return path, known
+
+
+def recognise(path: Path) -> ModelCard | None:
+    """The card whose sha256 the file has, else the one with the file's name, else None."""
+    digest = sha256_of(path)
+    by_hash = [known for known in cards() if known.sha256 == digest]
+    by_name = [known for known in cards() if known.name == path.stem]
+    return next(iter(by_hash + by_name), None)

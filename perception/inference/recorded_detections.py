@@ -1,0 +1,107 @@
+"""Recorded detections: what a detector found in each frame of a recording, read from a JSON file.
+
+{"name": NAME, "frames": {FRAME_ID: [[x1, y1, x2, y2, score, label], ...]}}, boxes in pixels of the
+recording's colour images. A frame in which nothing was found has an empty list.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from kg.errors import ModelError
+from perception.frames import Detections, Detector, Frame
+from perception.inference.detector import load_detector
+from perception.inference.detector_pair import DetectorPair
+from perception.inference.model_zoo import bundled_pair
+
+Row = tuple[float, float, float, float, float, str]
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedDetector:
+    """A detector that repeats what was recorded for each frame."""
+
+    name: str
+    path: Path
+    frames: Mapping[str, Detections]
+    threshold: float
+
+    def detect(self, frame: Frame) -> Detections:
+        """What is recorded for `frame`; raises ModelError where the file does not list it."""
+        found = self.frames.get(frame.id)
+        if found is None:
+            raise ModelError(
+                f"{self.path} has no frame {frame.id!r}; an entry for each frame of the recording, "
+                "with an empty list where nothing was found, would work"
+            )
+        good = found.score > self.threshold
+        labels = tuple(label for label, kept in zip(found.label, good, strict=True) if kept)
+        return Detections(found.xyxy[good], found.score[good], labels)
+
+
+def open_detector(name_or_path: str | Path, *, threshold: float = 0.25) -> Detector:
+    """A detector by name, from an ONNX file, or from a JSON file of recorded detections.
+
+    "default" is the bundled pair. Raises ModelError for anything else.
+    """
+    if name_or_path == "default":
+        first, second = (load_detector(name, threshold=threshold) for name in bundled_pair())
+        return DetectorPair(first, second)
+    if Path(name_or_path).suffix == ".json":
+        return load_recorded_detections(Path(name_or_path), threshold=threshold)
+    return load_detector(name_or_path, threshold=threshold)
+
+
+def load_recorded_detections(path: Path, *, threshold: float = 0.0) -> RecordedDetector:
+    """Read recorded detections; raises ModelError, naming the frame, for anything else."""
+    try:
+        data: Any = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise ModelError(f"cannot read detections from {path}: {error}") from error
+    frames = data.get("frames") if isinstance(data, dict) else None
+    if not isinstance(frames, dict):
+        raise ModelError(
+            f'{path} holds no detections; {{"frames": {{FRAME_ID: [[x1, y1, x2, y2, score, '
+            "label], ...]}} would work"
+        )
+    read = {frame: _detections(path, frame, rows) for frame, rows in frames.items()}
+    return RecordedDetector(str(data.get("name") or path.stem), path, read, threshold)
+
+
+def save_recorded_detections(path: Path, name: str, frames: Mapping[str, Detections]) -> None:
+    """Write `frames` (frame id -> detections) as a file of recorded detections."""
+    lines = [f"{json.dumps(frame)}: {json.dumps(_rows(found))}" for frame, found in frames.items()]
+    body = ",\n".join(lines)
+    try:
+        path.write_text(f'{{"name": {json.dumps(name)},\n"frames": {{\n{body}\n}}}}\n', "utf-8")
+    except OSError as error:
+        raise ModelError(f"cannot write {path}: {error.strerror}") from error
+
+
+def _rows(found: Detections) -> list[Row]:
+    return [
+        (*(round(float(c), 1) for c in box), round(float(score), 4), label)  # type: ignore[misc]
+        for box, score, label in zip(found.xyxy, found.score, found.label, strict=True)
+    ]
+
+
+def _detections(path: Path, frame: str, rows: Any) -> Detections:
+    try:
+        numbers = np.array([row[:5] for row in rows], np.float32).reshape(len(rows), 5)
+        labels = [row[5] for row in rows]
+        sound = np.isfinite(numbers).all() and all(isinstance(label, str) for label in labels)
+        in_order = np.all(numbers[:, 2:4] > numbers[:, :2])
+        if not (sound and in_order and np.all((numbers[:, 4] >= 0) & (numbers[:, 4] <= 1))):
+            raise ValueError("a box needs x1 < x2 and y1 < y2, a score in 0..1 and a label")
+    except (IndexError, KeyError, TypeError, ValueError) as error:
+        raise ModelError(
+            f"{path}, frame {frame!r}: {error}; [x1, y1, x2, y2, score, label] would work"
+        ) from error
+    order = np.argsort(-numbers[:, 4], kind="stable")
+    return Detections(numbers[order, :4], numbers[order, 4], tuple(labels[int(i)] for i in order))

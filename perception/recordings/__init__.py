@@ -1,0 +1,1 @@
+"""Recordings of RGB-D frames with poses, one module a format."""

@@ -1,0 +1,194 @@
+"""Open a recorded sequence of RGB-D frames with poses, whatever its layout on disk."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kg.errors import RecordingError, did_you_mean
+from perception.camera.gravity_alignment import Up, gravity_aligned_transform, read_gravity
+from perception.camera.intrinsics import ASPECT_TOLERANCE, Intrinsics, intrinsics_from_matrix
+from perception.camera.poses import checked_pose
+from perception.camera.rectification import Rectifier
+from perception.camera.registration import register_depth
+from perception.frames import Frame, Recording
+from perception.recordings import hololens, seven_scenes, trajectory_log, tum
+from perception.recordings.image_files import check_image_file, read_colour, read_depth
+from perception.recordings.listing import Format, FrameEntry, RecordingListing
+
+#: Tried in this order when the format is not named.
+FORMATS: tuple[Format, ...] = (
+    seven_scenes.FORMAT,
+    tum.FORMAT,
+    trajectory_log.FORMAT,
+    hololens.FORMAT,
+)
+ABSOLUTE_STAMP = 1e8  # [s] smaller stamps count from the start of the recording
+
+
+@dataclass(frozen=True, slots=True)
+class FolderRecording:
+    """A recording in a folder; frames are read from disk when asked for."""
+
+    name: str
+    format: str
+    T_map_world: NDArray[np.float64]  # (4, 4)
+    listing: RecordingListing
+    rectifier: Rectifier
+    depth_scale: float  # depth units a metre
+    start_time: float  # [s] added to every stamp; 0 where stamps are absolute
+    gravity_aligned: bool = False  # whether T_map_world was found from what it shows, not given
+
+    def placed(self, T_map_world: NDArray[np.float64]) -> FolderRecording:
+        """The same recording by the transform (4, 4)."""
+        return replace(self, T_map_world=T_map_world, gravity_aligned=False)
+
+    def __len__(self) -> int:
+        return len(self.listing.entries)
+
+    def frames(self, start: int = 0) -> Iterator[Frame]:
+        """Frames from index `start` on; raises RecordingError at the first unreadable one."""
+        for entry in self.listing.entries[start:]:
+            yield self._frame(entry)
+
+    def _frame(self, entry: FrameEntry) -> Frame:
+        camera = self.rectifier.camera
+        rgb = read_colour(entry.colour)
+        if rgb.shape[1::-1] != (camera.width, camera.height):
+            raise RecordingError(
+                f"{entry.colour} is {rgb.shape[1]}x{rgb.shape[0]}, the first image "
+                f"{camera.width}x{camera.height}"
+            )
+        return Frame(
+            id=entry.id,
+            rgb=self.rectifier.colour(rgb),
+            depth=self._depth(entry),
+            K=camera.K,
+            T_map_cam=self.T_map_world @ entry.T_world_cam,
+            stamp=entry.stamp + self.start_time,
+        )
+
+    def _depth(self, entry: FrameEntry) -> NDArray[np.float32]:
+        depth = read_depth(entry.depth, self.depth_scale)
+        height, width = depth.shape
+        camera, apart = self.rectifier.camera, self.listing.depth_camera
+        if apart is not None:
+            K_depth = apart.intrinsics.fitted(width, height).K
+            return register_depth(depth, K_depth, camera.K, apart.T_colour_depth, camera.size)
+        if abs(width * camera.size[1] / (height * camera.size[0]) - 1) > ASPECT_TOLERANCE:
+            raise RecordingError(
+                f"{entry.depth} is {width}x{height} and colour {camera.width}x{camera.height}: "
+                "another aspect, so depth is not registered to colour"
+            )
+        return self.rectifier.depth(depth)
+
+
+def open_recording(
+    path: Path | str,
+    *,
+    format: str = "auto",
+    T_map_world: NDArray[np.float64] | None = None,
+    up: Up | None = None,
+    intrinsics: Intrinsics | None = None,
+    K: NDArray[np.float64] | None = None,
+    depth_scale: float | None = None,
+    name: str | None = None,
+    start_time: float | None = None,
+) -> Recording:
+    """Open the recording in the folder `path`, checking all that can be checked without decoding.
+
+    `format` is one of FORMATS or "auto". `T_map_world` (4, 4) takes the recording's world to the
+    map frame; without it the world is stood upright (see perception.camera.gravity_alignment)
+    along `up`, the
+    folder's gravity-direction.txt, or the floor. `intrinsics` of the colour images (see
+    load_intrinsics) or `K` (3, 3) [px] without distortion, and `depth_scale` [units a metre]
+    override the folder's own. Stamps that count from
+    zero are shifted by `start_time` [s since 1970], by default now. Raises RecordingError.
+    """
+    folder = Path(path)
+    chosen = _format(folder, format)
+    listing = chosen.read(folder)
+    if K is not None:
+        intrinsics = intrinsics_from_matrix(np.asarray(K, np.float64), "given K")
+    if intrinsics is not None:
+        listing = replace(listing, camera=_with_scale(intrinsics, listing))
+    relative = max(entry.stamp for entry in listing.entries) < ABSOLUTE_STAMP
+    begin = time.time() if start_time is None else start_time
+    recording = FolderRecording(
+        name=name or folder.resolve().name,
+        format=chosen.name,
+        T_map_world=np.eye(4),
+        listing=listing,
+        rectifier=_rectifier(listing, folder),
+        depth_scale=_depth_scale(listing, depth_scale),
+        start_time=begin if relative else 0.0,
+    )
+    _check_images(recording)
+    if T_map_world is not None:
+        T = np.asarray(T_map_world, np.float64)
+        checked_pose(T, "given T_map_world")
+        return recording.placed(T)
+    T = gravity_aligned_transform(recording, up=up if up is not None else read_gravity(folder))
+    return replace(recording, T_map_world=T, gravity_aligned=up is None)
+
+
+def _with_scale(given: Intrinsics, listing: RecordingListing) -> Intrinsics:
+    """Given intrinsics with the folder's depth scale, where they do not say one."""
+    if given.depth_scale is not None or listing.camera is None:
+        return given
+    return replace(given, depth_scale=listing.camera.depth_scale)
+
+
+def _format(folder: Path, name: str) -> Format:
+    known = "; ".join(f"{f.name} ({f.looks_for})" for f in FORMATS)
+    if name != "auto" and name not in {f.name for f in FORMATS}:
+        close = did_you_mean(name, [f.name for f in FORMATS])
+        raise RecordingError(f"unknown recording format {name!r}{close}; known are auto, {known}")
+    if not folder.is_dir():
+        problem = "is not a folder" if folder.exists() else "does not exist"
+        raise RecordingError(f"recording {folder} {problem}")
+    if not any(folder.iterdir()):
+        raise RecordingError(f"recording {folder} is empty; known formats are {known}")
+    for candidate in FORMATS:
+        if candidate.name == name or (name == "auto" and candidate.matches(folder)):
+            return candidate
+    hint = _nested(folder)
+    raise RecordingError(f"{folder} is no recording of a known format{hint}; known are {known}")
+
+
+def _nested(folder: Path) -> str:
+    """A hint where the recordings lie one folder deeper."""
+    inner = [p for p in sorted(folder.iterdir()) if p.is_dir()]
+    found = [p.name for p in inner if any(f.matches(p) for f in FORMATS)]
+    return f", but its folder {found[0]} is: open {folder / found[0]}" if found else ""
+
+
+def _rectifier(listing: RecordingListing, folder: Path) -> Rectifier:
+    """The camera fitted to the first image, which is decoded for its size."""
+    if listing.camera is None:
+        raise RecordingError(
+            f"{folder} has no intrinsics: add intrinsics.json or K.txt, or give K (fx, fy, cx, cy)"
+        )
+    height, width = read_colour(listing.entries[0].colour).shape[:2]
+    return Rectifier.for_camera(listing.camera.fitted(width, height))
+
+
+def _depth_scale(listing: RecordingListing, given: float | None) -> float:
+    of_camera = listing.camera.depth_scale if listing.camera is not None else None
+    scale = next(s for s in (given, of_camera, listing.depth_scale) if s is not None)
+    if not (np.isfinite(scale) and scale > 0):
+        raise RecordingError(f"depth scale must be a positive number of units a metre, got {scale}")
+    return float(scale)
+
+
+def _check_images(recording: FolderRecording) -> None:
+    """Look at every file's head and tail, and decode the first frame."""
+    for entry in recording.listing.entries:
+        check_image_file(entry.colour)
+        check_image_file(entry.depth)
+    next(recording.frames())

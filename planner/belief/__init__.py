@@ -1,0 +1,1 @@
+"""Belief where a target is: priors on cells of the floor, and their Bayes updates."""

@@ -1,0 +1,130 @@
+"""Arguments that several commands share, and how their text becomes values."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from kg.errors import QueryParameterError
+
+MAP_HELP = "folder of the map, e.g. kitchen.map, or the address of a SPARQL server that holds it"
+#: [m] no map is larger than the Earth
+FARTHEST = 1e7
+_SLOWEST, _FASTEST = 1e-3, 100.0  # [m/s] as the line protocol has it
+# options whose value may begin with a minus sign, and what such a value looks like
+_SIGNED = ("--from", "--up")
+_NEGATIVE = re.compile(r"-(\.?\d.*|[xyz])", re.IGNORECASE)
+
+
+def title_for(address: str) -> str:
+    """What a new map at that folder or address is called."""
+    server = urlsplit(address).hostname
+    return server or Path(address).stem
+
+
+def add_map(parser: argparse.ArgumentParser) -> None:
+    """The positional MAP."""
+    parser.add_argument("map", metavar="MAP", help=MAP_HELP)
+
+
+def add_keep(parser: argparse.ArgumentParser, otherwise: str) -> None:
+    """The `--keep` of commands that write; `keep_seconds` reads it."""
+    parser.add_argument(
+        "--keep",
+        metavar="DURATION",
+        help=f"how far back to remember: 30d, 12h, 90m, 2w or 1y ({otherwise})",
+    )
+
+
+def keep_seconds(arguments: argparse.Namespace) -> float | None:
+    """Seconds of `--keep`, None where it is not given; HistoryError for no duration."""
+    from kg.history.timestamps import duration
+
+    return None if arguments.keep is None else duration(arguments.keep)
+
+
+def add_json(parser: argparse.ArgumentParser) -> None:
+    """The `--json` flag."""
+    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
+
+
+def point(text: str) -> tuple[float, float]:
+    """``X,Y`` in metres; argparse reports anything else as wrong usage."""
+    try:
+        x, y = (float(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"needs X,Y in metres, got {text!r}") from None
+    if not (abs(x) <= FARTHEST and abs(y) <= FARTHEST):
+        raise argparse.ArgumentTypeError(f"needs X,Y within {FARTHEST:g} m, got {text!r}")
+    return x, y
+
+
+def join_signed(words: Sequence[str]) -> list[str]:
+    """``--from -1,2`` as ``--from=-1,2``; argparse would take the value for another option."""
+    joined: list[str] = []
+    for word in words:
+        if joined and joined[-1] in _SIGNED and _NEGATIVE.fullmatch(word):
+            joined[-1] += f"={word}"
+        else:
+            joined.append(word)
+    return joined
+
+
+def positive(text: str) -> float:
+    """A finite number above zero."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not (math.isfinite(value) and value > 0):
+        raise argparse.ArgumentTypeError(f"needs a number above 0, got {text!r}")
+    return value
+
+
+def speed(text: str) -> float:
+    """Metres a second that a robot may drive."""
+    value = positive(text)
+    if not _SLOWEST <= value <= _FASTEST:
+        raise argparse.ArgumentTypeError(f"needs {_SLOWEST:g} to {_FASTEST:g} m/s, got {text!r}")
+    return value
+
+
+def share(text: str) -> float:
+    """A number above zero and at most one."""
+    value = positive(text)
+    if value > 1:
+        raise argparse.ArgumentTypeError(f"needs a number above 0 and up to 1, got {text!r}")
+    return value
+
+
+def count(text: str) -> int:
+    """A whole number from 0 on."""
+    if not (text.isascii() and text.isdigit()):
+        raise argparse.ArgumentTypeError(f"needs a whole number from 0 on, got {text!r}")
+    return int(text)
+
+
+def plain_value(text: str) -> int | float | str:
+    """`text` as the number that it reads as, or as it is: free SPARQL declares no types."""
+    for number in (int, float):
+        try:
+            value = number(text)
+            return value if math.isfinite(value) else text
+        except (ValueError, OverflowError):
+            continue
+    return text
+
+
+def name_value(pairs: list[str]) -> dict[str, str]:
+    """``["a=1", "b=two"]`` as a dictionary; QueryParameterError where a pair has no ``=``."""
+    values = {}
+    for pair in pairs:
+        name, separator, value = pair.partition("=")
+        if not separator or not name:
+            raise QueryParameterError(f"parameter {pair!r} has no value: write -p name=value")
+        values[name] = value
+    return values

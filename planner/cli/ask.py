@@ -1,0 +1,130 @@
+"""`hereabouts ask`: any question on the map."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from planner.cli.arguments import MAP_HELP, name_value, plain_value
+from planner.cli.console import note, print_table, write
+
+if TYPE_CHECKING:
+    from kg.maps.semantic_map import SemanticMap
+    from kg.query.query_files import Table
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "ask",
+        help="query the map: a shipped query, a query file, or SPARQL text",
+        description="Query the map. `hereabouts queries` lists the shipped queries.",
+        epilog="example: hereabouts ask kitchen.map objects-within-radius -p x=0 -p y=1",
+    )
+    parser.add_argument("map", metavar="MAP", nargs="?", help=MAP_HELP)
+    parser.add_argument(
+        "--member",
+        action="append",
+        default=[],
+        metavar="MAP",
+        help="ask this map merged with others instead of MAP (repeatable)",
+    )
+    parser.add_argument(
+        "question", nargs="?", metavar="NAME|FILE.rq", help="shipped question or query file"
+    )
+    parser.add_argument("-e", "--execute", metavar="SPARQL", help="SPARQL text to run instead")
+    parser.add_argument(
+        "-p",
+        "--parameter",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="a parameter of the question (repeatable)",
+    )
+    parser.add_argument(
+        "--all",
+        action="store_true",
+        help="list objects of any existence, not only those of 0.5 and above",
+    )
+    parser.add_argument(
+        "--format",
+        choices=("table", "json", "csv", "ttl"),
+        default="table",
+        help="how to print the answer (ttl: CONSTRUCT and DESCRIBE only; default: table)",
+    )
+    parser.add_argument(
+        "--json", action="store_const", const="json", dest="format", help="as --format json"
+    )
+    parser.add_argument(
+        "--at", metavar="TIME", help="ask the map as believed then: ISO 8601, or #42 (transaction)"
+    )
+    parser.set_defaults(run=run, usage_error=parser.error)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Ask, and print the answer."""
+    if arguments.member and arguments.question is None:
+        # no MAP beside members: the first word is the question
+        arguments.map, arguments.question = None, arguments.map
+    if (arguments.question is None) == (arguments.execute is None):
+        arguments.usage_error("give a question (NAME or FILE.rq), or SPARQL with -e, not both")
+    if (arguments.map is None) == (not arguments.member):
+        arguments.usage_error("give MAP, or one --member MAP or more, not both")
+    if arguments.member and arguments.at is not None:
+        arguments.usage_error("--at is for one MAP: each map counts its own transactions")
+    parameters = name_value(arguments.parameter)
+    with ExitStack() as opened:
+        semantic_map = opened.enter_context(_opened(arguments))
+        answer = _ask(semantic_map, arguments, parameters, opened)
+    _print(answer, arguments.format)
+    return 0
+
+
+def _opened(arguments: argparse.Namespace) -> SemanticMap:
+    """The map, or the members merged into one in memory."""
+    from kg.opening import open_map
+
+    if not arguments.member:
+        return open_map(arguments.map, read_only=True)
+    from kg.publishing.merging import merged
+
+    return merged(arguments.member)
+
+
+def _ask(
+    semantic_map: SemanticMap,
+    arguments: argparse.Namespace,
+    parameters: Mapping[str, object],
+    opened: ExitStack,
+) -> Table:
+    """The answer; text that did not come with hereabouts is evaluated in an isolated process."""
+    from kg.query.query_files import find_query, inline_query, load_query
+    from kg.store.sparql_client import is_url
+
+    if arguments.execute is not None:
+        parameters = {name: plain_value(str(text)) for name, text in parameters.items()}
+        question = inline_query(arguments.execute, parameters)
+    elif arguments.question.endswith(".rq"):
+        question = load_query(Path(arguments.question))
+    else:
+        question = find_query(arguments.question)
+    if arguments.all and any(parameter.name == "least" for parameter in question.parameters):
+        parameters = {"least": "0", **parameters}
+    if not question.shipped and not is_url(arguments.map or ""):
+        from kg.workers.local_evaluation import query_isolated  # which shipped queries do not need
+
+        return query_isolated(semantic_map, question, parameters, at=arguments.at)
+    if arguments.at is not None:
+        semantic_map = opened.enter_context(semantic_map.at(arguments.at))
+    return semantic_map.answer(question, parameters)
+
+
+def _print(answer: Table, form: str) -> None:
+    if form != "table":
+        write(answer.serialise(form))
+        return
+    print_table(answer.columns, answer.rows)
+    note(f"{len(answer.rows)} row{'' if len(answer.rows) == 1 else 's'}")

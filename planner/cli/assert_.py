@@ -1,0 +1,77 @@
+"""`hereabouts assert`: assert a property of an object or place, whatever perception believes."""
+
+from __future__ import annotations
+
+import argparse
+
+from planner.cli.arguments import add_json, add_map
+from planner.cli.console import note, write_json
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "assert",
+        help="correct a property of an object or place; it outranks perception until retracted",
+        description="Assert the category, position, existence or label of an object, or the "
+        "category or label of a place. It outranks perception until `hereabouts retract`; "
+        "`hereabouts ask MAP conflicts` lists what perception contradicts.",
+        epilog="example: hereabouts assert kitchen.map object/17 category bowl --by ann",
+    )
+    add_map(parser)
+    add_what(parser)
+    parser.add_argument(
+        "value",
+        nargs="+",
+        metavar="VALUE",
+        help="a category's name or IRI; X Y Z in metres; present or absent; a label",
+    )
+    parser.add_argument("--by", metavar="NAME", help="author (a server takes the token's holder)")
+    add_json(parser)
+    parser.set_defaults(run=run, usage_error=parser.error)
+
+
+def add_what(parser: argparse.ArgumentParser) -> None:
+    """The thing and the property that `assert` and `retract` are about."""
+    parser.add_argument("thing", metavar="THING", help="object/17, place/1 or a full IRI")
+    parser.add_argument(
+        "property",
+        choices=("category", "position", "existence", "label"),
+        help="property of the thing",
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Assert, in one transaction."""
+    from kg.opening import open_map
+    from kg.store.sparql_client import is_url
+
+    if arguments.by is None and not is_url(arguments.map):
+        arguments.usage_error("who says so? --by NAME")
+    value, by = " ".join(arguments.value), arguments.by or ""
+    with open_map(arguments.map) as semantic_map:
+        change = semantic_map.assert_(arguments.thing, arguments.property, value, by=by)
+        (assertion,) = (
+            a for a in semantic_map.assertions(arguments.thing) if a.property == arguments.property
+        )
+        sequence = semantic_map.sequence
+    if arguments.json:
+        write_json(
+            {
+                "thing": assertion.subject,
+                "property": assertion.property,
+                "value": assertion.value,
+                "by": assertion.by,
+                "perceived": assertion.perceived,
+                "contradicted": assertion.since is not None,
+                "changed": change is not None,
+                "sequence": sequence,
+            }
+        )
+        return 0
+    done = f"transaction {change.sequence}" if change else "nothing changed"
+    against = " (perception contradicts)" if assertion.since is not None else ""
+    note(
+        f"{arguments.thing}: {arguments.property} is {value}, says {assertion.by}{against}; {done}"
+    )
+    return 0

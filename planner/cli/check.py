@@ -1,0 +1,59 @@
+"""`hereabouts check`: ontologies and maps against their shapes and the vocabulary."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from planner.cli.arguments import MAP_HELP, add_json
+from planner.cli.console import note, print_table, write_json
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "check",
+        help="check the ontologies, or a map, against SHACL and the vocabulary",
+        description="Check the shipped ontologies (or a folder of edited ones), and a map if one "
+        "is given. Exit code 1 if anything is wrong.",
+        epilog="example: hereabouts check kitchen.map",
+    )
+    parser.add_argument("map", nargs="?", metavar="MAP", help=MAP_HELP)
+    parser.add_argument("--ontologies", metavar="DIR", help="folder of ontologies to check")
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Check, and list what was found."""
+    from kg.ontology.lint import check_map, check_ontologies
+    from kg.opening import open_map
+    from kg.resources import ONTOLOGIES
+
+    folder = Path(arguments.ontologies) if arguments.ontologies else ONTOLOGIES
+    findings = list(check_ontologies(folder))
+    if arguments.map is not None:
+        with open_map(arguments.map, read_only=True) as semantic_map:
+            findings += check_map(semantic_map.engine)
+            if semantic_map.description.licence is None:
+                note(f"no licence: hereabouts describe {arguments.map} --licence IRI sets one")
+    if arguments.json:
+        write_json(
+            [
+                {
+                    "focus": f.focus,
+                    "message": f.message,
+                    "path": f.path,
+                    "value": f.value,
+                    "severity": f.severity,
+                }
+                for f in findings
+            ]
+        )
+    elif findings:
+        print_table(
+            ("what", "property", "value", "is wrong"),
+            [(f.focus, f.path, f.value, f.message) for f in findings],
+        )
+    note(f"{len(findings)} finding{'' if len(findings) == 1 else 's'}" if findings else "all well")
+    return 1 if findings else 0

@@ -1,0 +1,185 @@
+"""How commands print: tables and JSON on stdout, notes and progress bars on stderr."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import sys
+from collections.abc import Iterable, Sequence
+from datetime import datetime
+from typing import TYPE_CHECKING, TextIO
+
+from kg.vocabulary import GRAPH, HERE, PREFIXES
+from planner.cli.text_table import text_table
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from planner.plans.thesis_rules import Plan
+    from planner.plans.view_plan import ViewPlan
+
+# wide enough that a table piped into a file or pager is not squeezed into 80 columns
+_PIPE_WIDTH = 200
+
+
+def out() -> Console:
+    """The console of the answer."""
+    from rich.console import Console
+
+    return Console(width=None if sys.stdout.isatty() else _PIPE_WIDTH, soft_wrap=False)
+
+
+def err() -> Console:
+    """The console of everything else."""
+    from rich.console import Console
+
+    return Console(stderr=True)
+
+
+def note(message: str) -> None:
+    """A line on stderr, dim where colours are on."""
+    print(_styled(message, "2", sys.stderr), file=sys.stderr)  # noqa: T201
+
+
+def write(text: str) -> None:
+    """Text on stdout, exactly as it is, with one newline at its end."""
+    sys.stdout.write(text if text.endswith("\n") else text + "\n")
+
+
+def write_json(value: object) -> None:
+    """`value` as indented JSON on stdout."""
+    write(json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False))
+
+
+def heading(text: str) -> None:
+    """A line on stdout that starts a part of a longer answer."""
+    write(f"\n{_styled(text, '1', sys.stdout)}")
+
+
+def print_plan(plan: Plan) -> None:
+    """A search plan as a table: where to look, at what cost, and why."""
+    print_table(
+        ("", "look at", "x", "y", "metres", "seconds", "p", "why"),
+        [
+            (
+                index,
+                step.goal.label,
+                float(step.goal.p_map[0]),
+                float(step.goal.p_map[1]),
+                step.distance,
+                step.seconds,
+                step.goal.probability,
+                step.goal.why,
+            )
+            for index, step in enumerate(plan.steps, start=1)
+        ],
+    )
+    if plan.expected_seconds is not None:
+        note(f"expected {plan.expected_seconds:.0f} s until found, if it is at one of these")
+
+
+def print_looks(plan: ViewPlan, most: int | None = None) -> None:
+    """Looks of a plan as a table, the first `most` of them: from where, what for, and why."""
+    from planner.plans.report import direction, summary
+
+    print_table(
+        ("", "look in", "from", "towards", "p", "seconds", "left", "why"),
+        [
+            (
+                number,
+                step.place_name,
+                f"{step.p_map[0]:.1f}, {step.p_map[1]:.1f}",
+                direction(step),
+                f"{step.probability:.3f}",
+                round(step.seconds),
+                f"{step.left:.2f}",
+                summary(step.why),
+            )
+            for number, step in enumerate(plan.steps[:most], start=1)
+        ],
+    )
+
+
+def print_table(
+    columns: Sequence[str], rows: Iterable[Sequence[object]], *, title: str | None = None
+) -> None:
+    """A readable table: numbers to the right, IRIs shortened to their prefix or last part."""
+    rows = [tuple(row) for row in rows]
+    right = [any(_is_number(row[index]) for row in rows) for index in range(len(columns))]
+    cells = [[_cell(value) for value in row] for row in rows]
+    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else _PIPE_WIDTH
+    if title is not None:
+        heading(title)
+    write(f"\n{text_table(columns, cells, right, width)}\n")
+
+
+def progress(description: str = "[progress.description]{task.description}") -> Progress:
+    """A progress bar on stderr; silent where stderr is not a terminal."""
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        SpinnerColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    return Progress(
+        SpinnerColumn(),
+        TextColumn(description),
+        BarColumn(bar_width=30),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[status]}"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        console=err(),
+        transient=False,
+        disable=not sys.stderr.isatty(),
+    )
+
+
+def shorten(iri: str) -> str:
+    """An IRI as people read it: ``here:Chair``, ``object/17``; other text unchanged.
+
+    >>> shorten("https://w3id.org/hereabouts#Chair")
+    'here:Chair'
+    """
+    if not iri.startswith(("http://", "https://", "urn:")):
+        return iri
+    for prefix, namespace in PREFIXES.items():
+        if iri.startswith(namespace) and namespace not in (HERE, GRAPH):
+            return f"{prefix}:{iri[len(namespace) :]}"
+    if iri.startswith(HERE):
+        return f"here:{iri[len(HERE) :]}"
+    if iri.startswith(GRAPH):
+        return f"graph:{iri[len(GRAPH) :]}"
+    parts = iri.split("/")
+    for kind in ("object", "place", "observation", "recording", "search"):
+        if kind in parts:
+            return "/".join(parts[parts.index(kind) :])
+    return iri
+
+
+def _styled(text: str, style: str, stream: TextIO) -> str:
+    """`text` in a style (SGR parameter) where `stream` is a terminal that has colours."""
+    plain = "NO_COLOR" in os.environ or os.environ.get("TERM") == "dumb" or not stream.isatty()
+    return text if plain else f"\x1b[{style}m{text}\x1b[0m"
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, float):
+        return f"{value:.2f}"
+    if isinstance(value, datetime):
+        return value.strftime("%Y-%m-%d %H:%M:%S")
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return shorten(str(value))

@@ -1,0 +1,143 @@
+"""`hereabouts demo`: a house, mapped and searched, with nothing but the installed package."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING, Final
+
+from planner.cli.arguments import add_json, count
+from planner.cli.console import (
+    heading,
+    note,
+    print_looks,
+    print_table,
+    progress,
+    write,
+    write_json,
+)
+
+if TYPE_CHECKING:
+    from kg.query.query_files import Table
+    from planner.simulation.house_demo import DemoProgress, DemoReport
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "demo",
+        help="map a simulated house live, ask it, and search it",
+        description="Build a small furnished house with a simulated robot and depth camera, map it "
+        "live, ask three questions, plan and run a search. Leaves demo.map/, map.ttl and map.png.",
+        epilog="example: hereabouts demo --folder /tmp/demo",
+    )
+    parser.add_argument(
+        "--folder", default=".", metavar="DIR", help="where to leave the results (default: here)"
+    )
+    parser.add_argument(
+        "--seed", type=count, default=0, metavar="N", help="what the senses get wrong (default: 0)"
+    )
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the demo and tell what happened."""
+    from planner.simulation.house_demo import run_demo
+
+    with progress() as bar:
+        task = bar.add_task("map", total=None, status="")
+
+        def on_progress(step: DemoProgress) -> None:
+            bar.update(
+                task,
+                description=step.stage,
+                completed=step.done,
+                total=step.total,
+                status=step.note,
+            )
+
+        report = run_demo(arguments.folder, on_progress, seed=arguments.seed)
+    if arguments.json:
+        write_json(report.to_json())
+    else:
+        _tell(report)
+    return 0
+
+
+#: looks of the plan that are shown
+_LOOKS: Final = 5
+#: columns of answers that are shown, the others being no part of the story
+_SHOWN: Final = ("place", "label", "category", "belief", "x", "y", "z", "existence")
+
+
+def _tell(report: DemoReport) -> None:
+    mapping, score = report.mapping, report.score
+    heading(
+        f"Mapped {report.rooms} rooms and {mapping.objects} objects in {mapping.seconds:.0f} s "
+        f"({mapping.frames_per_second:.0f} frames/s)"
+    )
+    note(
+        f"against the house as it is: {score.recall or 0:.0%} of its objects are in the map, "
+        f"{score.precision or 0:.0%} of the map's objects are real, median error "
+        f"{100 * (score.position_error_median or 0):.0f} cm, "
+        f"{report.rooms_right} of {report.rooms} rooms named right"
+    )
+    for answer in report.answers:
+        parameters = "".join(f" -p {k}={_quoted(v)}" for k, v in answer.parameters.items())
+        heading(answer.question)
+        note(f"hereabouts ask {report.map_path} {answer.query}{parameters}")
+        _print_answer(answer.table)
+    _tell_plan(report)
+    _tell_search(report)
+    heading("What it leaves")
+    write(f"{report.map_path}/  the map; ask it anything with hereabouts ask")
+    write(f"{report.export_path}  the map as linked data, {report.triples:,} triples")
+    write(f"{report.picture_path}  the map as a picture, with the search")
+    write(f"try: hereabouts search {report.map_path} cup --robot sim")
+    note(f"{report.seconds:.0f} s, {report.peak_memory:.0f} MB")
+
+
+def _print_answer(table: Table) -> None:
+    shown = [i for i, column in enumerate(table.columns) if column in _SHOWN]
+    print_table([table.columns[i] for i in shown], [[row[i] for i in shown] for row in table.rows])
+
+
+def _tell_plan(report: DemoReport) -> None:
+    from planner.plans.report import plan_lines
+    from planner.simulation.house_demo import TARGET
+
+    plan, thesis = report.planned.plan, report.planned.thesis
+    heading(f"Where is the {TARGET}?")
+    note(f"hereabouts find {report.map_path} {TARGET} {report.planned.options}")
+    print_looks(plan, _LOOKS)
+    rest = len(plan.steps) - _LOOKS
+    note(f"and {rest} more looks; " * (rest > 0) + plan_lines(plan)[0])
+    note(
+        f"{thesis.name}, nearest goal first and a whole turn at each: "
+        f"{thesis.expected_seconds:.0f} s expected, where this plan finds as much "
+        f"({thesis.probability:.2f}) in {thesis.plan_seconds:.0f} s"
+    )
+
+
+def _tell_search(report: DemoReport) -> None:
+    from planner.simulation.demo_search import in_short
+    from planner.simulation.house_demo import TARGET
+
+    run = report.search
+    heading(f"Meanwhile somebody brings home an {TARGET}. The robot goes and looks")
+    note(f"hereabouts search {report.map_path} {TARGET} --robot sim")
+    print_table(
+        ("seconds", "what happens"),
+        [(round(event.data["seconds"]), in_short(event)) for event in run.events],
+    )
+    if report.position_error is None:
+        write(f"The robot gave up after {run.outcome.seconds:.0f} s: {run.outcome.reason}.")
+        return
+    write(
+        f"The robot found the {TARGET} in the {report.hidden_in} after {run.outcome.seconds:.0f} s "
+        f"and {run.distance:.0f} m, {100 * report.position_error:.0f} cm from where it is."
+    )
+
+
+def _quoted(value: object) -> str:
+    return f"'{value}'" if " " in str(value) else str(value)

@@ -1,0 +1,47 @@
+"""`hereabouts describe`: title and licence of a map."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import asdict
+
+from planner.cli.arguments import add_json, add_map
+from planner.cli.console import note, write, write_json
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "describe",
+        help="print or set a map's title and licence",
+        description="Print a map's IRI, title, time of creation and licence; set title or licence "
+        "where given. They are in the map (graph:dataset), so exports, VoID and DCAT have them.",
+        epilog="example: hereabouts describe kitchen.map --by ann "
+        "--licence https://creativecommons.org/licenses/by/4.0/",
+    )
+    add_map(parser)
+    parser.add_argument("--title", metavar="TEXT", help="name of the map")
+    parser.add_argument("--licence", metavar="IRI", help="licence that the map's data are under")
+    parser.add_argument("--by", metavar="NAME", help="author (a server takes the token's holder)")
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Set what is given, and print the description."""
+    from kg.opening import open_map
+
+    writes = arguments.title is not None or arguments.licence is not None
+    with open_map(arguments.map, read_only=not writes) as semantic_map:
+        if writes:
+            change = semantic_map.describe(
+                title=arguments.title, licence=arguments.licence, by=arguments.by
+            )
+            note(f"transaction {change.sequence}" if change else "it was so before")
+        description = asdict(semantic_map.description)
+    if arguments.json:
+        write_json(description)
+    else:
+        for name, value in description.items():
+            write(f"{name:8} {value or 'not set'}")
+    return 0

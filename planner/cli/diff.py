@@ -1,0 +1,52 @@
+"""`hereabouts diff`: what changed between two moments."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+from planner.cli.arguments import add_json, add_map
+from planner.cli.console import note, print_table, write_json
+
+if TYPE_CHECKING:
+    from kg.history.replay.point_in_time import Difference
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "diff",
+        help="differences between two past states of the map",
+        description="Print what changed between two instants: ISO 8601 (UTC where it names no "
+        "zone), or #42 for the 42nd transaction.",
+        epilog="example: hereabouts diff kitchen.map '#10' 2026-08-01T12:30:00Z",
+    )
+    add_map(parser)
+    parser.add_argument("before", metavar="T1", help="first instant")
+    parser.add_argument("after", metavar="T2", help="second instant")
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Compare."""
+    from kg.opening import open_map
+
+    with open_map(arguments.map, read_only=True) as semantic_map:
+        found = semantic_map.diff(arguments.before, arguments.after)
+        base = semantic_map.base
+    if arguments.json:
+        rows = found.rows(base)
+        names = ("change", "subject", "predicate", "before", "after")
+        write_json([dict(zip(names, row, strict=True)) for row in rows])
+        return 0
+    print_table(("", "thing", "what", "before", "after"), found.rows(base))
+    note(_summary(found))
+    return 0
+
+
+def _summary(found: Difference) -> str:
+    return (
+        f"#{found.before} to #{found.after}: {len(found.added)} triples more, "
+        f"{len(found.removed)} no more"
+    )

@@ -1,0 +1,212 @@
+"""`hereabouts evaluate`: maps scored against ground truth of one's own recordings."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from planner.cli.arguments import MAP_HELP, add_json, positive
+from planner.cli.console import note, print_table, write_json
+from planner.cli.evaluated_maps import EvaluatedMap, Run, evaluated_maps, refuse_wrong_usage
+from planner.cli.evaluation_pictures import (
+    draw_reliability,
+    draw_truth,
+    refuse_impossible_pictures,
+)
+from planner.cli.recording_arguments import MODES, add_recording_options
+
+if TYPE_CHECKING:
+    from mapping.evaluation.class_scores import MapScore, Truth
+    from mapping.evaluation.complete_truth import TrueObject
+    from mapping.evaluation.map_evaluation import MapEvaluation, MapScores
+
+    AnyTruth = Truth | tuple[TrueObject, ...]  # of some classes, or complete
+
+_THRESHOLD_COLUMNS: Final = (
+    *("threshold", "true", "mapped", "matched", "recall", "precision", "clean"),
+    *("duplicates", "wrong", "ghosts", "ignored", "error"),
+)
+_POOLED: Final = "all"  # in the column of names
+
+
+@dataclass(frozen=True, slots=True)
+class _Scored:
+    """Scores of one map, by whichever kind of truth it has."""
+
+    run: Run
+    by_class: MapScore | None = None
+    evaluation: MapEvaluation | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        scores = self.by_class or (self.evaluation and self.evaluation.scores())
+        return self.run.to_json() | (scores.to_json() if scores else {})
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "evaluate", help="score a map against ground truth", description=__doc__
+    )
+    subjects = parser.add_subparsers(dest="subject", metavar="SUBJECT", required=True)
+    mapping = subjects.add_parser(
+        "map",
+        help="score the objects of maps, or of recordings, against hand-made truth",
+        description="Score the objects of a map, or of a recording mapped into a temporary one: "
+        "same class within 0.5 m (large things 1.0 m), one to one. A complete truth (entries with "
+        "also, ignore, extent or reach) is scored at several existence thresholds, with "
+        "duplicates, wrong labels, ghosts, identity switches, calibration of existence and "
+        "coverage of position ellipses.",
+        epilog="example: hereabouts evaluate map --recording redkitchen --truth objects_gt.json",
+    )
+    mapping.add_argument("maps", metavar="MAP", nargs="*", help=MAP_HELP)
+    mapping.add_argument(
+        "--recording",
+        action="append",
+        metavar="DIR",
+        help="recording to map and score, or whose world the truth of a MAP is in; repeatable",
+    )
+    mapping.add_argument(
+        "--truth",
+        action="append",
+        required=True,
+        metavar="FILE",
+        help="objects_gt.json or objects_full_gt.json; one for each MAP or recording",
+    )
+    mapping.add_argument(
+        "--near",
+        type=positive,
+        default=0.5,
+        metavar="M",
+        help="greatest distance of a match, of a complete truth, large things apart (default: 0.5)",
+    )
+    mapping.add_argument(
+        "--compare",
+        action="store_true",
+        help=f"map by each mode ({', '.join(MODES)}); the networks run once",
+    )
+    mapping.add_argument(
+        "--picture",
+        metavar="FILE",
+        help="draw map and truth from above; of several, each into a file with its name added",
+    )
+    mapping.add_argument(
+        "--plot",
+        metavar="FILE",
+        help="draw the reliability diagram of existence, of all maps together",
+    )
+    add_json(mapping)
+    add_recording_options(mapping)
+    mapping.set_defaults(run=run_map)
+
+
+def run_map(arguments: argparse.Namespace) -> int:
+    """Map where needed, score, print."""
+    refuse_wrong_usage(arguments)
+    truths = [_load(Path(path)) for path in arguments.truth]
+    refuse_impossible_pictures(arguments, truths)
+    scored = []
+    for evaluated in evaluated_maps(arguments):
+        scored.append(_score(evaluated, truths[evaluated.number], arguments.near))
+        if arguments.picture and (evaluation := scored[-1].evaluation):
+            draw_truth(evaluated, evaluation, arguments)
+    pooled = _pooled(scored) if len(arguments.truth) > 1 else {}
+    together = [(Run(_POOLED, mode), scores) for mode, scores in pooled.items()]
+    complete = [(one.run, one.evaluation.scores()) for one in scored if one.evaluation]
+    if arguments.plot:
+        draw_reliability(together or complete, Path(arguments.plot))
+    if arguments.json:
+        pooled_json = [{"mode": mode} | scores.to_json() for mode, scores in pooled.items()]
+        write_json({"runs": [one.to_json() for one in scored], "pooled": pooled_json})
+    else:
+        _print(scored, complete + together)
+    return 0
+
+
+def _load(path: Path) -> AnyTruth:
+    """Read a truth of either kind; raises RecordingError."""
+    from mapping.evaluation.class_scores import load_truth
+    from mapping.evaluation.complete_truth import is_complete_truth, load_complete_truth
+
+    return load_complete_truth(path) if is_complete_truth(path) else load_truth(path)
+
+
+def _score(evaluated: EvaluatedMap, truth: AnyTruth, near: float) -> _Scored:
+    from mapping.evaluation.class_scores import score_map
+    from mapping.evaluation.map_evaluation import evaluate_map
+    from mapping.evaluation.truth_matching import TruthMatcher
+
+    semantic_map, T_map_world = evaluated.semantic_map, evaluated.T_map_world
+    if isinstance(truth, tuple):
+        matcher = TruthMatcher(truth, T_map_world, near)
+        return _Scored(evaluated.run, evaluation=evaluate_map(semantic_map, matcher))
+    label = semantic_map.catalogue.label
+    found = [(label(record.category), record.p_map) for record in semantic_map.objects()]
+    return _Scored(evaluated.run, by_class=score_map(found, truth, T_map_world))
+
+
+def _pooled(scored: Sequence[_Scored]) -> dict[str, MapScores]:
+    """Mode -> scores of all its maps together; empty where a truth is not complete."""
+    from mapping.evaluation.map_evaluation import pooled
+
+    if any(one.evaluation is None for one in scored):
+        return {}
+    modes = dict.fromkeys(one.run.mode for one in scored)
+    return {
+        mode: pooled([one.evaluation for one in scored if one.evaluation and one.run.mode == mode])
+        for mode in modes
+    }
+
+
+def _print(scored: Sequence[_Scored], complete: Sequence[tuple[Run, MapScores]]) -> None:
+    for one in scored:
+        if one.by_class is not None:
+            _print_by_class(one.run, one.by_class)
+    if complete:
+        _print_complete(complete)
+
+
+def _print_by_class(run: Run, score: MapScore) -> None:
+    print_table(
+        ("class", "truth", "mapped", "matched", "duplicates", "median error [m]"),
+        [
+            (label, c.truth, c.mapped, c.matched, c.duplicates, c.position_error_median)
+            for label, c in score.per_class.items()
+        ],
+        title=run.title,
+    )
+    columns = ("precision", "recall", "median error [m]", "duplicates", "frames/s")
+    totals = (score.precision, score.recall, score.position_error_median, score.duplicates)
+    print_table(columns, [(*totals, run.report and run.report.frames_per_second)])
+    note(f"precision counts only classes whose truth is complete: {', '.join(score.complete_for)}")
+
+
+def _print_complete(scored: Sequence[tuple[Run, MapScores]]) -> None:
+    """One table of scores at thresholds and one of what has no threshold, a block for each run."""
+    modes = any(run.mode for run, _ in scored)
+    names = ("map", "mode") if modes else ("map",)
+    rows = [
+        (*_cells(run, modes), *(getattr(score, column) for column in _THRESHOLD_COLUMNS))
+        for run, scores in scored
+        for score in scores.thresholds
+    ]
+    print_table((*names, *_THRESHOLD_COLUMNS), rows)
+    columns = ("identity switches", "ECE", "ellipse 95 %", "ellipsoid 95 %", "frames/s")
+    rows = [
+        (
+            *_cells(run, modes),
+            scores.switches,
+            scores.calibration.ece,
+            scores.coverage.ellipse,
+            scores.coverage.ellipsoid,
+            run.report and run.report.frames_per_second,
+        )
+        for run, scores in scored
+    ]
+    print_table((*names, *columns), rows)
+
+
+def _cells(run: Run, modes: bool) -> tuple[str, ...]:
+    return (run.name, run.mode) if modes else (run.name,)

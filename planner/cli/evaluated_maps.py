@@ -1,0 +1,152 @@
+"""Maps to evaluate: those given, or temporary ones of recordings, mapped by one or each mode."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from kg.errors import LayoutError
+from planner.cli.arguments import title_for
+from planner.cli.map_recording import map_with_progress
+from planner.cli.recording_arguments import MODES, Inputs, open_given_recording, open_inputs
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from kg.maps.semantic_map import SemanticMap
+    from mapping.progress_report import MappingReport
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """How a map came to be."""
+
+    name: str  # of the recording or map
+    mode: str = ""  # "" of a map that was given
+    detector: str = ""
+    report: MappingReport | None = None
+
+    @property
+    def title(self) -> str:
+        """Name, mode and detector in one line."""
+        return ", ".join(filter(None, (self.name, self.mode, self.detector)))
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values, for `--json`."""
+        if self.report is None:
+            return {"name": self.name}
+        stages = {k: round(v, 2) for k, v in self.report.milliseconds.items()}
+        return {
+            "name": self.name,
+            "mode": self.mode,
+            "detector": self.detector,
+            "frames": self.report.frames,
+            "frames_per_second": round(self.report.frames_per_second, 2),
+            "milliseconds_per_frame": stages,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class EvaluatedMap:
+    """An open map that is to be scored."""
+
+    number: int  # of its truth: 0, 1, 2, ... in the order of the arguments
+    run: Run
+    semantic_map: SemanticMap
+    T_map_world: NDArray[np.float64]  # (4, 4) how the truth's world sits in the map
+
+
+def refuse_wrong_usage(arguments: argparse.Namespace) -> None:
+    """Report options that do not fit together as wrong usage."""
+    maps, recordings, truths = arguments.maps, arguments.recording, arguments.truth
+    if not maps and not recordings:
+        arguments.usage_error("what is to be scored is missing: MAP or --recording DIR")
+    if maps and arguments.compare:
+        arguments.usage_error("--compare maps recordings; it takes --recording DIR and no MAP")
+    if maps and recordings and len(recordings) != len(maps):
+        arguments.usage_error("each MAP needs a --recording of its own, or none has one")
+    if len(truths) != len(maps or recordings):
+        arguments.usage_error("each MAP or --recording needs a --truth of its own, in their order")
+
+
+def evaluated_maps(arguments: argparse.Namespace) -> Iterator[EvaluatedMap]:
+    """Each map in turn, open while it is handled; recordings are mapped first."""
+    maps = arguments.maps or [None] * len(arguments.recording)
+    recordings = arguments.recording or [None] * len(maps)
+    for number, (address, folder) in enumerate(zip(maps, recordings, strict=True)):
+        one = argparse.Namespace(**vars(arguments) | {"recording": folder})
+        yield from _mapped(one, number) if address is None else _given(one, number, address)
+
+
+def _given(arguments: argparse.Namespace, number: int, address: str) -> Iterator[EvaluatedMap]:
+    from kg.opening import open_map
+
+    with open_map(address, read_only=True) as semantic_map:
+        T_map_world = _transform(arguments, address, semantic_map)
+        yield EvaluatedMap(number, Run(title_for(address)), semantic_map, T_map_world)
+
+
+def _transform(
+    arguments: argparse.Namespace, address: str, semantic_map: SemanticMap
+) -> NDArray[np.float64]:
+    """How the world of a truth sits in a map: as the recording that it belongs to."""
+    import numpy as np
+
+    known = {record.name: record.T_map_world for record in semantic_map.recordings()}
+    folder = arguments.recording
+    name = arguments.name or (Path(folder).resolve().name if folder else None)
+    worlds = list(known.values())
+    if name is None and worlds and all(np.array_equal(T, worlds[0]) for T in worlds):
+        return worlds[0]
+    if name in known:
+        return known[name]
+    if folder is not None:
+        return open_given_recording(arguments).T_map_world
+    named = ", ".join(known) or "(none)"
+    wanted = f", not {name!r}" if name else ""
+    raise LayoutError(
+        f"whose world the truth is in is not known: {address} has the recordings "
+        f"{named}{wanted}; --name NAME of one or --recording DIR would work"
+    )
+
+
+def _mapped(arguments: argparse.Namespace, number: int) -> Iterator[EvaluatedMap]:
+    """Temporary maps of a recording by each mode; its frames go through the networks once."""
+    networks: Inputs | None = None
+    for mode in MODES if arguments.compare else (arguments.mode,):
+        inputs = open_inputs(argparse.Namespace(**vars(arguments) | {"mode": mode}))
+        if arguments.compare:
+            networks = networks or _remembering(inputs)
+            inputs = replace(inputs, detector=networks.detector, scene=networks.scene)
+        with _temporary_map() as semantic_map:
+            report = map_with_progress(inputs, semantic_map)
+            run = Run(inputs.recording.name, mode, inputs.detector.name, report)
+            yield EvaluatedMap(number, run, semantic_map, inputs.recording.T_map_world)
+
+
+def _remembering(inputs: Inputs) -> Inputs:
+    from perception.inference.repeated_frames import (
+        RememberingDetector,
+        RememberingSceneClassifier,
+    )
+
+    scene = None if inputs.scene is None else RememberingSceneClassifier(inputs.scene)
+    return replace(inputs, detector=RememberingDetector(inputs.detector), scene=scene)
+
+
+@contextmanager
+def _temporary_map() -> Iterator[SemanticMap]:
+    import tempfile
+
+    from kg.opening import create_map
+
+    with (
+        tempfile.TemporaryDirectory(prefix="hereabouts-evaluate-") as folder,
+        create_map(Path(folder) / "evaluate.map", title="evaluate") as semantic_map,
+    ):
+        yield semantic_map

@@ -1,0 +1,264 @@
+"""`hereabouts find`: where to look first, why, and how long it will take."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from kg.errors import QueryParameterError
+from planner.cli.arguments import FARTHEST, add_json, add_map, positive, share, speed
+from planner.cli.console import heading, note, print_looks, print_plan, write, write_json
+
+if TYPE_CHECKING:
+    from kg.maps.semantic_map import SemanticMap
+    from planner.freespace.grid import FreeSpace
+    from planner.plans.search_state import PlanningState
+    from planner.plans.thesis_rules import Plan
+    from planner.plans.view_plan import ViewPlan
+
+_RULES = ("viewpoints", "nearest-first", "brute-force")
+#: options that only plans of looks take
+_LOOKS_ONLY = ("budget", "turn_rate", "range", "recall", "at", "grid", "explain", "picture")
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "find",
+        help="where to look for an object, in which order, and why",
+        description="Plan looks that find in little expected time, on the belief that the map, "
+        "common sense and room statistics add up to. OBJECT is a category, a synonym, a "
+        "supercategory, or a need such as 'something to sit on'; several are all wanted.",
+        epilog="example: hereabouts find kitchen.map banana --from 0,0 --explain",
+    )
+    add_map(parser)
+    parser.add_argument("object", metavar="OBJECT", nargs="+", help="what to find, e.g. banana")
+    parser.add_argument(
+        "--from",
+        dest="start",
+        type=_start,
+        metavar="X,Y[,DEG]",
+        help="where the search starts [m], and which way it faces [degrees] "
+        "(default: where the robot is)",
+    )
+    parser.add_argument(
+        "--budget", type=_seconds, metavar="TIME", help="longest search, e.g. 300, 90s or 10min"
+    )
+    parser.add_argument("--speed", type=speed, metavar="M/S", help="driving speed")
+    parser.add_argument("--turn-rate", type=positive, metavar="DEG/S", help="turning speed")
+    parser.add_argument(
+        "--range", type=_range, metavar="NEAR,FAR", help="what the camera sees [m] (0.8,4.6)"
+    )
+    parser.add_argument(
+        "--recall", type=share, metavar="R", help="chance that a look shows what is there (0.7)"
+    )
+    parser.add_argument(
+        "--at", metavar="TIME", help="moment of the search, ISO 8601 or 'now' (default: the map's)"
+    )
+    parser.add_argument(
+        "--rule", choices=_RULES, default=_RULES[0], help="default: %(default)s; the others are "
+        "the thesis' rule and its baseline",
+    )  # fmt: skip
+    parser.add_argument(
+        "--grid", metavar="FILE", help="the floor as a map_server YAML file, instead of the places'"
+    )
+    parser.add_argument("--explain", action="store_true", help="every step with its facts")
+    parser.add_argument("--picture", metavar="FILE", help="draw the plan: PNG, SVG or PDF")
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Plan the search and print it."""
+    from kg.opening import open_map
+
+    with open_map(arguments.map, read_only=True) as semantic_map:
+        if arguments.rule != _RULES[0]:
+            return _by_reference(semantic_map, arguments)
+        state = _planning_state(semantic_map, arguments)
+        if state is None:
+            return _without_floor(semantic_map, arguments)
+        return _by_viewpoints(semantic_map, state, arguments)
+
+
+def _planning_state(
+    semantic_map: SemanticMap, arguments: argparse.Namespace
+) -> PlanningState | None:
+    from planner.plans.search_state import build_search
+    from planner.viewpoints.sensor import Motion, Sensor
+
+    default, usual = Sensor(), Motion()
+    near, far = arguments.range or (default.near, default.far)
+    return build_search(
+        semantic_map,
+        arguments.object,
+        sensor=Sensor(near=near, far=far, recall=arguments.recall or default.recall),
+        motion=Motion(
+            speed=arguments.speed or usual.speed,
+            turn_rate=math.radians(arguments.turn_rate) if arguments.turn_rate else usual.turn_rate,
+        ),
+        space=_floor(semantic_map, Path(arguments.grid)) if arguments.grid else None,
+        at=_moment(arguments.at),
+    )
+
+
+def _floor(semantic_map: SemanticMap, grid: Path) -> FreeSpace:
+    from planner.freespace.grid import Room
+    from planner.freespace.map_server import space_of_grid
+    from planner.freespace.places import all_places
+
+    places = all_places(semantic_map)
+    return space_of_grid(grid, [Room(p.xmin, p.xmax, p.ymin, p.ymax) for p in places])
+
+
+def _by_viewpoints(
+    semantic_map: SemanticMap, state: PlanningState, arguments: argparse.Namespace
+) -> int:
+    from planner.plans.report import plan_json
+    from planner.plans.view_plan import plan
+
+    x, y, facing = arguments.start or _robot(semantic_map)
+    found = plan(state, (x, y), heading=facing, budget=arguments.budget, time_limit=math.inf)
+    if arguments.picture:
+        from planner.visualization.plan_plot import plot_plan
+
+        path = plot_plan(semantic_map, state, found, Path(arguments.picture))
+        note(f"wrote {path}")
+    if arguments.json:
+        write_json(plan_json(found))
+    elif not found.steps:
+        note(_nothing(found, arguments.budget))
+    else:
+        _print(found, explain=arguments.explain)
+    return 0
+
+
+def _robot(semantic_map: SemanticMap) -> tuple[float, float, float]:
+    """Position [m] and heading [rad]; the map's origin while it is nowhere."""
+    robot = semantic_map.robot()
+    if robot is None:
+        return 0.0, 0.0, 0.0
+    return float(robot.p_map[0]), float(robot.p_map[1]), robot.heading
+
+
+def _nothing(found: ViewPlan, budget: float | None) -> str:
+    what = ", ".join(found.targets)
+    if budget is not None:
+        return f"no look for {what} can be over within {budget:.0f} s"
+    return f"nothing to look at for {what}: no position that can be reached shows where it may be"
+
+
+def _print(found: ViewPlan, *, explain: bool) -> None:
+    from planner.plans.report import plan_lines, step_lines
+
+    if explain:
+        for number, step in enumerate(found.steps, start=1):
+            write("\n".join(step_lines(number, step)))
+    else:
+        print_looks(found)
+    if explain:
+        heading("In all")
+    for line in plan_lines(found):
+        (write if explain else note)(line)
+
+
+def _by_reference(semantic_map: SemanticMap, arguments: argparse.Namespace) -> int:
+    """The thesis' rule or its baseline, on one target and without geometry."""
+    from planner.freespace.travel import Travel
+    from planner.goals.search_goals import resolve_target
+    from planner.plans.thesis_rules import brute_force, plan_search
+
+    if len(arguments.object) > 1:
+        raise QueryParameterError(
+            f"--rule {arguments.rule} searches for one object at a time, got "
+            f"{len(arguments.object)}; --rule viewpoints takes several"
+        )
+    given = ["--" + n.replace("_", "-") for n in _LOOKS_ONLY if getattr(arguments, n)]
+    if given:
+        raise QueryParameterError(
+            f"{' and '.join(given)} would change nothing with --rule {arguments.rule}; "
+            "--rule viewpoints knows of it"
+        )
+    target = arguments.object[0]
+    travel = Travel(speed=arguments.speed) if arguments.speed else None
+    x, y, _ = arguments.start or _robot(semantic_map)
+    if arguments.rule == "brute-force":
+        category = resolve_target(semantic_map.catalogue, target)
+        places = semantic_map.places()
+        plan = brute_force((x, y), places, target=category.label, travel=travel)
+    else:
+        plan = plan_search(semantic_map, target, (x, y), travel=travel)
+    return _tell(plan, json=arguments.json)
+
+
+def _without_floor(semantic_map: SemanticMap, arguments: argparse.Namespace) -> int:
+    """Error for a map without places: why there is nowhere to look."""
+    from planner.goals.search_goals import explain_none
+    from planner.goals.targets import resolve
+
+    labels = [target.label for target in resolve(semantic_map, arguments.object)]
+    queried = [iri for target in resolve(semantic_map, arguments.object) for iri in target.queried]
+    if arguments.json:
+        empty: dict[str, object] = {"target": ", ".join(labels), "targets": labels, "goals": []}
+        write_json({**empty, "expected_seconds": None, "steps": [], "alternatives": []})
+        return 0
+    for iri in queried:
+        note(explain_none(semantic_map, iri))
+    return 0
+
+
+def _tell(plan: Plan, *, json: bool) -> int:
+    if json:
+        write_json(plan.to_json())
+    elif plan.steps:
+        print_plan(plan)
+    else:
+        note(plan.explanation)
+    return 0
+
+
+def _start(text: str) -> tuple[float, float, float]:
+    """``X,Y`` in metres or ``X,Y,DEG``; argparse reports anything else as wrong usage."""
+    parts = text.split(",")
+    try:
+        x, y, *facing = (float(part) for part in parts)
+    except ValueError:
+        facing = [math.nan, math.nan]
+    if len(facing) > 1 or not all(math.isfinite(value) for value in facing):
+        raise argparse.ArgumentTypeError(f"needs X,Y in metres or X,Y,DEGREES, got {text!r}")
+    if not (abs(x) <= FARTHEST and abs(y) <= FARTHEST):
+        raise argparse.ArgumentTypeError(f"needs X,Y within {FARTHEST:g} m, got {text!r}")
+    return x, y, math.radians(facing[0]) if facing else 0.0
+
+
+def _seconds(text: str) -> float:
+    units = {"min": 60.0, "s": 1.0, "h": 3600.0, "": 1.0}
+    for unit, length in units.items():
+        if text.endswith(unit):
+            return positive(text.removesuffix(unit)) * length
+    raise AssertionError("every text ends with nothing")
+
+
+def _range(text: str) -> tuple[float, float]:
+    try:
+        near, far = (float(part) for part in text.split(","))
+    except ValueError:
+        near, far = math.nan, math.nan
+    if not 0 <= near < far <= 100:
+        raise argparse.ArgumentTypeError(
+            f"needs NEAR,FAR in metres with 0 <= NEAR < FAR <= 100, 0.8,4.6 say, got {text!r}"
+        )
+    return near, far
+
+
+def _moment(text: str | None) -> float | None:
+    if text is None:
+        return None
+    if text == "now":
+        return time.time()
+    from kg.history.timestamps import moment
+
+    return moment(text)

@@ -1,0 +1,86 @@
+"""`hereabouts floor`: the mapped floor as an occupancy grid for a robot's own navigation."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from kg.errors import LayoutError
+from planner.cli.arguments import add_json, add_map, count
+from planner.cli.console import note, write_json
+
+if TYPE_CHECKING:
+    from kg.maps.semantic_map import SemanticMap
+    from planner.freespace.mapped_floor import MappedFloor
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "floor",
+        help="write the mapped floor as a map_server YAML file and its image, for Nav2",
+        description="Write what depth showed of the floor as an occupancy grid: FILE.yaml and "
+        "FILE.pgm, as ROS' map_server and Nav2 read them.",
+        epilog="example: hereabouts floor kitchen.map -o floor.yaml",
+    )
+    add_map(parser)
+    parser.add_argument("-o", "--output", required=True, metavar="FILE", help="YAML file to write")
+    parser.add_argument(
+        "--storey",
+        type=count,
+        metavar="N",
+        help="which storey, from 0 in the order they were met (default: the robot's)",
+    )
+    parser.add_argument("--at", metavar="TIME", help="the floor of then: ISO 8601 or a number #N")
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write the files."""
+    from kg.opening import open_map
+    from planner.freespace.map_server_export import write_grid
+
+    output = Path(arguments.output)
+    with open_map(arguments.map, read_only=True) as semantic_map:
+        if arguments.at is None:
+            grid = _grid(semantic_map, arguments.storey)
+        else:
+            with semantic_map.at(arguments.at) as then:
+                grid = _grid(then, arguments.storey)
+    image = write_grid(grid, output)
+    free, occupied = (round(float(a), 2) for a in grid.areas)
+    if arguments.json:
+        write_json(
+            {
+                "yaml": str(output),
+                "image": str(image),
+                "storey": grid.storey,
+                "resolution": grid.resolution,
+                "free_m2": free,
+                "occupied_m2": occupied,
+            }
+        )
+    else:
+        note(f"wrote {output} and {image.name}: {free:.1f} m2 free, {occupied:.1f} m2 occupied")
+    return 0
+
+
+def _grid(semantic_map: SemanticMap, storey: int | None) -> MappedFloor:
+    from planner.freespace.mapped_floor import mapped_floor
+
+    robot = semantic_map.robot()
+    height = None if robot is None else float(robot.p_map[2])
+    tiles = semantic_map.floor()
+    floor = mapped_floor(tiles, height, storey=storey)
+    if floor is None:
+        known = sorted({tile.storey for tile in tiles})
+        if storey is not None and known:
+            raise LayoutError(
+                f"no floor is mapped of storey {storey}; there are: {', '.join(map(str, known))}"
+            )
+        raise LayoutError(
+            f"{semantic_map.title!r} has no mapped floor; mapping a recording makes one"
+        )
+    return floor

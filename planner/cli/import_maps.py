@@ -1,0 +1,52 @@
+"""`hereabouts import`: facts from elsewhere into a map, common sense into an ontology."""
+
+from __future__ import annotations
+
+import argparse
+
+from planner.cli import import_conceptnet, import_rooms
+from planner.cli.arguments import MAP_HELP, title_for
+from planner.cli.console import note, print_table
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command and what can be imported."""
+    parser = subparsers.add_parser(
+        "import",
+        help="bring saved maps, common sense or statistics of rooms in from elsewhere",
+        description=__doc__,
+    )
+    kinds = parser.add_subparsers(dest="kind", metavar="WHAT", required=True)
+    maps = kinds.add_parser(
+        "reference-maps",
+        help="the thesis author's saved objects and places (JSON)",
+        description="Load objects and places as the thesis' own system saved them.",
+        epilog="example: hereabouts import reference-maps --objects saved_objects_lab.json "
+        "--places saved_places_lab.json --into lab.map",
+    )
+    maps.add_argument("--objects", metavar="FILE", help="saved objects, JSON")
+    maps.add_argument("--places", metavar="FILE", help="saved places, JSON")
+    maps.add_argument("--into", required=True, metavar="MAP", help=MAP_HELP)
+    maps.set_defaults(run=run, usage_error=maps.error)
+    import_conceptnet.add(kinds)
+    import_rooms.add(kinds)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Import the files, all or nothing."""
+    from kg.export.thesis_json import import_reference_maps
+    from kg.opening import in_memory_map, open_or_create_map
+
+    if arguments.objects is None and arguments.places is None:
+        arguments.usage_error("give --objects, --places, or both")
+    files = (arguments.objects, arguments.places)
+    with in_memory_map() as trial:
+        # bad files must not leave an empty map behind
+        import_reference_maps(trial, *files)
+    title = title_for(arguments.into)
+    with open_or_create_map(arguments.into, title=title) as semantic_map:
+        imported = import_reference_maps(semantic_map, *files)
+        summary = semantic_map.ask("summary")
+    print_table(summary.columns, summary.rows)
+    note(f"imported {imported.objects} objects and {imported.places} places into {arguments.into}")
+    return 0

@@ -1,0 +1,57 @@
+"""`hereabouts log`: the history of one thing."""
+
+from __future__ import annotations
+
+import argparse
+
+from planner.cli.arguments import add_json, add_map, count
+from planner.cli.console import note, print_table, write_json
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "log",
+        help="the history of one thing: each change, when and by what",
+        description="Print each transaction that changed a thing, oldest first.",
+        epilog="example: hereabouts log kitchen.map object/17",
+    )
+    add_map(parser)
+    parser.add_argument("thing", metavar="IRI", help="object/17, place/1, robot, or an IRI")
+    parser.add_argument("--last", type=count, metavar="N", help="only the last N changes")
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Tell the history."""
+    from kg.history.timestamps import iso
+    from kg.opening import open_map
+
+    with open_map(arguments.map, read_only=True) as semantic_map:
+        entries = list(semantic_map.log(arguments.thing))
+    shown = entries if arguments.last is None else entries[len(entries) - arguments.last :]
+    if arguments.json:
+        write_json(
+            [
+                {
+                    "sequence": entry.sequence,
+                    "time": iso(entry.time),
+                    "kind": entry.cause.kind,
+                    "by": entry.cause.by,
+                    "note": entry.cause.note,
+                    "changes": list(entry.changes),
+                }
+                for entry in shown
+            ]
+        )
+        return 0
+    print_table(
+        ("#", "time", "cause", "by", "change"),
+        [
+            (e.sequence, iso(e.time), f"{e.cause.kind} {e.cause.note}", e.cause.by or "", e.words)
+            for e in shown
+        ],
+    )
+    note(f"{len(shown)} of {len(entries)} changes")
+    return 0

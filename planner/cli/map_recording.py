@@ -1,0 +1,184 @@
+"""`hereabouts map`: a recording becomes a map."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from kg.errors import GraphError, MapNotFoundError, RecordingError
+from planner.cli.arguments import MAP_HELP, add_json, add_keep, keep_seconds, title_for
+from planner.cli.console import note, print_table, progress, write_json
+from planner.cli.recording_arguments import Inputs, add_recording_options, open_inputs
+
+if TYPE_CHECKING:
+    from kg.maps.semantic_map import SemanticMap
+    from mapping.label_table import LabelTable
+    from mapping.progress_report import FrameReport, MappingReport
+    from mapping.recording_mapper import OnDetections
+    from perception.frames import Detections, Frame, SceneScores
+
+_TOLD = 10  # labels named in one note
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "map",
+        help="map a recording: RGB-D frames with poses in, objects and places out",
+        description="Map a recording into a new map, or into an existing one. A run that was cut "
+        "short goes on where it stopped.",
+        epilog="example: hereabouts map recordings/kitchen --into kitchen.map",
+    )
+    parser.add_argument("recording", metavar="RECORDING", help="folder of the recording")
+    parser.add_argument("--into", required=True, metavar="MAP", help=MAP_HELP)
+    parser.add_argument("--pictures", metavar="DIR", help="save frames with boxes and scene scores")
+    parser.add_argument(
+        "--again", action="store_true", help="map frames again that this map already holds"
+    )
+    parser.add_argument(
+        "--base", metavar="IRI", help="base IRI of a new map (default: a unique one)"
+    )
+    parser.add_argument(
+        "--power-safe",
+        action="store_true",
+        help="wait for the disk at each frame, so that a power cut loses nothing",
+    )
+    add_keep(parser, "default: all of the past; the rest is dropped while mapping")
+    add_json(parser)
+    add_recording_options(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Map the recording, and say what was found."""
+    from kg.opening import open_or_create_map
+    from kg.store.gc_scheduling import settled
+
+    keep = keep_seconds(arguments)
+    inputs = open_inputs(arguments)
+    if inputs.labels is not None:
+        _refuse_unknown_categories(inputs.labels, arguments.into)
+    on_detections = _picture_saver(Path(arguments.pictures)) if arguments.pictures else None
+    title = title_for(arguments.into)
+    with open_or_create_map(
+        arguments.into, title=title, base=arguments.base, power_safe=arguments.power_safe
+    ) as semantic_map:
+        _refuse_other_base(semantic_map, arguments)
+        if keep is not None:
+            semantic_map.retain(keep)
+        with settled():
+            report = map_with_progress(
+                inputs, semantic_map, on_detections=on_detections, again=arguments.again
+            )
+        _print_outcome(semantic_map, report, arguments)
+    return 0
+
+
+def _refuse_other_base(semantic_map: SemanticMap, arguments: argparse.Namespace) -> None:
+    """Refuse a `--base` that is not the one of the map that exists already."""
+    given = arguments.base
+    if given is not None and semantic_map.base not in (given, f"{given}/"):
+        raise GraphError(
+            f"{arguments.into} has the base {semantic_map.base}; another one needs another map"
+        )
+
+
+def map_with_progress(
+    inputs: Inputs,
+    semantic_map: SemanticMap,
+    *,
+    on_detections: OnDetections | None = None,
+    again: bool = False,
+) -> MappingReport:
+    """Run the mapping pipeline under a progress bar."""
+    from mapping.recording_mapper import map_recording
+
+    with progress() as bar:
+        task = bar.add_task(inputs.recording.name, total=len(inputs.recording), status="")
+
+        def on_frame(report: FrameReport) -> None:
+            rate = report.frames_per_second
+            bar.update(
+                task,
+                completed=report.index + 1,
+                status=f"{rate:4.1f} frames/s  {report.objects} objects",
+            )
+
+        return map_recording(
+            inputs.recording,
+            semantic_map,
+            inputs.detector,
+            inputs.scene,
+            mode=inputs.mode,
+            layout=inputs.layout,
+            settings=inputs.settings,
+            on_frame=on_frame,
+            on_detections=on_detections,
+            again=again,
+            labels=inputs.labels,
+            occupancy=inputs.floor,
+        )
+
+
+def _refuse_unknown_categories(labels: LabelTable, address: str) -> None:
+    """Refuse a labels map before the map it does not fit is made or opened for writing."""
+    from kg.ontology.catalogue import Catalogue
+    from kg.ontology.loading import load_ontologies
+    from kg.opening import open_map
+
+    try:
+        with open_map(address, read_only=True) as semantic_map:
+            catalogue = semantic_map.catalogue
+    except MapNotFoundError:
+        catalogue = Catalogue.from_quads(load_ontologies().quads)
+    labels.refuse_unknown(catalogue)
+
+
+def _picture_saver(folder: Path) -> OnDetections:
+    from perception.annotate import draw_detections, save_image
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RecordingError(f"cannot make the folder {folder}: {error.strerror}") from error
+
+    def save(frame: Frame, detections: Detections, scene: SceneScores | None) -> None:
+        save_image(folder / f"{frame.id}.jpg", draw_detections(frame, detections, scene))
+
+    return save
+
+
+def _print_outcome(
+    semantic_map: SemanticMap, report: MappingReport, arguments: argparse.Namespace
+) -> None:
+    if arguments.json:
+        write_json(report.to_json())
+        return
+    if report.frames == 0:
+        note(f"all {report.skipped} frames are already in this map; --again maps them once more")
+    summary = semantic_map.ask("summary")
+    print_table(summary.columns, summary.rows)
+    stages = "  ".join(f"{stage} {ms:.1f}" for stage, ms in report.milliseconds.items())
+    note(
+        f"{report.frames} frames in {report.seconds:.1f} s "
+        f"({report.frames_per_second:.1f} frames/s); ms a frame: {stages}"
+    )
+    _note_labels(report)
+    note(f"next: hereabouts ask {arguments.into} objects, hereabouts find {arguments.into} cup")
+
+
+def _note_labels(report: MappingReport) -> None:
+    made, unknown = report.provisional, report.unknown_labels
+    if made:
+        what = "1 label is a" if len(made) == 1 else f"{len(made)} labels are"
+        ending = "y" if len(made) == 1 else "ies"
+        note(f"{what} provisional categor{ending}: {_listed(made)} (--labels-map maps labels)")
+    if unknown:
+        count = len(unknown)
+        note(f"{count} label{'s' * (count > 1)} without a category: {_listed(tuple(unknown))}")
+
+
+def _listed(labels: tuple[str, ...]) -> str:
+    more = f" and {len(labels) - _TOLD} more" if len(labels) > _TOLD else ""
+    return ", ".join(labels[:_TOLD]) + more

@@ -1,0 +1,73 @@
+"""`hereabouts models`: the networks, bundled and fetched."""
+
+from __future__ import annotations
+
+import argparse
+
+from planner.cli.arguments import add_json
+from planner.cli.console import note, print_table, progress, write, write_json
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "models",
+        help="list, fetch and locate networks",
+        description="Networks that hereabouts knows: two come with it, others can be fetched.",
+    )
+    actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
+    listing = actions.add_parser("list", help="all known networks, with licence and quality")
+    add_json(listing)
+    listing.set_defaults(run=run_list)
+    fetch = actions.add_parser("fetch", help="download a network, resuming and checking it")
+    fetch.add_argument("name", metavar="NAME")
+    fetch.set_defaults(run=run_fetch)
+    path = actions.add_parser("path", help="print where a network lies")
+    path.add_argument("name", metavar="NAME")
+    path.set_defaults(run=run_path)
+
+
+def run_list(arguments: argparse.Namespace) -> int:
+    """List the networks."""
+    from perception.inference.model_zoo import known_models
+
+    models = known_models()
+    if arguments.json:
+        write_json([model.to_json() for model in models])
+        return 0
+    print_table(
+        ("name", "kind", "here", "MB", "licence", "quality"),
+        [
+            (
+                m.name,
+                m.kind,
+                m.where,
+                f"{m.size / 1e6:.1f}" if m.size else "-",
+                m.licence,
+                m.quality,
+            )
+            for m in models
+        ],
+    )
+    return 0
+
+
+def run_fetch(arguments: argparse.Namespace) -> int:
+    """Download a network."""
+    from perception.inference.model_zoo import fetch_model, find_model
+
+    model = find_model(arguments.name)
+    note(f"{model.name}: licence {model.licence}")
+    with progress() as bar:
+        task = bar.add_task(model.name, total=model.size or None, status="bytes")
+        path = fetch_model(model.name, on_progress=lambda n: bar.update(task, completed=n))
+    write(str(path))
+    return 0
+
+
+def run_path(arguments: argparse.Namespace) -> int:
+    """Print where a network lies on disk."""
+    from perception.inference.model_zoo import model_path
+
+    write(str(model_path(arguments.name)))
+    return 0

@@ -1,0 +1,220 @@
+"""`hereabouts ontology`: what the map knows beforehand, edited by people: check, diff, reload."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from planner.cli.arguments import MAP_HELP, add_json
+from planner.cli.console import note, print_table, write, write_json
+
+if TYPE_CHECKING:
+    from kg.ontology.diff import OntologyChange
+
+_SOURCE_HELP = "ontology file (Turtle, RDF/XML, N-Triples) or folder of them; imports are followed"
+_ANY_HELP = "ontology file or folder, folder of a map, or address of a server with a map"
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command and its parts."""
+    parser = subparsers.add_parser(
+        "ontology",
+        help="validate, compare, reload or export an ontology, also of a map in use",
+        description="Ontologies that people edit, in Protege or by hand (docs/how-to/protege.md).",
+    )
+    parts = parser.add_subparsers(dest="part", metavar="WHAT", required=True)
+    _add_check(parts)
+    _add_diff(parts)
+    _add_reload(parts)
+    _add_export(parts)
+    _add_vocabulary(parts)
+
+
+def _add_check(parts: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    parser = parts.add_parser(
+        "check",
+        help="validate an ontology; faults with file and line",
+        description="Validate an ontology (default: the shipped one): SHACL, vocabulary, rules of "
+        "OWL 2 DL. Exit code 1 where a map would refuse it; warnings alone give 0.",
+        epilog="example: hereabouts ontology check mine.ttl --reason",
+    )
+    parser.add_argument("source", nargs="?", metavar="FILE|FOLDER", help=_SOURCE_HELP)
+    _add_reason(parser)
+    add_json(parser)
+    parser.set_defaults(run=_check)
+
+
+def _add_diff(parts: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    parser = parts.add_parser(
+        "diff",
+        help="differences between two ontologies",
+        description="Print what was added (+), removed (-) or changed (~), a line each.",
+        epilog="example: hereabouts ontology diff kitchen.map mine.ttl",
+    )
+    parser.add_argument("old", metavar="OLD", help=_ANY_HELP)
+    parser.add_argument("new", metavar="NEW", help=_ANY_HELP)
+    add_json(parser)
+    parser.set_defaults(run=_diff)
+
+
+def _add_reload(parts: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    parser = parts.add_parser(
+        "reload",
+        help="load an edited ontology into a map, also while it is served",
+        description="Validate an ontology and load it into a map, in one transaction; print what "
+        "changes. A refused one leaves the map as it is. What people wrote into "
+        "graph:commonsense stays. A running server needs its token in HEREABOUTS_TOKEN, its "
+        "address in HEREABOUTS_SERVER.",
+        epilog="example: hereabouts ontology reload http://127.0.0.1:8008 mine.ttl",
+    )
+    help_text = f"{MAP_HELP}, or the address of a running hereabouts serve"
+    parser.add_argument("map", metavar="MAP", help=help_text)
+    parser.add_argument("source", metavar="FILE|FOLDER", help=_SOURCE_HELP)
+    parser.add_argument("--by", metavar="NAME", help="author (a server takes the token's holder)")
+    parser.add_argument(
+        "--whole", action="store_true", help="remove what the file neither holds nor imports"
+    )
+    parser.add_argument("--dry-run", action="store_true", help="only print what would change")
+    _add_reason(parser)
+    add_json(parser)
+    parser.set_defaults(run=_reload)
+
+
+def _add_export(parts: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    parser = parts.add_parser(
+        "export",
+        help="write a map's ontology as one file that Protege opens",
+        description="Write the ontology a map has now, imports included, as one file.",
+        epilog="example: hereabouts ontology export kitchen.map -o kitchen.owl",
+    )
+    parser.add_argument("map", metavar="MAP", help=MAP_HELP)
+    parser.add_argument(
+        "-o", "--output", required=True, metavar="FILE", help=".ttl, .owl, .rdf or .nt"
+    )
+    parser.set_defaults(run=_export)
+
+
+def _add_vocabulary(parts: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    parser = parts.add_parser(
+        "vocabulary",
+        help="every term and category as a page (Markdown)",
+        description="Print the vocabulary reference of an ontology (default: the shipped one).",
+        epilog="example: hereabouts ontology vocabulary -o vocabulary.md",
+    )
+    parser.add_argument("source", nargs="?", metavar="FILE|FOLDER", help=_SOURCE_HELP)
+    parser.add_argument("-o", "--output", metavar="FILE", help="write there instead of to stdout")
+    parser.set_defaults(run=_vocabulary)
+
+
+def _add_reason(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--reason", action="store_true", help="ask HermiT for contradictions too (needs Java)"
+    )
+
+
+def _check(arguments: argparse.Namespace) -> int:
+    from kg.ontology.diagnostics import inspect, line_of
+    from kg.ontology.import_closure import load_with_imports
+    from kg.resources import ONTOLOGIES
+    from kg.workers.document_parsing import IsolatedParser
+
+    with IsolatedParser() as parse:
+        source = Path(arguments.source) if arguments.source else ONTOLOGIES
+        ontology = load_with_imports(source, parse)
+    findings = inspect(ontology, reason=arguments.reason)
+    places = [line_of(finding, ontology.files) for finding in findings]
+    rows = [
+        {"file": str(place[0]) if place else "", "line": place[1] if place else None, **asdict(f)}
+        for f, place in zip(findings, places, strict=True)
+    ]
+    if arguments.json:
+        write_json(rows)
+    elif rows:
+        columns = ("severity", "file", "line", "focus", "message", "value")
+        table = [
+            [Path(str(row["file"])).name if c == "file" else row[c] for c in columns]
+            for row in rows
+        ]
+        print_table(("", "file", "line", "what", "is wrong", "value"), table)
+    wrong = sum(finding.severity == "violation" for finding in findings)
+    warnings = len(findings) - wrong
+    note(f"{wrong} wrong, {warnings} to be warned of" if findings else "all well")
+    return 1 if wrong else 0
+
+
+def _diff(arguments: argparse.Namespace) -> int:
+    from kg.editing.ontology_sources import ontology_at
+    from kg.ontology.diff import changes
+
+    old, new = ontology_at(arguments.old), ontology_at(arguments.new)
+    found = changes(old.quads, new.quads)
+    if arguments.json:
+        write_json([asdict(change) for change in found])
+    else:
+        _tell(found)
+    return 0
+
+
+def _reload(arguments: argparse.Namespace) -> int:
+    from kg.editing.reloading import reload
+
+    done = reload(
+        arguments.map,
+        Path(arguments.source),
+        by=arguments.by,
+        whole=arguments.whole,
+        reason=arguments.reason,
+        dry=arguments.dry_run,
+    )
+    for warning in done.warnings:
+        note(str(warning))
+    if arguments.json:
+        write_json({**asdict(done), "warnings": [asdict(w) for w in done.warnings]})
+        return 0
+    _tell(done.changes)
+    for iri in done.kept:
+        note(f"kept as the map has it: {iri}")
+    if not arguments.dry_run and done.added + done.removed:
+        note(f"transaction {done.sequence}: {done.added} triples more, {done.removed} no more")
+    return 0
+
+
+def _export(arguments: argparse.Namespace) -> int:
+    from kg.editing.single_file import export_ontology
+    from kg.opening import open_map
+
+    output = Path(arguments.output)
+    with open_map(arguments.map, read_only=True) as semantic_map:
+        triples = export_ontology(semantic_map, output)
+    note(f"wrote {output}: {triples:,} triples")
+    return 0
+
+
+def _vocabulary(arguments: argparse.Namespace) -> int:
+    from kg.export.serialization import write_atomically
+    from kg.ontology.import_closure import load_with_imports
+    from kg.ontology.vocabulary_page import vocabulary_page
+    from kg.resources import ONTOLOGIES
+    from kg.workers.document_parsing import IsolatedParser
+
+    with IsolatedParser() as parse:
+        source = Path(arguments.source) if arguments.source else ONTOLOGIES
+        ontology = load_with_imports(source, parse)
+    page = vocabulary_page(ontology.quads)
+    if arguments.output is None:
+        write(page)
+    else:
+        write_atomically(Path(arguments.output), page)
+        note(f"wrote {arguments.output}")
+    return 0
+
+
+def _tell(found: Iterable[OntologyChange]) -> None:
+    lines = [str(change) for change in found]
+    if lines:
+        write("\n".join(lines))
+    else:
+        note("nothing differs")

@@ -1,0 +1,100 @@
+"""`hereabouts publish`: mirror maps into a SPARQL server."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from planner.cli.arguments import add_json
+from planner.cli.console import note, write_json
+
+if TYPE_CHECKING:
+    from kg.publishing.publisher import Publisher
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "publish",
+        help="mirror one or many maps live into a SPARQL server",
+        description="Mirror maps into one SPARQL 1.1 server, where shipped queries run over all of "
+        "them: each whole at first, then each transaction as one update. It continues after the "
+        "last transaction that the server has, whichever side was stopped. Running servers of maps "
+        "are followed until interrupted; a folder is published as it is now.",
+        epilog="example: hereabouts publish http://robot-1:8008 http://robot-2:8008 "
+        "--to http://127.0.0.1:7878",
+    )
+    parser.add_argument(
+        "maps", nargs="+", metavar="MAP", help="folder, or address of a running `hereabouts serve`"
+    )
+    parser.add_argument(
+        "--to", required=True, metavar="URL", help="SPARQL server, e.g. http://127.0.0.1:7878"
+    )
+    parser.add_argument(
+        "--token-file", metavar="FILE", help="bearer token of that server, alone in the file"
+    )
+    parser.add_argument("--once", action="store_true", help="publish what there is now, and end")
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Publish until interrupted, or once; 1 where one of the maps could not be."""
+    from kg.publishing.publisher import Publisher
+    from kg.publishing.target import PublishTarget
+
+    token = _token(arguments.token_file) if arguments.token_file else None
+    target = PublishTarget(arguments.to, token)
+    publishers = [Publisher(address, target, note) for address in dict.fromkeys(arguments.maps)]
+    signal.signal(signal.SIGTERM, _end)
+    with ThreadPoolExecutor(len(publishers)) as pool:
+        try:
+            done = list(pool.map(_once if arguments.once else _follow, publishers))
+        finally:
+            for publisher in publishers:
+                publisher.stop()
+    target.close()
+    if arguments.json:
+        write_json([{"map": p.address, "sequence": p.acknowledged} for p in publishers])
+    return 0 if all(done) else 1
+
+
+def _once(publisher: Publisher) -> bool:
+    from kg.errors import HereaboutsError
+
+    try:
+        publisher.publish()
+    except HereaboutsError as error:
+        note(f"error: {publisher.address}: {error}")
+        return False
+    return True
+
+
+def _follow(publisher: Publisher) -> bool:
+    from kg.errors import HereaboutsError
+
+    try:
+        publisher.follow()
+    except HereaboutsError as error:
+        note(f"error: {publisher.address}: {error}")
+        return False
+    return True
+
+
+def _token(file: str) -> str:
+    from kg.errors import ServerError
+
+    try:
+        token = Path(file).read_text(encoding="utf-8").strip()
+    except (OSError, UnicodeDecodeError) as error:
+        raise ServerError(f"cannot read the token file {file}: {error}") from error
+    if not token or len(token.split()) != 1 or not token.isascii():
+        raise ServerError(f"the token file {file} must hold one token alone")
+    return token
+
+
+def _end(number: int, frame: object) -> None:
+    raise SystemExit(0)

@@ -1,0 +1,55 @@
+"""`hereabouts queries`: the questions that ship."""
+
+from __future__ import annotations
+
+import argparse
+
+from planner.cli.arguments import add_json
+from planner.cli.console import print_table, write_json
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "queries",
+        help="list the shipped questions",
+        description="The questions that ship with hereabouts, with what they ask and take.",
+    )
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """List the questions."""
+    from kg.query.query_files import shipped_queries
+
+    questions = shipped_queries()
+    if arguments.json:
+        write_json(
+            [
+                {
+                    "name": question.name,
+                    "summary": question.summary,
+                    "parameters": [
+                        {"name": p.name, "type": p.type, "default": p.default, "about": p.about}
+                        for p in question.parameters
+                    ],
+                    "columns": list(question.columns),
+                }
+                for question in questions
+            ]
+        )
+        return 0
+    rows = [
+        (
+            question.name,
+            question.summary,
+            ", ".join(
+                f"{p.name}" if p.default is None else f"{p.name}={p.default}"
+                for p in question.parameters
+            ),
+        )
+        for question in questions
+    ]
+    print_table(("question", "asks", "parameters"), rows)
+    return 0

@@ -1,0 +1,213 @@
+"""Arguments that say which recording, which networks and which places: `map` and `evaluate map`."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from planner.cli.arguments import positive
+
+if TYPE_CHECKING:
+    from mapping.label_table import LabelTable
+    from mapping.mapper import Mode
+    from mapping.places.layout import Layout
+    from mapping.reference.settings import ReferenceSettings
+    from perception.frames import Detector, Recording, SceneClassifier
+
+#: values of `--mode`, the default first
+MODES: Final[tuple[Mode, ...]] = ("bayes", "reference")
+#: least score of a detection by mode; the Bayes mapper weighs weak ones
+_THRESHOLDS: Final = {"bayes": 0.2, "reference": 0.4}
+
+
+@dataclass(frozen=True, slots=True)
+class Inputs:
+    """Everything a mapping run reads, opened and checked before the map is touched."""
+
+    recording: Recording
+    detector: Detector
+    scene: SceneClassifier | None
+    layout: Layout | None
+    settings: ReferenceSettings
+    mode: Mode
+    labels: LabelTable | None
+    floor: bool  # whether depth also goes into the floor
+
+
+def add_recording_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the options that `open_inputs` reads."""
+    parser.set_defaults(usage_error=parser.error)
+    _add_camera_options(parser.add_argument_group("recording"))
+    _add_network_options(parser.add_argument_group("networks"))
+    _add_mapping_options(parser.add_argument_group("mapping"))
+
+
+def _add_camera_options(camera: argparse._ArgumentGroup) -> None:
+    camera.add_argument(
+        "--format",
+        default="auto",
+        help="auto, tum, 7scenes, trajectory-log or hololens (default: auto)",
+    )
+    camera.add_argument("--name", help="name of the recording in the map (default: its folder)")
+    camera.add_argument("--intrinsics", metavar="FILE", help="intrinsics.json, .txt or K.txt")
+    camera.add_argument(
+        "--depth-scale", type=positive, metavar="N", help="depth units in a metre, e.g. 1000"
+    )
+    camera.add_argument(
+        "--up",
+        metavar="AXIS",
+        help="the world's up: x, y, z, -x, -y, -z or a vector A,B,C (default: read, else found)",
+    )
+    camera.add_argument("--transform", metavar="FILE", help="JSON of world-to-map transforms")
+    camera.add_argument("--sequence", metavar="NAME", help="which transform of that file")
+
+
+def _add_network_options(networks: argparse._ArgumentGroup) -> None:
+    networks.add_argument(
+        "--detector",
+        default="default",
+        metavar="NAME|FILE",
+        help="object detector, or a JSON file of recorded detections, here or in the recording's "
+        "folder (default: the bundled one; see `hereabouts models list`)",
+    )
+    networks.add_argument(
+        "--second-detector",
+        metavar="NAME|FILE",
+        help="another detector, which looks at new points of view and votes by its own rates",
+    )
+    networks.add_argument(
+        "--threshold",
+        type=positive,
+        help="least detector score (default: 0.2, which are weighed; reference mode: 0.4)",
+    )
+    networks.add_argument(
+        "--scene",
+        default="default",
+        metavar="NAME|FILE|none",
+        help="scene classifier (default: the bundled one)",
+    )
+    networks.add_argument(
+        "--labels-map",
+        metavar="FILE",
+        help="CSV of what labels mean: label,category a line, category - to ignore the label",
+    )
+    networks.add_argument(
+        "--unknown-labels",
+        choices=("provisional", "ignore"),
+        default="provisional",
+        help="what becomes of labels that no category is called (default: a provisional category)",
+    )
+
+
+def _add_mapping_options(places: argparse._ArgumentGroup) -> None:
+    places.add_argument(
+        "--places",
+        metavar="FILE",
+        help="rectangles of the places, JSON or CSV (default: one place around what is seen)",
+    )
+    places.add_argument(
+        "--mode",
+        choices=MODES,
+        default=MODES[0],
+        help="mapping rules: bayes (default), or the thesis' own",
+    )
+    places.add_argument(
+        "--estimator",
+        choices=("fd", "scott", "doane"),
+        default="fd",
+        help="histogram bins: Freedman-Diaconis, Scott or Doane (default: fd)",
+    )
+    places.add_argument(
+        "--filter",
+        choices=("mean", "bayes"),
+        default="mean",
+        help="belief filter of place categories (default: mean)",
+    )
+    places.add_argument(
+        "--prior", action="store_true", help="only the thesis' 21 indoor place categories"
+    )
+    places.add_argument(
+        "--places-from-objects",
+        action="store_true",
+        help="objects count in what a place is believed to be, beside the scene classifier",
+    )
+    places.add_argument(
+        "--floor",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="map free floor, walls and furniture from depth (default: yes)",
+    )
+
+
+def open_inputs(arguments: argparse.Namespace) -> Inputs:
+    """Open and check everything a run needs; raises before any map exists or changes."""
+    from mapping.label_table import load_label_table
+    from mapping.places.layout import load_layout
+    from perception.inference.detector_pair import DetectorPair
+    from perception.inference.recorded_detections import RecordedDetector, open_detector
+    from perception.inference.scene_classifier import load_scene_classifier
+
+    recording = open_given_recording(arguments)
+    threshold = arguments.threshold or min(_THRESHOLDS.values())
+    detector = open_detector(_detector_file(arguments), threshold=threshold)
+    if isinstance(detector, RecordedDetector):
+        detector.detect(next(recording.frames()))  # of another recording: said before a map is made
+    if arguments.second_detector is not None:
+        second = open_detector(arguments.second_detector, threshold=threshold)
+        detector = DetectorPair(detector, second)
+    return Inputs(
+        recording=recording,
+        detector=detector,
+        scene=None if arguments.scene == "none" else load_scene_classifier(arguments.scene),
+        layout=load_layout(Path(arguments.places)) if arguments.places else None,
+        settings=_settings(arguments),
+        mode=arguments.mode,
+        labels=load_label_table(Path(arguments.labels_map)) if arguments.labels_map else None,
+        floor=arguments.floor,
+    )
+
+
+def _detector_file(arguments: argparse.Namespace) -> str:
+    """The detector, where it is a file of that name in the recording's folder, that file."""
+    name = str(arguments.detector)
+    inside = Path(arguments.recording) / name
+    found = name.endswith(".json") and not Path(name).exists() and inside.exists()
+    return str(inside) if found else name
+
+
+def open_given_recording(arguments: argparse.Namespace) -> Recording:
+    """Open the recording that the options of the group "recording" describe."""
+    from mapping.transform_file import load_transform
+    from perception.camera.intrinsics import load_intrinsics
+    from perception.recordings.recording import open_recording
+
+    transform = None
+    if arguments.sequence is not None and arguments.transform is None:
+        arguments.usage_error("--sequence names a transform of the file that --transform gives")
+    if arguments.transform is not None:
+        sequence = arguments.sequence or Path(arguments.recording).resolve().name
+        transform = load_transform(Path(arguments.transform), sequence)
+    return open_recording(
+        Path(arguments.recording),
+        format=arguments.format,
+        name=arguments.name,
+        intrinsics=load_intrinsics(Path(arguments.intrinsics)) if arguments.intrinsics else None,
+        depth_scale=arguments.depth_scale,
+        up=arguments.up,
+        T_map_world=transform,
+    )
+
+
+def _settings(arguments: argparse.Namespace) -> ReferenceSettings:
+    from mapping.reference.settings import ReferenceSettings
+
+    return ReferenceSettings(
+        min_score=arguments.threshold or _THRESHOLDS["reference"],
+        estimator=arguments.estimator,
+        belief_filter=arguments.filter,
+        indoor_prior=arguments.prior,
+        unknown_labels=arguments.unknown_labels,
+        places_from_objects=arguments.places_from_objects,
+    )

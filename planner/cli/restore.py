@@ -1,0 +1,79 @@
+"""`hereabouts restore`: make the map what it was, as one new transaction."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+from planner.cli.arguments import add_json, add_map
+from planner.cli.console import note, write_json
+
+if TYPE_CHECKING:
+    from kg.update.restoration import Restored
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "restore",
+        help="restore a past state; the history keeps both",
+        description="Restore a past state as one new transaction, which can itself be undone so. "
+        "Everything is restored, ontology included, but the number of the next object; --only "
+        "restores a part. On a running server it writes on the account of HEREABOUTS_TOKEN.",
+        epilog="example: hereabouts restore kitchen.map --to '#254' --only objects --by ann",
+    )
+    add_map(parser)
+    parser.add_argument(
+        "--to",
+        required=True,
+        metavar="WHEN",
+        help="#254 (the state after that transaction), or a time: 2026-08-01T12:30:00Z",
+    )
+    parser.add_argument(
+        "--only",
+        action="append",
+        default=[],
+        metavar="WHAT",
+        help="objects, places, assertions, ontology, or one thing by IRI (again for more)",
+    )
+    parser.add_argument("--by", metavar="NAME", help="author (a server takes the token's holder)")
+    parser.add_argument(
+        "--yes", action="store_true", help="confirm that a large share of the map is deleted"
+    )
+    parser.add_argument("--dry-run", action="store_true", help="count what would change, no more")
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Restore, and print what changed."""
+    from kg.opening import open_map
+
+    with open_map(arguments.map) as semantic_map:
+        done = semantic_map.restore(
+            arguments.to,
+            only=arguments.only,
+            by=arguments.by,
+            confirmed=arguments.yes,
+            dry_run=arguments.dry_run,
+        )
+    if arguments.json:
+        write_json({**asdict(done), "dry_run": arguments.dry_run})
+        return 0
+    for iri in done.skipped:
+        note(f"{iri} is not in the map: what was asserted of it stays away")
+    note(_summary(done, arguments.dry_run))
+    return 0
+
+
+def _summary(done: Restored, dry_run: bool) -> str:
+    if not done.added and not done.removed:
+        return f"nothing differs from #{done.restored}; nothing was written"
+    what = f"the state of #{done.restored}"
+    head = f"restoring {what} would be" if dry_run else f"transaction {done.sequence}: {what},"
+    return (
+        f"{head} {done.added} triples added, {done.removed} removed; "
+        f"objects {done.objects_back} back, {done.objects_gone} gone; "
+        f"places {done.places_back} back, {done.places_gone} gone"
+    )

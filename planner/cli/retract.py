@@ -1,0 +1,48 @@
+"""`hereabouts retract`: take back an assertion."""
+
+from __future__ import annotations
+
+import argparse
+
+from planner.cli.arguments import add_json, add_map
+from planner.cli.assert_ import add_what
+from planner.cli.console import note, write_json
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "retract",
+        help="retract an assertion; perception's own value is restored",
+        description="Retract an assertion. Perception's own value, kept up to date meanwhile, "
+        "is restored. `hereabouts ask MAP assertions` lists all assertions.",
+        epilog="example: hereabouts retract kitchen.map object/17 category --by ann",
+    )
+    add_map(parser)
+    add_what(parser)
+    parser.add_argument("--by", metavar="NAME", help="author (a server takes the token's holder)")
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Retract, in one transaction."""
+    from kg.opening import open_map
+
+    with open_map(arguments.map) as semantic_map:
+        change = semantic_map.retract(arguments.thing, arguments.property, by=arguments.by)
+        sequence = semantic_map.sequence
+    if arguments.json:
+        write_json(
+            {
+                "thing": arguments.thing,
+                "property": arguments.property,
+                "by": change.cause.by if change else arguments.by,
+                "changed": change is not None,
+                "sequence": sequence,
+            }
+        )
+        return 0
+    done = f"transaction {change.sequence}" if change else "nothing changed"
+    note(f"{arguments.thing}: {arguments.property} is as perceived again; {done}")
+    return 0

@@ -1,0 +1,220 @@
+"""`hereabouts search`: a robot drives, looks, and finds; every look goes into the map."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Final
+
+from kg.errors import LayoutError, did_you_mean
+from planner.cli.arguments import FARTHEST, add_map, count, positive, share
+from planner.cli.console import note, write
+from planner.settings import BELIEF
+
+if TYPE_CHECKING:
+    from kg.maps.semantic_map import SemanticMap
+    from planner.execution.events import Event
+    from planner.execution.robot import Robot
+    from planner.simulation.house import House, Item
+
+#: exit codes; 1 is an error, 2 wrong usage
+FOUND: Final = 0
+GIVEN_UP: Final = 3
+ABORTED: Final = 4
+#: + the signal's number, as shells have it: 130 after Ctrl+C, 143 after SIGTERM
+STOPPED: Final = 128
+
+_ROBOT = (
+    "sim: the simulated robot of the demo house; stdio:COMMAND: a program with the line "
+    "protocol of docs/reference/robot-protocol.md; stdio: the parent process, on stdin and stdout; "
+    "http://...: a robot behind that address"
+)
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "search",
+        help="search with a robot: drive, look, re-plan, until found or given up",
+        description="Search for all OBJECTs with a robot. Looks and findings are written to the "
+        "map as they happen; Ctrl+C stops the robot, and --resume continues later. Progress is "
+        "printed on stderr, the outcome on stdout (with --robot stdio on "
+        "stderr alone). Exit code 0: found, 3: given up, 4: the robot ended it, 130: stopped.",
+        epilog="example: hereabouts search demo.map apple --robot sim",
+    )
+    add_map(parser)
+    parser.add_argument(
+        "object",
+        nargs="*",
+        metavar="OBJECT",
+        help="what to find, e.g. banana, sofa, 'something to drink from'; may be left out with "
+        "--resume",
+    )
+    parser.add_argument("--robot", required=True, metavar="ROBOT", help=_ROBOT)
+    parser.add_argument(
+        "--budget",
+        type=positive,
+        metavar="S",
+        help="give up after S seconds by the robot's clock (default: when no look is worth it)",
+    )
+    parser.add_argument(
+        "--give-up-at",
+        type=share,
+        default=BELIEF.rest,
+        metavar="P",
+        help="give up once looks would have missed a thing on this floor by a chance of P only "
+        f"(default: {BELIEF.rest:g})",
+    )
+    parser.add_argument(
+        "--resume",
+        action="store_true",
+        help="continue the latest search that did not find everything",
+    )
+    parser.add_argument(
+        "--patience",
+        type=positive,
+        default=30.0,
+        metavar="S",
+        help="seconds that a robot may be silent (default: 30)",
+    )
+    parser.add_argument(
+        "--hide",
+        action="append",
+        metavar="LABEL@X,Y,Z",
+        help="sim: what stands in the house since it was mapped (default: apple, which alone needs "
+        "no place: it is the demo's)",
+    )
+    parser.add_argument(
+        "--seed", type=count, default=0, metavar="N", help="sim: what the senses get wrong"
+    )
+    parser.add_argument("--json", action="store_true", help="print each event as a line of JSON")
+    parser.set_defaults(run=run, usage_error=parser.error)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Search, and tell on stderr (or, with --json, on stdout) what happens and why."""
+    from kg.opening import open_map
+
+    _refuse_nonsense(arguments)
+    from planner.execution.options import SearchOptions
+    from planner.execution.search_loop import search
+
+    with open_map(arguments.map) as semantic_map, _signals() as caught:
+        robot = _robot(arguments, semantic_map)
+        options = SearchOptions(
+            budget=arguments.budget,
+            give_up_at=arguments.give_up_at,
+            timeout=arguments.patience,
+            stopping=lambda: bool(caught),
+            on_event=_event_sink(arguments),
+            clock=_clock(robot, semantic_map),
+        )
+        outcome = search(semantic_map, arguments.object, robot, options, resume=arguments.resume)
+    if not arguments.json and arguments.robot != "stdio":
+        write(outcome.line)
+    if outcome.state == "stopped":
+        return STOPPED + caught[0] if caught else ABORTED
+    return FOUND if outcome.state == "found" else GIVEN_UP
+
+
+def _refuse_nonsense(arguments: argparse.Namespace) -> None:
+    if not arguments.object and not arguments.resume:
+        arguments.usage_error("give an OBJECT to find, or --resume")
+    if arguments.robot == "stdio" and arguments.json:
+        arguments.usage_error("--json and --robot stdio both want stdout; use stdio:COMMAND")
+    if arguments.robot != "sim" and arguments.hide:
+        arguments.usage_error("--hide is for --robot sim")
+    known = arguments.robot in ("sim", "stdio")
+    if not known and not arguments.robot.startswith(("stdio:", "http://", "https://")):
+        arguments.usage_error(f"no robot {arguments.robot!r}: sim, stdio, stdio:COMMAND or http://")
+
+
+def _robot(arguments: argparse.Namespace, semantic_map: SemanticMap) -> Robot:
+    if arguments.robot == "sim":
+        from planner.simulation.house_robot import simulated_robot
+
+        return simulated_robot(semantic_map, _house(arguments), seed=arguments.seed)
+    if arguments.robot.startswith("http"):
+        from planner.execution.http_transport import HttpRobot
+
+        return HttpRobot(arguments.robot)
+    from planner.execution.line_transport import ChildRobot, on_our_own_pipes
+
+    if arguments.robot == "stdio":
+        return on_our_own_pipes()
+    return ChildRobot(arguments.robot.removeprefix("stdio:"))
+
+
+def _house(arguments: argparse.Namespace) -> House:
+    from planner.simulation.house import furnished_house
+    from planner.simulation.house_demo import HIDDEN
+
+    own = {HIDDEN.label: HIDDEN}
+    items = [own.get(text) or _item(text) for text in arguments.hide or own]
+    return furnished_house().with_objects(items)
+
+
+def _item(text: str) -> Item:
+    from planner.simulation.furniture import OBJECTS
+    from planner.simulation.house import Item
+
+    label, _, where = text.partition("@")
+    try:
+        x, y, z = (float(part) for part in where.split(","))
+    except ValueError:
+        x = y = z = math.nan
+    if not all(abs(value) <= FARTHEST for value in (x, y, z)):
+        raise LayoutError(
+            f"--hide needs LABEL@X,Y,Z in metres, e.g. {label or 'apple'}@7,8.3,0.85, got {text!r}"
+        )
+    if label not in OBJECTS:
+        near = did_you_mean(label, OBJECTS) or f"; it has {', '.join(sorted(OBJECTS))}"
+        raise LayoutError(f"the simulated house has no {label!r}{near}")
+    return Item(label, x, y, z)
+
+
+def _clock(robot: Robot, semantic_map: SemanticMap) -> Callable[[], float]:
+    """The time to write: now, or in the simulated house the time it is there."""
+    from planner.simulation.house_robot import SimulatedHouseRobot
+
+    mapped = semantic_map.robot()
+    if not isinstance(robot, SimulatedHouseRobot) or mapped is None:
+        return time.time
+    begin = mapped.stamp
+    return lambda: begin + robot.seconds
+
+
+def _event_sink(arguments: argparse.Namespace) -> Callable[[Event], None]:
+    def on_event(event: Event) -> None:
+        if arguments.json:
+            write(json.dumps(event.to_json(), ensure_ascii=False, allow_nan=False))
+            sys.stdout.flush()
+        else:
+            seconds = float(event.data.get("seconds", 0.0))
+            note(f"{seconds:7.1f} s  {event.text}")
+
+    return on_event
+
+
+@contextmanager
+def _signals() -> Iterator[list[int]]:
+    """The signals to stop that have come; a second one interrupts at once."""
+    caught: list[int] = []
+
+    def heard(number: int, frame: object) -> None:
+        if caught:
+            raise KeyboardInterrupt
+        caught.append(number)
+
+    before = {n: signal.signal(n, heard) for n in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield caught
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,232 @@
+"""`hereabouts serve`: the map over HTTP, live while recordings are mapped into it."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import signal
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from kg.errors import HereaboutsError
+from planner.cli.arguments import add_keep, add_map, keep_seconds, positive
+from planner.cli.console import note
+from planner.cli.recording_arguments import Inputs, add_recording_options, open_inputs
+
+if TYPE_CHECKING:
+    from kg.maps.semantic_map import SemanticMap
+    from kg.server import Settings
+    from mapping.progress_report import FrameReport
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "serve",
+        help="serve the map over HTTP: SPARQL, linked data, a page, a feed of changes",
+        description="Serve a map: SPARQL 1.1 Protocol at /sparql, graphs at /graphs, every thing "
+        "of the map as a page or a document, changes as events at /changes. Without a token file "
+        "it only reads.",
+        epilog="example: hereabouts serve kitchen.map --token-file tokens.txt",
+    )
+    add_map(parser)
+    parser.add_argument("--host", default="127.0.0.1", help="address to listen at (127.0.0.1)")
+    parser.add_argument(
+        "--port", type=_port, default=8008, metavar="N", help="port (8008; 0 takes a free one)"
+    )
+    parser.add_argument(
+        "--token-file", metavar="FILE", help="who may write: lines of NAME TOKEN (none: nobody)"
+    )
+    parser.add_argument(
+        "--read-token-file",
+        metavar="FILE",
+        help="who may read a private map: lines of NAME TOKEN (none: whoever reaches the server)",
+    )
+    parser.add_argument(
+        "--public-host",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="a name by which other machines know this server (again for more)",
+    )
+    parser.add_argument(
+        "--allow-origin",
+        action="append",
+        default=[],
+        metavar="ORIGIN",
+        help="let scripts of web pages from there use the server (again for more)",
+    )
+    parser.add_argument(
+        "--public",
+        action="store_true",
+        help="serve other machines although there is no token file: anyone there may read",
+    )
+    parser.add_argument(
+        "--allow-service",
+        action="append",
+        default=[],
+        metavar="URL",
+        help="let queries ask this SPARQL endpoint by SERVICE (again for more)",
+    )
+    parser.add_argument(
+        "--timeout", type=positive, default=10.0, metavar="S", help="a query may take (10 s)"
+    )
+    add_keep(parser, "default: all of the past; the rest is dropped while serving")
+    parser.add_argument("--verbose", action="store_true", help="a line on stderr for each request")
+    parser.add_argument(
+        "--recording",
+        action="append",
+        default=[],
+        metavar="DIR",
+        help="map this recording meanwhile (again for more, one after the other)",
+    )
+    add_recording_options(parser)
+    parser.set_defaults(run=run, usage_error=parser.error)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Serve until interrupted, or ended by SIGTERM."""
+    if arguments.keep is not None and not (arguments.token_file or arguments.recording):
+        arguments.usage_error("--keep is for a map that is written: --token-file or --recording")
+    signal.signal(signal.SIGTERM, _end)
+    return _serve(arguments)
+
+
+def _end(number: int, frame: object) -> None:
+    # so that everything is closed on the way out, which the signal's default is not waiting for
+    raise SystemExit(0)
+
+
+def _serve(arguments: argparse.Namespace) -> int:
+    from kg.opening import open_map, open_or_create_map
+    from kg.server import MapServer
+    from kg.store.gc_scheduling import settled
+
+    settings, keep = _settings(arguments), keep_seconds(arguments)
+    inputs = _inputs(arguments)
+    if arguments.verbose:
+        logging.basicConfig(level=logging.INFO, format="%(message)s")
+    path = Path(arguments.map)
+    # a server that only reads leaves the map to other readers
+    opened = (
+        open_or_create_map(path, title=path.stem)
+        if inputs
+        else open_map(path, read_only=not settings.tokens)
+    )
+    with opened as semantic_map, settled(), _Mapper(semantic_map, inputs) as mapper:
+        if keep is not None:
+            semantic_map.retain(keep)
+        server = MapServer(semantic_map, settings, status=mapper.status)
+        access = "reading and writing" if settings.tokens else "reading only"
+        note(f"{semantic_map.title} at {server.url} ({access}); Ctrl+C ends")
+        if server.isolation == "none":
+            note(
+                "this machine's kernel cannot deny queries the network: whatever has the letters "
+                "of SERVICE or LOAD in it is refused"
+            )
+        mapper.start()
+        server.run()
+    return 0
+
+
+def _settings(arguments: argparse.Namespace) -> Settings:
+    from kg.server import BearerTokens, Limits, Settings
+
+    return Settings(
+        host=arguments.host,
+        port=arguments.port,
+        tokens=BearerTokens.load(arguments.token_file) if arguments.token_file else BearerTokens(),
+        read_tokens=(
+            BearerTokens.load(arguments.read_token_file)
+            if arguments.read_token_file
+            else BearerTokens()
+        ),
+        public_hosts=tuple(arguments.public_host),
+        allow_origins=tuple(arguments.allow_origin),
+        services=tuple(arguments.allow_service),
+        public=arguments.public,
+        limits=Limits(query_seconds=arguments.timeout),
+    )
+
+
+def _inputs(arguments: argparse.Namespace) -> list[Inputs]:
+    """What each recording needs, opened before the map is touched."""
+    return [
+        open_inputs(argparse.Namespace(**{**vars(arguments), "recording": folder}))
+        for folder in arguments.recording
+    ]
+
+
+def _port(text: str) -> int:
+    if not (text.isascii() and text.isdigit() and int(text) < 65536):
+        raise argparse.ArgumentTypeError(f"needs a port between 0 and 65535, got {text!r}")
+    return int(text)
+
+
+class _Mapper:
+    """Maps recordings on a thread of its own; leaving the context ends it after its frame."""
+
+    def __init__(self, semantic_map: SemanticMap, inputs: list[Inputs]) -> None:
+        self._map, self._inputs = semantic_map, inputs
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self._map_all, name="hereabouts-mapper", daemon=True)
+        self._told: dict[str, object] = {}
+
+    def start(self) -> None:
+        """Begin, where there is anything to map."""
+        if self._inputs:
+            self._thread.start()
+
+    def status(self) -> Mapping[str, object]:
+        """How far each recording is, for `/health`."""
+        return {"mapping": dict(self._told)} if self._inputs else {}
+
+    def __enter__(self) -> _Mapper:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._end.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def _map_all(self) -> None:
+        for inputs in self._inputs:
+            name = inputs.recording.name
+            try:
+                self._map_one(inputs)
+            except _EndedError:
+                return
+            except HereaboutsError as error:
+                # the others, and the server, go on
+                self._told[name] = "failed; the server's stderr says why"
+                note(f"{name}: {error}")
+
+    def _map_one(self, inputs: Inputs) -> None:
+        from mapping.recording_mapper import map_recording
+
+        name = inputs.recording.name
+
+        def on_frame(report: FrameReport) -> None:
+            self._told[name] = {"frame": report.index + 1, "of": report.total}
+            if self._end.is_set():
+                raise _EndedError
+
+        report = map_recording(
+            inputs.recording,
+            self._map,
+            inputs.detector,
+            inputs.scene,
+            layout=inputs.layout,
+            settings=inputs.settings,
+            labels=inputs.labels,
+            on_frame=on_frame,
+            occupancy=inputs.floor,
+        )
+        self._told[name] = f"done: {report.frames} frames mapped, {report.skipped} were there"
+        note(f"{name}: {report.frames} frames mapped, {report.objects} objects")
+
+
+class _EndedError(Exception):
+    """The server ends: leave the mapping behind a whole frame."""

@@ -1,0 +1,118 @@
+"""`hereabouts simulate`: recordings of simulated houses, with everything that is true of them."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from planner.cli.arguments import add_json, count, share
+from planner.cli.console import note, print_table, progress, write_json
+
+if TYPE_CHECKING:
+    from planner.simulation.simulated_recording import SimulatedSession, SimulationOptions
+
+_COLUMNS = ("folder", "frames", "objects", "detections", "moved", "carried", "vanished", "new")
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "simulate", help="write a recording of a simulated house, with truth", description=__doc__
+    )
+    subjects = parser.add_subparsers(dest="subject", metavar="SUBJECT", required=True)
+    house = subjects.add_parser(
+        "house",
+        help="a random furnished house, seen by a robot with a depth camera",
+        description="Draw a house, drive through all its rooms, and write what the camera sees as "
+        "a recording that `map` reads: images, depth with a Kinect's noise, poses; and beside it "
+        "objects_full_gt.json (the complete truth, for `evaluate map`), detections.json (of a "
+        "simulated detector, for --detector) and places.json (the rooms, for --places).",
+        epilog="example: hereabouts simulate house --seed 7 --senses hard -o house7",
+    )
+    house.add_argument("--seed", type=count, required=True, metavar="N", help="which house")
+    house.add_argument(
+        "--sessions",
+        type=int,
+        choices=(1, 2),
+        default=1,
+        help="2: a second recording after small things moved, in DIR/session-1 and DIR/session-2",
+    )
+    house.add_argument("-o", "--output", required=True, metavar="DIR", help="a new or empty folder")
+    house.add_argument(
+        "--size",
+        type=_size,
+        default=(640, 480),
+        metavar="WxH",
+        help="pixels of the images, 4:3 (default: 640x480)",
+    )
+    house.add_argument(
+        "--senses",
+        choices=("demo", "hard"),
+        default="demo",
+        help="the detector's faults: demo is mild; hard has recall 0.7, confusion 0.08 and 0.3 "
+        "false alarms a frame, some of them again and again (default: demo)",
+    )
+    house.add_argument(
+        "--odometry-noise",
+        type=share,
+        metavar="SHARE",
+        help="error of each step of the written poses, e.g. 0.02 (default: true poses)",
+    )
+    add_json(house)
+    house.set_defaults(run=run_house)
+
+
+def run_house(arguments: argparse.Namespace) -> int:
+    """Simulate, and say what lies where."""
+    from planner.simulation.simulated_recording import simulate_house
+
+    folder = Path(arguments.output)
+    with progress() as bar:
+        tasks = {}
+
+        def on_frame(session: str, done: int, total: int) -> None:
+            if session not in tasks:
+                tasks[session] = bar.add_task(session, total=total, status="")
+            bar.update(tasks[session], completed=done)
+
+        written = simulate_house(
+            folder, arguments.seed, arguments.sessions, _options(arguments), on_frame
+        )
+    if arguments.json:
+        write_json([session.to_json() for session in written])
+    else:
+        _tell(written)
+    return 0
+
+
+def _options(arguments: argparse.Namespace) -> SimulationOptions:
+    from planner.simulation.sensors import SENSES
+    from planner.simulation.simulated_recording import SimulationOptions
+
+    return SimulationOptions(
+        size=arguments.size,
+        senses=SENSES[arguments.senses],
+        odometry=arguments.odometry_noise or 0.0,
+    )
+
+
+def _tell(written: list[SimulatedSession]) -> None:
+    print_table(
+        _COLUMNS, [tuple(session.to_json()[key] for key in _COLUMNS) for session in written]
+    )
+    folder = written[0].folder
+    note(
+        f"next: hereabouts map {folder} --into {folder.name}.map --scene none "
+        f"--detector {folder}/detections.json"
+    )
+
+
+def _size(text: str) -> tuple[int, int]:
+    """``WxH`` in pixels; argparse reports anything else as wrong usage."""
+    match = re.fullmatch(r"(\d{2,4})x(\d{2,4})", text)
+    width, height = (int(n) for n in match.groups()) if match else (0, 0)
+    if not (80 <= width <= 1920 and 3 * width == 4 * height):
+        raise argparse.ArgumentTypeError(f"needs WxH of 80x60 to 1920x1440, 4:3, got {text!r}")
+    return width, height

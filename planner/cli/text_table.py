@@ -1,0 +1,95 @@
+"""Text tables: cells folded so that a line fits into a terminal, wide characters counted as two."""
+
+from __future__ import annotations
+
+import unicodedata
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+_LEAST: Final = 3  # columns of a terminal that a folded cell keeps
+_RULE: Final = "─"
+
+
+def text_table(
+    header: Sequence[str], rows: Sequence[Sequence[str]], right: Sequence[bool], width: int
+) -> str:
+    """The lines of a table at most `width` wide, if that is possible.
+
+    `right` says which columns are set to the right. A table that is narrower than 120 has less
+    space between its columns.
+    """
+    gap = "   " if width >= 120 else "  "
+    cells = [[_printable(cell) for cell in row] for row in (header, *rows)]
+    widths = _fitted(
+        [
+            max(max(map(_columns, cell.split("\n"))) for cell in column)
+            for column in zip(*cells, strict=True)
+        ],
+        width - len(gap) * (len(header) - 1) - 1,
+    )
+    lines = [line for row in cells for line in _row(row, widths, right, gap)]
+    rule = " " + _RULE * (sum(widths) + len(gap) * (len(widths) - 1))
+    heading = max(len(_folded(cell, size)) for cell, size in zip(cells[0], widths, strict=True))
+    return "\n".join([*lines[:heading], rule, *lines[heading:]])
+
+
+def _row(
+    cells: Sequence[str], widths: Sequence[int], right: Sequence[bool], gap: str
+) -> Iterator[str]:
+    folded = [_folded(cell, width) for cell, width in zip(cells, widths, strict=True)]
+    for number in range(max(map(len, folded))):
+        parts = []
+        for lines, width, to_right in zip(folded, widths, right, strict=True):
+            text = lines[number] if number < len(lines) else ""
+            space = " " * (width - _columns(text))
+            parts.append(space + text if to_right else text + space)
+        yield f" {gap.join(parts)}".rstrip()
+
+
+def _fitted(widths: list[int], total: int) -> list[int]:
+    """The widths of columns, the widest made narrower until all fit into `total`."""
+    while sum(widths) > total and max(widths) > _LEAST:
+        widths[widths.index(max(widths))] -= 1
+    return widths
+
+
+def _folded(text: str, width: int) -> list[str]:
+    """The lines of a cell: broken between words, and within one that is too long."""
+    lines = []
+    for line in text.split("\n"):
+        rest = line
+        while _columns(rest) > width:
+            at = max(1, _most(rest, width))
+            blank = rest.rfind(" ", 0, at + 1)
+            at = blank if blank > 0 else at
+            lines.append(rest[:at].rstrip())
+            rest = rest[at:].lstrip()
+        lines.append(rest)
+    return lines
+
+
+def _most(text: str, width: int) -> int:
+    """How many characters fit into `width`."""
+    used = 0
+    for number, character in enumerate(text):
+        used += _columns(character)
+        if used > width:
+            return number
+    return len(text)
+
+
+def _columns(text: str) -> int:
+    """Columns of a terminal that a text takes."""
+    if text.isascii():
+        return len(text)
+    return sum(
+        0 if unicodedata.combining(c) else 2 if unicodedata.east_asian_width(c) in "WF" else 1
+        for c in text
+    )
+
+
+def _printable(text: str) -> str:
+    """The text without characters that control a terminal; line breaks stay."""
+    lines = text.expandtabs(4).splitlines() or [""]
+    kept = ("".join(c for c in line if unicodedata.category(c) != "Cc") for line in lines)
+    return "\n".join(kept)

@@ -1,0 +1,66 @@
+"""`hereabouts update`: SPARQL Update on the map."""
+
+from __future__ import annotations
+
+import argparse
+from functools import partial
+from pathlib import Path
+
+from planner.cli.arguments import add_json, add_map
+from planner.cli.console import note, write_json
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "update",
+        help="write to the map by SPARQL Update, checked and in one transaction",
+        description="Apply a SPARQL 1.1 Update. One that violates the SHACL shapes is refused, "
+        "as a whole; so is one that would delete more than 10 objects and places and "
+        "more than a tenth of all, unless --yes confirms it. `hereabouts restore` undoes. A triple "
+        "without GRAPH is one of graph:map.",
+        epilog="example: hereabouts update kitchen.map --by ann "
+        "-e 'INSERT DATA { <http://example.org/mine> a here:Cup ; here:x 1.2 ; here:y 0.4 }'",
+    )
+    add_map(parser)
+    parser.add_argument("file", nargs="?", metavar="FILE.ru", help="file with the update")
+    parser.add_argument("-e", "--execute", metavar="SPARQL", help="the update itself instead")
+    parser.add_argument("--by", metavar="NAME", help="author (a server takes the token's holder)")
+    parser.add_argument(
+        "--yes", action="store_true", help="confirm that a large share of the map is deleted"
+    )
+    add_json(parser)
+    parser.set_defaults(run=run, usage_error=parser.error)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Update, and say what changed."""
+    from kg.opening import open_map
+    from kg.store.sparql_client import is_url
+    from kg.workers.local_evaluation import update_isolated
+
+    if (arguments.file is None) == (arguments.execute is None):
+        arguments.usage_error("give FILE.ru, or SPARQL with -e, not both")
+    sparql = arguments.execute if arguments.file is None else _text(Path(arguments.file))
+    with open_map(arguments.map) as semantic_map:
+        # a server evaluates what it is sent in a worker of its own
+        update = (
+            semantic_map.update if is_url(arguments.map) else partial(update_isolated, semantic_map)
+        )
+        change = update(sparql, by=arguments.by, confirmed=arguments.yes)
+        sequence = semantic_map.sequence
+    added, removed = (len(change.added), len(change.removed)) if change else (0, 0)
+    if arguments.json:
+        write_json({"sequence": sequence, "added": added, "removed": removed})
+    else:
+        note(f"transaction {sequence}: {added} triples added, {removed} removed")
+    return 0
+
+
+def _text(path: Path) -> str:
+    from kg.errors import QueryError
+
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise QueryError(f"cannot read the update {path}: {error}") from error

@@ -1,0 +1,88 @@
+"""`hereabouts why`: what a fact rests on."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+from planner.cli.arguments import add_map
+from planner.cli.console import out, write, write_json
+
+if TYPE_CHECKING:
+    from rich.tree import Tree
+
+    from kg.history.reports.explanation import Explanation
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "why",
+        help="explain a thing or a fact: frame, rule, model, source or person behind it",
+        description="Explain a statement of the map: from a thing or a fact to the frame, box, "
+        "camera pose, rule, model, source or person behind it, and the transaction that wrote it.",
+        epilog="examples: hereabouts why kitchen.map object/17; "
+        "hereabouts why kitchen.map 'object/17 here:inPlace place/1'",
+    )
+    add_map(parser)
+    parser.add_argument(
+        "what",
+        nargs="+",
+        metavar="WHAT",
+        help="object/17, place/1, an IRI; or subject, predicate and perhaps object of a fact",
+    )
+    parser.add_argument(
+        "--format",
+        choices=("tree", "json", "ttl"),
+        default="tree",
+        help="how to print it (ttl: SOSA and PROV-O; default: tree)",
+    )
+    parser.add_argument(
+        "--json", action="store_const", const="json", dest="format", help="as --format json"
+    )
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Explain."""
+    from kg.history.reports.prov_export import provenance
+    from kg.opening import open_map
+
+    with open_map(arguments.map, read_only=True) as semantic_map:
+        reasons = semantic_map.why(" ".join(arguments.what))
+    if arguments.format == "ttl":
+        write(provenance(*reasons))
+    elif arguments.format == "json":
+        write_json([_record(reason) for reason in reasons])
+    else:
+        for reason in reasons:
+            out().print(_tree(reason), soft_wrap=True)
+    return 0
+
+
+def _tree(reason: Explanation) -> Tree:
+    from rich.text import Text
+    from rich.tree import Tree
+
+    tree = Tree(Text(reason.text, style="bold"), guide_style="dim")
+    _grow(tree, reason)
+    return tree
+
+
+def _grow(tree: Tree, reason: Explanation) -> None:
+    from rich.text import Text
+
+    from kg.history.reports.text_report import WORDS
+
+    for behind in reason.because:
+        label = f"{WORDS[behind.kind]}: " if behind.kind in WORDS else ""
+        _grow(tree.add(Text.assemble((label, "dim"), behind.text)), behind)
+
+
+def _record(reason: Explanation) -> dict[str, object]:
+    return {
+        "kind": reason.kind,
+        "text": reason.text,
+        "iri": reason.iri,
+        "because": [_record(behind) for behind in reason.because],
+    }

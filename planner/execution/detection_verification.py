@@ -1,0 +1,54 @@
+"""When a detection is believed: a sure one at once, a doubtful one when a second agrees."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapping.reference.settings import ReferenceSettings
+from planner.execution.object_updates import AssociatedDetection
+from planner.execution.protocol import Detected
+from planner.goals.targets import Target
+
+#: A score from which one detection is enough.
+SURE: Final = 0.6
+
+
+@dataclass(frozen=True, slots=True)
+class TargetDetection:
+    """Something that may be a target."""
+
+    target: Target
+    category: str  # IRI
+    thing: Detected
+    object: str | None  # IRI of the object that it was associated with
+    certain: bool
+    again: bool  # something was seen there before
+
+    @property
+    def p_map(self) -> NDArray[np.float64]:
+        """(3,) [m]."""
+        return np.array([self.thing.x, self.thing.y, self.thing.z])
+
+
+class DetectionVerifier:
+    """All that might have been a target so far; remembers what did not convince."""
+
+    def __init__(self, settings: ReferenceSettings | None = None) -> None:
+        self._kappa = (settings or ReferenceSettings()).kappa
+        self._seen: list[tuple[str, NDArray[np.float64]]] = []
+
+    def judge(self, target: Target, detection: AssociatedDetection) -> TargetDetection:
+        """Whether `detection` is believed to be there."""
+        thing, category = detection.thing, detection.category
+        p_map = np.array([thing.x, thing.y, thing.z])
+        again = any(
+            category == other and float(np.linalg.norm(p_map - p_other)) < self._kappa
+            for other, p_other in self._seen
+        )
+        self._seen.append((category, p_map))
+        certain = again or thing.score >= SURE
+        return TargetDetection(target, category, thing, detection.iri, certain, again)

@@ -1,0 +1,62 @@
+"""Options and outcome of a search with a robot."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from kg.records import SearchState
+from planner.execution.events import EventSink
+from planner.settings import BELIEF
+
+
+def percent(share: float) -> str:
+    """A share for people: ``12 %``, ``3.4 %``."""
+    return f"{100 * share:.0f} %" if share >= 0.095 else f"{100 * share:.1f} %"
+
+
+@dataclass(frozen=True, slots=True)
+class SearchOutcome:
+    """Outcome of one run of a search."""
+
+    search: str  # IRI
+    state: SearchState
+    reason: str
+    found: tuple[str, ...]  # IRIs of objects
+    left: float  # probability that what is still wanted is there to be found
+    seconds: float  # [s] by the robot's clock, over all runs
+    looks: int  # over all runs
+
+    @property
+    def line(self) -> str:
+        """For people."""
+        after = f"after {self.seconds:.0f} s and {self.looks} looks"
+        if self.state == "found":
+            return f"found {after}"
+        return f"{self.state} {after}: {self.reason}; {percent(self.left)} left that it is there"
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values."""
+        return {
+            "search": self.search,
+            "state": self.state,
+            "reason": self.reason,
+            "found": list(self.found),
+            "left": round(self.left, 4),
+            "seconds": round(self.seconds, 1),
+            "looks": self.looks,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class SearchOptions:
+    """Options of a search with a robot."""
+
+    budget: float | None = None  # [s] of the robot's clock for this run
+    give_up_at: float = BELIEF.rest  # chance that looks missed a thing, at which to give up
+    timeout: float = 30.0  # [s] a robot may be silent
+    stopping: Callable[[], bool] = field(default=lambda: False)
+    on_event: EventSink = field(default=lambda event: None)
+    clock: Callable[[], float] = time.time  # for what is written

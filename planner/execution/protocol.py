@@ -1,0 +1,305 @@
+"""Robot protocol: JSON objects, one a line (docs/reference/robot-protocol.md).
+
+Every number that a robot sends is checked here, once; what lies behind sees finite metres and
+radians in the map frame, and texts without control characters.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Final
+
+VERSION: Final = 1
+LONGEST_LINE: Final = 1 << 20  # [bytes]
+FARTHEST: Final = 1e7  # [m] no map is larger than the Earth
+MOST_OBJECTS: Final = 1000  # detections in one message
+_LONGEST_TEXT = 300
+
+
+class MalformedValueError(ValueError):
+    """A message that is not one of the protocol; never leaves this package."""
+
+
+@dataclass(frozen=True, slots=True)
+class Hello:
+    """The first message, both ways. A robot may say what it can; None is not known."""
+
+    protocol: int = VERSION
+    name: str = "hereabouts"
+    speed: float | None = None  # [m/s]
+    turn_rate: float | None = None  # [rad/s]
+    near: float | None = None  # [m] the camera detects from here ...
+    far: float | None = None  # [m] ... to there
+    field_of_view: float | None = None  # [rad] across
+    recall: float | None = None  # chance to detect what a picture shows, 0..1
+
+
+@dataclass(frozen=True, slots=True)
+class GoTo:
+    """Drive there, turn to `heading`, answer `arrived`, `blocked` or `error` with the same id."""
+
+    id: int
+    x: float  # [m]
+    y: float
+    heading: float  # [rad]
+
+
+@dataclass(frozen=True, slots=True)
+class LookAround:
+    """Turn by `turn` [rad, to the left] with pictures all the way; answer `detections`, same id.
+
+    `extent` [rad] is what is then seen in all: the turn and the camera's own field of view.
+    """
+
+    id: int
+    turn: float
+    extent: float
+
+
+@dataclass(frozen=True, slots=True)
+class StopCommand:
+    """Stand still; the command under way will not be waited for."""
+
+
+Command = Hello | GoTo | LookAround | StopCommand
+
+
+@dataclass(frozen=True, slots=True)
+class RobotPose:
+    """Where the robot is; sent as often as it likes while it drives."""
+
+    x: float  # [m]
+    y: float
+    heading: float  # [rad]
+    seconds: float | None = None  # [s] by the robot's own clock
+
+
+@dataclass(frozen=True, slots=True)
+class Arrived:
+    """The `goto` with that id is done."""
+
+    id: int
+
+
+@dataclass(frozen=True, slots=True)
+class Blocked:
+    """The `goto` with that id cannot be done: something is in the way at (x, y)."""
+
+    id: int | None
+    x: float  # [m]
+    y: float
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Detected:
+    """One thing that a detector saw."""
+
+    label: str
+    score: float  # 0..1
+    x: float  # [m]
+    y: float
+    z: float
+
+
+@dataclass(frozen=True, slots=True)
+class DetectionsMessage:
+    """What one picture on the way shows (no id), or all pictures of the `look` with that id.
+
+    `pose` is where the picture was taken; None: at the last pose.
+    """
+
+    id: int | None
+    objects: tuple[Detected, ...]
+    pose: RobotPose | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Failed:
+    """The command with that id failed, for a reason that is not a thing in the way."""
+
+    id: int | None
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Aborted:
+    """The robot ends the search: battery low, somebody took over."""
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class MalformedMessage:
+    """Something a robot sent that is no message of the protocol."""
+
+    why: str
+
+
+Message = (
+    Hello | RobotPose | Arrived | Blocked | DetectionsMessage | Failed | Aborted | MalformedMessage
+)
+
+_NAMES: Final[dict[type, str]] = {
+    GoTo: "goto",
+    LookAround: "look",
+    StopCommand: "stop",
+    Hello: "hello",
+}
+
+
+def encoded(command: Command) -> dict[str, Any]:
+    """A command as the JSON object that goes over the wire."""
+    fields = {k: _rounded(v) for k, v in asdict(command).items() if v is not None}
+    return {"type": _NAMES[type(command)], **fields}
+
+
+def line_of(command: Command) -> bytes:
+    """A command as a line of the protocol, newline included."""
+    return json.dumps(encoded(command), separators=(",", ":")).encode() + b"\n"
+
+
+def decoded(line: bytes | str) -> Message | None:
+    """The message in a line; None for a kind that this version does not know.
+
+    Raises MalformedError for anything that is no message.
+    """
+    try:
+        value = json.loads(line if isinstance(line, str) else line.decode())
+    except (ValueError, RecursionError) as error:
+        raise MalformedValueError(f"not JSON: {error}") from None
+    return message_of(value)
+
+
+def message_of(value: object) -> Message | None:
+    """As `decoded`, of JSON that is parsed already."""
+    if not isinstance(value, dict) or not isinstance(value.get("type"), str):
+        raise MalformedValueError("needs a JSON object with a type")
+    reader = _READERS.get(value["type"])
+    return reader(value) if reader else None
+
+
+def cleaned(text: object) -> str:
+    """Somebody else's text as one line without control characters, at most 300 long."""
+    kept = "".join(c if c.isprintable() else " " for c in str(text)[: 4 * _LONGEST_TEXT])
+    return " ".join(kept.split())[:_LONGEST_TEXT]
+
+
+def _rounded(value: object) -> object:
+    return round(value, 4) + 0.0 if isinstance(value, float) else value
+
+
+def _hello(fields: Mapping[str, Any]) -> Hello:
+    protocol = fields.get("protocol")
+    if not isinstance(protocol, int) or isinstance(protocol, bool):
+        raise MalformedValueError("hello needs a whole number as protocol")
+    return Hello(
+        protocol=protocol,
+        name=cleaned(fields.get("name", "robot")) or "robot",
+        speed=_optional(fields, "speed", 1e-3, 100.0),
+        turn_rate=_optional(fields, "turn_rate", 1e-3, 100.0),
+        near=_optional(fields, "near", 0.0, 1000.0),
+        far=_optional(fields, "far", 0.1, 1000.0),
+        field_of_view=_optional(fields, "field_of_view", 0.01, 2 * math.pi + 1e-6),
+        recall=_optional(fields, "recall", 0.01, 1.0),
+    )
+
+
+def _pose(fields: Mapping[str, Any]) -> RobotPose:
+    heading = _number(fields, "heading", -1e6, 1e6)
+    return RobotPose(
+        x=_metres(fields, "x"),
+        y=_metres(fields, "y"),
+        heading=(heading + math.pi) % (2 * math.pi) - math.pi,
+        seconds=_optional(fields, "t", -1e12, 1e12),
+    )
+
+
+def _arrived(fields: Mapping[str, Any]) -> Arrived:
+    number = _id(fields)
+    if number is None:
+        raise MalformedValueError("arrived needs the id of its goto")
+    return Arrived(number)
+
+
+def _blocked(fields: Mapping[str, Any]) -> Blocked:
+    reason = cleaned(fields.get("reason", "")) or "blocked"
+    return Blocked(_id(fields), _metres(fields, "x"), _metres(fields, "y"), reason)
+
+
+def _detections(fields: Mapping[str, Any]) -> DetectionsMessage:
+    objects = fields.get("objects", [])
+    if not isinstance(objects, list) or len(objects) > MOST_OBJECTS:
+        raise MalformedValueError(f"detections need a list of at most {MOST_OBJECTS} objects")
+    pose = fields.get("pose")
+    if pose is not None and not isinstance(pose, dict):
+        raise MalformedValueError("the pose of detections must be an object")
+    return DetectionsMessage(
+        id=_id(fields),
+        objects=tuple(_detected(thing) for thing in objects),
+        pose=None if pose is None else _pose(pose),
+    )
+
+
+def _detected(thing: object) -> Detected:
+    if not isinstance(thing, dict) or not isinstance(thing.get("label"), str):
+        raise MalformedValueError("a detection needs a label")
+    return Detected(
+        label=cleaned(thing["label"]),
+        score=_number(thing, "score", 0.0, 1.0),
+        x=_metres(thing, "x"),
+        y=_metres(thing, "y"),
+        z=_metres(thing, "z") if "z" in thing else 0.0,
+    )
+
+
+def _failed(fields: Mapping[str, Any]) -> Failed:
+    return Failed(_id(fields), cleaned(fields.get("reason", "")) or "no reason given")
+
+
+def _aborted(fields: Mapping[str, Any]) -> Aborted:
+    return Aborted(cleaned(fields.get("reason", "")) or "no reason given")
+
+
+_READERS: Final[dict[str, Callable[[Mapping[str, Any]], Message]]] = {
+    "hello": _hello,
+    "pose": _pose,
+    "arrived": _arrived,
+    "blocked": _blocked,
+    "detections": _detections,
+    "error": _failed,
+    "abort": _aborted,
+}
+
+
+def _id(fields: Mapping[str, Any]) -> int | None:
+    number = fields.get("id")
+    if number is None:
+        return None
+    if not isinstance(number, int) or isinstance(number, bool):
+        raise MalformedValueError("an id must be a whole number")
+    return number
+
+
+def _metres(fields: Mapping[str, Any], key: str) -> float:
+    return _number(fields, key, -FARTHEST, FARTHEST)
+
+
+def _optional(fields: Mapping[str, Any], key: str, least: float, most: float) -> float | None:
+    return None if fields.get(key) is None else _number(fields, key, least, most)
+
+
+def _number(fields: Mapping[str, Any], key: str, least: float, most: float) -> float:
+    value = fields.get(key)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise MalformedValueError(f"{key} must be a number")
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not least <= number <= most:  # not a number is refused here too
+        raise MalformedValueError(f"{key} must lie in {least:g}..{most:g}")
+    return number

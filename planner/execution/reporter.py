@@ -1,0 +1,94 @@
+"""Reporter of a search: events with a line for people and plain values for programs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from kg.records import LookRecord, SearchRecord
+from planner.execution.detection_verification import TargetDetection
+from planner.execution.events import Event, EventSink
+from planner.execution.options import SearchOutcome, percent
+from planner.execution.protocol import Detected, RobotPose
+from planner.execution.viewpoint_adapter import NextView
+
+
+class Reporter:
+    """Reporter: sends events to `on_event`, stamped with `seconds()` of the search so far [s]."""
+
+    def __init__(self, on_event: EventSink, seconds: Callable[[], float]) -> None:
+        self._to, self._seconds = on_event, seconds
+
+    def begin(self, name: str, record: SearchRecord, left: float, looks: int) -> None:
+        """A search begins or is resumed."""
+        verb = "resumed" if looks else "begun"
+        self._emit(
+            "begin",
+            f"{name} for {', '.join(record.words)} {verb}: {percent(left)} likely to be there, "
+            f"{looks} looks taken",
+            search=record.iri,
+            words=list(record.words),
+            left=round(left, 4),
+            looks=looks,
+        )
+
+    def plan(self, p: NextView) -> None:
+        """The next look, and why."""
+        where = f"{p.place} " if p.place else ""
+        why = f": {p.why[0]}" if p.why else ""
+        self._emit(
+            "plan",
+            f"next {where}({p.x:.1f}, {p.y:.1f}), {p.seconds:.0f} s, finds it with "
+            f"{percent(p.probability)}, {percent(p.left)} left if not{why}",
+            place=p.place,
+            x=round(p.x, 2),
+            y=round(p.y, 2),
+            heading=round(p.heading, 3),
+            extent=round(p.extent, 3),
+            probability=round(p.probability, 4),
+            expected_seconds=round(p.seconds, 1),
+            left_if_in_vain=round(p.left, 4),
+            why=list(p.why),
+        )
+
+    def look(self, look: LookRecord, things: Sequence[Detected], left: float) -> None:
+        """A look was taken."""
+        self._emit(
+            "look",
+            f"look {look.number}: {'found' if look.found else 'in vain'}; {percent(left)} left",
+            look=look.iri,
+            found=list(look.found),
+            left=round(left, 4),
+            seen=[thing.label for thing in things],
+        )
+
+    def found(self, sighting: TargetDetection, iri: str) -> None:
+        """Something wanted was found."""
+        thing = sighting.thing
+        self._emit(
+            "found",
+            f"found {thing.label} at ({thing.x:.2f}, {thing.y:.2f}, {thing.z:.2f})",
+            target=sighting.target.text,
+            object=iri,
+            label=thing.label,
+            score=round(thing.score, 3),
+            x=round(thing.x, 2),
+            y=round(thing.y, 2),
+            z=round(thing.z, 2),
+        )
+
+    def surprise(self, text: str, pose: RobotPose | None = None) -> None:
+        """Something did not go as planned: a new plan follows."""
+        where = {} if pose is None else {"x": round(pose.x, 2), "y": round(pose.y, 2)}
+        self._emit("surprise", text, **where)
+
+    def note(self, text: str) -> None:
+        """Something worth knowing that changes nothing."""
+        self._emit("note", text)
+
+    def end(self, outcome: SearchOutcome) -> None:
+        """The run is over."""
+        self._emit("end", outcome.line, **outcome.to_json())
+
+    def _emit(self, kind: str, text: str, **data: Any) -> None:
+        self._to(Event(kind, text, {"seconds": round(self._seconds(), 1), **data}))

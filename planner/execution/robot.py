@@ -1,0 +1,74 @@
+"""Robot protocol endpoint: the interface of a robot, and its queue of parsed messages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final, Protocol
+
+from kg.errors import RobotError
+from planner.execution.protocol import (
+    Command,
+    MalformedMessage,
+    MalformedValueError,
+    Message,
+    cleaned,
+    decoded,
+    message_of,
+)
+
+#: Malformed messages in a row after which a robot is given up.
+MOST_MALFORMED: Final = 20
+
+
+class Robot(Protocol):
+    """What carries out a search. Every method may raise RobotError."""
+
+    name: str  # for people
+
+    def send(self, command: Command) -> None:
+        """Send a command; does not wait for it to be done."""
+
+    def receive(self, seconds: float) -> Message | None:
+        """The next message, or None where none came within `seconds`."""
+
+    def close(self) -> None:
+        """Close the connection and stop the robot. Closing twice is fine."""
+
+
+class MessageQueue:
+    """Parser of a robot's lines; malformed ones are reported, up to `MOST_MALFORMED` in a row."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._malformed = 0
+
+    def read(self, line: bytes | str) -> Message | None:
+        """The message in a line, `MalformedMessage` where there is none; None for a type not known.
+
+        Raises RobotError after `MOST_MALFORMED` lines in a row that were no messages.
+        """
+        return self._read(decoded, line)
+
+    def take(self, value: object) -> Message | None:
+        """As `read`, of JSON that is parsed already."""
+        return self._read(message_of, value)
+
+    def _read(self, reader: Callable[[Any], Message | None], received: Any) -> Message | None:
+        try:
+            message = reader(received)
+        except MalformedValueError as error:
+            line = received if isinstance(received, bytes) else str(received).encode()
+            text = line.decode(errors="replace")
+            return self.malformed(f"{error}: {cleaned(text[:80])!r}")
+        self._malformed = 0
+        return message
+
+    def malformed(self, why: str) -> MalformedMessage:
+        """Count one malformed message; raises RobotError once there are too many."""
+        self._malformed += 1
+        if self._malformed >= MOST_MALFORMED:
+            raise RobotError(
+                f"{self._name} sent {self._malformed} messages in a row that are not of the "
+                f"protocol, the last one: {cleaned(why)}; see docs/reference/robot-protocol.md"
+            )
+        return MalformedMessage(cleaned(why))

@@ -1,0 +1,144 @@
+"""Robot session: hello, pose, clock and timeout of one robot."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from itertools import count
+from typing import Final
+
+from kg.errors import RobotError
+from planner.execution.protocol import (
+    VERSION,
+    Aborted,
+    Command,
+    Hello,
+    MalformedMessage,
+    Message,
+    RobotPose,
+    StopCommand,
+)
+from planner.execution.robot import Robot
+
+_POLL: Final = 0.2  # [s] how soon a request to stop is noticed
+_JUMP: Final = 600.0  # [s] a robot's clock that moves further between two poses was set
+
+
+class SearchStopped(Exception):  # noqa: N818 it is no error
+    """The run ends before the search does; the message says why."""
+
+
+class RobotSession:
+    """Session with one robot; ends once `stopping()` is true. `timeout` [s] bounds its silence."""
+
+    def __init__(self, robot: Robot, timeout: float, stopping: Callable[[], bool]) -> None:
+        self._robot = robot
+        self._timeout = timeout
+        self._stopping = stopping
+        self._numbers = count(1)
+        self._last_message = time.monotonic()
+        self._began = self._last_message
+        self._robot_time: float | None = None
+        self._robot_seconds = 0.0
+        self._last_pose: RobotPose | None = None
+        self._malformed = ""  # why the last line since the last message was malformed
+
+    @property
+    def pose(self) -> RobotPose:
+        """Last pose the robot sent; RobotError where it has sent none."""
+        if self._last_pose is None:
+            raise RobotError(f"{self._robot.name} has never sent its pose")
+        return self._last_pose
+
+    @property
+    def pose_if_known(self) -> RobotPose | None:
+        """Last pose the robot sent, if any."""
+        return self._last_pose
+
+    @property
+    def seconds(self) -> float:
+        """[s] since the beginning: by the robot's clock where its poses have one, else by ours."""
+        if self._robot_time is not None:
+            return self._robot_seconds
+        return time.monotonic() - self._began
+
+    def greet(self) -> Hello:
+        """Exchange hellos and wait for the first pose.
+
+        Raises RobotError where its version is another, or either is missing at the timeout.
+        """
+        self.send(Hello())
+        hello: Hello | None = None
+        for message in self.messages(poses=True):
+            if isinstance(message, Hello):
+                hello = message
+                self._refuse_other_version(hello)
+            if hello is not None and self._last_pose is not None:
+                return hello
+        raise AssertionError("messages end by an exception alone")
+
+    def next_id(self) -> int:
+        """A number for the next command."""
+        return next(self._numbers)
+
+    def send(self, command: Command) -> None:
+        """Send a command; the timeout counts from now."""
+        self._robot.send(command)
+        self._last_message = time.monotonic()
+
+    def halt(self) -> None:
+        """Send a stop command."""
+        self.send(StopCommand())
+
+    def messages(self, *, poses: bool = False, limit: float | None = None) -> Iterator[Message]:
+        """Messages of the robot, without poses unless `poses`; ends after `limit` [s], if given.
+
+        Raises SearchStopped where somebody, or the robot, ends the search, and RobotError where the
+        robot is silent for longer than the timeout.
+        """
+        deadline = None if limit is None else time.monotonic() + limit
+        while deadline is None or time.monotonic() < deadline:
+            message = self._robot.receive(_POLL)
+            if self._stopping():  # what came after is not acted on any more
+                raise SearchStopped("asked to stop")
+            if message is None or isinstance(message, MalformedMessage):
+                self._malformed = message.why if message else self._malformed
+                self._refuse_silence()
+                continue
+            self._last_message, self._malformed = time.monotonic(), ""
+            if isinstance(message, Aborted):
+                raise SearchStopped(f"{self._robot.name} ends the search: {message.reason}")
+            if isinstance(message, RobotPose):
+                self._update_pose(message)
+                if not poses:
+                    continue
+            yield message
+
+    def _update_pose(self, pose: RobotPose) -> None:
+        self._last_pose = pose
+        if pose.seconds is None:
+            return
+        if self._robot_time is not None and 0 < pose.seconds - self._robot_time <= _JUMP:
+            self._robot_seconds += pose.seconds - self._robot_time
+        self._robot_time = pose.seconds
+
+    def _refuse_silence(self) -> None:
+        silent = time.monotonic() - self._last_message
+        if silent <= self._timeout:
+            return
+        if self._malformed:
+            raise RobotError(
+                f"{self._robot.name} has sent nothing for {silent:.0f} s that is of the protocol, "
+                f"the last: {self._malformed}; see docs/reference/robot-protocol.md"
+            )
+        raise RobotError(
+            f"{self._robot.name} has been silent for {silent:.0f} s; it must send its pose "
+            f"at least every {self._timeout:g} s while it is busy (--patience)"
+        )
+
+    def _refuse_other_version(self, hello: Hello) -> None:
+        if hello.protocol != VERSION:
+            raise RobotError(
+                f"{self._robot.name} speaks version {hello.protocol} of the protocol; "
+                f"this is version {VERSION}"
+            )

@@ -1,0 +1,229 @@
+"""A search as the map remembers it: each look, obstacle and finding is one transaction."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from kg.errors import ConflictError, GraphError
+from kg.maps.semantic_map import SemanticMap
+from kg.records import (
+    LookRecord,
+    MapUpdate,
+    ObjectRecord,
+    ObstacleRecord,
+    RobotRecord,
+    SearchRecord,
+    SearchState,
+)
+from kg.transactions import Cause
+from planner.execution.protocol import RobotPose
+
+TRIES: Final = 10  # to write what others get in the way of
+#: [s] for which what stood in the way of one search counts in others; doors are opened again
+SHUT: Final = 1800.0
+
+
+class SearchLog:
+    """Writes one search; begun by `begin`, or taken up by `resume`."""
+
+    def __init__(
+        self, semantic_map: SemanticMap, record: SearchRecord, clock: Callable[[], float]
+    ) -> None:
+        self._map = semantic_map
+        self._clock = clock
+        robot = semantic_map.robot()
+        self._height = 0.0 if robot is None else float(robot.p_map[2])  # the protocol tells none
+        self.record = record
+        self.looks = list(semantic_map.looks(record.iri))
+        self.obstacles = list(semantic_map.obstacles(record.iri))
+
+    @classmethod
+    def begin(
+        cls,
+        semantic_map: SemanticMap,
+        words: Sequence[str],
+        categories: Sequence[str],
+        clock: Callable[[], float] = time.time,
+    ) -> SearchLog:
+        """A new search, in the map from now on."""
+        for _ in range(TRIES):
+            with semantic_map.hold(), suppress(ConflictError):  # another robot took the number
+                numbers = [_number(s.iri, semantic_map.base) for s in semantic_map.searches()]
+                iri = f"{semantic_map.base}search/{max(numbers, default=0) + 1}"
+                record = SearchRecord(iri, tuple(words), tuple(categories), "running", clock())
+                diary = cls(semantic_map, record, clock)
+                semantic_map.apply(MapUpdate(search=record), diary._cause("begun"))
+                return diary
+        raise GraphError(f"others begin searches too fast: {TRIES} numbers were taken; try again")
+
+    @classmethod
+    def resume(
+        cls,
+        semantic_map: SemanticMap,
+        record: SearchRecord,
+        clock: Callable[[], float] = time.time,
+    ) -> SearchLog:
+        """A search that was begun before and did not find all it was for."""
+        diary = cls(semantic_map, replace(record, state="running", ended=None), clock)
+        diary._write("resumed", MapUpdate(search=diary.record))
+        return diary
+
+    @property
+    def name(self) -> str:
+        """``search/3``."""
+        return self.record.iri.removeprefix(self._map.base)
+
+    def note_progress(self, *, left: float, seconds: float) -> None:
+        """How far the search is; written with whatever is written next."""
+        left = min(max(left, 0.0), 1.0)
+        self.record = replace(self.record, left=left, seconds=seconds)
+
+    def look(
+        self,
+        pose: RobotPose,
+        heading: float,
+        extent: float,
+        categories: Sequence[str],
+        *,
+        found: Sequence[str] = (),
+        objects: Sequence[ObjectRecord] = (),
+        glimpses: Sequence[tuple[float, float, float]] = (),
+    ) -> LookRecord:
+        """Write a look: what it was for, the IRIs it found, and all the objects it showed."""
+        number = max((look.number for look in self.looks), default=0) + 1
+        record = LookRecord(
+            iri=f"{self.record.iri}/look/{number}",
+            search=self.record.iri,
+            number=number,
+            stamp=self._clock(),
+            position=(pose.x, pose.y),
+            heading=heading,
+            extent=extent,
+            categories=tuple(categories),
+            found=tuple(found),
+            glimpses=tuple(glimpses),
+        )
+        outcome = "found" if found else "in vain"
+        self._found(found)
+        self._write(
+            f"look {number}: {outcome}",
+            MapUpdate(
+                objects=tuple(objects),
+                robot=self._robot(pose),
+                search=self.record,
+                looks=(record,),
+            ),
+        )
+        self.looks.append(record)
+        return record
+
+    def sighting(
+        self, pose: RobotPose, objects: Sequence[ObjectRecord], found: Sequence[str] = ()
+    ) -> None:
+        """Write what a picture on the way showed."""
+        self._found(found)
+        update = MapUpdate(objects=tuple(objects), robot=self._robot(pose), search=self.record)
+        self._write("found on the way" if found else "seen on the way", update)
+
+    def obstacle(self, pose: RobotPose, x: float, y: float, reason: str) -> ObstacleRecord:
+        """Write where the robot, now at `pose`, could not go on."""
+        number = len(self.obstacles) + 1
+        iri = f"{self.record.iri}/obstacle/{number}"
+        record = ObstacleRecord(iri, self.record.iri, number, self._clock(), (x, y), reason)
+        update = MapUpdate(robot=self._robot(pose), search=self.record, obstacles=(record,))
+        self._write(f"obstacle {number}: {reason}", update)
+        self.obstacles.append(record)
+        return record
+
+    def change(self, note: str, objects: Sequence[ObjectRecord], removed: Sequence[str]) -> None:
+        """Write objects that a look has put in doubt, and drop those it has done away with."""
+        update = MapUpdate(tuple(objects), tuple(removed), search=self.record)
+        self._write(note, update, shown=False)
+
+    def end(
+        self,
+        state: SearchState,
+        pose: RobotPose | None,
+        objects: Sequence[ObjectRecord] = (),
+        removed: Sequence[str] = (),
+    ) -> None:
+        """Write how the search, or this run of it, ended."""
+        self.record = replace(self.record, state=state, ended=self._clock())
+        robot = None if pose is None else self._robot(pose)
+        update = MapUpdate(tuple(objects), tuple(removed), (), robot, search=self.record)
+        self._write(state, update, shown=False)
+
+    def _found(self, iris: Sequence[str]) -> None:
+        self.record = replace(self.record, found=tuple(dict.fromkeys((*self.record.found, *iris))))
+
+    def _robot(self, pose: RobotPose) -> RobotRecord:
+        p_map = np.array([pose.x, pose.y, self._height])
+        return RobotRecord(p_map, math.remainder(pose.heading, 2 * math.pi), self._clock())
+
+    def _write(self, note: str, update: MapUpdate, *, shown: bool = True) -> None:
+        """Apply `update`; where others changed its objects meanwhile, the later word counts.
+
+        That is the robot's where the objects were `shown` to it, else the others'.
+        """
+        for _ in range(TRIES):
+            try:
+                self._map.apply(update, self._cause(note))
+                return
+            except ConflictError as conflict:
+                self._map.catch_up()
+                update = update if shown else _without(update, conflict.things)
+        raise GraphError(f"others change what {self.name} writes, {TRIES} times on end; stop them")
+
+    def _cause(self, note: str) -> Cause:
+        return Cause("search", self.name, note)
+
+
+def _without(update: MapUpdate, things: Sequence[str]) -> MapUpdate:
+    """`update` but for the objects among `things`."""
+    kept = tuple(record for record in update.objects if record.iri not in things)
+    removed = tuple(iri for iri in update.removed if iri not in things)
+    return replace(update, objects=kept, removed=removed)
+
+
+def recent_obstacles(
+    semantic_map: SemanticMap, search: str, now: float
+) -> tuple[ObstacleRecord, ...]:
+    """What stood in the way of other searches than `search` within `SHUT` of `now` [s].
+
+    After it too, as clocks of robots differ and stamps are rounded. Searches that ended before are
+    not asked for: each is a question, and there may be many.
+    """
+    return tuple(
+        obstacle
+        for other in semantic_map.searches()
+        if other.iri != search and (other.ended is None or other.ended >= now - SHUT)
+        for obstacle in semantic_map.obstacles(other.iri)
+        if abs(now - obstacle.stamp) <= SHUT
+    )
+
+
+def to_resume(semantic_map: SemanticMap, words: Sequence[str]) -> SearchRecord:
+    """The latest search for `words` (any, where there are none) that has not found it all.
+
+    Raises GraphError where there is none.
+    """
+    wanted = set(words)
+    for record in reversed(semantic_map.searches()):
+        if record.state != "found" and (not wanted or set(record.words) == wanted):
+            return record
+    what = f" for {' and '.join(words)}" if words else ""
+    raise GraphError(
+        f"no unfinished search{what} is in this map; without --resume a new one begins"
+    )
+
+
+def _number(iri: str, base: str) -> int:
+    text = iri.removeprefix(f"{base}search/")
+    return int(text) if text.isascii() and text.isdigit() else 0

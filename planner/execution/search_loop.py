@@ -1,0 +1,458 @@
+"""Search loop: plan a view, drive there, look, update the belief, record it, plan again.
+
+Every look and every surprise is followed by a new plan: something in the way, a robot that ends up
+elsewhere, a thing on the way that what is wanted is usually near. Nothing is kept between looks
+that the graph does not hold, so that a killed search resumes where its last look ended.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, Final, Literal
+
+from kg.errors import HereaboutsError, RobotError
+from kg.maps.semantic_map import SemanticMap
+from kg.records import ObjectRecord, SearchState
+from planner.execution.detection_verification import DetectionVerifier, TargetDetection
+from planner.execution.object_updates import ObjectUpdates
+from planner.execution.options import SearchOptions, SearchOutcome
+from planner.execution.protocol import (
+    Arrived,
+    Blocked,
+    Detected,
+    DetectionsMessage,
+    Failed,
+    GoTo,
+    Hello,
+    LookAround,
+    RobotPose,
+)
+from planner.execution.reporter import Reporter
+from planner.execution.robot import Robot
+from planner.execution.robot_session import RobotSession, SearchStopped
+from planner.execution.search_log import SearchLog, recent_obstacles, to_resume
+from planner.execution.viewpoint_adapter import NextView, ViewpointAdapter
+from planner.goals.targets import Target, resolve
+
+LOST: Final = 3.0  # [m] a robot that arrives this far off is not where it was sent
+OFF: Final = 0.5  # [m] one that arrives this far off could not stand where it was sent
+MOST_LOOKS: Final = 1000
+MOST_FAILURES: Final = 25  # commands that fail with no look between them
+_PASSING: Final = 1.0  # [m] pictures on the way that are nearer to each other show the same
+_LATE: Final = 5.0  # times the expected seconds after which a robot is late
+
+
+class _OverError(Exception):
+    """The time budget is used up."""
+
+
+def search(
+    semantic_map: SemanticMap,
+    words: Sequence[str],
+    robot: Robot,
+    options: SearchOptions | None = None,
+    *,
+    resume: bool = False,
+) -> SearchOutcome:
+    """Search for all of `words` (as `find` takes them) with `robot`, which is closed at the end.
+
+    With `resume` the latest unfinished search for them continues (for anything, without words).
+    Raises UnknownCategoryError for what is no target, GraphError where there is nothing to resume,
+    LayoutError where there is nowhere to search, RobotError where the robot fails; the search is
+    then stopped and can be resumed.
+    """
+    options = options or SearchOptions()
+    try:
+        before = to_resume(semantic_map, words) if resume else None
+        words = before.words if before else tuple(dict.fromkeys(words))
+        targets = resolve(semantic_map, words)
+        semantic_map.store.refuse_read_only()
+        session = RobotSession(robot, options.timeout, options.stopping)
+        hello = _hello_of(session)
+        at = before.started if before else options.clock()
+        adapter = ViewpointAdapter(semantic_map, words, hello, at, options.give_up_at)
+        if before:
+            log = SearchLog.resume(semantic_map, before, options.clock)
+        else:
+            categories = sorted({kind for target in targets for kind in target.queried})
+            log = SearchLog.begin(semantic_map, words, categories, options.clock)
+        return _Run(semantic_map, targets, adapter, session, log, options).run()
+    finally:
+        robot.close()
+
+
+class _Run:
+    """One run of one search."""
+
+    def __init__(
+        self,
+        semantic_map: SemanticMap,
+        targets: Sequence[Target],
+        adapter: ViewpointAdapter,
+        session: RobotSession,
+        log: SearchLog,
+        options: SearchOptions,
+    ) -> None:
+        self._map, self._targets, self._adapter = semantic_map, tuple(targets), adapter
+        self._robot, self._log, self._options = session, log, options
+        self._objects = ObjectUpdates(semantic_map)
+        self._verifier = DetectionVerifier()
+        self._found: dict[str, tuple[str, Any]] = {}  # target's text -> object IRI, position
+        self._passing_views: list[tuple[float, float, float]] = []
+        self._unknown: set[str] = set()
+        self._failures: dict[tuple[float, float], int] = {}
+        self._failed = 0
+        self._near = self._related()
+        self._old_obstacles = recent_obstacles(semantic_map, log.record.iri, options.clock())
+        self._before = log.record.seconds
+        self._reporter = Reporter(options.on_event, lambda: self._before + session.seconds)
+
+    def run(self) -> SearchOutcome:
+        """Search until all is found, nothing is worth a look, or it is stopped."""
+        self._restore()
+        state: SearchState = "stopped"
+        try:
+            state, reason = self._loop()
+        except SearchStopped as stopped:
+            reason = str(stopped)
+        except _OverError:
+            state, reason = "given up", "the time budget is used up"
+        except HereaboutsError:
+            self._end("stopped")
+            raise
+        self._halt()
+        self._end(state)
+        outcome = self._outcome(state, reason)
+        self._reporter.end(outcome)
+        return outcome
+
+    def _restore(self) -> None:
+        """Restore what earlier runs of this search found."""
+        record = self._log.record
+        objects = {o.iri: o for o in self._map.objects()}
+        for iri in record.found:
+            for target in self._targets:
+                if iri in objects and objects[iri].category in target.kinds:
+                    self._found.setdefault(target.text, (iri, objects[iri].p_map))
+        self._rebuild()
+        self._note_progress()
+        self._reporter.begin(
+            self._log.name, self._log.record, self._adapter.left, len(self._log.looks)
+        )
+
+    def _loop(self) -> tuple[SearchState, str]:
+        while self._wanted():
+            self._refuse_over_budget()
+            proposal = self._adapter.next(self._robot.pose)
+            if proposal is None and self._retry_obstacles():
+                continue
+            if proposal is None:
+                return "given up", "no look is worth the way any more"
+            if len(self._log.looks) >= MOST_LOOKS:
+                return "given up", f"{MOST_LOOKS} looks were taken"
+            self._reporter.plan(proposal)
+            if self._drive(proposal) == "arrived":
+                self._look(proposal)
+        return "found", "all that was wanted is found"
+
+    def _retry_obstacles(self) -> bool:
+        """Whether ways that were shut to earlier searches are to be tried before giving up."""
+        if not self._old_obstacles or not self._adapter.uncertain:
+            return False
+        self._old_obstacles = ()
+        self._reporter.surprise("what was in the way of earlier searches may be gone by now")
+        self._rebuild()
+        return True
+
+    def _wanted(self) -> tuple[Target, ...]:
+        return tuple(t for t in self._targets if t.text not in self._found)
+
+    def _drive(self, goal: NextView) -> Literal["arrived", "else"]:
+        """Drive to where the look is to begin; "else": what happened calls for a new plan."""
+        number = self._robot.next_id()
+        self._robot.send(GoTo(number, goal.x, goal.y, goal.heading))
+        self._passing_views = []
+        limit = self._options.timeout + _LATE * goal.seconds
+        for message in self._robot.messages(limit=limit):
+            self._refuse_over_budget()
+            if isinstance(message, Arrived) and message.id == number:
+                return self._arrived(goal)
+            if isinstance(message, Blocked) and message.id in (number, None):
+                self._blocked(goal, message)
+                return "else"
+            if isinstance(message, Failed) and message.id in (number, None):
+                self._goal_failed(goal, message.reason)
+                return "else"
+            if isinstance(message, DetectionsMessage) and self._on_the_way(message, goal):
+                return "else"
+        self._robot.halt()
+        self._goal_failed(goal, f"not there after {limit:.0f} s")
+        return "else"
+
+    def _arrived(self, goal: NextView) -> Literal["arrived", "else"]:
+        pose = self._robot.pose
+        off = math.hypot(pose.x - goal.x, pose.y - goal.y)
+        if off > LOST:
+            self._reporter.surprise(f"it is {off:.1f} m from where it was sent", pose)
+            self._unreachable(goal, "arrived elsewhere")
+            return "else"
+        return "arrived"
+
+    def _look(self, goal: NextView) -> None:
+        """Look, record it, update the belief; verify doubtful detections by a second look."""
+        answer = self._look_around(goal.turn, goal.extent)
+        if answer is None:
+            self._goal_failed(goal, "the look failed")
+            return
+        self._failed = 0
+        pose = self._robot.pose
+        middle = goal.middle
+        doubtful = self._after_look(pose, middle, goal.extent, answer.objects)
+        if math.hypot(pose.x - goal.x, pose.y - goal.y) > OFF:
+            self._unreachable(goal, "one cannot stand there")
+        for sighting in doubtful[:3]:
+            self._verify(sighting)
+
+    def _look_around(self, turn: float, extent: float) -> DetectionsMessage | None:
+        number = self._robot.next_id()
+        self._robot.send(LookAround(number, turn, extent))
+        limit = self._options.timeout * 2 + _LATE * 2 * math.pi / 0.1
+        for message in self._robot.messages(limit=limit):
+            if isinstance(message, DetectionsMessage) and message.id == number:
+                return message
+            if isinstance(message, Failed) and message.id in (number, None):
+                self._reporter.surprise(f"the robot cannot look: {message.reason}")
+                return None
+        return None
+
+    def _after_look(
+        self, pose: RobotPose, heading: float, extent: float, things: Sequence[Detected]
+    ) -> list[TargetDetection]:
+        """Write a look and what it showed; returns what might be a target, and is doubtful."""
+        wanted = self._wanted()
+        sightings, records = self._add_detections(things)
+        found = self._confirm(sightings)
+        for x, y, towards in self._passing_views:
+            self._adapter.missed_view(x, y, towards)
+        self._adapter.missed(pose, heading, extent)
+        self._note_progress()
+        look = self._log.look(
+            pose,
+            heading,
+            extent,
+            sorted({kind for target in wanted for kind in target.queried}),
+            found=found,
+            objects=records,
+            glimpses=self._passing_views,
+        )
+        self._passing_views = []
+        self._reporter.look(look, things, self._adapter.left)
+        self._replan_for(records)
+        return [s for s in sightings if not s.certain and not self._is_found(s)]
+
+    def _on_the_way(self, message: DetectionsMessage, goal: NextView) -> bool:
+        """Apply a picture taken while driving; whether it changes the plan."""
+        pose = message.pose or self._robot.pose
+        sightings, records = self._add_detections(message.objects)
+        found = self._confirm(sightings)
+        if not sightings:
+            self._add_passing_view(pose, goal)
+        if records:
+            self._note_progress()
+            self._log.sighting(self._robot.pose, records, found)
+        doubtful = [s for s in sightings if not s.certain and not self._is_found(s)]
+        if not found and not doubtful:
+            return self._replan_for(records)
+        self._robot.halt()
+        for sighting in doubtful[:1]:
+            self._verify(sighting)
+        return True
+
+    def _add_passing_view(self, pose: RobotPose, goal: NextView) -> None:
+        """Add a passing view in vain, unless it repeats the last one or the planned look."""
+        near_goal = math.hypot(pose.x - goal.x, pose.y - goal.y) < _PASSING
+        if near_goal:
+            return
+        if self._passing_views:
+            x, y, heading = self._passing_views[-1]
+            turned = abs(math.remainder(pose.heading - heading, 2 * math.pi))
+            if math.hypot(pose.x - x, pose.y - y) < _PASSING and turned < 0.8:
+                return
+        self._passing_views.append((round(pose.x, 2), round(pose.y, 2), round(pose.heading, 2)))
+
+    def _add_detections(
+        self, things: Sequence[Detected]
+    ) -> tuple[list[TargetDetection], list[ObjectRecord]]:
+        update = self._objects.add(things, self._options.clock())
+        for label in update.unknown:
+            if label not in self._unknown and len(self._unknown) < 100:
+                self._unknown.add(label)
+                self._reporter.note(f"no category of objects is called {label!r}: left out")
+        sightings = [
+            self._verifier.judge(target, detection)
+            for detection in update.detections
+            for target in self._wanted()
+            if detection.category in target.kinds
+        ]
+        return sightings, list(update.updated)
+
+    def _confirm(self, sightings: Sequence[TargetDetection]) -> tuple[str, ...]:
+        """Mark certain detections as found; returns the objects' IRIs."""
+        found = []
+        for sighting in sightings:
+            iri = sighting.object
+            if sighting.certain and iri is not None and not self._is_found(sighting):
+                self._found[sighting.target.text] = (iri, sighting.p_map)
+                self._adapter.found(sighting.target.text, sighting.p_map)
+                found.append(iri)
+                self._reporter.found(sighting, iri)
+        return tuple(found)
+
+    def _is_found(self, sighting: TargetDetection) -> bool:
+        return sighting.target.text in self._found
+
+    def _verify(self, sighting: TargetDetection) -> None:
+        """Look straight at what may be a target; without a second detection it is dropped."""
+        if self._is_found(sighting) or sighting.again:
+            return
+        pose, thing = self._robot.pose, sighting.thing
+        heading = math.atan2(thing.y - pose.y, thing.x - pose.x)
+        self._reporter.surprise(
+            f"perhaps {thing.label} at ({thing.x:.1f}, {thing.y:.1f}), score {thing.score:.2f}: "
+            "looking again"
+        )
+        number = self._robot.next_id()
+        self._robot.send(GoTo(number, pose.x, pose.y, heading))
+        for message in self._robot.messages(limit=2 * self._options.timeout):
+            if isinstance(message, Arrived) and message.id == number:
+                break
+            if isinstance(message, Blocked | Failed):
+                return
+        answer = self._look_around(0.0, self._adapter.field_of_view)
+        if answer is None:
+            return
+        at = self._robot.pose
+        self._after_look(at, heading, self._adapter.field_of_view, answer.objects)
+        if not self._is_found(sighting):
+            self._decay(sighting)
+
+    def _decay(self, sighting: TargetDetection) -> None:
+        """A second look did not show it: one missed frame's worth of evidence against it."""
+        if sighting.object is None:
+            return
+        changes = self._objects.decay(sighting.object)
+        if changes.missed:
+            self._log.change("looked again in vain", changes.updated, changes.removed)
+
+    def _blocked(self, goal: NextView, message: Blocked) -> None:
+        pose = self._robot.pose
+        self._reporter.surprise(
+            f"blocked at ({message.x:.1f}, {message.y:.1f}): {message.reason}", pose
+        )
+        self._note_progress()
+        self._log.obstacle(pose, message.x, message.y, message.reason)
+        if not self._adapter.blocked(message.x, message.y, pose):
+            self._goal_failed(goal, message.reason)
+
+    def _goal_failed(self, goal: NextView, reason: str) -> None:
+        """A goal that was not reached twice is not tried a third time."""
+        self._reporter.surprise(f"did not work: {reason}")
+        self._failed += 1
+        if self._failed >= MOST_FAILURES:
+            raise RobotError(f"{MOST_FAILURES} commands in a row failed, the last one: {reason}")
+        key = round(goal.x, 1), round(goal.y, 1)
+        self._failures[key] = self._failures.get(key, 0) + 1
+        if self._failures[key] >= 2:
+            self._unreachable(goal, reason)
+
+    def _unreachable(self, goal: NextView, reason: str) -> None:
+        self._note_progress()
+        self._log.obstacle(self._robot.pose, goal.x, goal.y, reason)
+        self._adapter.blocked(goal.x, goal.y, self._robot.pose)
+
+    def _related(self) -> frozenset[str]:
+        """IRIs of objects that something still wanted is usually near."""
+        found = set()
+        for target in self._wanted():
+            for category in target.queried:
+                rows = self._map.ask("goals-nearby", category=category).records()
+                found |= {str(row["iri"]) for row in rows}
+        return frozenset(found)
+
+    def _replan_for(self, records: Sequence[ObjectRecord]) -> bool:
+        """Plan afresh where something new was seen that what is wanted is usually near."""
+        if not records or not self._wanted():
+            return False
+        related = self._related()
+        new = [record for record in records if record.iri in related - self._near]
+        self._near = related
+        if not new:
+            return False
+        labels = sorted({self._map.catalogue.label(record.category) for record in new})
+        self._reporter.surprise(f"new on the map: {', '.join(labels)}; what is wanted may be near")
+        self._rebuild()
+        return True
+
+    def _rebuild(self) -> None:
+        found = [(text, p_map) for text, (_, p_map) in self._found.items()]
+        obstacles = (*self._old_obstacles, *self._log.obstacles)
+        self._adapter.rebuild(self._log.looks, obstacles, found)
+
+    def _refuse_over_budget(self) -> None:
+        budget = self._options.budget
+        if budget is not None and self._robot.seconds > budget:
+            raise _OverError
+
+    def _halt(self) -> None:
+        try:
+            self._robot.halt()
+        except RobotError as error:
+            self._reporter.note(f"could not be stopped: {error}")
+
+    def _end(self, state: SearchState) -> None:
+        objects, removed = ((), ()) if state == "stopped" else self._not_seen()
+        self._note_progress()
+        self._log.end(state, self._robot.pose_if_known, objects, removed)
+
+    def _not_seen(self) -> tuple[tuple[ObjectRecord, ...], tuple[str, ...]]:
+        """What the map holds of what was wanted, and looks should have shown and did not.
+
+        Applied once the search is over: until then the planning state holds it.
+        """
+        kinds = {kind for target in self._targets for kind in target.kinds}
+        kept, gone = list[ObjectRecord](), list[str]()
+        for record in self._objects.of(kinds):
+            times = sum(
+                self._adapter.shows(look, record.p_map)
+                for look in self._log.looks
+                if look.stamp > record.last_seen and not look.found
+            )
+            if times and record.iri not in self._log.record.found:
+                changes = self._objects.decay(record.iri, times)
+                kept += changes.updated
+                gone += changes.removed
+        return tuple(kept), tuple(gone)
+
+    def _note_progress(self) -> None:
+        left = self._adapter.left if self._wanted() else 0.0
+        self._log.note_progress(left=left, seconds=self._before + self._robot.seconds)
+
+    def _outcome(self, state: SearchState, reason: str) -> SearchOutcome:
+        record = self._log.record
+        return SearchOutcome(
+            search=record.iri,
+            state=state,
+            reason=reason,
+            found=record.found,
+            left=record.left,
+            seconds=record.seconds,
+            looks=len(self._log.looks),
+        )
+
+
+def _hello_of(session: RobotSession) -> Hello:
+    try:
+        return session.greet()
+    except SearchStopped as stopped:
+        raise RobotError(f"{stopped}, before the search began") from stopped

@@ -1,0 +1,240 @@
+"""Viewpoint adapter: the planning state in terms of a robot's poses, messages and obstacles."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from kg.errors import LayoutError
+from kg.maps.semantic_map import SemanticMap
+from kg.records import LookRecord, ObstacleRecord
+from planner.execution.protocol import Hello, RobotPose
+from planner.goals.candidate_queries import Candidate
+from planner.plans.search_state import PlanningState, build_search
+from planner.settings import BELIEF
+from planner.viewpoints.sensor import Motion, Sensor, angle_between
+
+NEAR: float = 0.5  # [m] a look from this near to a planned one, and ...
+ALIKE: float = 0.35  # [rad] ... towards about the same, is that look
+BLOCKS: float = 0.6  # [m] around an obstacle that cannot be driven through: this closes a door
+
+
+@dataclass(frozen=True, slots=True)
+class NextView:
+    """The next view: its viewpoint, the sweep, the expected gain and the reasons."""
+
+    x: float  # [m]
+    y: float
+    heading: float  # [rad] to arrive with: the beginning of the sweep
+    turn: float  # [rad] to sweep from there, to the left
+    middle: float  # [rad] heading in the middle of what is seen
+    extent: float  # [rad] seen in all
+    place: str  # label of the place, "" where it is none
+    probability: float  # to find any of what is wanted
+    seconds: float  # [s] until the look is over
+    left: float  # probability that it is there to be found, if this look is in vain
+    why: tuple[str, ...]  # the weightiest reasons first
+
+
+class ViewpointAdapter:
+    """Keeps a planning state consistent with what the robot does and what others write."""
+
+    def __init__(
+        self,
+        semantic_map: SemanticMap,
+        words: Sequence[str],
+        robot: Hello,
+        at: float,
+        give_up_at: float = BELIEF.rest,
+    ) -> None:
+        self._map = semantic_map
+        self._at = at  # [s] the time that persistence is computed for, the same in each run
+        self._words = tuple(words)
+        self._settings = replace(BELIEF, rest=give_up_at)
+        self._sensor, self._motion = sensor_of(robot), motion_of(robot)
+        self._state = self._prepared()
+        self._no_viewpoint = False  # whether no position is left to look from
+
+    @property
+    def left(self) -> float:
+        """Probability that any of what is still wanted is there to be found."""
+        return self._state.left
+
+    @property
+    def uncertain(self) -> bool:
+        """Whether the chance that a thing on this floor was missed exceeds the limit."""
+        return self._state.overlooked > self._settings.rest
+
+    @property
+    def field_of_view(self) -> float:
+        """[rad] what one picture shows, across."""
+        return self._sensor.field_of_view
+
+    def next(self, pose: RobotPose) -> NextView | None:
+        """The look to take next; None where none is worth the way."""
+        state = self._state
+        if self._no_viewpoint:
+            return None
+        at = state.robot_state((pose.x, pose.y), pose.heading)
+        view = state.next(at)
+        if view is None:
+            return None
+        views = state.views
+        x, y = (float(c) for c in views.space.centres([views.viewpoints[views.viewpoint[view]]])[0])
+        way = math.hypot(x - pose.x, y - pose.y)
+        approach = math.atan2(y - pose.y, x - pose.x) if way > views.space.cell else pose.heading
+        heading, turn = self._sweep(view, approach)
+        gain = float(state.revisits.chance(view) @ state.belief.weight)
+        left = max(state.left - gain, 0.0) / max(1.0 - gain, 1e-9)
+        return NextView(
+            x=x,
+            y=y,
+            heading=heading,
+            turn=turn,
+            middle=float(views.heading[view]),
+            extent=float(views.extent[view]),
+            place=state.place_name(view),
+            probability=gain,
+            seconds=float(state.next_best_view.costs(at, np.array([view]))[0]),
+            left=left,
+            why=tuple(_sentence(reason.candidate) for reason in state.why(view)[:3]),
+        )
+
+    def missed(self, pose: RobotPose, heading: float, extent: float) -> None:
+        """Learn that a look showed nothing new of what is wanted."""
+        view = self._view_like(pose, heading, extent)
+        if view is not None:
+            self._state.missed(view)
+            return
+        for towards in self._pictures(heading, extent):
+            self.missed_view(pose.x, pose.y, towards)
+
+    def missed_view(self, x: float, y: float, heading: float) -> None:
+        """Learn that one picture showed nothing of what is wanted."""
+        self._state.missed_picture(self._state.space.nearest((x, y)), heading)
+
+    def found(self, target: str, p_map: np.ndarray) -> None:
+        """Learn where `target` (its text) is."""
+        self._state.found(target, p_map)
+
+    def blocked(self, x: float, y: float, pose: RobotPose | None) -> bool:
+        """Learn that one cannot drive through (x, y); whether that is any news.
+
+        The floor the robot stands on stays floor.
+        """
+        space = self._state.space
+        cells = set(space.within((x, y), BLOCKS).tolist())
+        if pose is not None:
+            cells.discard(space.nearest((pose.x, pose.y)))
+        if not cells:
+            return False
+        if cells.issuperset(self._state.views.viewpoints.tolist()):
+            self._no_viewpoint = True
+            return True
+        try:
+            self._state.blocked(np.array(sorted(cells), np.intp))
+        except LayoutError:  # no floor would be left: better a floor that is not quite true
+            return False
+        return True
+
+    def shows(self, look: LookRecord, p_map: np.ndarray) -> bool:
+        """Whether `look` should have shown what lies at `p_map` (3,) [m], with fair certainty."""
+        pose = RobotPose(*look.position, look.heading)
+        number = self._view_like(pose, look.heading, look.extent)
+        if number is None:
+            return False
+        views = self._state.views
+        off = ((views.space.centres(views.cells) - p_map[:2]) ** 2).sum(axis=1)
+        chance = float(views.chance[number, int(np.argmin(off))])
+        return chance >= views.sensor.recall / 2
+
+    def rebuild(
+        self,
+        looks: Sequence[LookRecord],
+        obstacles: Sequence[ObstacleRecord],
+        found: Sequence[tuple[str, np.ndarray]] = (),
+    ) -> None:
+        """Rebuild the planning state from the map, then apply `looks`, `obstacles` and `found`."""
+        self._state, self._no_viewpoint = self._prepared(), False
+        for obstacle in obstacles:
+            self.blocked(*obstacle.position, None)
+        for target, p_map in found:
+            self.found(target, p_map)
+        for look in looks:
+            for passing_view in look.glimpses:
+                self.missed_view(*passing_view)
+            self.missed(RobotPose(*look.position, look.heading), look.heading, look.extent)
+
+    def _prepared(self) -> PlanningState:
+        state = build_search(
+            self._map,
+            self._words,
+            sensor=self._sensor,
+            motion=self._motion,
+            at=self._at,
+            settings=self._settings,
+        )
+        if state is None:
+            raise LayoutError(
+                "the map has neither places with an area nor objects, so there is nowhere to "
+                "search; map a recording into it first"
+            )
+        return state
+
+    def _sweep(self, view: int, approach: float) -> tuple[float, float]:
+        """Heading to begin with and angle to turn from there [rad], the nearer end first."""
+        views = self._state.views
+        extent = float(views.extent[view])
+        if extent >= 2 * math.pi - 1e-9:
+            return approach, 2 * math.pi
+        first, last = (float(end[0]) for end in views.starts([view]))
+        if float(angle_between(approach, last)) < float(angle_between(approach, first)):
+            return math.remainder(last, 2 * math.pi), first - last
+        return math.remainder(first, 2 * math.pi), last - first
+
+    def _view_like(self, pose: RobotPose, heading: float, extent: float) -> int | None:
+        """The planned look that a look from `pose` amounts to, if there is one."""
+        views = self._state.views
+        off = np.linalg.norm(views.space.centres(views.viewpoints) - (pose.x, pose.y), axis=1)
+        viewpoint = int(np.argmin(off))
+        same = (views.viewpoint == viewpoint) & (np.abs(views.extent - extent) < 0.01)
+        turned = angle_between(views.heading, heading)
+        if extent < 2 * math.pi - 1e-9:
+            same &= turned <= ALIKE
+        if off[viewpoint] > NEAR or not same.any():
+            return None
+        among = np.flatnonzero(same)
+        return int(among[np.argmin(turned[among])])
+
+    def _pictures(self, heading: float, extent: float) -> list[float]:
+        """Headings of pictures that together show `extent` [rad] about `heading`."""
+        angle = self._state.views.sensor.field_of_view
+        count = max(1, math.ceil(extent / angle - 1e-6))
+        return [heading + (k - (count - 1) / 2) * extent / count for k in range(count)]
+
+
+def sensor_of(robot: Hello) -> Sensor:
+    """Sensor model of the robot's camera; the thesis' where the hello gives none."""
+    plain = Sensor()
+    near, far = robot.near, robot.far
+    if near is None or far is None or not near < far:
+        near, far = plain.near, plain.far
+    return Sensor(
+        near=near,
+        far=far,
+        field_of_view=min(robot.field_of_view or plain.field_of_view, 2 * math.pi),
+        recall=robot.recall or plain.recall,
+    )
+
+
+def motion_of(robot: Hello) -> Motion:
+    """Motion model of the robot; the thesis' where the hello gives none."""
+    plain = Motion()
+    return Motion(robot.speed or plain.speed, robot.turn_rate or plain.turn_rate)
+
+
+def _sentence(candidate: Candidate) -> str:
+    return f"{candidate.label}: {'; '.join(candidate.facts)}"

@@ -1,0 +1,1 @@
+"""Free space: occupancy, rooms, geodesic distances, frontiers and lines of sight."""

@@ -1,0 +1,31 @@
+"""Connected parts of a mask, by union of the runs of its rows."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.freespace.fast_sweeping import runs
+
+
+def connected_components(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """(nx, ny) number of the four-connected part each cell of `mask` belongs to, -1 elsewhere."""
+    labels = np.full(mask.shape, -1, np.int64)
+    parent: list[int] = []
+    for x, row in enumerate(mask):
+        for a, b in runs(row):
+            labels[x, a:b] = len(parent)
+            parent.append(len(parent))
+            if x:
+                for beside in np.unique(labels[x - 1, a:b][mask[x - 1, a:b]]):
+                    parent[_root(parent, int(beside))] = _root(parent, len(parent) - 1)
+    roots = [_root(parent, k) for k in range(len(parent))]
+    number = np.unique(roots, return_inverse=True)[1]
+    return np.append(number, -1).astype(np.int64)[labels]
+
+
+def _root(parent: list[int], k: int) -> int:
+    while parent[k] != k:
+        parent[k] = parent[parent[k]]
+        k = parent[k]
+    return k

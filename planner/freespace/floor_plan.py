@@ -1,0 +1,153 @@
+"""A building of rooms and doors as free space: walls raised, doors cut, islands joined."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.freespace.grid import CELL, NO_ROOM, FreeSpace, Passage, Room, room_labels, with_walls
+
+DOOR: Final = 0.9  # [m] width of an opening
+GAP: Final = 1.0  # [m] rooms further apart than this are joined by a passage, not an opening
+TOUCH: Final = 0.5  # [m] rooms no further apart than this may have an opening where none is known
+STOREY: Final = 1.2  # [m] floors above the lowest of a storey by more are on another one
+CLIMB: Final = 2.0  # metres walked for each metre of height on stairs
+
+
+def free_space(
+    rooms: Sequence[Room], doors: Iterable[tuple[int, int]] | None = None, *, cell: float = CELL
+) -> FreeSpace:
+    """The free space of `rooms`; `doors` are pairs of their numbers.
+
+    Without `doors` every two rooms that touch along at least the width of a door have one in the
+    middle of their common wall. Rooms that nothing leads to are joined to what is nearest. Storeys
+    lie side by side in the grid and are joined by passages only (`shifts`: the offset of each).
+
+    Raises LayoutError where there is no floor.
+    """
+    flat = [
+        Room(r.xmin + dx, r.xmax + dx, r.ymin, r.ymax, r.height)
+        for r, dx in zip(rooms, shifts(rooms), strict=True)
+    ]
+    labels, origin = room_labels(flat, cell)
+    walled = with_walls(labels)
+    pairs = _touching(flat) if doors is None else sorted({(min(d), max(d)) for d in doors})
+    passages: list[Passage] = []
+    for a, b in pairs:
+        _join(walled, flat, (a, b), cell, passages)
+    space = FreeSpace(origin, cell, walled, tuple(passages))
+    return joined(space, [room.height for room in flat])
+
+
+def shifts(rooms: Sequence[Room]) -> NDArray[np.float64]:
+    """(n,) [m] how far each room is moved along x, so that storeys do not lie on each other."""
+    number: dict[float, int] = {}
+    lowest, storey = -np.inf, -1
+    for height in sorted({room.height for room in rooms}):
+        if height - lowest > STOREY:
+            lowest, storey = height, storey + 1
+        number[height] = storey
+    width = max((r.xmax for r in rooms), default=0.0) - min((r.xmin for r in rooms), default=0.0)
+    return np.array([number[room.height] * (width + 5.0) for room in rooms], np.float64)
+
+
+def _touching(rooms: Sequence[Room]) -> list[tuple[int, int]]:
+    found = []
+    for i, a in enumerate(rooms):
+        for j, b in enumerate(rooms[:i]):
+            across = min(a.xmax, b.xmax) - max(a.xmin, b.xmin)
+            along = min(a.ymax, b.ymax) - max(a.ymin, b.ymin)
+            if min(across, along) >= -TOUCH and max(across, along) >= DOOR:
+                found.append((j, i))
+    return found
+
+
+def _join(
+    labels: NDArray[np.int32],
+    rooms: Sequence[Room],
+    pair: tuple[int, int],
+    cell: float,
+    passages: list[Passage],
+) -> None:
+    """An opening between two rooms where they are nearest, or a passage where that is too far."""
+    a, b, metres = _nearest_cells(labels, *pair, cell)
+    if a is None or b is None:
+        return
+    climb = abs(rooms[pair[0]].height - rooms[pair[1]].height)
+    if metres > GAP or climb > STOREY:
+        passages.append(_passage(labels.shape, a, b, min(metres, 5.0), climb))
+        return
+    _cut(labels, np.array(a), np.array(b), cell)
+
+
+_Cell = tuple[int, int]
+
+
+def _passage(shape: tuple[int, ...], a: _Cell, b: _Cell, metres: float, climb: float) -> Passage:
+    return Passage(a[0] * shape[1] + a[1], b[0] * shape[1] + b[1], metres + CLIMB * climb)
+
+
+def _nearest_cells(
+    labels: NDArray[np.int32], a: int, b: int, cell: float
+) -> tuple[_Cell | None, _Cell | None, float]:
+    """The middle one of the nearest pairs of cells of two rooms, and how far apart they are [m]."""
+    first, second = np.argwhere(labels == a), np.argwhere(labels == b)
+    if not len(first) or not len(second):
+        return None, None, np.inf
+    between = ((first[:, None, :] - second[None, :, :]) ** 2).sum(axis=2)
+    nearest = np.argwhere(between <= between.min() + 1e-9)
+    i, j = nearest[len(nearest) // 2]
+    metres = float(np.sqrt(between[i, j])) * cell
+    return _as_cell(first[i]), _as_cell(second[j]), metres
+
+
+def _as_cell(pair: NDArray[np.intp]) -> _Cell:
+    return int(pair[0]), int(pair[1])
+
+
+def _cut(labels: NDArray[np.int32], a: NDArray[np.intp], b: NDArray[np.intp], cell: float) -> None:
+    """Make the cells around the way from `a` to `b` floor, as wide as a door."""
+    half = DOOR / 2 / cell
+    low = np.floor(np.minimum(a, b) - half).astype(int)
+    high = np.ceil(np.maximum(a, b) + half).astype(int)
+    window = tuple(slice(max(lo, 0), hi + 1) for lo, hi in zip(low, high, strict=True))
+    ix, iy = np.indices(labels[window].shape)
+    at = np.stack([ix + max(low[0], 0), iy + max(low[1], 0)], axis=-1).astype(float)
+    way = (b - a).astype(float)
+    along = np.clip(((at - a) @ way) / max(float(way @ way), 1e-9), 0.0, 1.0)
+    off = np.linalg.norm(at - (a + along[..., None] * way), axis=-1)
+    part = labels[window]
+    opened = (part == NO_ROOM) & (off <= half) & (along > 0) & (along < 1)
+    part[opened] = np.where(along[opened] < 0.5, labels[tuple(a)], labels[tuple(b)])
+
+
+def joined(space: FreeSpace, heights: Sequence[float]) -> FreeSpace:
+    """`space` with passages to whatever nothing led to; `heights` [m] of its rooms' floors."""
+    passages = list(space.passages)
+    while True:
+        space = replace(space, passages=tuple(passages))
+        floor = space.floor()
+        reached = space.reachable(int(floor[0])).reshape(-1)
+        inside, outside = floor[reached[floor]], floor[~reached[floor]]
+        if not len(outside):
+            return space
+        passages.append(_shortest_link(space, heights, inside, outside))
+
+
+def _shortest_link(
+    space: FreeSpace, heights: Sequence[float], inside: NDArray[np.intp], outside: NDArray[np.intp]
+) -> Passage:
+    best, rated = None, np.inf
+    p_in = space.centres(inside)
+    for cell in outside:
+        metres = np.linalg.norm(p_in - space.centres([cell]), axis=1)
+        i = int(np.argmin(metres))
+        if metres[i] < rated:
+            best, rated = (int(inside[i]), int(cell)), float(metres[i])
+    assert best is not None, "there is a cell on both sides"
+    a, b = (heights[int(space.room.reshape(-1)[cell])] for cell in best)
+    return Passage(*best, min(rated, 5.0) + CLIMB * abs(a - b))

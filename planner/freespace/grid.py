@@ -1,0 +1,178 @@
+"""Free space as a grid: which cells are floor, which room each belongs to, where openings lead.
+
+A grid is made of rooms (rectangles on one or more storeys). Where two rooms touch is a wall of
+one cell; a door is an opening cut through it. Rooms that no opening reaches are joined by passages,
+which also represent stairs: a passage has a length and nothing can be seen through it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from kg.errors import LayoutError
+from kg.records import Rectangle
+
+CELL: Final = 0.2  # [m]
+LONGEST: Final = 10_000  # cells along a side of a grid: 2 km in cells of 0.2 m
+NO_ROOM: Final = -1
+
+Cells = NDArray[np.intp]  # (n,) numbers of floor cells, ix * ny + iy
+
+
+@dataclass(frozen=True, slots=True)
+class Passage:
+    """A way between two cells that the grid does not show, such as stairs."""
+
+    a: int  # number of a cell
+    b: int
+    metres: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FreeSpace:
+    """The floor of a building, cut into square cells.
+
+    `low` marks cells that belong to a room, and can be looked over and at, but not stood on: tables
+    and beds. Raises LayoutError where there is no floor at all.
+    """
+
+    origin: NDArray[np.float64]  # (2,) [m] in the map frame: the corner of cell (0, 0)
+    cell: float  # [m]
+    room: NDArray[np.int32]  # (nx, ny) number of the room, NO_ROOM where there is no floor
+    passages: tuple[Passage, ...] = ()
+    low: NDArray[np.bool_] | None = None  # (nx, ny); None: there are no such cells
+    free: NDArray[np.bool_] = field(init=False, repr=False)  # (nx, ny) traversable
+    open: NDArray[np.bool_] = field(init=False, repr=False)  # (nx, ny) what hides nothing
+
+    def __post_init__(self) -> None:
+        is_open = self.room != NO_ROOM
+        free = is_open if self.low is None else is_open & ~self.low
+        if not free.any():
+            raise LayoutError("the layout has no free floor; its rooms need an area")
+        object.__setattr__(self, "free", free)
+        object.__setattr__(self, "open", is_open)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(nx, ny)."""
+        return self.room.shape[0], self.room.shape[1]
+
+    def floor(self, room: int | None = None) -> Cells:
+        """The floor cells of a room, or of the whole building; ascending."""
+        return np.flatnonzero(self.free if room is None else self.free & (self.room == room))
+
+    def inside(self, room: int | None = None) -> Cells:
+        """The cells of a room, or of the whole building, in which something may lie; ascending."""
+        return np.flatnonzero(self.open if room is None else self.room == room)
+
+    def centres(self, cells: ArrayLike) -> NDArray[np.float64]:
+        """(n, 2) [m] middles of `cells` in the map frame."""
+        at = np.stack(np.divmod(np.asarray(cells, np.intp), self.shape[1]), axis=-1)
+        return np.asarray(self.origin + (at + 0.5) * self.cell, np.float64)
+
+    def nearest(self, p_map: ArrayLike, room: int | None = None) -> int:
+        """The floor cell nearest to `p_map` (2,) [m], of `room` where that is given."""
+        cells = self.floor(room)
+        offset = self.centres(cells) - np.asarray(p_map, np.float64)[:2]
+        return int(cells[np.argmin((offset**2).sum(axis=1))])
+
+    def without(self, cells: ArrayLike) -> FreeSpace:
+        """The same floor with `cells` blocked: a closed door, a path that proved not to be free."""
+        room = self.room.copy()
+        room.reshape(-1)[np.asarray(cells, np.intp)] = NO_ROOM
+        return FreeSpace(self.origin, self.cell, room, self.passages, self.low)
+
+    def within(self, p_map: ArrayLike, radius: float) -> Cells:
+        """Floor cells whose middle is at most `radius` metres from `p_map` (2,) [m]."""
+        cells = self.floor()
+        offset = self.centres(cells) - np.asarray(p_map, np.float64)[:2]
+        return np.asarray(cells[(offset**2).sum(axis=1) <= radius**2], np.intp)
+
+    def reachable(self, start: int) -> NDArray[np.bool_]:
+        """(nx, ny) which cells one can walk to from cell `start`."""
+        seen = np.zeros(self.shape, np.bool_)
+        seen.reshape(-1)[start] = True
+        while True:
+            grown = _grown(seen) & self.free
+            flat = grown.reshape(-1)
+            for passage in self.passages:
+                if flat[passage.a] or flat[passage.b]:
+                    flat[[passage.a, passage.b]] = self.free.reshape(-1)[[passage.a, passage.b]]
+            if (grown == seen).all():
+                return seen
+            seen = grown
+
+
+def _grown(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """`mask` with the four neighbours of each of its cells."""
+    grown = mask.copy()
+    grown[1:] |= mask[:-1]
+    grown[:-1] |= mask[1:]
+    grown[:, 1:] |= mask[:, :-1]
+    grown[:, :-1] |= mask[:, 1:]
+    return grown
+
+
+@dataclass(frozen=True, slots=True)
+class Room(Rectangle):
+    """Room: a rectangle of floor on one storey [m]."""
+
+    height: float = 0.0  # [m] of its floor above the map's
+
+
+def room_labels(
+    rooms: Sequence[Room], cell: float
+) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+    """(nx, ny) the room of each cell, and the grid's corner (2,) [m]; no walls or doors yet.
+
+    Where rooms overlap the smaller one has the cell, since a large box often spans a small room.
+    A margin of one cell stays free of floor all around. Raises LayoutError without rooms, and where
+    they span more than a grid can hold.
+    """
+    if not rooms:
+        raise LayoutError("a layout needs at least one room")
+    corner = np.array([min(r.xmin for r in rooms), min(r.ymin for r in rooms)]) - cell
+    far = np.array([max(r.xmax for r in rooms), max(r.ymax for r in rooms)]) + cell
+    with np.errstate(over="ignore"):
+        span = far - corner
+    if not (span <= LONGEST * cell).all():
+        raise LayoutError(
+            f"the places span {span[0]:.4g} m x {span[1]:.4g} m, more than can be planned on; "
+            f"correct their edges to within {LONGEST * cell:.0f} m"
+        )
+    nx, ny = (int(n) for n in np.ceil(span / cell - 1e-9))
+    x, y = (corner[i] + (np.arange(n) + 0.5) * cell for i, n in enumerate((nx, ny)))
+    labels = np.full((nx, ny), NO_ROOM, np.int32)
+    for number in sorted(range(len(rooms)), key=lambda i: -rooms[i].area):
+        room = rooms[number]
+        across = (x >= room.xmin) & (x <= room.xmax)
+        along = (y >= room.ymin) & (y <= room.ymax)
+        labels[np.ix_(across, along)] = number
+    return labels, corner
+
+
+def with_walls(labels: NDArray[np.int32]) -> NDArray[np.int32]:
+    """`labels` with a wall of one cell wherever two rooms touch, corners included.
+
+    Of two touching cells the one of the larger room becomes wall, so that closets keep theirs.
+    """
+    sizes = np.bincount(labels[labels != NO_ROOM].ravel(), minlength=int(labels.max()) + 1)
+    wall = np.zeros(labels.shape, np.bool_)
+    for dx, dy in ((1, 0), (0, 1), (1, 1), (1, -1)):
+        a = labels[: labels.shape[0] - dx, max(0, -dy) : labels.shape[1] - max(0, dy)]
+        b = labels[dx:, max(0, dy) : labels.shape[1] + min(0, dy)]
+        touch = (a != b) & (a != NO_ROOM) & (b != NO_ROOM)
+        first = touch & (sizes[a] >= sizes[b])
+        wall[: labels.shape[0] - dx, max(0, -dy) : labels.shape[1] - max(0, dy)] |= first
+        wall[dx:, max(0, dy) : labels.shape[1] + min(0, dy)] |= touch & ~first
+    walled = labels.copy()
+    walled[wall] = NO_ROOM
+    for number in np.flatnonzero(sizes):  # a room as thin as its walls keeps its floor
+        if not (walled == number).any():
+            walled[labels == number] = number
+    return walled

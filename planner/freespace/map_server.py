@@ -1,0 +1,165 @@
+"""Occupancy grids from files: the YAML and image of ROS' map_server, and numpy arrays.
+
+The convention of map_server (http://wiki.ros.org/map_server): row 0 of the image is the largest y;
+occupancy is (255 - value) / 255, or value / 255 with `negate: 1`; above `occupied_thresh` a cell is
+occupied, below `free_thresh` free, between unknown; `origin` is the pose of the lower left corner.
+The image may be an npy array instead, of occupancies as in nav_msgs/OccupancyGrid: (rows, columns),
+-1 for unknown and 0 to 100 else, row 0 at the smallest y.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kg.errors import LayoutError
+from planner.freespace.grid import FreeSpace, Room
+from planner.freespace.occupancy_grid import Occupancy, space_of_occupancy
+
+_OCCUPIED: Final = "0.65"  # map_server's defaults
+_FREE: Final = "0.196"
+_MOST_PIXELS: Final = 25_000_000  # 250 m x 250 m at 0.05 m
+_LONGEST: Final = 100_000  # bytes of a YAML file
+
+
+def space_of_grid(path: Path, places: Sequence[Room]) -> FreeSpace:
+    """Free space of a map_server YAML file; rooms as in `space_of_occupancy`.
+
+    Raises LayoutError, in one line, where the file or its image cannot be read or has no floor.
+    """
+    grid = read_grid(path)
+    try:
+        return space_of_occupancy(grid, places)
+    except LayoutError as error:
+        raise LayoutError(f"{path.name}: {error}") from None
+
+
+def read_grid(path: Path) -> Occupancy:
+    """The grid of a map_server YAML file and the PGM or npy file it names; raises LayoutError."""
+    keys = _keys(path)
+    try:
+        resolution = float(keys["resolution"])
+        origin = [float(number) for number in keys["origin"].strip("[] ").split(",")]
+        negate = bool(int(keys.get("negate", "0")))
+        solid = float(keys.get("occupied_thresh", _OCCUPIED))
+        clear = float(keys.get("free_thresh", _FREE))
+        image = path.parent / keys["image"]
+    except KeyError as missing:
+        raise LayoutError(
+            f"{path.name}: no {missing}; a map_server file has image, resolution and origin"
+        ) from None
+    except ValueError as wrong:
+        raise LayoutError(f"{path.name}: {wrong}") from None
+    _check(path, keys, origin)
+    occupancy = _occupancy(image, negate)
+    try:
+        free, occupied = (occupancy < clear).T, (occupancy > solid).T
+        return Occupancy(free & ~occupied, occupied, np.array(origin[:2]), resolution)
+    except LayoutError as error:
+        raise LayoutError(f"{path.name}: {error}") from None
+
+
+def _check(path: Path, keys: Mapping[str, str], origin: Sequence[float]) -> None:
+    if keys.get("mode", "trinary") != "trinary":
+        raise LayoutError(f"{path.name}: mode {keys['mode']} is not read, only trinary")
+    if len(origin) != 3 or not abs(origin[2]) <= 1e-6:
+        raise LayoutError(f"{path.name}: origin must be [x, y, 0]; a turned map is not read")
+
+
+def _occupancy(image: Path, negate: bool) -> NDArray[np.float64]:
+    """(rows, columns) occupancy 0..1, row 0 at the smallest y; 0.5 where it is not known."""
+    if image.suffix.lower() == ".npy":
+        return _of_npy(image)
+    values = _of_pgm(image)[::-1]
+    return values if negate else 1.0 - values
+
+
+def _of_npy(image: Path) -> NDArray[np.float64]:
+    try:
+        values = np.load(image, allow_pickle=False)
+        known = np.asarray(values, np.float64)
+    except (OSError, ValueError, TypeError, EOFError) as error:
+        raise LayoutError(f"{image.name} is not an npy array of numbers") from error
+    if known.ndim != 2 or not ((known == -1) | ((known >= 0) & (known <= 100))).all():
+        raise LayoutError(
+            f"{image.name} must hold (rows, columns) of -1 or 0 to 100, got shape {known.shape}"
+        )
+    return np.where(known < 0, 0.5, known / 100)
+
+
+def _keys(path: Path) -> dict[str, str]:
+    """The flat `key: value` lines of a YAML file; items of a list below a key, joined by commas."""
+    try:
+        with path.open("rb") as file:
+            text = file.read(_LONGEST).decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise LayoutError(f"{path.name} is no map_server file: it is not text") from error
+    except OSError as error:
+        raise LayoutError(f"cannot read {path.name}: {error.strerror}") from error
+    keys: dict[str, str] = {}
+    last = ""
+    for line in map(str.strip, text.splitlines()):
+        if line.startswith("- ") and last:
+            keys[last] = f"{keys[last]},{_scalar(line[2:])}".strip(",")
+        elif ":" in line and not line.startswith("#"):
+            last, _, value = (part.strip() for part in line.partition(":"))
+            keys[last] = _scalar(value)
+    return keys
+
+
+_QUOTED = re.compile(r"""("(?:[^"\\]|\\.)*"|'(?:[^']|'')*')\s*(?:\s\#.*)?""")
+
+
+def _scalar(text: str) -> str:
+    """A value without quotes and comment; within quotes ``#`` begins none."""
+    text = text.strip()
+    quoted = _QUOTED.fullmatch(text)
+    if quoted is None:
+        return re.sub(r"(^|\s)#.*", "", text).strip()
+    inside = quoted[1][1:-1]
+    if quoted[1].startswith("'"):
+        return inside.replace("''", "'")
+    return re.sub(r"\\(.)", r"\1", inside)
+
+
+_HEADER = re.compile(
+    rb"P([25])(?:\s|#[^\n]*\n)+(\d{1,9})(?:\s|#[^\n]*\n)+(\d{1,9})(?:\s|#[^\n]*\n)+(\d{1,9})\s"
+)
+
+
+def _of_pgm(path: Path) -> NDArray[np.float64]:
+    """(rows, columns) values 0..1 of a PGM image, plain or binary."""
+    try:
+        with path.open("rb") as file:
+            data = file.read(8 * _MOST_PIXELS)
+    except OSError as error:
+        raise LayoutError(f"cannot read the map's image {path.name}: {error.strerror}") from error
+    header = _HEADER.match(data[:10_000])
+    if header is None:
+        raise LayoutError(f"{path.name} is not a PGM image (P2 or P5)")
+    columns, rows, most = (int(header[k]) for k in (2, 3, 4))
+    if not (0 < most < 65536 and 0 < rows * columns <= _MOST_PIXELS):
+        raise LayoutError(
+            f"{path.name}: {columns} x {rows} pixels up to {most} are no image that is read"
+        )
+    values = _pixels(data[header.end() :], header[1] == b"5", most, path)
+    if len(values) < rows * columns or values[: rows * columns].max() > most:
+        raise LayoutError(
+            f"{path.name} is damaged: {columns} x {rows} pixels up to {most} were announced"
+        )
+    return np.asarray(values[: rows * columns].reshape(rows, columns) / most, np.float64)
+
+
+def _pixels(body: bytes, binary: bool, most: int, path: Path) -> NDArray[np.float64]:
+    if not binary:
+        try:
+            return np.array(body.split(), np.float64)
+        except ValueError as error:
+            raise LayoutError(f"{path.name} is damaged: a pixel is no number") from error
+    wide = most > 255
+    return np.frombuffer(body[: len(body) // 2 * 2] if wide else body, ">u2" if wide else "u1")

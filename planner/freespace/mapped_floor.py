@@ -1,0 +1,255 @@
+"""Free space from the floor that the map holds: real walls, doors and furniture, as far as seen.
+
+Cells observed in depth are free, low obstacles, or obstacles that occlude what is behind them.
+Where nobody has looked the rectangles of the places do: inside them is floor, between them walls
+with doors assumed. So planning never fails for lack of depth.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kg.records import FREE, LOW, TALL, UNKNOWN, FloorTile
+from planner.freespace.connected_components import connected_components
+from planner.freespace.floor_plan import joined
+from planner.freespace.grid import NO_ROOM, FreeSpace, Passage, Room, room_labels
+
+FEW: Final = 2  # fine cells with something in them that close a cell; fewer are noise
+_HIGHEST_CAMERA: Final = 2.4  # [m] above its floor
+_CELLS: Final = (0.001, 1.0)  # [m] the least and the greatest cell of a floor that is planned on
+_REACH: Final = 4096  # cells from the middle of a floor that are kept: 205 m
+_FURTHEST: Final = 10**9  # number of a tile
+_ISLAND: Final = 1.0  # [m^2] less floor than this, cut off from the rest, is noise
+_WHOLE: Final = 0.5  # share of a room that nothing leads to, and is believed in all the same
+
+States = NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MappedFloor:
+    """What is known of one storey, cell by cell."""
+
+    origin: NDArray[np.float64]  # (2,) [m] in the map frame: the corner of cell (0, 0)
+    resolution: float  # [m] side of a cell
+    states: States  # (nx, ny) UNKNOWN, FREE, LOW or TALL
+    storey: int = 0
+    span: float = 3.2  # [m] side of a tile
+
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """(2, 2) [m] the least and the greatest corner of what is known."""
+        at = np.argwhere(self.states != UNKNOWN)
+        return self.origin + np.array([at.min(axis=0), at.max(axis=0) + 1]) * self.resolution
+
+    @property
+    def areas(self) -> tuple[float, float]:
+        """[m^2] of free and of occupied floor."""
+        cell = self.resolution**2
+        free = int((self.states == FREE).sum()) * cell
+        return free, int(np.isin(self.states, (LOW, TALL)).sum()) * cell
+
+    def tile_at(self, p_map: NDArray[np.float64]) -> tuple[int, int]:
+        """Column and row of the tile that holds `p_map` (2,) [m]."""
+        column, row = (int(n) for n in np.floor(np.asarray(p_map)[:2] / self.span + 1e-9))
+        return column, row
+
+
+def mapped_floor(
+    tiles: Iterable[FloorTile], height: float | None = None, *, storey: int | None = None
+) -> MappedFloor | None:
+    """A `storey`; by default that of a camera at `height` [m], without one that with most floor.
+
+    None where no tile has a free cell there.
+    """
+    tiles = [tile for tile in tiles if storey in (None, tile.storey) and _usable(tile)]
+    storeys: dict[int, list[FloorTile]] = {}
+    for tile in tiles:
+        storeys.setdefault(tile.storey, []).append(tile)
+    area = {n: sum(int((t.cells == FREE).sum()) for t in held) for n, held in storeys.items()}
+    known = [n for n in storeys if area[n]]
+    if not known:
+        return None
+    above = {n: (height or 0.0) - storeys[n][0].height for n in known}
+    near = [n for n in known if height is not None and 0 <= above[n] <= _HIGHEST_CAMERA]
+    chosen = min(near, key=lambda n: (above[n], n)) if near else max(known, key=lambda n: area[n])
+    return _put_together(storeys[chosen])
+
+
+def _put_together(tiles: Sequence[FloorTile]) -> MappedFloor:
+    """One array of the tiles that are cut alike, as most of what is free is.
+
+    A graph may hold a tile anywhere: what lies far from the middle of the others is left out.
+    """
+    free = {id(tile): int((tile.cells == FREE).sum()) for tile in tiles}
+    cuts = Counter[tuple[int, float]]()
+    for tile in tiles:
+        cuts[_cut(tile)] += free[id(tile)]
+    (side, size), _ = cuts.most_common(1)[0]
+    alike = [tile for tile in tiles if _cut(tile) == (side, size)]
+    near = _about_the_middle(alike, [tile for tile in alike if free[id(tile)]], _REACH // side)
+    low = np.min([(t.column, t.row) for t in near], axis=0)
+    high = np.max([(t.column, t.row) for t in near], axis=0)
+    states = np.full(tuple((high - low + 1) * side), UNKNOWN, np.uint8)
+    for tile in near:
+        i, j = (np.array([tile.column, tile.row]) - low) * side
+        states[i : i + side, j : j + side] = tile.cells
+    return MappedFloor(low * side * size, size, states, near[0].storey, side * size)
+
+
+def _cut(tile: FloorTile) -> tuple[int, float]:
+    return len(tile.cells), tile.resolution
+
+
+def _about_the_middle(
+    tiles: Iterable[FloorTile], of: Sequence[FloorTile], reach: int
+) -> list[FloorTile]:
+    """The `tiles` no more than `reach` tiles from the one in the middle `of` these."""
+    x, y = (sorted(numbers)[len(of) // 2] for numbers in zip(*map(_number, of), strict=True))
+    middle = min(of, key=lambda t: (abs(t.column - x) + abs(t.row - y), _number(t)))
+    return [
+        tile
+        for tile in tiles
+        if max(abs(tile.column - middle.column), abs(tile.row - middle.row)) <= reach
+    ]
+
+
+def _number(tile: FloorTile) -> tuple[int, int]:
+    return tile.column, tile.row
+
+
+def _usable(tile: FloorTile) -> bool:
+    near = max(abs(tile.column), abs(tile.row)) <= _FURTHEST
+    return near and _CELLS[0] <= tile.resolution <= _CELLS[1]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenSpace:
+    """Free space, and which of it was seen."""
+
+    space: FreeSpace
+    rooms: int  # how many there are that were given; this one is floor in none of them
+    states: States  # (nx, ny) what was seen of each cell
+    within: NDArray[np.bool_]  # (nx, ny) whether it lies in a rectangle
+
+
+def seen_space(
+    assumed: FreeSpace, rooms: Sequence[Room], floor: MappedFloor, *, margin: float = 0.0
+) -> SeenSpace:
+    """`assumed` free space of `rooms`, overwritten by the observed cells of `floor`.
+
+    Room len(rooms) is floor that is in none of them. The grid reaches `margin` [m] beyond what is
+    known. Storeys side by side, as `floor_plan` has them, are not distinguished here.
+    """
+    space = _widened(assumed, floor, margin)
+    states = _coarse(space, floor)
+    labels = _labels(space, rooms)
+    room = np.where(space.free, space.room, NO_ROOM)
+    known = (states == FREE) | (states == LOW)
+    room[known] = np.where(space.room[known] != NO_ROOM, space.room[known], labels[known])
+    room[states == TALL] = NO_ROOM
+    low = states == LOW
+    least = _ISLAND / space.cell**2
+    room = _without_islands(room, low, states, labels, len(rooms), least)
+    mixed = FreeSpace(space.origin, space.cell, room, _valid(space, room, low), low)
+    heights = [*(r.height for r in rooms), 0.0]
+    return SeenSpace(joined(mixed, heights), len(rooms), states, labels != len(rooms))
+
+
+def _widened(space: FreeSpace, floor: MappedFloor, margin: float) -> FreeSpace:
+    """The same floor on a grid that also covers what is known of `floor`."""
+    low, high = floor.bounds + np.array([[-margin], [margin]])
+    size = np.array(space.shape) * space.cell
+    before = np.maximum(np.ceil((space.origin - low) / space.cell - 1e-9), 0).astype(int)
+    after = np.maximum(np.ceil((high - space.origin - size) / space.cell - 1e-9), 0).astype(int)
+    pad = list(zip(before, after, strict=True))
+    room = np.pad(space.room, pad, constant_values=NO_ROOM)
+
+    def moved(cell: int) -> int:
+        i, j = divmod(cell, space.shape[1])
+        return int((i + before[0]) * room.shape[1] + j + before[1])
+
+    passages = tuple(replace(p, a=moved(p.a), b=moved(p.b)) for p in space.passages)
+    return FreeSpace(space.origin - before * space.cell, space.cell, room, passages)
+
+
+def _coarse(space: FreeSpace, floor: MappedFloor) -> States:
+    """(nx, ny) what is known of the cells of `space`.
+
+    One is closed by two fine cells with something in them; free when half of what it covers is.
+    """
+    nx, ny = space.shape
+    size, fine = space.cell, floor.resolution
+    at = np.argwhere(floor.states != UNKNOWN)
+    state = floor.states[tuple(at.T)]
+    p_map = floor.origin + (at + 0.5) * fine
+    x, y = np.floor((p_map - space.origin) / size).astype(np.intp).T
+    inside = (x >= 0) & (x < nx) & (y >= 0) & (y < ny)
+
+    def count(*states: int) -> NDArray[np.intp]:
+        chosen = np.isin(state, states) & inside
+        return np.bincount(x[chosen] * ny + y[chosen], minlength=nx * ny).reshape(nx, ny)
+
+    found = np.full((nx, ny), UNKNOWN, np.uint8)
+    found[count(FREE) >= (size / fine) ** 2 / 2] = FREE
+    found[count(LOW, TALL) >= FEW] = LOW
+    found[count(TALL) >= FEW] = TALL
+    return found
+
+
+def _labels(space: FreeSpace, rooms: Sequence[Room]) -> NDArray[np.int32]:
+    """(nx, ny) the rectangle that each cell lies in, the smaller of two; len(rooms) for none."""
+    labels = np.full(space.shape, len(rooms), np.int32)
+    if not rooms:
+        return labels
+    found, corner = room_labels(rooms, space.cell)
+    i, j = (int(n) for n in np.rint((corner - space.origin) / space.cell))
+    part = labels[i : i + found.shape[0], j : j + found.shape[1]]
+    part[found != NO_ROOM] = found[found != NO_ROOM]
+    return labels
+
+
+def _without_islands(
+    room: NDArray[np.int32],
+    low: NDArray[np.bool_],
+    states: States,
+    labels: NDArray[np.int32],
+    count: int,
+    least: float,
+) -> NDArray[np.int32]:
+    """`room` without floor that is cut off, unless `least` of it was seen.
+
+    A rectangle drawn around a building holds what lies outside of its walls too. Of a room of which
+    nothing was seen such floor stays, if it is most of that room.
+    """
+    floor = (room != NO_ROOM) & ~low
+    number = connected_components(floor)
+    sizes = np.bincount(number[floor], minlength=1)
+    if not sizes.any():
+        return room
+    seen = np.bincount(number[floor & (states == FREE)], minlength=len(sizes))
+    keep = seen >= least
+    keep[int(np.argmax(sizes if not seen.any() else seen))] = True
+    whole = np.bincount(labels.ravel(), minlength=count + 1)
+    of_seen = np.bincount(labels[states == FREE], minlength=count + 1)
+    for k in np.flatnonzero(of_seen[:count] < least):
+        of_room = np.bincount(number[floor & (labels == k)], minlength=len(sizes))
+        keep |= of_room >= max(_WHOLE * int(whole[k]), 1)
+    kept = np.where(floor & ~keep[number], NO_ROOM, room).astype(np.int32)
+    number = connected_components(kept != NO_ROOM)
+    lonely = ~np.isin(number, np.unique(number[(kept != NO_ROOM) & ~low]))  # specks in the walls
+    kept[lonely] = NO_ROOM
+    return kept
+
+
+def _valid(
+    space: FreeSpace, room: NDArray[np.int32], low: NDArray[np.bool_]
+) -> tuple[Passage, ...]:
+    """The passages of `space` whose both ends are still floor."""
+    floor = ((room != NO_ROOM) & ~low).reshape(-1)
+    return tuple(p for p in space.passages if floor[p.a] and floor[p.b])

@@ -1,0 +1,163 @@
+"""The floor of a map: free space as it was seen, its places, and floor around what is in none."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kg.errors import LayoutError
+from kg.facts.occupancy import tile_iri
+from kg.records import UNKNOWN
+from planner.freespace.floor_plan import free_space
+from planner.freespace.frontiers import BEHIND, Frontier, with_frontiers
+from planner.freespace.grid import CELL, NO_ROOM, FreeSpace, Room
+from planner.freespace.mapped_floor import MappedFloor, seen_space
+from planner.freespace.places import Place
+from planner.settings import BeliefSettings
+
+_LEAST: float = 0.3  # [m] side of a rectangle that is floor
+_MOST_CELLS: float = 4e5  # of a grid; larger buildings get larger cells
+_COARSE: float = 1.0  # [m] larger cells show no doors
+_MOST_YARDS: int = 40
+_MARGIN: float = BEHIND + 0.2  # [m] of grid around what was seen
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UnexploredArea:
+    """Floor that is assumed beyond a frontier."""
+
+    iri: str  # of the part of a floor tile where what was seen ends
+    label: str
+    p_map: NDArray[np.float64]  # (2,) [m] where what was seen ends
+    width: float  # [m] of that edge
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlanningMap:
+    """Free space, and which place each of its rooms is."""
+
+    space: FreeSpace
+    rooms: tuple[str, ...]  # place IRI by number of room; "" where a room is no place
+    names: tuple[str, ...]  # what people call each room
+    seen: NDArray[np.bool_] | None = None  # (nx, ny) what depth showed; None: not known
+    unexplored: tuple[UnexploredArea, ...] = ()
+
+    def room_at(self, p_map: NDArray[np.float64], place: str | None = None) -> int:
+        """The room of a position, which is that of its place where it has one."""
+        if place and place in self.rooms:
+            return self.rooms.index(place)
+        return int(self.space.room.reshape(-1)[self.space.nearest(p_map)])
+
+    def seen_share(self, place: str) -> float:
+        """Share of a place that was seen, 0..1; 1 where it is unknown, or all wall."""
+        if self.seen is None or place not in self.rooms:
+            return 1.0
+        inside = self.space.inside(self.rooms.index(place))
+        return float(self.seen.reshape(-1)[inside].mean()) if len(inside) else 1.0
+
+
+def planning_map_of(
+    places: Sequence[Place],
+    spots: Iterable[NDArray[np.float64]],
+    settings: BeliefSettings,
+    floor: MappedFloor | None = None,
+    base: str = "",
+) -> PlanningMap | None:
+    """The floor of `places` and around those `spots` (2,) [m] that are in none of them.
+
+    Where the `floor` was seen it is as it was seen, and goes on beyond its frontiers. `base` is the
+    IRI of the map. None where there is no floor at all.
+    """
+    with_area = [p for p in places if min(p.size) >= _LEAST]
+    rooms = [Room(p.xmin, p.xmax, p.ymin, p.ymax) for p in with_area]
+    margins = _margin_rooms(rooms, spots, settings.outside)
+    if not rooms and not margins:
+        return None
+    parts = [*rooms, *margins]
+    cell = _cell(parts)
+    if floor is not None:
+        with_floor = _cell([*parts, Room(*floor.bounds.T.reshape(-1).tolist())])
+        if with_floor > max(cell, _COARSE):
+            floor = None  # it lies far from all places
+        else:
+            cell = with_floor
+    space = free_space(parts, cell=cell)
+    iris = (*(p.iri for p in with_area), *("" for _ in margins))
+    names = (*(p.label for p in with_area), *("open floor" for _ in margins))
+    if floor is None:
+        return PlanningMap(space, iris, names)
+    return _as_seen(PlanningMap(space, iris, names), parts, floor, base)
+
+
+def _as_seen(
+    assumed: PlanningMap, rooms: Sequence[Room], floor: MappedFloor, base: str
+) -> PlanningMap:
+    try:
+        known = seen_space(assumed.space, rooms, floor, margin=_MARGIN)
+    except LayoutError:
+        return assumed  # no traversable cell was observed, although the robot was there
+    seen, frontiers = with_frontiers(known)
+    beyond = _unexplored(frontiers, floor, base)
+    return PlanningMap(
+        seen.space,
+        (*assumed.rooms, "", *(one.iri for one in beyond)),
+        (*assumed.names, "open floor", *(one.label for one in beyond)),
+        seen.states != UNKNOWN,
+        beyond,
+    )
+
+
+def _unexplored(
+    frontiers: Iterable[Frontier], floor: MappedFloor, base: str
+) -> tuple[UnexploredArea, ...]:
+    found = list[UnexploredArea]()
+    for frontier in frontiers:
+        tile = tile_iri(base, floor.storey, *floor.tile_at(frontier.p_map))
+        number = sum(one.iri.startswith(f"{tile}#") for one in found) + 1
+        x, y = (float(c) for c in frontier.p_map)
+        label = f"unexplored floor beyond ({x:.1f}, {y:.1f})"
+        iri = f"{tile}#frontier-{number}"
+        found.append(UnexploredArea(iri, label, frontier.p_map, frontier.width))
+    return tuple(found)
+
+
+def planning_map_on(space: FreeSpace, places: Sequence[Place]) -> PlanningMap:
+    """A floor that is given: each of its rooms is the place in whose rectangle most of it lies."""
+    count = int(space.room.max()) + 1
+    iris, names = [""] * count, [f"room {room}" for room in range(count)]
+    for room in np.unique(space.room[space.room != NO_ROOM]):
+        xy = space.centres(space.floor(int(room)))
+        shares = [float(_inside(place, xy).mean()) for place in places]
+        best = int(np.argmax(shares)) if shares else -1
+        if best >= 0 and shares[best] > 0.5 and places[best].iri not in iris:
+            iris[int(room)], names[int(room)] = places[best].iri, places[best].label
+    return PlanningMap(space, tuple(iris), tuple(names))
+
+
+def _inside(place: Place, xy: NDArray[np.float64]) -> NDArray[np.bool_]:
+    x, y = xy[:, 0], xy[:, 1]
+    return (x >= place.xmin) & (x <= place.xmax) & (y >= place.ymin) & (y <= place.ymax)
+
+
+def _margin_rooms(
+    rooms: Sequence[Room], spots: Iterable[NDArray[np.float64]], reach: float
+) -> list[Room]:
+    margins: list[Room] = []
+    for x, y in spots:
+        if len(margins) < _MOST_YARDS and not any(_near(r, x, y) for r in (*rooms, *margins)):
+            margins.append(Room(x - reach, x + reach, y - reach, y + reach))
+    return margins
+
+
+def _near(room: Room, x: float, y: float, margin: float = 0.5) -> bool:
+    across = room.xmin - margin <= x <= room.xmax + margin
+    return across and room.ymin - margin <= y <= room.ymax + margin
+
+
+def _cell(rooms: Sequence[Room]) -> float:
+    width = max(r.xmax for r in rooms) - min(r.xmin for r in rooms)
+    depth = max(r.ymax for r in rooms) - min(r.ymin for r in rooms)
+    return max(CELL, float(np.sqrt(width * depth / _MOST_CELLS)))

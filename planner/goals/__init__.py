@@ -1,0 +1,1 @@
+"""Search goals: resolved targets, candidate queries over the graph, persistence of memories."""

@@ -1,1 +1,0 @@
-"""A map as a picture one wants to look at."""

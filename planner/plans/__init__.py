@@ -1,0 +1,1 @@
+"""Search plans: built from the belief, improved, explained, and rated beside baselines."""

@@ -1,0 +1,165 @@
+"""Baselines of a view plan on the same belief: rooms in some order, each swept by views."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.plans.nearest_neighbour import nearest_neighbour
+from planner.plans.ordering import OrderingProblem
+from planner.plans.ordering.solver import solve
+from planner.plans.rollout import PlanEvaluator, Rollout
+from planner.viewpoints.next_best_view import RobotState
+
+_SWEPT: float = 0.9  # share of what a room's looks can find that ends its sweep
+_A_ROOM: int = 12  # looks in a room, at most
+_FEW: int = 14  # rooms up to which an order is proven
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Baseline:
+    """Another way to search and what it is expected to take."""
+
+    name: str
+    probability: float  # that it finds, as far as the plan does too: what the two are compared at
+    expected_seconds: float  # [s] given that it finds that much
+    plan_seconds: float  # [s] the same of the plan
+    views: int
+
+
+class RoomBaselines:
+    """Room sweeps: rooms one after another, each swept by views before the next."""
+
+    def __init__(self, evaluator: PlanEvaluator) -> None:
+        self._evaluator = evaluator
+        state = evaluator.state
+        viewpoints = state.views.viewpoints
+        self._room_of = state.space.room.reshape(-1)[viewpoints]
+        views = state.views
+        self._reached = np.isfinite(views.metres_from(evaluator.at.cell))
+        self.rooms = [int(r) for r in np.unique(self._room_of[self._reached])]
+        self._sweeps = {room: self._sweep(room) for room in self.rooms}
+
+    def _sweep(self, room: int) -> list[int]:
+        """Looks of one room from its middle on, always of the best rate, whole turns among them."""
+        state = self._evaluator.state
+        views, viewpoints = state.views, np.flatnonzero((self._room_of == room) & self._reached)
+        among = np.flatnonzero(np.isin(views.viewpoint, viewpoints))
+        inside = state.space.room.reshape(-1)[views.cells] == room
+        left = np.where(inside, state.weights(state.unseen), 0.0)
+        goal = (1 - _SWEPT) * float(left @ views.chance[among].max(axis=0))
+        at, order = self._middle(viewpoints), list[int]()
+        while len(order) < _A_ROOM and len(among):
+            gains = views.chance[among] @ left.astype(np.float32)
+            view = int(among[np.argmax(gains / state.next_best_view.costs(at, among))])
+            if float(gains.max()) <= 0 or float(left @ views.chance[among].max(axis=0)) <= goal:
+                break
+            left = left * (1.0 - views.chance[view])
+            order.append(view)
+            at = state.next_best_view.after(at, view)
+            among = among[among != view]
+        return order
+
+    def _middle(self, viewpoints: NDArray[np.intp]) -> RobotState:
+        state = self._evaluator.state
+        xy = state.space.centres(state.views.viewpoints[viewpoints])
+        best = viewpoints[int(np.argmin(((xy - xy.mean(axis=0)) ** 2).sum(axis=1)))]
+        return RobotState(int(state.views.viewpoints[best]), 0.0, int(best))
+
+    def nearest_first(self) -> list[int]:
+        """Rooms always on to the nearest that remains."""
+        views = self._evaluator.state.views
+        first = views.metres_from(self._evaluator.at.cell)
+
+        def metres(here: int | None, room: int) -> float:
+            last = first if here is None else views.metres[views.viewpoint[self._sweeps[here][-1]]]
+            return float(last[self._room_of == room].min())
+
+        return list(nearest_neighbour((r for r in self.rooms if self._sweeps[r]), metres))
+
+    def best_order(self) -> list[int]:
+        """The order of least expected time, were rooms all there is (`planner.plans.ordering`)."""
+        state, rooms = self._evaluator.state, [room for room in self.rooms if self._sweeps[room]]
+        views = state.views
+        first = np.array([views.viewpoint[self._sweeps[room][0]] for room in rooms])
+        last = np.array([views.viewpoint[self._sweeps[room][-1]] for room in rooms])
+        belief = state.belief
+        p = np.array([belief.of_room(state.space, room) for room in rooms])
+        if not rooms or p.sum() <= 0:
+            return rooms
+        speed = views.motion.speed
+        far = float(np.max(views.metres[np.isfinite(views.metres)], initial=1.0)) * 10 / speed
+        between = views.metres[np.ix_(last, first)] / speed
+        there = views.metres_from(self._evaluator.at.cell)[first] / speed
+        problem = OrderingProblem(
+            p=p / p.sum(),
+            T=np.where(np.isfinite(between), between, far),
+            t0=np.where(np.isfinite(there), there, far),
+            explore=np.array([self._seconds(self._sweeps[room]) for room in rooms]),
+        )
+        if len(rooms) <= _FEW:
+            return [rooms[i] for i in solve(problem, time_limit=10.0).order]
+        return _by_ratio(problem, rooms)
+
+    def _seconds(self, sweep: Sequence[int]) -> float:
+        state, total = self._evaluator.state, 0.0
+        viewpoint = int(state.views.viewpoint[sweep[0]])
+        at = RobotState(int(state.views.viewpoints[viewpoint]), 0.0, viewpoint)
+        for view in sweep:
+            total += self._evaluator.cost(at, view)
+            at = state.next_best_view.after(at, view)
+        return total
+
+    def rollout(self, rooms: Sequence[int]) -> Rollout:
+        """What sweeping `rooms` in that order brings."""
+        return self._evaluator.play([view for room in rooms for view in self._sweeps[room]])
+
+
+def _by_ratio(problem: OrderingProblem, rooms: Sequence[int]) -> list[int]:
+    """Always the room of most probability a second; the same on every machine."""
+    left, order, way = list(range(len(rooms))), list[int](), problem.t0
+    while left:
+        rate = problem.p / np.maximum(way + problem.explore, 1e-9)
+        best = left[int(np.argmax(rate[left]))]
+        left.remove(best)
+        order.append(rooms[best])
+        way = problem.T[best]
+    return order
+
+
+def room_baselines(evaluator: PlanEvaluator, chosen: Rollout) -> tuple[Baseline, ...]:
+    """Rooms nearest first, and rooms in their best order, beside the `chosen` looks."""
+    orders = RoomBaselines(evaluator)
+    return tuple(
+        rated(name, orders.rollout(rooms), chosen)
+        for name, rooms in (
+            ("rooms, nearest first", orders.nearest_first()),
+            ("rooms, best order", orders.best_order()),
+        )
+        if rooms
+    )
+
+
+def turns_at_stops(evaluator: PlanEvaluator, stops: Sequence[NDArray[np.float64]]) -> Rollout:
+    """A whole turn at each of `stops` ((2,) [m]) in their order: how the thesis' rule searches.
+
+    Each is taken from the position nearest to it in its room, if there is one there.
+    """
+    views, space = evaluator.state.views, evaluator.state.space
+    whole = np.flatnonzero(views.extent >= 2 * np.pi - 1e-9)
+    cells, room_of = views.viewpoints[views.viewpoint[whole]], space.room.reshape(-1)
+    order = list[int]()
+    for stop in stops:
+        away = np.linalg.norm(space.centres(cells) - stop, axis=1)
+        away[room_of[cells] != room_of[space.nearest(stop)]] += 1e6  # behind a wall
+        order += [int(whole[np.argmin(away)])] if len(whole) else []
+    return evaluator.play(list(dict.fromkeys(order)))
+
+
+def rated(name: str, rollout: Rollout, chosen: Rollout) -> Baseline:
+    """`rollout` beside `chosen`, both as far as they find the same."""
+    common = min(float(rollout.gains.sum()), float(chosen.gains.sum()))
+    return Baseline(name, common, rollout.until(common), chosen.until(common), len(rollout.views))

@@ -1,0 +1,169 @@
+"""A plan as plain values for JSON, and in words."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from itertools import takewhile
+
+from planner.plans.search_state import ViewReason
+from planner.plans.view_plan import ViewPlan, ViewStep, VisitedCandidate
+
+
+def plan_json(plan: ViewPlan) -> dict[str, object]:
+    """The plan as plain values; lengths to 1 mm, times to 1 ms, probabilities to 6 places.
+
+    `goals` are the candidates in visiting order; `distance` and `seconds` of one that no step shows
+    are null.
+    """
+    return {
+        "target": ", ".join(plan.targets),
+        "targets": list(plan.targets),
+        "rule": "viewpoints",
+        "start": [round(float(value), 3) for value in plan.start],
+        "goals": [_goal(goal) for goal in plan.goals],
+        "expected_seconds": _rounded(plan.expected_seconds),
+        "lower_bound": _rounded(plan.lower_bound),
+        "gap": _rounded(plan.gap, 6),
+        "probability": round(plan.probability, 6),
+        "present": round(plan.present, 6),
+        "steps": [_step(step) for step in plan.steps],
+        "alternatives": [
+            {
+                "name": other.name,
+                "expected_seconds": _rounded(other.expected_seconds),
+                "probability": round(other.probability, 6),
+                "plan_seconds": _rounded(other.plan_seconds),
+                "looks": other.views,
+            }
+            for other in plan.baselines
+        ],
+    }
+
+
+def _rounded(value: float | None, digits: int = 3) -> float | None:
+    return None if value is None or not math.isfinite(value) else round(value, digits)
+
+
+def _goal(goal: VisitedCandidate) -> dict[str, object]:
+    candidate = goal.candidate
+    return {
+        "iri": candidate.iri,
+        "kind": candidate.kind,
+        "x": round(float(candidate.p_map[0]), 3),
+        "y": round(float(candidate.p_map[1]), 3),
+        "probability": round(min(candidate.probability, 1.0), 6),
+        "why": "; ".join(candidate.facts),
+        "distance": _rounded(goal.metres),
+        "seconds": _rounded(goal.seconds),
+    }
+
+
+def _step(step: ViewStep) -> dict[str, object]:
+    return {
+        "x": round(float(step.p_map[0]), 3),
+        "y": round(float(step.p_map[1]), 3),
+        "heading": round(step.heading, 4),
+        "extent": round(step.extent, 4),
+        "place": step.place or None,
+        "probability": round(step.probability, 6),
+        "seconds": round(step.seconds, 3),
+        "distance": round(step.metres, 3),
+        "cost": round(step.cost, 3),
+        "left": round(step.left, 6),
+        "why": [_reason(reason) for reason in step.why],
+    }
+
+
+def _reason(reason: ViewReason) -> dict[str, object]:
+    return {
+        "iri": reason.candidate.iri,
+        "kind": reason.candidate.kind,
+        "target": reason.target,
+        "probability": round(reason.probability, 6),
+        "facts": list(reason.candidate.facts),
+    }
+
+
+_WINDS = ("east", "north-east", "north", "north-west", "west", "south-west", "south", "south-east")
+
+
+def direction(step: ViewStep) -> str:
+    """Which way a look goes: ``all around``, or a wind where x points east and y north."""
+    if step.extent >= 2 * math.pi - 1e-9:
+        return "all around"
+    return f"{_WINDS[round(step.heading / (math.pi / 4)) % 8]}"
+
+
+def summary(why: Sequence[ViewReason]) -> str:
+    """The weightiest reason of a look in one line, and how many others there are.
+
+    Of what a fact says in brackets the first part stays; `step_lines` has all of it.
+    """
+    if not why:
+        return ""
+    first = why[0].candidate
+    others = len({r.candidate.iri for r in why[1:]} - {first.iri})
+    rest = f"; and {others} more" if others else ""
+    return fact_chain(first.facts[:1] if first.kind == "known" else first.facts) + rest
+
+
+def fact_chain(facts: Sequence[str]) -> str:
+    """Facts in brief, as far as they lead there; what they add up to is in the numbers."""
+    return "; ".join(without_sources(fact) for fact in takewhile(_leads, facts))
+
+
+def _leads(fact: str) -> bool:
+    return not fact.startswith(("together ", "viewed "))
+
+
+def without_sources(fact: str) -> str:
+    """A fact without its sources.
+
+    >>> brief("apple is found near banana (0.6, thesis 3.4.1; 42 of 70 rooms in HM3D homes)")
+    'apple is found near banana (0.6)'
+    """
+    return re.sub(r"\(([^(),]*),[^()]*\)", r"(\1)", fact)
+
+
+def plan_lines(plan: ViewPlan) -> list[str]:
+    """Lines below the steps: what to expect, the bound, what is left, other ways to search."""
+    assert plan.expected_seconds is not None, "there are steps"
+    assert plan.lower_bound is not None, "there are steps"
+    what = ", ".join(plan.targets)
+    found = f"{plan.probability:.2f}" + (" finds" if len(plan.targets) > 1 else "")
+    lines = [
+        f"expected {plan.expected_seconds:.0f} s until found, if it is found ({found} expected)",
+        f"no plan that finds as much can expect less than {plan.lower_bound:.0f} s "
+        f"(gap {100 * (plan.gap or 0):.0f} %)",
+    ]
+    if len(plan.targets) == 1:
+        lines.append(f"{what} is on this floor with {plan.present:.2f}")
+    lines += [
+        f"{other.name}, instead: {other.expected_seconds:.0f} s expected, where this plan finds as "
+        f"much ({other.probability:.2f}) in {other.plan_seconds:.0f} s"
+        for other in plan.baselines
+    ]
+    return lines
+
+
+def step_lines(number: int, step: ViewStep) -> list[str]:
+    """One step in full: where, the chains of facts, the cost, what a failure leaves."""
+    x, y = (float(value) for value in step.p_map)
+    degrees = math.degrees(step.extent)
+    lines = [
+        f"{number}. From ({x:.1f}, {y:.1f}) in {step.place_name or 'no place'}, look "
+        f"{direction(step)} ({degrees:.0f} degrees)."
+    ]
+    for reason in step.why[:5]:
+        lines.append(f"   {reason.probability:.3f}  {reason.candidate.facts[0]}")
+        lines += [f"          {fact}" for fact in reason.candidate.facts[1:]]
+    if len(step.why) > 5:
+        rest = sum(reason.probability for reason in step.why[5:])
+        lines.append(f"   {rest:.3f}  for {len(step.why) - 5} lesser reasons")
+    lines.append(
+        f"   Takes {step.cost:.0f} s, over at {step.seconds:.0f} s after {step.metres:.1f} m. "
+        f"Finds it here first with {step.probability:.3f}; if not, {step.left:.2f} is left."
+    )
+    return lines

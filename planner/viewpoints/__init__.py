@@ -1,0 +1,1 @@
+"""Viewpoint planning: sensor, candidate views, coverage, and the next best view."""

@@ -1,0 +1,165 @@
+"""Next best view: the ratio rule with lookahead.
+
+A view's worth is probability gained a second; so that a far room is judged by all that it offers
+and not by the first view in it, each room is followed greedily and rated by the best beginning.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.viewpoints.candidate_views import CandidateViews
+from planner.viewpoints.revisits import RevisitModel
+from planner.viewpoints.sensor import angle_between
+
+
+@dataclass(frozen=True, slots=True)
+class RobotState:
+    """Robot state: floor cell, heading [rad], and number of the viewpoint it is at, if any."""
+
+    cell: int
+    heading: float = 0.0
+    viewpoint: int | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Room:
+    """The looks from within one room, and the cells they show."""
+
+    rows: NDArray[np.intp]  # (k,) numbers of looks
+    cells: NDArray[np.intp]  # (m,) which of the belief's cells
+    chance: NDArray[np.float32]  # (k, m)
+
+    def reduced(self, views: CandidateViews, revisits: RevisitModel) -> NDArray[np.float32]:
+        """(k, m) `chance` after all looks that were taken."""
+        viewpoint, chance = views.viewpoint[self.rows], self.chance
+        for one in np.unique(viewpoint):
+            worth = revisits.remaining(int(one))
+            if worth is not None:
+                chance = chance.copy() if chance is self.chance else chance
+                chance[viewpoint == one] *= worth[self.cells]
+        return chance
+
+
+class NextBestView:
+    """Next-best-view choice in one building for one belief after another."""
+
+    def __init__(self, views: CandidateViews, *, ahead: int = 3) -> None:
+        self.views = views
+        self._ahead = ahead
+        rooms = views.space.room.reshape(-1)[views.viewpoints][views.viewpoint]
+        self._rooms = [_room(views, np.flatnonzero(rooms == room)) for room in np.unique(rooms)]
+        from_viewpoints = views.chance.reshape(len(views.viewpoints), -1, len(views.cells)) > 0
+        self._shown: NDArray[np.bool_] = np.asarray(from_viewpoints.any(axis=1), np.bool_)  # (s, c)
+
+    @property
+    def seeable(self) -> NDArray[np.bool_]:
+        """(c,) cells that some look shows."""
+        return np.asarray(self._shown.any(axis=0), np.bool_)
+
+    def seeable_from(self, at: RobotState) -> NDArray[np.bool_]:
+        """(c,) cells that some look shows to which there is a way."""
+        there = np.isfinite(self.views.metres_from(at.cell))
+        return np.asarray(self._shown[there].any(axis=0), np.bool_)
+
+    def reached(self, at: RobotState) -> NDArray[np.bool_]:
+        """(n,) the looks to which there is a way."""
+        there = np.isfinite(self.views.metres_from(at.cell))
+        return np.asarray(there[self.views.viewpoint], np.bool_)
+
+    def costs(self, at: RobotState, among: NDArray[np.intp]) -> NDArray[np.float64]:
+        """(k,) [s] to drive, turn and look, for each of the looks `among`."""
+        views = self.views
+        viewpoint = views.viewpoint[among]
+        if at.viewpoint is None:
+            metres = views.metres_from(at.cell)[viewpoint]
+        else:
+            metres = views.metres[at.viewpoint, viewpoint]
+        here = views.space.centres([at.cell])[0]
+        towards = views.space.centres(views.viewpoints[viewpoint]) - here
+        moved = metres > views.space.cell / 2
+        heading = np.where(moved, np.arctan2(towards[:, 1], towards[:, 0]), at.heading)
+        first, last = views.starts(among)
+        turn = np.minimum(angle_between(heading, first), angle_between(heading, last))
+        turn = np.where(views.extent[among] >= 2 * np.pi - 1e-9, 0.0, turn)
+        motion = views.motion
+        return metres / motion.speed + turn / motion.turn_rate + views.seconds[among]
+
+    def after(self, at: RobotState, view: int) -> RobotState:
+        """Where the robot is once `view` is over."""
+        views = self.views
+        viewpoint = int(views.viewpoint[view])
+        cell = int(views.viewpoints[viewpoint])
+        if views.extent[view] >= 2 * np.pi - 1e-9:
+            return RobotState(cell, at.heading, viewpoint)
+        ends = np.array([float(end[0]) for end in views.starts([view])])
+        came = at.heading
+        if cell != at.cell:
+            dx, dy = views.space.centres([cell])[0] - views.space.centres([at.cell])[0]
+            came = float(np.arctan2(dy, dx))
+        near = int(np.argmin(angle_between(came, ends)))
+        return RobotState(cell, float(ends[1 - near]), viewpoint)
+
+    def best(
+        self,
+        at: RobotState,
+        weight: NDArray[np.float64],
+        revisits: RevisitModel | None = None,
+        gains: NDArray[np.float64] | None = None,
+    ) -> int | None:
+        """The view to take next, or None where no view can show anything.
+
+        `weight` (c,) is the belief that is left, in any scale; `gains` (n,) what the looks find of
+        it, where that is known, 0 for those that are not to be taken.
+        """
+        revisits = revisits or RevisitModel(self.views)
+        if gains is None:
+            gains = revisits.gains(weight)
+        costs = self.costs(at, np.arange(len(gains)))
+        rate = gains / costs
+        best = int(np.argmax(rate))
+        rated = float(rate[best])
+        if not rated > 0:
+            return None
+        for room in self._rooms:
+            most = float(weight[room.cells].sum()) * self.views.sensor.recall
+            if most <= rated * float(costs[room.rows].min()):
+                continue  # nothing in this room can be worth the way
+            view = int(room.rows[np.argmax(rate[room.rows])])
+            worth = self._follow(at, weight, room, view, revisits)
+            if worth > rated + 1e-15:
+                best, rated = view, worth
+        return best
+
+    def _follow(
+        self,
+        at: RobotState,
+        weight: NDArray[np.float64],
+        room: _Room,
+        view: int,
+        revisits: RevisitModel,
+    ) -> float:
+        """The rate of the best prefix of a greedy walk through one room that begins with `view`."""
+        left, seconds, gained, worth = weight[room.cells], 0.0, 0.0, 0.0
+        # what was looked at from the same positions before is worth as little on the way as now
+        chance = room.reduced(self.views, revisits)
+        for step in range(self._ahead + 1):
+            seconds += float(self.costs(at, np.array([view]))[0])
+            seen = chance[np.searchsorted(room.rows, view)] * left
+            gained += float(seen.sum())
+            worth = max(worth, gained / seconds)
+            if step == self._ahead:
+                break
+            left, at = left - seen, self.after(at, view)
+            ratio = (chance @ left.astype(np.float32)) / self.costs(at, room.rows)
+            view = int(room.rows[np.argmax(ratio)])
+        return worth
+
+
+def _room(views: CandidateViews, rows: NDArray[np.intp]) -> _Room:
+    chance = views.chance[rows]
+    cells = np.flatnonzero((chance > 0).any(axis=0))
+    return _Room(rows, cells, np.ascontiguousarray(chance[:, cells]))

@@ -1,0 +1,64 @@
+"""What a camera on a robot makes of its surroundings, and what its moves and looks cost."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from planner.freespace.travel import Travel
+
+
+@dataclass(frozen=True, slots=True)
+class Sensor:
+    """An RGB-D camera with a detector behind it.
+
+    A look misses with one minus `recall`; beyond `half_fade` the chance has halved. A second look
+    from where one looked before sees mostly what the first saw: of its chance only 1 - `rho` is
+    left. Raises ValueError for what no camera can be.
+    """
+
+    near: float = 0.8  # [m] depth gate, thesis section 3.2.2
+    far: float = 4.6  # [m] depth gate, thesis section 3.2.2
+    field_of_view: float = 1.0123  # [rad] 58 degrees, across
+    recall: float = 0.7  # chance to detect what a look shows from near
+    half_fade: float = np.inf  # [m] distance at which the chance has halved
+    rho: float = 0.8  # how much a repeated look depends on the one before
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.near < self.far or not 0 < self.field_of_view <= 2 * np.pi:
+            raise ValueError(f"needs 0 <= near < far and a field of view in 0..2 pi, got {self}")
+        if not 0 < self.recall <= 1 or not 0 <= self.rho <= 1 or not self.half_fade > 0:
+            raise ValueError(f"recall and rho must lie in 0..1 and half_fade above 0, got {self}")
+
+    def chance(self, metres: ArrayLike) -> NDArray[np.float64]:
+        """Chance to detect at each distance [m]: recall / (1 + (d / half_fade)^4) within range."""
+        d = np.asarray(metres, np.float64)
+        seen = self.recall / (1.0 + (d / self.half_fade) ** 4)
+        return np.where((d >= self.near) & (d <= self.far), seen, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """What moving and looking cost. Defaults are the thesis' robot (`Travel`)."""
+
+    speed: float = Travel().speed  # [m/s]
+    turn_rate: float = 2 * np.pi / Travel().explore  # [rad/s]: a whole turn is the thesis' look
+    picture: float = 1.0  # [s] to stand still for one picture
+
+    def __post_init__(self) -> None:
+        if not self.speed > 0 or not self.turn_rate > 0 or not self.picture >= 0:
+            raise ValueError(f"speed and turn rate must be > 0 and picture >= 0, got {self}")
+
+    def sweep_seconds(self, extent: ArrayLike, field_of_view: float) -> NDArray[np.float64]:
+        """[s] to see `extent` [rad] in one sweep: a picture, and the turn beyond the first view."""
+        turned = np.maximum(np.asarray(extent, np.float64) - field_of_view, 0.0)
+        whole = np.asarray(extent) >= 2 * np.pi - 1e-9
+        return self.picture + np.where(whole, 2 * np.pi, turned) / self.turn_rate
+
+
+def angle_between(a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
+    """[rad] the smaller angle between headings, 0..pi."""
+    off = (np.asarray(a) - np.asarray(b) + np.pi) % (2 * np.pi) - np.pi
+    return np.asarray(np.abs(off), np.float64)

@@ -1,0 +1,1 @@
+"""Visualization: maps, plans and searches as floor plans."""

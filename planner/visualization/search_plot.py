@@ -1,0 +1,45 @@
+"""Plot of a search over its map: the path driven, the views taken, what was found."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from kg.maps.semantic_map import SemanticMap
+from planner.visualization.drawing import GroundTruth
+from planner.visualization.map_plot import plot_map
+from planner.visualization.plan_plot import numbered_stops
+
+
+def plot_search(
+    semantic_map: SemanticMap,
+    search: str,
+    path: Path | str,
+    *,
+    driven: ArrayLike,
+    title: str,
+    truth: GroundTruth | None = None,
+) -> Path:
+    """Draw the `search` (IRI) over the map to `path` and return it; PNG, SVG or PDF by its ending.
+
+    `driven` is where the robot was, (n, 2) [m]; `truth` as `plot_map` has it. Raises PictureError
+    as that does.
+    """
+    found = {
+        iri for record in semantic_map.searches() if record.iri == search for iri in record.found
+    }
+    stops, numbers = numbered_stops(
+        [np.array(look.position) for look in semantic_map.looks(search)]
+    )
+    return plot_map(
+        semantic_map,
+        path,
+        route=driven,
+        goals=stops,
+        numbers=numbers,
+        finds=[record.p_map for record in semantic_map.objects() if record.iri in found],
+        title=title,
+        truth=truth,
+    )

@@ -1,0 +1,166 @@
+"""Compacting drops the past before a moment and nothing else."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from kg import vocabulary as v
+from kg.errors import GraphError, HistoryError
+from kg.history.storage import compaction
+from kg.maps.semantic_map import SemanticMap
+from kg.opening import open_map
+from kg.records import Evidence, MapUpdate, ObjectRecord, RecordingRecord, RobotRecord
+
+Written = Callable[[int], SemanticMap]
+
+
+def test_the_past_before_the_edge_goes_and_the_rest_stays(
+    written: Written, frame: Callable[..., MapUpdate], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as clock:
+        ago = time.time() - 3600
+        clock.setattr(time, "time", lambda: ago)
+        clock.setattr(time, "time_ns", lambda: int(ago * 1e9))
+        long_ago = written(20)
+    with long_ago as semantic_map:
+        for number in range(20, 25):
+            semantic_map.apply(frame(number, removed=(semantic_map.base + "object/2",)))
+        later = {n: set(semantic_map.at(n).engine) for n in range(20, 26)}
+        now = set(semantic_map.engine)
+        before, after = (change.time for change in list(semantic_map.changes())[19:21])
+        done = semantic_map.compact(keep=time.time() - (before + after) / 2)
+        assert (done.floor, done.dropped) == (20, 20)
+        assert done.bytes_after < done.bytes_before
+        assert set(semantic_map.engine) == now
+        for number, facts in later.items():
+            assert set(semantic_map.at(number).engine) == facts
+        assert [change.sequence for change in semantic_map.changes(20)] == [21, 22, 23, 24, 25]
+        with pytest.raises(HistoryError, match="there are #20 to #25"):
+            semantic_map.at(19)
+        assert (
+            "before the history begins"
+            in semantic_map.why("object/1 here:firstSeen")[0].because[-1].text
+        )
+
+
+def test_things_that_left_before_the_edge_are_forgotten(written: Written) -> None:
+    with written(3) as semantic_map:
+        semantic_map.apply(MapUpdate(removed=(semantic_map.base + "object/2",)))
+        semantic_map.compact(keep=0.0)
+        assert semantic_map.state_of(semantic_map.base + "object/2", 4) == ()
+        with semantic_map.at(4) as then:
+            assert len(then.objects("chair")) == 1
+
+
+def test_a_compacted_map_goes_on(written: Written, frame: Callable[..., MapUpdate]) -> None:
+    with written(10) as semantic_map:
+        path = semantic_map._store.where
+        semantic_map.compact(keep=0.0)
+        semantic_map.compact()
+    with open_map(path) as semantic_map:
+        for number in range(10, 40):
+            semantic_map.apply(frame(number))
+        with semantic_map.at(semantic_map.sequence) as now:
+            assert set(now.engine) == set(semantic_map.engine)
+        with semantic_map.at(25) as then:
+            assert {record.observations for record in then.objects()} == {25}
+
+
+def test_packing_alone_keeps_all_of_the_past(written: Written) -> None:
+    with written(30) as semantic_map:
+        first = set(semantic_map.at(1).engine)
+        assert semantic_map.compact().dropped == 0
+        assert set(semantic_map.at(1).engine) == first
+
+
+def test_a_reader_cannot_compact(written: Written) -> None:
+    with written(1) as semantic_map:
+        path = semantic_map._store.where
+    with (
+        open_map(path, read_only=True) as semantic_map,
+        pytest.raises(GraphError, match="reading only"),
+    ):
+        semantic_map.compact(keep=0.0)
+
+
+def test_an_observation_costs_less_than_150_bytes(written: Written) -> None:
+    """Ten objects a frame, a fifth of the sightings the best so far; all of the file counts."""
+    with written(1) as semantic_map:
+        for number in range(1, 200):
+            semantic_map.apply(_ten_objects(semantic_map.base, number))
+        done = semantic_map.compact()
+    assert done.bytes_after / (10 * 200) < 150
+
+
+def _ten_objects(base: str, number: int) -> MapUpdate:
+    best = number - number % 5
+    return MapUpdate(
+        objects=tuple(
+            ObjectRecord(
+                iri=f"{base}object/{index}",
+                category=v.HERE + "Chair",
+                p_map=np.array([index + 0.07 * (number * index % 3), 1.0, 0.5]),
+                confidence=0.01 * (number * index % 300),
+                existence=0.01 * (number * index % 100),
+                observations=number,
+                first_seen=1e9,
+                last_seen=1e9 + number,
+                evidence=Evidence(
+                    f"frame-{best:06d}", "flat", 1e9 + best, (1.0, best, 3.0, 4.0), 0.5, "deimv2"
+                ),
+            )
+            for index in range(1, 11)
+        ),
+        robot=RobotRecord(np.array([0.1 * number, 0.0, 1.2]), 0.5, 1e9 + number),
+        recording=RecordingRecord("flat", number, f"frame-{number:06d}", np.eye(4)),
+    )
+
+
+def test_a_map_that_runs_forgets_what_is_older_than_it_is_told_to_keep(
+    written: Written, frame: Callable[..., MapUpdate], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(compaction, "TRIM_WITHIN", 0)  # a little at each flush
+    with written(30) as semantic_map:
+        path, now = semantic_map._store.where, set(semantic_map.engine)
+        semantic_map.retain(0)
+        while semantic_map.history.floor < 30:
+            semantic_map.flush()
+        left = [commit.sequence for commit in semantic_map.history.commits(0, 30)]
+        assert 0 < len(left) < 30, "the rest goes at the next flushes"
+        with pytest.raises(HistoryError, match="there are #30 to #30"):
+            semantic_map.at(29)
+        with pytest.raises(HistoryError, match="not kept"):
+            list(semantic_map.changes(29))
+    with open_map(path) as semantic_map:  # whole, although it ended midway
+        with semantic_map.at(30) as then:
+            assert set(then.engine) == now
+        semantic_map.retain(0)
+        sizes = []
+        for number in range(30, 60):
+            semantic_map.apply(frame(number))
+            while [*semantic_map.history.commits(0, number)]:
+                semantic_map.flush()
+            sizes.append(semantic_map.history.db.execute("PRAGMA page_count").fetchone()[0])
+        assert sizes[-1] <= sizes[9], "what is dropped is written anew"
+        semantic_map.retain(3600)
+        semantic_map.apply(frame(60))
+        with semantic_map.at(60) as then:
+            before = set(then.engine)
+        semantic_map.apply(frame(61))
+        with semantic_map.at(60) as then:
+            assert set(then.engine) == before
+        assert semantic_map.compact().dropped == 0
+
+
+def test_what_is_kept_cannot_be_less_than_nothing(written: Written) -> None:
+    with written(1) as semantic_map, pytest.raises(HistoryError, match="0 s or longer"):
+        semantic_map.retain(-1)
+    with (
+        open_map(semantic_map._store.where, read_only=True) as reader,
+        pytest.raises(GraphError, match="reading only"),
+    ):
+        reader.retain(60)

@@ -1,0 +1,185 @@
+"""Explanations lead from a fact to the frame, rule, model, source or person behind it."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from pyoxigraph import Literal, NamedNode, Quad, RdfFormat, Triple, parse
+
+from kg import vocabulary as v
+from kg.errors import QueryParameterError
+from kg.history.reports.explanation import Explanation
+from kg.history.reports.prov_export import provenance
+from kg.maps.semantic_map import SemanticMap
+from kg.opening import open_map
+from kg.records import MapUpdate
+from kg.transactions import Cause
+
+Written = Callable[[int], SemanticMap]
+
+
+def _steps(reason: Explanation, kind: str) -> list[str]:
+    return [step.text for _, step in reason.walk() if step.kind == kind]
+
+
+def test_an_object_leads_to_its_best_sighting(written: Written) -> None:
+    with written(5) as semantic_map:
+        (reason,) = semantic_map.why("object/1")
+    assert reason.text == "object/1 (chair 1) at (1.04, 1) m"
+    (seen,) = _steps(reason, "observation")
+    assert "frame-000004 of recording/flat" in seen and "score 0.54" in seen
+    assert "1 2 7 4" in seen
+    assert _steps(reason, "model") == ["detector deimv2"]
+    assert _steps(reason, "pose") == ["camera at (0.4, 0, 1.2) m, heading 0.5 rad"]
+    written_by = _steps(reason, "commit")
+    assert any(text.startswith("transaction #1 at") for text in written_by)
+    assert any("#5" in text and "flat/frame-000004" in text for text in written_by)
+
+
+def test_the_pose_is_that_of_the_frame_not_the_latest(written: Written) -> None:
+    with written(3) as semantic_map:
+        semantic_map.apply(MapUpdate(robot=semantic_map.at(1).robot()))
+        (reason,) = semantic_map.why("object/1")
+    assert _steps(reason, "pose") == ["camera at (0.2, 0, 1.2) m, heading 0.5 rad"]
+
+
+def test_a_number_leads_to_the_rule_and_to_the_frame_that_set_it(written: Written) -> None:
+    with written(5) as semantic_map:
+        (reason,) = semantic_map.why("object/1 here:confidence")
+        assert reason.text == "object/1 here:confidence 1.5"
+        assert "eq. 3.1" in _steps(reason, "rule")[0]
+        (given,) = semantic_map.why("object/1 here:confidence 1.50")
+        assert given == reason
+        (first,) = semantic_map.why("object/1 here:firstSeen")
+        assert "#1 " in _steps(first, "commit")[-1]
+
+
+def test_a_place_leads_to_its_belief_views_and_scene_model(written: Written) -> None:
+    with written(12) as semantic_map:
+        (reason,) = semantic_map.why("place/1")
+    assert _steps(reason, "belief") == ["belief 0.75 in here:Kitchen"]
+    (views,) = _steps(reason, "view")
+    assert views.startswith("3 views of place/1")
+    assert views.endswith("flat/frame-000000, flat/frame-000005, flat/frame-000010")
+    assert _steps(reason, "model") == ["scene model rooms6"]
+    assert any("eq. 3.5" in rule for rule in _steps(reason, "rule"))
+
+
+def test_common_sense_leads_to_its_source(written: Written) -> None:
+    with written(1) as semantic_map:
+        (reason,) = semantic_map.why("here:Banana here:locatedAt here:Kitchen")
+        (relation,) = _steps(reason, "relation")
+        assert relation.startswith("here:Banana locatedAt here:Kitchen with probability 0.")
+        assert len(_steps(reason, "source")) >= 1
+        (banana,) = semantic_map.why("here:Banana")
+        assert relation in _steps(banana, "relation")
+        (kind,) = semantic_map.why("here:Banana rdfs:subClassOf")[:1]
+        assert _steps(kind, "source") == ["the ontology"]
+
+
+def test_what_a_person_said_leads_to_the_person(written: Written) -> None:
+    with written(2) as semantic_map:
+        chair = NamedNode(semantic_map.base + "object/1")
+        said = Quad(
+            chair, NamedNode(v.RDFS_LABEL), Literal("throne"), NamedNode(v.ASSERTIONS_GRAPH)
+        )
+        semantic_map._store.commit([], [said], Cause("assert", by="ann", note="it is the throne"))
+        (reason,) = semantic_map.why("object/1 rdfs:label 'throne'")
+        assert _steps(reason, "person") == ["ann"]
+        assert _steps(reason, "rule") == []
+        assert "assert (it is the throne)" in _steps(reason, "commit")[0]
+        (whole,) = semantic_map.why("object/1")
+        assert "ann" in _steps(whole, "person")
+        (mapped,) = semantic_map.why("object/1 rdfs:label 'chair 1'")
+        assert _steps(mapped, "person") == []
+
+
+def test_what_a_person_said_is_theirs_also_where_the_past_is_gone(
+    written: Written, tmp_path: Path
+) -> None:
+    with written(3) as semantic_map:
+        semantic_map.assert_("object/1", "category", "bowl", by="ann")
+        semantic_map.assert_("object/1", "position", (1, 2, 0.5), by="bob")
+        semantic_map.compact(keep=0)
+    (tmp_path / "flat.map" / "history.sqlite").rename(tmp_path / "away")
+    shutil.copytree(tmp_path / "flat.map", tmp_path / "bare.map")
+    (tmp_path / "away").rename(tmp_path / "flat.map" / "history.sqlite")
+    for name, written_when in (("flat", "before the history begins"), ("bare", "not known")):
+        with open_map(tmp_path / f"{name}.map", read_only=True) as semantic_map:
+            (reason,) = semantic_map.why("object/1 a")
+            (where,) = semantic_map.why("object/1 here:inCell")
+            (label,) = semantic_map.why("object/1 here:confidence")
+        (said,) = _steps(reason, "fact")[1:]
+        assert said.startswith("category here:Bowl, asserted at 2")
+        assert _steps(reason, "person") == ["ann"] and _steps(where, "person") == ["bob"]
+        assert not _steps(reason, "rule") and _steps(label, "rule")
+        assert written_when in _steps(reason, "commit")[-1]
+        assert "prov:wasAttributedTo" in provenance(reason)
+
+
+def test_what_is_gone_says_why(written: Written, frame: Callable[..., MapUpdate]) -> None:
+    with written(3) as semantic_map:
+        semantic_map.apply(frame(3, removed=(semantic_map.base + "object/2",)))
+        (reason,) = semantic_map.why("object/2")
+        assert reason.text == "object/2 is no longer in the map"
+        assert "eq. 3.4" in _steps(reason, "rule")[0]
+        assert "#4 " in _steps(reason, "commit")[0]
+        (count,) = semantic_map.why("object/1 here:observationCount 2")
+        assert count.text.endswith("no longer") and "#3 " in _steps(count, "commit")[0]
+
+
+@pytest.mark.parametrize(
+    ("what", "message"),
+    [
+        ("object/9", "the map holds nothing about object/9"),
+        ("object/1 here:x 77.0", "the map does not hold .* of that it holds: 1.01"),
+        ("chair", "no thing 'chair'; write object/17"),
+        ("a b c d", "no thing and no fact"),
+        ("", "no thing and no fact"),
+    ],
+)
+def test_what_cannot_be_explained(written: Written, what: str, message: str) -> None:
+    with written(2) as semantic_map, pytest.raises(QueryParameterError, match=message):
+        semantic_map.why(what)
+
+
+def test_explanations_as_triples(written: Written) -> None:
+    with written(3) as semantic_map:
+        text = provenance(*semantic_map.why("object/1"))
+        base = semantic_map.base
+    triples = [
+        Triple(q.subject, q.predicate, q.object)
+        for q in parse(text.encode(), format=RdfFormat.TURTLE)
+    ]
+    links = {(getattr(t.subject, "value", ""), t.predicate.value) for t in triples}
+    assert (base + "observation/1", v.SOSA_MADE_BY_SENSOR) in links
+    assert (base + "observation/1", v.PROV_GENERATED_BY) in links
+    assert (base + "commit/1", v.PROV_ENDED_AT) in links
+    (statement,) = {t.subject for t in triples if t.object == NamedNode(v.RDF_STATEMENT)}
+    said = {t.predicate.value: t.object for t in triples if t.subject == statement}
+    assert said[v.RDF_SUBJECT] == NamedNode(base + "object/1")
+    assert said[v.RDF_OBJECT] == NamedNode(v.HERE + "Chair")
+    assert said[v.PROV_GENERATED_BY] == NamedNode(base + "commit/1")
+
+
+def test_the_log_tells_each_change_in_words(
+    written: Written, frame: Callable[..., MapUpdate]
+) -> None:
+    with written(3) as semantic_map:
+        semantic_map.apply(frame(3, removed=(semantic_map.base + "object/2",)))
+        entries = list(semantic_map.log("object/2"))
+        assert [entry.sequence for entry in entries] == [1, 2, 3, 4]
+        assert "new here:Chair" in entries[0].changes
+        assert "x 2 -> 2.01" in entries[1].changes
+        assert "in place place/1" in entries[0].changes
+        assert any(
+            text.startswith("best observation: box 1 2 3 4 -> 1 2 4 4")
+            for text in entries[1].changes
+        )
+        assert entries[3].changes == ("removed", "best observation: removed")
+        assert entries[3].cause.note == "flat/frame-000003"
+        with pytest.raises(QueryParameterError, match="knows nothing of object/9"):
+            list(semantic_map.log("object/9"))

@@ -1,0 +1,227 @@
+"""The map as it was equals what it was, at every transaction and between any two."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pyoxigraph import BlankNode, Literal, NamedNode, Quad, Store
+
+from kg import vocabulary as v
+from kg.errors import GraphError, HistoryError, InvalidFactError
+from kg.history.replay.past_state import replay
+from kg.history.replay.point_in_time import difference
+from kg.history.storage.log import KEYFRAME
+from kg.history.storage.recovery import attach
+from kg.history.timestamps import duration, iso
+from kg.maps.semantic_map import SemanticMap
+from kg.opening import open_map
+from kg.records import MapUpdate
+from kg.store.transactional import TransactionalStore, stored_sequence
+from kg.transactions import Cause, ChangeSet
+
+Written = Callable[[int], SemanticMap]
+
+_SUBJECTS = [NamedNode(f"urn:thing:{n}") for n in range(4)] + [BlankNode("b")]
+_PREDICATES = [NamedNode(v.X), NamedNode(v.RDF_TYPE), NamedNode("urn:says")]
+_OBJECTS = [
+    *(Literal(n / 4) for n in range(6)),
+    *(Literal(n) for n in range(3)),
+    *(Literal("ä"), Literal("b", language="de"), NamedNode(v.HERE + "Chair"), BlankNode("b")),
+]
+_GRAPHS = [
+    NamedNode(iri) for iri in (v.MAP_GRAPH, v.ASSERTIONS_GRAPH, v.DATASET_GRAPH, v.ONTOLOGY_GRAPH)
+]
+# blank nodes have no name that outlives a SPARQL update: they come with the ontology alone
+quads = st.builds(
+    Quad,
+    st.sampled_from(_SUBJECTS),
+    st.sampled_from(_PREDICATES),
+    st.sampled_from(_OBJECTS),
+    st.sampled_from(_GRAPHS),
+)
+named = quads.filter(
+    lambda q: not isinstance(q.subject, BlankNode) and not isinstance(q.object, BlankNode)
+)
+commits = st.lists(st.tuples(st.sets(named, max_size=6), st.sets(named, max_size=6)), max_size=25)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.sets(quads, max_size=8), commits, st.data())
+def test_every_moment_is_what_it_was(
+    first: set[Quad], changes: list[tuple[set[Quad], set[Quad]]], data: st.DataObject
+) -> None:
+    with TransactionalStore.in_memory(first) as store:
+        log = attach(store, None, "urn:flat/")
+        before = [set(store.engine)]
+        for delete, insert in changes:
+            if store.commit(delete, insert, Cause("update", by="ann")):
+                before.append(set(store.engine))
+        assert store.sequence == len(before) - 1
+        for sequence, facts in enumerate(before):
+            then = replay(log, store.engine, sequence)
+            assert set(then) == facts
+            assert stored_sequence(then) == sequence
+        one, other = (data.draw(st.integers(0, len(before) - 1)) for _ in range(2))
+        found = difference(log, one, other)
+        assert set(found.removed) == _said(before[one] - before[other])
+        assert set(found.added) == _said(before[other] - before[one])
+
+
+def _said(facts: set[Quad]) -> set[Quad]:
+    return {quad for quad in facts if quad.predicate.value != v.SEQUENCE}
+
+
+def test_blank_nodes_are_refused_for_the_log_could_not_name_them() -> None:
+    nameless = Quad(BlankNode("b"), _PREDICATES[0], _OBJECTS[0], _GRAPHS[0])
+    with TransactionalStore.in_memory([]) as store:
+        log = attach(store, None, "urn:flat/")
+        with pytest.raises(InvalidFactError, match="blank node"):
+            store.commit([], [nameless], Cause("update"))
+        assert (store.sequence, log.last, len(store.engine)) == (0, 0, 0)
+
+
+def test_the_past_does_not_depend_on_where_full_states_lie(written: Written) -> None:
+    frames = 3 * KEYFRAME + 2
+    with written(frames) as semantic_map:
+        chair = semantic_map.base + "object/1"
+        for sequence in range(1, frames + 1):
+            facts = {q.predicate.value: q.object for q in semantic_map.state_of(chair, sequence)}
+            assert facts[v.OBSERVATION_COUNT] == Literal(sequence)
+            assert facts[v.X] == Literal(round(1 + 0.01 * (sequence - 1), 2))
+
+
+def test_who_reads_the_changes_has_the_map(written: Written) -> None:
+    with written(20) as semantic_map:
+        heard: list[ChangeSet] = []
+        stop = semantic_map.listen(heard.append)
+        semantic_map.apply(MapUpdate(removed=(semantic_map.base + "object/2",)))
+        stop()
+        read = list(semantic_map.changes())
+        assert [change.sequence for change in read] == list(range(1, 22))
+        assert (read[-1].time, read[-1].cause) == (heard[0].time, heard[0].cause)
+        assert set(read[-1].removed) == set(heard[0].removed)
+        follower = Store()
+        with semantic_map.at(0) as start:
+            follower.extend(start.engine)
+        for change in read:
+            for quad in change.removed:
+                assert quad in follower
+                follower.remove(quad)
+            follower.extend(change.added)
+        assert set(follower) == _said(set(semantic_map.engine))
+        assert [change.sequence for change in semantic_map.changes(19)] == [20, 21]
+
+
+def test_changes_read_while_the_map_is_written(
+    written: Written, frame: Callable[..., MapUpdate]
+) -> None:
+    with written(3) as semantic_map:
+        reader = semantic_map.changes()
+        assert next(reader).sequence == 1
+        semantic_map.apply(frame(3))
+        assert [change.sequence for change in reader] == [2, 3]
+
+
+def test_a_past_map_answers_questions_and_refuses_writes(written: Written) -> None:
+    with written(10) as semantic_map:
+        now = semantic_map.ask("objects", least=0).records()
+        with semantic_map.at("#4") as then:
+            rows = then.ask("objects", least=0).records()
+            assert [row["observations"] for row in rows] == [4, 4]
+            assert then.title == semantic_map.title
+            assert then.ask("located-at", category="banana").rows
+            with pytest.raises(HistoryError, match="keeps no history"):
+                then.at(1)
+            assert then.read_only
+        assert semantic_map.ask("objects", least=0).records() == now
+
+
+def test_a_past_map_goes_with_the_map_it_is_of(written: Written) -> None:
+    with written(5) as semantic_map:
+        path = semantic_map.store.where
+        then = semantic_map.at(3)
+        assert len(then.objects()) == 2
+    with open_map(path) as again, pytest.raises(GraphError, match="is closed"):
+        assert len(again.objects()) == 2
+        then.ask("places")
+
+
+def test_moments_by_the_clock(written: Written, frame: Callable[..., MapUpdate]) -> None:
+    with written(4) as semantic_map:
+        time.sleep(0.01)
+        moment = datetime.now(UTC)
+        time.sleep(0.01)
+        semantic_map.apply(frame(4))
+        for when in (moment, moment.isoformat(), iso(moment.timestamp()), "#4", 4):
+            assert semantic_map.at(when).sequence == 4
+        assert semantic_map.at(datetime.now(UTC)).sequence == 5
+        assert semantic_map.at(moment.replace(tzinfo=None)).sequence == 4
+
+
+@pytest.mark.parametrize(
+    ("when", "message"),
+    [
+        ("#99", "no transaction #99 is kept; there are #0 to #2"),
+        (-1, "no transaction #-1 is kept"),
+        ("yesterday", "no moment 'yesterday'"),
+        ("2001-01-01", "the past before .* is not kept"),
+    ],
+)
+def test_moments_that_are_not_there(written: Written, when: int | str, message: str) -> None:
+    with written(2) as semantic_map, pytest.raises(HistoryError, match=message):
+        semantic_map.at(when)
+
+
+def test_a_clock_set_back_does_not_turn_the_past_round(
+    written: Written, frame: Callable[..., MapUpdate], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with written(3) as semantic_map:
+        monkeypatch.setattr("kg.store.transactional.time.time", lambda: 1000.0)
+        semantic_map.apply(frame(3))
+        times = [change.time for change in semantic_map.changes()]
+        assert times == sorted(times) and times[0] > 1000.0
+
+
+@pytest.mark.parametrize(("text", "seconds"), [("30d", 2592000), ("1.5h", 5400), ("90s", 90)])
+def test_durations(text: str, seconds: float) -> None:
+    assert duration(text) == seconds
+
+
+@pytest.mark.parametrize("text", ["", "30", "d", "-1d", "1 month"])
+def test_no_durations(text: str) -> None:
+    with pytest.raises(HistoryError, match="no duration"):
+        duration(text)
+
+
+class PrunesWhenRead:
+    """The engine of a map, whose history is pruned while the engine is read."""
+
+    def __init__(self, semantic_map: SemanticMap) -> None:
+        self._map = semantic_map
+
+    def quads_for_pattern(self, *terms: Any) -> Iterator[Quad]:
+        self._map.compact(keep=0.0)
+        return self._map.engine.quads_for_pattern(*terms)
+
+
+def test_a_past_that_is_dropped_while_it_is_read_is_not_half_told(written: Written) -> None:
+    with written(6) as semantic_map:
+        log = semantic_map.history
+        with pytest.raises(HistoryError, match="no longer kept"):
+            replay(log, PrunesWhenRead(semantic_map), 2)
+        with pytest.raises(HistoryError, match="no longer kept"):
+            log.terms.pair(10**6)
+        with pytest.raises(HistoryError, match="no longer kept"):
+            log.terms.term(10**6)
+
+
+@pytest.mark.parametrize("when", ["0001-01-01T00:00:00+23:00", "9999-12-31T23:59:59-12:00"])
+def test_years_that_cannot_be_written_are_no_moments(written: Written, when: str) -> None:
+    with written(1) as semantic_map, pytest.raises(HistoryError, match="no moment"):
+        semantic_map.at(when)

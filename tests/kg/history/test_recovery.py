@@ -1,0 +1,245 @@
+"""Killed between log and store, out of step, copied back: nothing acknowledged is lost."""
+
+from __future__ import annotations
+
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+from pyoxigraph import Quad
+
+from kg.errors import GraphError, HistoryError
+from kg.history.storage.recovery import FILE
+from kg.maps.semantic_map import SemanticMap
+from kg.opening import create_map, open_map
+from kg.records import MapUpdate
+from kg.store.transactional import TransactionalStore
+
+ROOT = Path(__file__).resolve().parents[3]
+CONFTEST = str(Path(__file__).parent.with_name("conftest.py"))
+Written = Callable[[int], SemanticMap]
+
+# writes frames for ever, and says of each when it is acknowledged
+_WRITER = """
+import importlib.util, os, sys
+spec = importlib.util.spec_from_file_location("writing", sys.argv[2])
+writing = importlib.util.module_from_spec(spec); spec.loader.exec_module(writing)
+from kg.opening import open_map
+from kg.store.transactional import TransactionalStore
+semantic_map = open_map(sys.argv[1], power_safe="safe" in sys.argv)
+if "between" in sys.argv:  # the log has the frame, the store will never hear of it
+    TransactionalStore._write = lambda *_: os.kill(os.getpid(), 9)
+frame = semantic_map.sequence
+while True:
+    semantic_map.apply(writing.frame_update(frame))
+    print(semantic_map.sequence, flush=True)
+    frame += 1
+"""
+
+
+def _facts(semantic_map: SemanticMap) -> set[Quad]:
+    return set(semantic_map.engine)
+
+
+def _writer(path: Path, *words: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-c", _WRITER, str(path), CONFTEST, *words],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def _agrees(semantic_map: SemanticMap) -> None:
+    """Log and store say the same, and the store holds whole frames."""
+    assert semantic_map.history.last == semantic_map.sequence
+    with semantic_map.at(semantic_map.sequence) as now:
+        assert _facts(now) == _facts(semantic_map)
+    counts = {record.observations for record in semantic_map.objects()}
+    assert counts == {semantic_map.recordings()[0].frames_applied}
+
+
+def test_killed_between_log_and_store(written: Written, tmp_path: Path) -> None:
+    path = tmp_path / "flat.map"
+    written(3).close()
+    process = _writer(path, "between")
+    out, err = process.communicate(timeout=300)
+    assert (process.returncode, out, err) == (-signal.SIGKILL, "", "")
+    with TransactionalStore.open(path) as store:
+        assert store.sequence == 3
+    with open_map(path) as semantic_map:
+        assert semantic_map.sequence == 4
+        _agrees(semantic_map)
+
+
+def test_a_reader_sees_what_the_crash_kept_from_the_store(written: Written, tmp_path: Path) -> None:
+    written(3).close()
+    _writer(tmp_path / "flat.map", "between").communicate(timeout=300)
+    with open_map(tmp_path / "flat.map", read_only=True) as semantic_map:
+        assert semantic_map.read_only
+        assert semantic_map.sequence == 4
+        _agrees(semantic_map)
+
+
+def test_readers_that_come_at_once_all_see_what_the_crash_kept_from_the_store(
+    written: Written, tmp_path: Path
+) -> None:
+    path = tmp_path / "flat.map"
+    written(3).close()
+    _writer(path, "between").communicate(timeout=300)
+    together = threading.Barrier(6)
+
+    def read(_: int) -> int:
+        together.wait(timeout=300)
+        with open_map(path, read_only=True) as semantic_map:
+            return semantic_map.sequence
+
+    with ThreadPoolExecutor(6) as readers:
+        assert list(readers.map(read, range(6))) == [4] * 6
+
+
+@pytest.mark.parametrize("mode", ["fast", "safe"])
+def test_killed_at_any_moment(written: Written, tmp_path: Path, mode: str) -> None:
+    path = tmp_path / "flat.map"
+    written(1).close()
+    rng = random.Random(7)
+    for _ in range(3):
+        process = _writer(path, mode)
+        assert process.stdout is not None and process.stderr is not None
+        acknowledged = int(process.stdout.readline())
+        time.sleep(rng.uniform(0.0, 0.1))
+        process.kill()
+        acknowledged = max([acknowledged, *map(int, process.stdout.read().split("\n")[:-1])])
+        process.wait()
+        process.stdout.close()
+        process.stderr.close()
+        with open_map(path) as semantic_map:
+            assert semantic_map.sequence >= acknowledged
+            _agrees(semantic_map)
+
+
+def test_an_old_copy_of_the_store_catches_up(written: Written, tmp_path: Path) -> None:
+    path, copy = tmp_path / "flat.map", tmp_path / "copy"
+    written(2).close()
+    shutil.copytree(path / "store", copy)
+    for _ in range(2):
+        process = _writer(path)
+        assert process.stdout is not None
+        process.stdout.readline()
+        process.kill()
+        process.communicate()
+    with open_map(path) as semantic_map:
+        latest, sequence = _facts(semantic_map), semantic_map.sequence
+    assert sequence > 2
+    shutil.rmtree(path / "store")
+    shutil.copytree(copy, path / "store")
+    with open_map(path) as semantic_map:
+        assert (_facts(semantic_map), semantic_map.sequence) == (latest, sequence)
+
+
+def test_a_copy_older_than_the_kept_past_catches_up_too(
+    written: Written, tmp_path: Path, frame: Callable[..., MapUpdate]
+) -> None:
+    path, copy = tmp_path / "flat.map", tmp_path / "copy"
+    written(2).close()
+    shutil.copytree(path / "store", copy)
+    with open_map(path) as semantic_map:
+        for number in range(2, 6):
+            semantic_map.apply(frame(number, removed=(semantic_map.base + "object/2",)))
+        semantic_map.compact(keep=0.0)
+        latest = _facts(semantic_map)
+    shutil.rmtree(path / "store")
+    shutil.copytree(copy, path / "store")
+    with open_map(path) as semantic_map:
+        assert _facts(semantic_map) == latest
+
+
+def test_what_was_written_without_the_log_enters_it(
+    written: Written, tmp_path: Path, frame: Callable[..., MapUpdate]
+) -> None:
+    path = tmp_path / "flat.map"
+    with written(3) as semantic_map:
+        third = _facts(semantic_map)
+    shutil.copy(path / FILE, tmp_path / "old")
+    with open_map(path) as semantic_map:
+        semantic_map.apply(frame(3))
+        semantic_map.apply(frame(4))
+    shutil.copy(tmp_path / "old", path / FILE)
+    with open_map(path) as semantic_map:
+        _agrees(semantic_map)
+        assert [c.sequence for c in semantic_map.changes()] == [1, 2, 3, 5]
+        assert next(semantic_map.changes(3)).cause.kind == "recovery"
+        with semantic_map.at(3) as then:
+            assert _facts(then) == third
+        semantic_map.apply(frame(5))
+        _agrees(semantic_map)
+
+
+def test_a_map_from_before_history_begins_one(written: Written, tmp_path: Path) -> None:
+    path = tmp_path / "flat.map"
+    written(3).close()
+    (path / FILE).unlink()
+    with open_map(path, read_only=True) as semantic_map:
+        with pytest.raises(HistoryError, match="keeps no history"):
+            semantic_map.at(1)
+        assert semantic_map.why("object/1")[0].because
+    with open_map(path) as semantic_map:
+        _agrees(semantic_map)
+        with pytest.raises(HistoryError, match="there are #3 to #3"):
+            semantic_map.at(1)
+        with pytest.raises(HistoryError, match="changes up to #3 are not kept"):
+            semantic_map.changes(1)
+
+
+def test_another_maps_log_is_refused(written: Written, tmp_path: Path) -> None:
+    written(1).close()
+    create_map(tmp_path / "other.map").close()
+    shutil.copy(tmp_path / "other.map" / FILE, tmp_path / "flat.map" / FILE)
+    with pytest.raises(HistoryError, match="put the right file there"):
+        open_map(tmp_path / "flat.map")
+
+
+@pytest.mark.parametrize("read_only", [False, True])
+def test_a_log_that_is_none_is_refused(written: Written, tmp_path: Path, read_only: bool) -> None:
+    written(1).close()
+    (tmp_path / "flat.map" / FILE).write_bytes(b"not a database, but long enough to be read" * 9)
+    with pytest.raises(HistoryError, match="cannot read the history"):
+        open_map(tmp_path / "flat.map", read_only=read_only)
+
+
+def test_what_the_store_refuses_is_not_in_the_log(
+    written: Written, frame: Callable[..., MapUpdate], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with written(2) as semantic_map:
+        before = _facts(semantic_map)
+
+        def full(*_: object) -> None:
+            raise GraphError("no space left")
+
+        with monkeypatch.context() as broken:
+            broken.setattr(TransactionalStore, "_write", full)
+            with pytest.raises(GraphError, match="no space left"):
+                semantic_map.apply(frame(2))
+        assert semantic_map.history.last == 2
+        assert _facts(semantic_map) == before
+        semantic_map.apply(frame(3))
+        with semantic_map.at(3) as now:
+            assert _facts(now) == _facts(semantic_map)
+
+
+def test_power_safe_waits_for_the_disk(tmp_path: Path) -> None:
+    for safe, level in ((False, 1), (True, 2)):
+        path = tmp_path / f"{safe}.map"
+        with create_map(path, power_safe=safe) as semantic_map:
+            assert semantic_map.history.db.execute("PRAGMA synchronous").fetchone() == (level,)
+            assert semantic_map.history.db.execute("PRAGMA journal_mode").fetchone() == ("wal",)

@@ -1,0 +1,300 @@
+"""A map behind a SPARQL server of somebody else's making answers as a map in a folder does."""
+
+from __future__ import annotations
+
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+
+import numpy as np
+import pytest
+
+from kg.errors import GraphError, MapNotFoundError, QueryError, RemoteError, UnreachableError
+from kg.export.serialization import export_text
+from kg.maps.semantic_map import SemanticMap
+from kg.opening import create_map, in_memory_map, open_map, open_or_create_map
+from kg.records import Evidence, MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
+from kg.store.sparql_client import SparqlClient
+from kg.transactions import Cause
+
+BASE = "https://example.org/house/"
+
+
+def chairs(semantic_map: SemanticMap, shift: float = 0.0) -> tuple[ObjectRecord, ...]:
+    chair = semantic_map.catalogue.find("chair").iri
+    seen = Evidence("frame-000001", "house", 5.0, (0.0, 0.0, 9.0, 9.0), 0.5, "net")
+    return tuple(
+        ObjectRecord(
+            f"{BASE}object/{n}",
+            chair,
+            np.array([n + shift, 1.0, 0.5]),
+            confidence=2.0,
+            existence=0.5,
+            observations=n,
+            first_seen=1.0,
+            last_seen=5.0,
+            place=f"{BASE}place/1",
+            evidence=seen,
+        )
+        for n in range(1, 6)
+    )
+
+
+def fill(semantic_map: SemanticMap) -> None:
+    kitchen, office = (semantic_map.catalogue.find(name).iri for name in ("kitchen", "office"))
+    place = f"{BASE}place/1"
+    robot = RobotRecord(np.array([0.0, 1.0, 1.2]), 0.5, 5.0)
+    first = PlaceRecord(place, "place 1", 0.0, 9.0, 0.0, 5.0, 1, {kitchen: 0.7, office: 0.3})
+    second = PlaceRecord(place, "place 1", 0.0, 9.0, 0.0, 5.0, 2, {kitchen: 1.0})
+    semantic_map.apply(MapUpdate(objects=chairs(semantic_map), places=(first,), robot=robot))
+    moved = chairs(semantic_map, shift=0.25)
+    semantic_map.apply(MapUpdate(objects=moved[1:], removed=(moved[0].iri,), places=(second,)))
+
+
+@pytest.fixture
+def remote(sparql_server: str) -> Iterator[SemanticMap]:
+    with open_or_create_map(sparql_server, title="house", base=BASE) as semantic_map:
+        yield semantic_map
+
+
+@pytest.fixture
+def local() -> Iterator[SemanticMap]:
+    with in_memory_map(title="house", base=BASE) as semantic_map:
+        yield semantic_map
+
+
+@pytest.fixture(scope="module")
+def filled(lasting_sparql_server: str) -> Iterator[tuple[SemanticMap, SemanticMap]]:
+    """The same map on a server and in memory; for tests that only read."""
+    with (
+        open_or_create_map(lasting_sparql_server, title="house", base=BASE) as remote,
+        in_memory_map(title="house", base=BASE) as local,
+    ):
+        fill(remote)
+        fill(local)
+        yield remote, local
+
+
+@pytest.mark.parametrize(
+    ("question", "parameters"),
+    [
+        ("objects", {}),
+        ("objects-by-category", {"category": "food"}),
+        ("objects-in-place", {"place": "1"}),
+        ("objects-in-box", {"xmin": 0, "xmax": 3, "ymin": 0, "ymax": 3}),
+        ("places", {}),
+        ("place-beliefs", {}),
+        ("robot", {}),
+        ("summary", {}),
+        ("goals-known", {"category": "chair"}),
+        ("goals-nearby", {"category": "table"}),
+        ("goals-places", {"category": "banana"}),
+        ("located-at", {"category": "banana"}),
+        ("why-object", {"object": BASE + "object/3"}),
+    ],
+)
+def test_shipped_questions_are_answered_alike(
+    filled: tuple[SemanticMap, SemanticMap], question: str, parameters: dict[str, object]
+) -> None:
+    remote, local = filled
+    assert remote.ask(question, **parameters) == local.ask(question, **parameters)
+
+
+def test_a_distance_is_right_although_servers_know_no_square_root(
+    filled: tuple[SemanticMap, SemanticMap],
+) -> None:
+    remote, _ = filled
+    rows = remote.ask("objects-within-radius", x=2.25, y=1.0, radius=2.5).records()
+    assert [row["label"] for row in rows] == ["chair 2", "chair 3", "chair 4"]
+    assert [row["distance"] for row in rows] == pytest.approx([0.0, 1.0, 2.0], abs=1e-6)
+
+
+def test_construct_and_ask_work(filled: tuple[SemanticMap, SemanticMap]) -> None:
+    remote, _ = filled
+    table = remote.ask_text("CONSTRUCT { ?o here:x ?x } WHERE { ?o a here:Chair ; here:x ?x }")
+    assert len(table.rows) == 4
+    assert "here:x" in table.to_turtle()
+    assert remote.ask_text("ASK { ?o a here:Sofa }").rows == ((False,),)
+
+
+def test_from_narrows_what_is_read(filled: tuple[SemanticMap, SemanticMap]) -> None:
+    remote, _ = filled
+    query = "SELECT (COUNT(*) AS ?n) FROM graph:dataset WHERE { ?o a here:Chair }"
+    assert remote.ask_text(query).rows == ((0,),)
+
+
+def test_the_same_updates_leave_the_same_graph(remote: SemanticMap, local: SemanticMap) -> None:
+    for semantic_map in (remote, local):
+        fill(semantic_map)
+    assert remote.sequence == local.sequence == 2
+    assert [o.iri for o in remote.objects()] == [f"{BASE}object/{n}" for n in range(2, 6)]
+    assert remote.places() == local.places()
+    made = "dct:created"
+    there, here = (
+        [line for line in export_text(m, "ttl", ontology=False).splitlines() if made not in line]
+        for m in (remote, local)
+    )
+    assert there == here
+
+
+def test_people_may_write_beside_the_writer(remote: SemanticMap, sparql_server: str) -> None:
+    fill(remote)
+    update = (
+        f"INSERT DATA {{ GRAPH <https://w3id.org/hereabouts/graph/map> {{ <{BASE}object/2> "
+        '<http://www.w3.org/2000/01/rdf-schema#comment> "wobbly" } }'
+    )
+    endpoint = SparqlClient.at(sparql_server)
+    endpoint.update(update)
+    endpoint.close()
+    remote.apply(MapUpdate(objects=chairs(remote, shift=1.0)[1:]))
+    said = remote.ask_text(
+        "SELECT ?said { ?chair rdfs:comment ?said ; here:x ?x . ?chair a here:Chair }"
+    )
+    assert said.rows == (("wobbly",),)
+
+
+def test_two_handles_number_their_transactions_on(remote: SemanticMap, sparql_server: str) -> None:
+    fill(remote)
+    with open_map(sparql_server) as other:
+        assert other.apply(MapUpdate(objects=chairs(other, shift=2.0)[1:]), Cause("update", "me"))
+    remote.apply(MapUpdate(objects=chairs(remote, shift=3.0)[1:]))
+    assert remote.sequence == 4
+
+
+def test_opening_twice_creates_once(sparql_server: str) -> None:
+    with open_or_create_map(sparql_server, title="once") as first:
+        base = first.base
+    with open_or_create_map(sparql_server, title="twice") as second:
+        assert (second.base, second.title) == (base, "once")
+    with pytest.raises(GraphError, match="already"):
+        create_map(sparql_server)
+
+
+def test_a_server_without_a_map_is_said_to_have_none(sparql_server: str) -> None:
+    with pytest.raises(MapNotFoundError, match="no map at http://127"):
+        open_map(sparql_server)
+
+
+def test_a_reader_writes_nothing(remote: SemanticMap, sparql_server: str) -> None:
+    with (
+        open_map(sparql_server, read_only=True) as reader,
+        pytest.raises(GraphError, match="reading only"),
+    ):
+        fill(reader)
+    assert remote.sequence == 0
+
+
+def test_a_query_that_does_not_parse_is_one_line(remote: SemanticMap) -> None:
+    with pytest.raises(QueryError, match="does not parse at line 2") as caught:
+        remote.ask_text("SELECT *\nWHERE { ?s ?p }")
+    assert "\n" not in str(caught.value)
+
+
+def test_rdflib_needs_the_store_here(remote: SemanticMap) -> None:
+    with pytest.raises(GraphError, match="is on a server"):
+        _ = remote.dataset
+
+
+def test_nobody_listening_is_one_line_without_the_password() -> None:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]  # bound, so that nobody else listens there meanwhile
+        with pytest.raises(UnreachableError, match=f"127.0.0.1:{port} .*refused") as caught:
+            open_map(f"http://someone:secret@127.0.0.1:{port}")
+    assert "secret" not in str(caught.value)
+
+
+def test_an_answer_cut_off_by_a_time_limit_is_no_answer(
+    start_server: Callable[..., str],
+) -> None:
+    hasty = start_server("hasty", "--timeout-s", "1")
+    with create_map(hasty, base=BASE) as semantic_map:
+        # rows from the first moment on: what such a server joins beforehand, it does not break off
+        runaway = "SELECT ?a ?c { ?a ?p ?b . ?c ?q ?d }"
+        with pytest.raises(RemoteError, match="broke off its answer"):
+            semantic_map.ask_text(runaway)
+        assert semantic_map.ask("objects").rows == ()
+
+
+@pytest.fixture
+def chatty() -> Iterator[str]:
+    """A web server that is no SPARQL server."""
+    listener = socket.create_server(("127.0.0.1", 0))
+    reply = b"HTTP/1.1 200 OK\r\nContent-Type: text/html\r\nContent-Length: 5\r\n\r\nhello"
+
+    def serve() -> None:
+        while True:
+            try:
+                connection, _ = listener.accept()
+            except OSError:
+                return
+            with connection:
+                head = b""
+                while b"ASK" not in head:
+                    head += connection.recv(4096)
+                connection.sendall(reply.replace(b"\r\n\r\n", b"\r\nConnection: close\r\n\r\n"))
+
+    thread = threading.Thread(target=serve, daemon=True)
+    thread.start()
+    yield f"http://127.0.0.1:{listener.getsockname()[1]}"
+    listener.shutdown(socket.SHUT_RDWR)
+    listener.close()
+    thread.join()
+
+
+def test_a_web_page_is_no_map(chatty: str) -> None:
+    with pytest.raises(RemoteError, match="does not speak SPARQL"):
+        open_map(chatty)
+
+
+@pytest.fixture
+def forgetful() -> Iterator[tuple[str, list[bytes]]]:
+    """A server that answers once on each connection, and hangs up when asked again on it."""
+    listener = socket.create_server(("127.0.0.1", 0))
+    body, heard = b'{"head":{},"boolean":true}', []
+    head = f"Content-Type: application/sparql-results+json\r\nContent-Length: {len(body)}\r\n"
+    reply = b"HTTP/1.1 200 OK\r\n" + head.encode() + b"\r\n" + body
+
+    def hear(connection: socket.socket) -> None:
+        data = b""
+        while b"\r\n\r\n" not in data or len(data.partition(b"\r\n\r\n")[2]) < int(
+            data.lower().partition(b"content-length: ")[2].split()[0]
+        ):
+            data += (part := connection.recv(4096))
+            if not part:
+                return
+        heard.append(data.partition(b"\r\n\r\n")[2])
+
+    def serve() -> None:
+        while True:
+            try:
+                connection, _ = listener.accept()
+            except OSError:
+                return
+            with connection, suppress(OSError):
+                connection.settimeout(120)
+                hear(connection)
+                connection.sendall(reply)
+                hear(connection)
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    yield f"http://127.0.0.1:{listener.getsockname()[1]}", heard
+    listener.shutdown(socket.SHUT_RDWR)
+    listener.close()
+    thread.join()
+
+
+def test_a_query_is_asked_again_where_its_kept_connection_ends_and_an_update_is_not(
+    forgetful: tuple[str, list[bytes]],
+) -> None:
+    url, heard = forgetful
+    endpoint = SparqlClient(url, f"{url}/query", f"{url}/update")
+    for _ in range(3):
+        assert endpoint.ask("ASK {}")
+    assert len(heard) == 5
+    with pytest.raises(UnreachableError):
+        endpoint.update("INSERT DATA {}")
+    assert sum(said.startswith(b"update=") for said in heard) == 1
+    endpoint.close()

@@ -1,0 +1,75 @@
+"""Sightings and tracks of things with given boxes, for the Bayes mapper's parts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+import pytest
+
+from mapping.objects.settings import ObjectSettings
+from mapping.objects.sightings import ThingSighting
+from mapping.objects.tracks import Track
+from mapping.objects.usual_sizes import SizeOf, UsualSize
+
+SETTINGS = ObjectSettings()
+USUAL = {
+    "cup": UsualSize(0.1, 0.08),
+    "bottle": UsualSize(0.25, 0.08),
+    "dining table": UsualSize(1.6, 0.8),
+    "tv": UsualSize(0.8, 0.1),
+    "laptop": UsualSize(0.35, 0.25),
+}
+
+
+@pytest.fixture
+def usual_size() -> SizeOf:
+    """Callable: category -> its usual size, None where it has none."""
+    return USUAL.get
+
+
+@pytest.fixture
+def make_sighting() -> Callable[..., ThingSighting]:
+    """Callable: scores by category, position [m] -> sighting of a cube at it, 2 m away."""
+
+    def make(
+        scores: Mapping[str, float],
+        p_map: Sequence[float],
+        *,
+        size: float = 0.1,
+        sides: Sequence[float] | None = None,
+        cut: bool = False,
+        detector: str = "",
+    ) -> ThingSighting:
+        at = np.array(p_map, dtype=np.float64)
+        half = np.full(3, size / 2) if sides is None else np.array(sides) / 2
+        return ThingSighting(
+            scores={(detector, category): score for category, score in scores.items()},
+            p_map=at,
+            low=at - half,
+            high=at + half,
+            size=size,
+            depth=2.0,
+            box=(10.0, 10.0, 20.0, 20.0),
+            cut=cut,
+            categories=frozenset(scores),
+        )
+
+    return make
+
+
+@pytest.fixture
+def make_track(make_sighting: Callable[..., ThingSighting]) -> Callable[..., Track]:
+    """Callable: category, position [m] -> track of `views` sure sightings of such a cube."""
+
+    def make(category: str, p_map: Sequence[float], *, views: int = 3, **of: object) -> Track:
+        sighting = make_sighting({category: 0.8}, p_map, **of)
+        track = Track(p_map=sighting.p_map, size=sighting.size, settings=SETTINGS)
+        for _ in range(views):
+            track.locate(sighting, 1.0)
+            track.add_evidence(category, "", 3.0, 1.0)
+        track.views = views
+        track.assess({})
+        return track
+
+    return make

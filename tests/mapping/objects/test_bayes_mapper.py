@@ -1,0 +1,417 @@
+"""The Bayes mapper on frames of one room: a real mapper, a real map in memory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from kg.errors import ConflictError
+from kg.maps.semantic_map import SemanticMap
+from kg.ontology.lint import check_map
+from kg.opening import create_map, open_map
+from kg.records import MapUpdate, ObjectRecord
+from kg.transactions import Cause, ChangeSet
+from mapping.mapper import Mapper
+from mapping.objects.bayes_mapper import BayesObjectMapper
+from mapping.objects.settings import ObjectSettings
+from mapping.sighting import Sighting
+from perception.frames import Detections, Frame
+
+MIDDLE = (29, 21, 35, 27)  # about the optical axis: map (2, 0, 1)
+FAR_WALL = 5.0  # [m] seen instead of a thing that is gone
+CLEAR_VIEWS = 3  # within which a thing that is gone leaves the map
+
+
+class Room:
+    """A wall 2 m ahead of the first view with things before it, and a mapper that watches."""
+
+    def __init__(self, semantic_map: SemanticMap, step_back: Callable[..., Frame]) -> None:
+        self.map, self.view = semantic_map, step_back
+        self.views = 0
+        self.mapper = Mapper(semantic_map, detector="scripted")
+
+    def see(self, *found: tuple[str, float, tuple[float, ...]], times: int = 1) -> MapUpdate:
+        """Detections (label, score, box) from so many new viewpoints; the last change."""
+        for _ in range(times):
+            update = self.mapper.add(self.view(self.views % 8), detections(*found))
+            self.views += 1
+        return update
+
+    def look(self, depth: float) -> MapUpdate:
+        """Detect nothing, with all of the image at `depth` [m], from a new viewpoint."""
+        frame = self.view(self.views % 8)
+        self.views += 1
+        return self.mapper.add(replace(frame, depth=np.full_like(frame.depth, depth)), detections())
+
+    @property
+    def one(self) -> ObjectRecord:
+        (record,) = self.map.objects()
+        return record
+
+    def label(self, record: ObjectRecord) -> str:
+        return self.map.catalogue.label(record.category)
+
+
+def detections(*found: tuple[str, float, tuple[float, ...]], **sources: object) -> Detections:
+    return Detections(
+        np.array([box for _, _, box in found], dtype=np.float32).reshape(-1, 4),
+        np.array([score for _, score, _ in found], dtype=np.float32),
+        tuple(label for label, _, _ in found),
+        **sources,
+    )
+
+
+def box(column: float, row: float = 24, half: float = 3) -> tuple[float, ...]:
+    return (column - half, row - half, column + half, row + half)
+
+
+CUP = ("cup", 0.8, MIDDLE)
+
+
+@pytest.fixture
+def room(semantic_map: SemanticMap, step_back: Callable[..., Frame]) -> Iterator[Room]:
+    made = Room(semantic_map, step_back)
+    yield made
+    assert check_map(semantic_map.engine) == []
+
+
+# entering the map
+
+
+def test_a_thing_enters_the_map_by_its_second_distinct_view(room):
+    assert room.see(CUP).objects == ()
+    (record,) = room.see(CUP).objects
+    assert record.p_map == pytest.approx([2, 0, 1], abs=0.05)
+    assert room.label(room.one) == "cup"
+    assert (record.observations, record.first_seen, record.last_seen) == (2, 1e9, 1e9 + 1)
+    assert (record.evidence.score, record.evidence.model) == (pytest.approx(0.8), "scripted")
+
+
+def test_the_same_view_again_and_again_is_one_view(room, step_back):
+    for _ in range(30):
+        room.mapper.add(step_back(0), detections(CUP))
+    assert room.map.objects() == ()
+    room.mapper.add(step_back(1), detections(CUP))
+    assert room.one.observations == 31
+
+
+def test_repeated_views_make_it_less_sure_than_new_ones(room, step_back):
+    faint = ("cup", 0.45, MIDDLE)
+    room.see(faint, times=2)
+    for _ in range(3):
+        room.mapper.add(step_back(1), detections(faint))
+    still = room.one.existence
+    with_new_views = Room(room.map, step_back)
+    aside = ("cup", 0.45, box(10))
+    with_new_views.see(aside, times=5)
+    other = max(room.map.objects(), key=lambda o: abs(o.p_map[1]))
+    assert other.observations == room.map.objects()[0].observations == 5
+    assert other.existence > still
+
+
+def test_faint_detections_enter_no_map_and_strong_ones_are_near_certain(room):
+    room.see(("cup", 0.21, box(10)), CUP, times=6)
+    assert room.label(room.one) == "cup"
+    assert 0.95 < room.one.existence <= 1
+
+
+def test_extent_and_deviation_tell_its_size_and_precision(room):
+    room.see(("chair", 0.9, (15, 5, 49, 43)), ("cup", 0.8, box(4)), times=4)
+    sizes = {room.label(o): (o.extent, o.deviation) for o in room.map.objects()}
+    assert sizes["chair"][0].max() > 2 * sizes["cup"][0].max()
+    assert 0 < sizes["cup"][1] < sizes["chair"][1] < 0.4
+    assert all((extent >= 0).all() for extent, _ in sizes.values())
+
+
+# one thing or several
+
+
+def test_two_cups_side_by_side_are_two(room):
+    for n in range(4):
+        scale = 2 / (2 + 0.3 * n)  # 0.3 m are fewer pixels from farther off
+        halves = [("cup", 0.8, box(32 + side * 3.75 * scale, half=2)) for side in (-1, 1)]
+        room.see(*halves)
+    one, other = room.map.objects()
+    assert abs(one.p_map[1] - other.p_map[1]) == pytest.approx(0.3, abs=0.05)
+    assert {one.observations, other.observations} == {4}
+
+
+def test_a_thing_with_three_names_is_one_by_its_best(room):
+    screen = (22, 16, 42, 32)
+    names = (("tv", 0.7, screen), ("laptop", 0.5, screen), ("suitcase", 0.3, screen))
+    room.see(*names, times=4)
+    assert room.label(room.one) == "tv"
+
+
+def test_a_thing_called_otherwise_by_each_view_is_one_by_its_best(room):
+    screen = (22, 16, 42, 32)
+    for name, score in (("tv", 0.8), ("laptop", 0.4), ("tv", 0.8), ("suitcase", 0.4), ("tv", 0.8)):
+        room.see((name, score, screen))
+    assert room.label(room.one) == "tv"
+    assert room.one.observations == 5
+
+
+def test_two_detectors_that_agree_are_surer_than_one(room, step_back):
+    names = ("ssdlite_mobilenet_v2_coco_300", "nanodet_g_416")
+    alone, agreed = ("cup", 0.55, box(10)), ("cup", 0.55, box(54))
+    seen = detections(*(alone, agreed, agreed), source=(names[0], *names), detectors=names)
+    for n in range(3):
+        room.mapper.add(step_back(n), seen)
+    left, right = sorted(room.map.objects(), key=lambda o: -o.p_map[1])
+    assert left.existence < right.existence
+    assert {left.evidence.model, right.evidence.model} <= set(names)
+
+
+def test_one_table_seen_in_parts_is_one(room):
+    for part in ((5, 20, 40, 40), (20, 20, 60, 40), (5, 20, 60, 40), (10, 20, 45, 40)):
+        room.see(("dining table", 0.8, part))
+    assert room.label(room.one) == "dining table"
+
+
+@pytest.mark.parametrize(("right", "objects"), [(65, 1), (60, 2)], ids=["cut", "whole"])
+def test_a_box_cut_by_the_border_beside_a_thing_of_its_name_is_no_second_one(
+    semantic_map, step_back, right, objects
+):
+    mapper = Mapper(semantic_map)
+    chair, beside = ("chair", 0.8, (35, 16, 49, 36)), ("chair", 0.8, (53, 16, right, 36))
+    for n, seen in enumerate([[chair]] * 3 + [[chair, beside]] * 2):
+        mapper.add(step_back(n, depth=1.0), detections(*seen))
+    assert len(semantic_map.objects()) == objects
+
+
+# leaving the map
+
+
+def test_a_thing_that_is_gone_leaves_within_three_clear_views(room):
+    room.see(CUP, times=6)
+    iri = room.one.iri
+    removed = [room.look(FAR_WALL).removed for _ in range(CLEAR_VIEWS)]
+    assert [iri] in [list(gone) for gone in removed]
+    assert room.map.objects() == ()
+
+
+def test_a_thing_that_is_there_but_missed_once_stays(room):
+    room.see(CUP, times=6)
+    room.look(2.0 + 0.3 * 6)
+    assert room.one.existence > 0.5
+
+
+@pytest.mark.parametrize("depth", [1.0, np.nan], ids=["hidden", "without depth"])
+def test_what_cannot_be_seen_is_not_missed(room, depth):
+    room.see(CUP, times=3)
+    before = room.one
+    for _ in range(10):
+        assert room.look(depth).objects == ()
+    assert room.one.existence == before.existence
+
+
+def test_what_is_out_of_range_is_not_missed(room, step_back):
+    room.see(CUP, times=3)
+    before = room.one
+    for n in range(10, 20):
+        room.mapper.add(step_back(n, depth=FAR_WALL), detections())
+    assert room.one.existence == before.existence
+
+
+def test_what_is_behind_the_camera_is_not_missed(room, make_frame):
+    room.see(CUP, times=3)
+    before = room.one
+    turned = np.diag([-1.0, -1.0, 1.0, 1.0]) @ make_frame().T_map_cam
+    for n in range(5):
+        room.mapper.add(make_frame(3.0, T=turned, id=f"away-{n}"), detections())
+    assert room.one.existence == before.existence
+
+
+def test_a_thing_that_came_back_is_another_one(room):
+    room.see(CUP, times=4)
+    first = room.one.iri
+    for _ in range(CLEAR_VIEWS):
+        room.look(FAR_WALL)
+    room.see(CUP, times=3)
+    assert room.one.iri != first
+
+
+# what people say
+
+
+def test_an_asserted_category_sticks_and_both_names_are_its_own(room):
+    room.see(CUP, times=2)
+    room.map.assert_(room.one.iri, "category", "bowl", by="ann")
+    room.see(("bowl", 0.6, MIDDLE), times=2)
+    room.see(CUP, times=2)
+    assert room.label(room.one) == "bowl"
+    assert room.one.observations == 6
+    room.map.retract(room.one.iri, "category", by="ann")
+    assert room.label(room.one) == "cup"
+
+
+def test_an_asserted_position_sticks_and_what_is_seen_there_is_it(room):
+    room.see(CUP, times=2)
+    room.map.assert_(room.one.iri, "position", (2, -0.6, 1), by="ann")
+    room.see(("cup", 0.8, box(45)), times=1)
+    assert room.one.p_map == pytest.approx([2, -0.6, 1])
+    assert room.one.observations == 3
+
+
+def test_what_is_put_elsewhere_is_not_missed_where_it_was(room):
+    room.see(CUP, times=3)
+    room.map.assert_(room.one.iri, "position", (4, 9, 1), by="ann")
+    for _ in range(6):
+        room.look(FAR_WALL)
+    assert room.one.p_map == pytest.approx([4, 9, 1])
+
+
+def test_asserted_present_it_stays_though_missed(room):
+    room.see(CUP, times=2)
+    room.map.assert_(room.one.iri, "existence", "present", by="ann")
+    for _ in range(6):
+        room.look(FAR_WALL)
+    assert room.one.existence > 0
+    room.map.retract(room.one.iri, "existence", by="ann")
+    room.look(FAR_WALL)
+    assert room.map.objects() == ()
+
+
+def test_asserted_absent_it_is_gone_though_seen(room):
+    room.see(CUP, times=2)
+    room.map.assert_(room.one.iri, "existence", "absent", by="ann")
+    room.see(CUP, times=3)
+    assert room.one.existence == 0
+    room.map.retract(room.one.iri, "existence", by="ann")
+    assert room.one.existence > 0.8
+
+
+def test_deleted_and_seen_again_it_is_new(room):
+    room.see(CUP, times=3)
+    first = room.one.iri
+    room.map.update(f"DELETE WHERE {{ <{first}> ?p ?o }}", by="ann")
+    assert room.map.objects() == ()
+    room.see(CUP, times=2)
+    assert room.one.iri != first and room.one.observations == 2
+
+
+def test_moved_by_an_update_it_goes_on_from_there(room):
+    room.see(CUP, times=2)
+    iri = room.one.iri
+    room.map.update(
+        f"DELETE {{ <{iri}> here:y ?y }} INSERT {{ <{iri}> here:y -0.2 }} "
+        f"WHERE {{ <{iri}> here:y ?y }}",
+        by="ann",
+    )
+    room.see(CUP)
+    assert room.one.iri == iri
+    assert -0.2 < room.one.p_map[1] < 0
+
+
+# other writers and other runs
+
+
+def test_what_another_writes_between_frames_is_respected(room):
+    room.see(CUP, ("bottle", 0.8, box(55)), times=3)
+    cup, bottle = sorted(room.map.objects(), key=lambda o: abs(o.p_map[1]))
+    moved = replace(cup, p_map=np.array([2.0, 0.1, 1.0]), observations=9)
+    cause = Cause("import", "somebody")
+    room.map.apply(MapUpdate(objects=(moved,), removed=(bottle.iri,)), cause)
+    room.see(CUP)
+    assert room.one.iri == cup.iri
+    assert room.one.observations == 10
+    assert 0 < room.one.p_map[1] <= 0.1
+
+
+@pytest.mark.parametrize("views", [0, 1, 2], ids=["a candidate", "a new object", "an object"])
+def test_a_frame_that_conflicts_counts_once(room, step_back, views, monkeypatch):
+    for _ in range(views):
+        room.see(CUP)
+    write, refused = room.map.write, 2
+
+    def contested(update: MapUpdate, cause: Cause | None = None) -> ChangeSet | None:
+        nonlocal refused
+        if refused:
+            refused -= 1
+            raise ConflictError("others were faster")
+        return write(update, cause)
+
+    monkeypatch.setattr(room.map, "write", contested)
+    room.see(CUP)
+    monkeypatch.undo()
+    if views == 0:
+        assert room.map.objects() == ()
+        room.see(CUP)
+    assert room.one.observations == max(views + 1, 2)
+
+
+def test_a_map_opened_again_goes_on_with_its_objects(tmp_path, step_back):
+    with create_map(tmp_path / "a.map") as semantic_map:
+        first = Room(semantic_map, step_back)
+        first.see(CUP, ("chair", 0.8, (8, 18, 24, 34)), times=4)
+        before = {o.iri: o for o in semantic_map.objects()}
+        assert len(before) == 2
+    with open_map(tmp_path / "a.map") as semantic_map:
+        second = Room(semantic_map, step_back)
+        second.see(CUP, ("chair", 0.8, (8, 18, 24, 34)), times=3)
+        after = {o.iri: o for o in semantic_map.objects()}
+        assert after.keys() == before.keys()
+        for iri, record in after.items():
+            assert record.observations == 7
+            assert record.existence >= before[iri].existence - 0.02
+            assert record.extent == pytest.approx(before[iri].extent, abs=0.15)
+        for _ in range(CLEAR_VIEWS):
+            second.look(FAR_WALL + 1)
+        assert semantic_map.objects() == ()
+
+
+# without a depth image
+
+
+def test_sightings_with_positions_are_objects_at_once(room):
+    cup = room.map.catalogue.find("cup").iri
+    (record,) = room.mapper.add_sightings(
+        [Sighting(cup, 0.8, np.array([2.0, 0.0, 1.0]))], 1e9
+    ).objects
+    assert record.extent.max() == pytest.approx(0.1)
+    (again,) = room.mapper.add_sightings(
+        [Sighting(cup, 0.8, np.array([2.1, 0.0, 1.0]))], 1e9 + 1
+    ).objects
+    assert again.iri == record.iri
+    assert again.existence > record.existence
+
+
+def test_a_sighting_makes_an_object_of_a_candidate(room):
+    room.see(CUP)
+    cup = room.map.catalogue.find("cup").iri
+    room.mapper.add_sightings([Sighting(cup, 0.8, np.array([2.0, 0.0, 1.0]))], 1e9 + 9)
+    assert room.one.observations == 2
+
+
+def test_looks_in_vain_count_against_an_object(semantic_map, step_back):
+    room = Room(semantic_map, step_back)
+    room.see(CUP, times=3)
+    mapper = BayesObjectMapper(semantic_map)
+    once = mapper.decay(room.one.iri)
+    assert once.updated[0].existence < room.one.existence
+    gone = mapper.decay(room.one.iri, 50)
+    assert gone.removed == (room.one.iri,)
+    assert mapper.decay("https://example.org/map/object/99").updated == ()
+
+
+def test_settings_are_the_callers(semantic_map, step_back):
+    room = Room(semantic_map, step_back)
+    room.mapper = Mapper(semantic_map, objects=ObjectSettings(confirmed_views=3))
+    room.see(CUP, times=2)
+    assert semantic_map.objects() == ()
+    room.see(CUP)
+    assert len(semantic_map.objects()) == 1
+
+
+@pytest.mark.parametrize("asserted", [False, True])
+def test_an_object_with_assertions_is_merged_into_no_other(room, asserted):
+    room.see(("cup", 0.9, box(16)), ("cup", 0.8, box(48)), times=2)
+    _, other = sorted(room.map.objects(), key=lambda record: -record.existence)
+    if asserted:
+        room.map.assert_(other.iri, "existence", "present", by="ann")
+    room.mapper = Mapper(room.map, objects=ObjectSettings(separation=100.0))
+    room.see(("cup", 0.9, box(16)))
+    assert (other.iri in {record.iri for record in room.map.objects()}) == asserted

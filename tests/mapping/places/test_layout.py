@@ -1,0 +1,87 @@
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from kg.errors import LayoutError
+from kg.records import Rectangle
+from mapping.places.layout import Layout, LayoutPlace, load_layout
+
+ROOM = {"xmin": 0, "xmax": 4, "ymin": -1.5, "ymax": 2}
+
+
+def write(tmp_path, content, name="places.json"):
+    path = tmp_path / name
+    path.write_text(content if isinstance(content, str) else json.dumps(content))
+    return path
+
+
+def test_bare_rectangles_are_numbered_from_one(tmp_path):
+    layout = load_layout(write(tmp_path, [ROOM, ROOM]))
+    assert [r.number for r in layout.places] == [1, 2]
+    assert [r.label for r in layout.places] == ["place 1", "place 2"]
+    assert layout.places[0].rectangle.ymin == -1.5
+
+
+def test_id_name_and_category_are_read(tmp_path):
+    (place,) = load_layout(
+        write(tmp_path, [ROOM | {"id": 7, "name": "Lab", "category": "office"}])
+    ).places
+    assert (place.number, place.label, place.category) == (7, "Lab", "office")
+
+
+def test_the_robots_own_saved_places_are_a_layout(shared):
+    layout = load_layout(shared("reference/saved_places_lab.json"))
+    assert len(layout.places) == 11
+    assert layout.places[0].rectangle.xmin == pytest.approx(12.3445)
+
+
+def test_the_thesis_building_is_a_layout(shared):
+    layout = load_layout(shared("reference/search_world_places.csv"))
+    assert [r.number for r in layout.places] == list(range(10))
+    assert layout.places[1].category == "kitchen"
+    assert layout.places[0].rectangle.xmax == pytest.approx(30.708)
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        ([ROOM | {"xmax": -1}], "xmin below xmax"),
+        ([ROOM | {"ymax": -1.5}], "ymin below ymax"),
+        ([ROOM | {"xmin": "left"}], "'left'"),
+        ([ROOM | {"xmin": None}], "None"),
+        ('[{"xmin": NaN, "xmax": 1, "ymin": 0, "ymax": 1}]', "not finite"),
+        ('[{"xmin": 0, "xmax": Infinity, "ymin": 0, "ymax": 1}]', "not finite"),
+        ([{"xmin": 0, "xmax": 1, "ymin": 0}], "no ymax"),
+        ([ROOM | {"id": 1}, ROOM | {"id": 1}], "share the id 1"),
+        ([ROOM | {"id": "front"}], "'front'"),
+        ([ROOM | {"id": 1.5}], "1.5"),
+        ([], "without places"),
+        ({"places": [ROOM]}, "no list of places"),
+        ([1, 2], "no list of places"),
+        ("not json", "cannot read"),
+        ("", "cannot read"),
+    ],
+)
+def test_senseless_layouts_are_refused_in_one_line(tmp_path, content, says):
+    with pytest.raises(LayoutError) as raised:
+        load_layout(write(tmp_path, content))
+    message = str(raised.value)
+    assert says in message and "places.json" in message
+    assert "\n" not in message
+
+
+def test_absent_and_binary_files_are_refused(tmp_path):
+    with pytest.raises(LayoutError, match="cannot read"):
+        load_layout(tmp_path / "nowhere.json")
+    binary = tmp_path / "places.csv"
+    binary.write_bytes(b"\xff\xfe\x00\x81")
+    with pytest.raises(LayoutError, match="cannot read"):
+        load_layout(binary)
+
+
+def test_overlapping_places_are_allowed():
+    assert Layout(
+        (LayoutPlace(1, "a", Rectangle(0, 2, 0, 2)), LayoutPlace(2, "b", Rectangle(1, 3, 1, 3)))
+    )

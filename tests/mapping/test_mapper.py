@@ -1,0 +1,192 @@
+"""The per-frame API: frames and sightings in, one transaction each."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from pyoxigraph import NamedNode
+
+from kg.errors import LabelsError
+from kg.opening import in_memory_map
+from kg.records import MapUpdate, Rectangle
+from kg.vocabulary import MAP_GRAPH
+from mapping.label_table import LabelTable
+from mapping.mapper import Mapper
+from mapping.objects.settings import ObjectSettings
+from mapping.places.layout import Layout, LayoutPlace
+from mapping.recording_mapper import map_recording
+from mapping.reference.settings import ReferenceSettings
+from mapping.sighting import Sighting
+from perception.frames import SceneScores
+
+MIDDLE = (20, 15, 40, 30)
+ROOM = Layout((LayoutPlace(1, "room", Rectangle(-9, 9, -9, 9)),))
+KITCHEN = SceneScores({"kitchen": 0.9, "bar": 0.1})
+
+
+@pytest.fixture
+def cup(make_detections):
+    return make_detections(("cup", 0.9, MIDDLE))
+
+
+@pytest.fixture
+def map_cup(step_back, cup):
+    """Callable: mapper -> the cup's record, after two distinct views of it."""
+
+    def two_views(mapper):
+        mapper.add(step_back(0), cup)
+        (record,) = mapper.add(step_back(1), cup).objects
+        return record
+
+    return two_views
+
+
+def test_each_frame_is_one_transaction_and_returned_as_written(semantic_map, step_back, cup):
+    with Mapper(semantic_map, layout=ROOM) as mapper:
+        assert mapper.add(step_back(0), cup).objects == (), "one view may be a false alarm"
+        before = semantic_map.sequence
+        update = mapper.add(step_back(1), cup)
+        assert semantic_map.sequence == before + 1
+        (record,) = update.objects
+        assert record.p_map == pytest.approx([2.0, 0.0, 1.0], abs=0.1)
+        assert [o.iri for o in semantic_map.objects("cup")] == [record.iri]
+        assert update.recording.frames_applied == mapper.frames_applied == 2
+        assert mapper.changed_triples > 0
+
+
+def test_a_loop_over_add_makes_the_map_that_map_recording_makes(
+    make_frame, make_detections, list_recording, scripted_detector, scripted_scene, cup
+):
+    script = {"f2": make_detections(), "f3": make_detections(("bed", 0.8, MIDDLE))}
+    frames = [make_frame(2.0 + 0.1 * n, id=f"f{n}", stamp=1e6 + n) for n in range(5)]
+    detector, scene = scripted_detector(script, cup), scripted_scene({"kitchen": 0.9})
+
+    def facts(semantic_map):
+        graph = NamedNode(MAP_GRAPH)
+        return sorted(map(str, semantic_map.engine.quads_for_pattern(None, None, None, graph)))
+
+    with in_memory_map(base="https://example.org/map/") as one:
+        map_recording(list_recording(frames), one, detector, scene)
+        expected = facts(one)
+    with in_memory_map(base="https://example.org/map/") as other:
+        with Mapper(other, recording="room", detector="scripted", scene_model="scripted") as mapper:
+            for frame in frames:
+                mapper.add(frame, detector.detect(frame), scene.classify(frame))
+        assert facts(other) == expected
+
+
+def test_scores_count_only_where_the_view_does(semantic_map, make_frame, make_detections):
+    mapper = Mapper(semantic_map, layout=ROOM)
+    frame, nothing = make_frame(2.0), make_detections()
+    assert mapper.viewed_place(frame) == semantic_map.place_iri(1)
+    (place,) = mapper.add(frame, nothing, KITCHEN).places
+    assert place.views == 1
+    again = make_frame(2.0, id="from the same pose")
+    assert mapper.viewed_place(again) is None
+    assert mapper.add(again, nothing, KITCHEN).places == ()
+    blind = make_frame(np.nan, id="without depth")
+    assert mapper.add(blind, nothing, KITCHEN).places == ()
+    assert semantic_map.places()[0].views == 1
+
+
+def test_the_same_frame_twice_counts_once_for_its_place(semantic_map, make_frame, make_detections):
+    mapper, frame = Mapper(semantic_map, layout=ROOM), make_frame(2.0)
+    mapper.add(frame, make_detections(), KITCHEN)
+    mapper.add(frame, make_detections(), KITCHEN)
+    assert semantic_map.places()[0].views == 1
+
+
+def test_sightings_belong_to_the_objects_that_frames_showed(semantic_map, map_cup):
+    mapper = Mapper(semantic_map, layout=ROOM)
+    first = map_cup(mapper)
+    near = Sighting(first.category, 0.8, first.p_map + np.array([0.2, 0, 0]))
+    (again,) = mapper.add_sightings([near], 1e9 + 5).objects
+    assert (again.iri, again.observations, again.last_seen) == (first.iri, 3, 1e9 + 5)
+    assert again.evidence == first.evidence  # a sighting without a box has none
+    far = Sighting(first.category, 0.8, first.p_map + np.array([2.0, 0, 0]))
+    (new,) = mapper.add_sightings([far], 1e9 + 6).objects
+    assert new.place == semantic_map.place_iri(1)
+    assert len(semantic_map.objects("cup")) == 2
+    assert mapper.frames_applied == 2
+
+
+def test_sightings_honour_what_people_asserted(semantic_map, map_cup):
+    mapper = Mapper(semantic_map, layout=ROOM)
+    first = map_cup(mapper)
+    assert semantic_map.assert_(first.iri, "position", (4, 4, 1), by="ann")
+    assert semantic_map.assert_(first.iri, "category", "bowl", by="ann")
+    for category in ("cup", "bowl"):
+        seen = Sighting(semantic_map.catalogue.find(category).iri, 0.8, np.array([4.0, 4.0, 1.0]))
+        (update,) = mapper.add_sightings([seen], 1e6 + 5).objects
+        assert update.iri == first.iri
+    (bowl,) = semantic_map.objects()
+    assert semantic_map.catalogue.label(bowl.category) == "bowl"
+    assert bowl.p_map == pytest.approx([4, 4, 1])
+
+
+def test_no_sighting_is_no_evidence_against_anything(semantic_map, map_cup):
+    mapper = Mapper(semantic_map, layout=ROOM)
+    map_cup(mapper)
+    before = semantic_map.sequence
+    assert mapper.add_sightings([], 1e6 + 5) == MapUpdate()
+    assert semantic_map.sequence == before
+
+
+def test_a_stream_is_continued_by_its_name(semantic_map, step_back, cup):
+    for run in range(2):
+        with Mapper(semantic_map, recording="robot 1") as mapper:
+            assert mapper.frames_applied == 2 * run
+            for n in (2 * run, 2 * run + 1):
+                mapper.add(step_back(n, id=f"f{n}"), cup)
+    (record,) = semantic_map.recordings()
+    assert (record.name, record.frames_applied, record.last_frame) == ("robot 1", 4, "f3")
+    (found,) = semantic_map.objects()
+    assert found.observations == 4
+
+
+def test_the_rest_of_the_floor_is_written_at_the_end_of_the_block(semantic_map, make_frame, cup):
+    with Mapper(semantic_map) as mapper:
+        for n in range(4):
+            T = make_frame().T_map_cam.copy()
+            T[0, 3] += 0.3 * n
+            T[:3, :3] = T[:3, :3] @ _pitched_down()
+            frame = make_frame(_floor_depth(T), T=T, id=f"f{n}", stamp=1e6 + n)
+            mapper.add(frame, cup)
+        written = sum(int((tile.cells > 0).sum()) for tile in semantic_map.floor())
+    assert sum(int((tile.cells > 0).sum()) for tile in semantic_map.floor()) > written
+
+
+def test_occupancy_can_be_left_out(semantic_map, make_frame, cup):
+    with Mapper(semantic_map, occupancy=False) as mapper:
+        mapper.add(make_frame(2.0), cup)
+    assert semantic_map.floor() == ()
+
+
+@pytest.mark.parametrize("mode", ["bayes", "reference"])
+def test_labels_and_settings_are_the_callers(semantic_map, step_back, make_detections, mode):
+    labels = LabelTable({"mug": "cup"})
+    settings, objects = ReferenceSettings(min_score=0.5), ObjectSettings(min_score=0.5)
+    mapper = Mapper(semantic_map, mode=mode, labels=labels, settings=settings, objects=objects)
+    seen = make_detections(("mug", 0.9, MIDDLE), ("bowl", 0.4, (5, 5, 15, 15)))
+    for n in range(3):
+        mapper.add(step_back(n), seen)
+    (found,) = semantic_map.objects()
+    assert semantic_map.catalogue.label(found.category) == "cup"
+    with pytest.raises(LabelsError):
+        Mapper(semantic_map, labels=LabelTable({"mug": "flux capacitor"}))
+
+
+def _pitched_down(angle: float = 0.7) -> np.ndarray:
+    """(3, 3) rotation of a camera about its x axis, downwards [rad]."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[1, 0, 0], [0, c, s], [0, -s, c]])
+
+
+def _floor_depth(T: np.ndarray) -> np.ndarray:
+    """(49, 65) depth [m] of a level floor at height 0, seen from pose T."""
+    v, u = np.mgrid[0:49, 0:65]
+    rays = np.stack([(u - 32) / 50, (v - 24) / 50, np.ones_like(u, dtype=float)], axis=-1)
+    down = rays @ T[2, :3]
+    with np.errstate(divide="ignore"):
+        depth = -T[2, 3] / down
+    return np.where((down < 0) & (depth < 6), depth, np.nan)

@@ -1,0 +1,83 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kg.errors import ModelError
+from perception.frames import Detections, Frame
+from perception.inference.recorded_detections import (
+    load_recorded_detections,
+    open_detector,
+    save_recorded_detections,
+)
+
+
+def frame(name: str) -> Frame:
+    K = np.array([[70.0, 0, 39.5], [0, 70.0, 29.5], [0, 0, 1]])
+    depth = np.ones((60, 80), np.float32)
+    return Frame(name, np.zeros((60, 80, 3), np.uint8), depth, K, np.eye(4), 0.0)
+
+
+def written(tmp_path: Path, rows: object) -> Path:
+    path = tmp_path / "found.json"
+    path.write_text(json.dumps({"name": "mine", "frames": {"a": rows, "b": []}}))
+    return path
+
+
+def test_boxes_come_back_best_first_and_above_the_threshold(tmp_path: Path) -> None:
+    rows = [[1, 2, 30, 40, 0.3, "cup"], [5, 6, 7, 8, 0.9, "chair"], [0, 0, 9, 9, 0.6, "cup"]]
+    detector = open_detector(written(tmp_path, rows), threshold=0.5)
+    assert detector.name == "mine"
+    found = detector.detect(frame("a"))
+    assert found.label == ("chair", "cup")
+    assert found.xyxy[0].tolist() == [5, 6, 7, 8]
+    assert len(detector.detect(frame("b"))) == 0
+
+
+def test_what_is_saved_is_loaded_again(tmp_path: Path) -> None:
+    boxes = np.array([[1.5, 2.5, 30.5, 40.5], [1, 1, 2, 2]], np.float32)
+    found = Detections(boxes, np.array([0.75, 0.5], np.float32), ("potted plant", 'a "label"'))
+    save_recorded_detections(tmp_path / "found.json", "mine", {"a": found})
+    again = load_recorded_detections(tmp_path / "found.json").detect(frame("a"))
+    assert np.array_equal(again.xyxy, found.xyxy) and again.label == found.label
+    assert np.allclose(again.score, found.score)
+
+
+def test_a_frame_that_is_not_listed_is_an_error(tmp_path: Path) -> None:
+    detector = load_recorded_detections(written(tmp_path, []))
+    with pytest.raises(ModelError, match="has no frame 'c'; an entry for each frame"):
+        detector.detect(frame("c"))
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        [[1, 2, 3]],
+        [[1, 2, 30, 40, 0.5, 7]],
+        [[9, 2, 3, 40, 0.5, "cup"]],
+        [[1, 2, 30, 40, 1.5, "cup"]],
+        [["x", 2, 3, 40, 0.5, "cup"]],
+        [[1, 2, 30, 40, float("nan"), "cup"]],
+        7,
+        {"box": 1},
+    ],
+)
+def test_rows_that_are_no_boxes_are_refused(tmp_path: Path, rows: object) -> None:
+    with pytest.raises(ModelError, match=r"frame 'a'.*label\] would work"):
+        load_recorded_detections(written(tmp_path, rows))
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"frames": 3}', "{", "[" * 100000])
+def test_files_that_hold_no_detections_are_refused(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "found.json"
+    path.write_text(text)
+    with pytest.raises(ModelError, match="detections"):
+        load_recorded_detections(path)
+
+
+def test_a_missing_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match="cannot read detections"):
+        open_detector(tmp_path / "absent.json")

@@ -1,0 +1,135 @@
+"""`hereabouts find` as people use it: steps, reasons, pictures, wrong words."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from kg.opening import create_map
+from planner.cli import main
+from tests.planner.flat import fill
+
+
+@pytest.fixture
+def flat_on_disk(tmp_path: Path) -> Path:
+    with create_map(tmp_path / "flat.map", title="flat") as semantic_map:
+        fill(semantic_map)
+    return tmp_path / "flat.map"
+
+
+Said = Callable[..., tuple[str, str]]
+
+
+@pytest.fixture
+def says(capsys: pytest.CaptureFixture[str], flat_on_disk: Path) -> Said:
+    """Callable: run `find` on the flat; returns stdout and stderr."""
+
+    def run(*words: object) -> tuple[str, str]:
+        capsys.readouterr()
+        assert main(["find", str(flat_on_disk), *map(str, words)]) == 0
+        return capsys.readouterr()
+
+    return run
+
+
+def test_the_command_prints_steps_and_what_to_expect(says: Said) -> None:
+    out, err = says("cup", "bed", "--from", "6,1,90", "--budget", "10min", "--speed", "0.5")
+    assert "place 1" in out
+    assert "bed" in out
+    assert "expected" in err
+    assert "gap" in err
+    assert "rooms, nearest first" in err
+
+
+def test_the_table_says_why_without_the_sources(says: Said) -> None:
+    out, _ = says("apple")
+    assert "apple is found near banana (0.6)" in out
+    assert "thesis 3.4.1" not in out
+    assert "thesis 3.4.1" in says("apple", "--explain")[0]
+
+
+def test_a_robot_that_turns_faster_expects_to_find_sooner(says: Said) -> None:
+    slow = json.loads(says("apple", "--turn-rate", "9", "--json")[0])
+    fast = json.loads(says("apple", "--turn-rate", "90", "--json")[0])
+    assert fast["expected_seconds"] < slow["expected_seconds"]
+
+
+def test_the_command_explains_each_step(says: Said) -> None:
+    out, _ = says("apple", "--explain")
+    assert "apple is found near banana" in out
+    assert "if not," in out
+    assert "gap" in out
+
+
+def test_the_command_draws_the_plan(says: Said, tmp_path: Path) -> None:
+    says("cup", "--picture", tmp_path / "plan.svg")
+    drawn = (tmp_path / "plan.svg").read_text()
+    for text in ("flat: where to look for cup", "seen by the looks", "route"):
+        assert f"<!-- {text} -->" in drawn
+
+
+def test_the_floor_may_come_from_a_file(says: Said, tmp_path: Path) -> None:
+    rows = [[254] * 80 for _ in range(30)]
+    rows[14] = [0] * 80  # a wall right through: whoever starts below it sees nothing above it
+    pixels = bytes(value for row in rows for value in row)
+    (tmp_path / "floor.pgm").write_bytes(b"P5\n80 30\n255\n" + pixels)
+    yaml = tmp_path / "floor.yaml"
+    yaml.write_text("image: floor.pgm\nresolution: 0.2\norigin: [-2, -1, 0]\nnegate: 0\n")
+    with_file = json.loads(says("cup", "--from", "1,0", "--grid", yaml, "--json")[0])
+    without = json.loads(says("cup", "--from", "1,0", "--json")[0])
+    assert with_file["steps"]
+    assert all(step["y"] < 2.2 for step in with_file["steps"])
+    assert with_file["probability"] != without["probability"]
+
+
+def test_json_keeps_the_goals_and_adds_steps(says: Said) -> None:
+    answer = json.loads(says("apple", "--json")[0])
+    assert answer["target"] == "apple"
+    assert {goal["kind"] for goal in answer["goals"]} == {"nearby", "place"}
+    visited = [goal["seconds"] for goal in answer["goals"] if goal["seconds"] is not None]
+    assert visited == sorted(visited)
+    assert answer["lower_bound"] <= answer["expected_seconds"]
+    assert [step["seconds"] for step in answer["steps"]] == sorted(
+        step["seconds"] for step in answer["steps"]
+    )
+    assert answer["steps"][0]["why"][0]["facts"]
+    assert len(answer["alternatives"]) == 2
+
+
+def test_the_thesis_rules_are_still_there(says: Said) -> None:
+    near = json.loads(says("cup", "--rule", "nearest-first", "--json")[0])
+    assert [goal["kind"] for goal in near["goals"]] == ["known", "place"]
+    brute = json.loads(says("cup", "--rule", "brute-force", "--json")[0])
+    assert len(brute["goals"]) == 3
+
+
+@pytest.mark.parametrize(
+    ("words", "error"),
+    [
+        (["something to fly with"], "drink from"),
+        (["cup", "bed", "--rule", "nearest-first"], "one object at a time"),
+        (["cup", "--rule", "brute-force", "--at", "now", "--recall", "1"], "--recall and --at"),
+        (["cup", "--picture", "plan.doc"], ".png"),
+        (["cup", "--at", "yesterday"], "moment"),
+        (["cup", "--grid", "nowhere.yaml"], "nowhere.yaml"),
+    ],
+)
+def test_what_cannot_be_done_is_one_line(
+    flat_on_disk: Path, capsys: pytest.CaptureFixture[str], words: list[str], error: str
+) -> None:
+    assert main(["find", str(flat_on_disk), *words]) == 1
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert error in err
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "words", [["--range", "4,1"], ["--recall", "2"], ["--budget", "soon"], ["--speed", "1e-9"]]
+)
+def test_wrong_numbers_are_wrong_usage(flat_on_disk: Path, words: list[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(["find", str(flat_on_disk), "cup", *words])

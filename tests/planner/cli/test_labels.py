@@ -1,0 +1,79 @@
+"""A detector with names of its own, on the command line: provisional categories and a table."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from kg.opening import open_map
+from perception.inference.model_zoo import NETWORKS, default_model, model_path
+
+Prints = Callable[..., str]
+OWN_NAMES = {"chair": "Windsor seat", "dining table": "Trestle board"}
+
+
+@pytest.fixture
+def detector(tmp_path: Path) -> Path:
+    """The bundled detector in a folder of its own, with other names for two of its classes."""
+    source = model_path(default_model("detector").name)
+    shutil.copy(source, tmp_path)
+    labels = (NETWORKS / "labels_coco80.txt").read_text(encoding="utf-8").splitlines()
+    own = [OWN_NAMES.get(label, label) for label in labels]
+    (tmp_path / f"{source.stem}.labels.txt").write_text("\n".join(own), encoding="utf-8")
+    return tmp_path / source.name
+
+
+def test_labels_of_a_detector_of_ones_own(
+    kitchen: Path, detector: Path, tmp_path: Path, prints: Prints
+) -> None:
+    into = tmp_path / "kitchen.map"
+    options = ("--into", into, "--detector", detector, "--scene", "none", "--threshold", "0.2")
+    told = json.loads(prints("map", kitchen, *options, "--json"))
+    assert "Windsor seat" in told["provisional"]
+    assert told["unknown_labels"] == {}
+    found = json.loads(prints("find", into, "windsor seats", "--json"))
+    assert found
+    asked = prints(
+        "ask", into, "objects-by-category", "-p", "category=windsor seat", "--format", "json"
+    )
+    assert "Windsor seat" in asked
+    with open_map(into, read_only=True) as semantic_map:
+        seats = semantic_map.objects("windsor seat")
+    prints("check", into)
+    out = tmp_path / "ontology.ttl"
+    prints("ontology", "export", into, "-o", out)
+    assert "Windsor seat" in out.read_text(encoding="utf-8")
+
+    table = tmp_path / "labels.csv"
+    table.write_text("label,category\nWindsor seat,chair\nTrestle board,-\n", encoding="utf-8")
+    again = tmp_path / "again.map"
+    told = json.loads(
+        prints("map", kitchen, *options, "--into", again, "--labels-map", table, "--json")
+    )
+    assert told["provisional"] == [] and told["unknown_labels"] == {}
+    with open_map(again, read_only=True) as semantic_map:
+        assert len(semantic_map.objects("chair")) == len(seats)
+        assert semantic_map.objects("dining table") == ()
+
+
+def test_labels_are_ignored_where_that_is_wanted(
+    kitchen: Path, detector: Path, tmp_path: Path, prints: Prints
+) -> None:
+    options = ("--detector", detector, "--scene", "none", "--unknown-labels", "ignore")
+    told = json.loads(prints("map", kitchen, "--into", tmp_path / "m", *options, "--json"))
+    assert told["provisional"] == []
+    assert set(told["unknown_labels"]) <= set(OWN_NAMES.values())
+
+
+def test_a_table_that_names_no_category_makes_no_map(
+    kitchen: Path, tmp_path: Path, fails: Callable[..., str]
+) -> None:
+    table = tmp_path / "labels.csv"
+    table.write_text("Windsor seat,chiar\n", encoding="utf-8")
+    message = fails("map", kitchen, "--into", tmp_path / "m", "--labels-map", table)
+    assert "did you mean chair" in message
+    assert not (tmp_path / "m").exists()

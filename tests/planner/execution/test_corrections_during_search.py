@@ -1,0 +1,145 @@
+"""A search honours what people asserted: a thing that it sees again stays one object."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from kg.maps.semantic_map import SemanticMap
+from kg.opening import in_memory_map
+from planner.execution.events import Event
+from planner.execution.object_updates import ObjectUpdates
+from planner.execution.options import SearchOutcome
+from tests.planner.robots import ring, run
+
+AT = (5.0, 3.0, 0.8)  # [m] where `ring` puts its apple
+ELSEWHERE = (6.5, 1.0, 0.8)  # [m] farther from there than an object is associated over
+
+
+@pytest.fixture
+def semantic_map() -> Iterator[SemanticMap]:
+    with in_memory_map() as semantic_map:
+        ring(semantic_map, apples=1)
+        yield semantic_map
+
+
+def _sees(semantic_map: SemanticMap, label: str, at: tuple[float, float, float]) -> SearchOutcome:
+    return run(semantic_map, "apple", objects=[[label, *at, 0.9]])
+
+
+def _only(semantic_map: SemanticMap) -> str:
+    """Local name of the map's only object."""
+    (record,) = semantic_map.objects()
+    return record.iri.removeprefix(semantic_map.base)
+
+
+def test_a_thing_seen_where_people_say_it_is_stays_one_object(semantic_map: SemanticMap) -> None:
+    assert semantic_map.assert_("object/1", "position", ELSEWHERE, by="ann")
+    outcome = _sees(semantic_map, "apple", ELSEWHERE)
+    assert _only(semantic_map) == "object/1"
+    (apple,) = semantic_map.objects()
+    assert outcome.found == (apple.iri,)
+    assert apple.p_map == pytest.approx(ELSEWHERE)
+    assert apple.place == semantic_map.place_iri(2)
+    assert semantic_map.conflicts() == ()  # perception has come to the same position
+
+
+def test_a_thing_seen_where_it_was_before_its_correction_stays_one_object(
+    semantic_map: SemanticMap,
+) -> None:
+    assert semantic_map.assert_("object/1", "position", ELSEWHERE, by="ann")
+    _sees(semantic_map, "apple", AT)
+    assert _only(semantic_map) == "object/1"
+    assert semantic_map.objects()[0].p_map == pytest.approx(ELSEWHERE)
+
+
+def test_a_corrected_category_names_what_is_found(semantic_map: SemanticMap) -> None:
+    assert semantic_map.assert_("object/1", "category", "orange", by="ann")
+    outcome = run(semantic_map, "orange", objects=[["apple", *AT, 0.9]])
+    assert _only(semantic_map) == "object/1"
+    assert (outcome.state, outcome.found) == ("found", (f"{semantic_map.base}object/1",))
+
+
+def test_what_people_say_is_none_is_not_found_as_one(semantic_map: SemanticMap) -> None:
+    assert semantic_map.assert_("object/1", "category", "orange", by="ann")
+    outcome = _sees(semantic_map, "apple", AT)
+    assert _only(semantic_map) == "object/1"
+    assert (outcome.state, outcome.found) == ("given up", ())
+
+
+def test_a_thing_under_its_corrected_name_stays_one_object(semantic_map: SemanticMap) -> None:
+    assert semantic_map.assert_("object/1", "category", "orange", by="ann")
+    run(semantic_map, "orange", objects=[["orange", *AT, 0.9]])
+    assert _only(semantic_map) == "object/1"
+
+
+def test_a_thing_that_people_say_is_gone_is_not_doubled_where_it_is_seen(
+    semantic_map: SemanticMap,
+) -> None:
+    assert semantic_map.assert_("object/1", "existence", "absent", by="ann")
+    _sees(semantic_map, "apple", AT)
+    assert _only(semantic_map) == "object/1"
+    assert semantic_map.objects()[0].existence == 0.0
+
+
+def test_a_retracted_correction_counts_no_more(semantic_map: SemanticMap) -> None:
+    assert semantic_map.assert_("object/1", "position", ELSEWHERE, by="ann")
+    assert semantic_map.retract("object/1", "position", by="ann")
+    _sees(semantic_map, "apple", AT)
+    assert _only(semantic_map) == "object/1"
+    assert semantic_map.objects()[0].p_map == pytest.approx(AT, abs=0.01)
+
+
+def test_a_retracted_correction_leaves_another_thing_another(semantic_map: SemanticMap) -> None:
+    assert semantic_map.assert_("object/1", "position", ELSEWHERE, by="ann")
+    assert semantic_map.retract("object/1", "position", by="ann")
+    _sees(semantic_map, "apple", ELSEWHERE)
+    assert len(semantic_map.objects("apple")) == 2
+
+
+def _during(act: Callable[[], object]) -> Callable[[Event], None]:
+    """Do `act` once, at the search's first plan."""
+    done: list[object] = []
+
+    def on_event(event: Event) -> None:
+        if event.kind == "plan" and not done:
+            done.append(act())
+
+    return on_event
+
+
+def test_a_correction_while_the_robot_drives_counts(semantic_map: SemanticMap) -> None:
+    act = _during(lambda: semantic_map.assert_("object/1", "position", ELSEWHERE, by="ann"))
+    run(semantic_map, "apple", objects=[["apple", *ELSEWHERE, 0.9]], on_event=act)
+    assert _only(semantic_map) == "object/1"
+
+
+def test_a_thing_deleted_while_the_robot_drives_is_a_new_one_when_it_is_seen(
+    semantic_map: SemanticMap,
+) -> None:
+    delete = f"DELETE WHERE {{ <{semantic_map.base}object/1> ?p ?o }}"
+    act = _during(lambda: semantic_map.update(delete, by="ann"))
+    outcome = run(semantic_map, "apple", objects=[["apple", *AT, 0.9]], on_event=act)
+    (apple,) = semantic_map.objects("apple")
+    assert outcome.found == (apple.iri,)
+    assert apple.observations == 1  # nothing of the deleted one is left
+
+
+def test_what_people_say_is_there_stays_when_looks_are_in_vain(semantic_map: SemanticMap) -> None:
+    assert semantic_map.assert_("object/1", "existence", "present", by="ann")
+    assert run(semantic_map, "apple").state == "given up"
+    assert _only(semantic_map) == "object/1"
+    assert semantic_map.objects()[0].existence == 1.0
+
+
+def test_objects_of_a_category_are_those_that_people_put_into_it(
+    semantic_map: SemanticMap,
+) -> None:
+    find = semantic_map.catalogue.find
+    updates = ObjectUpdates(semantic_map)
+    assert semantic_map.assert_("object/1", "category", "orange", by="ann")
+    assert semantic_map.assert_("object/1", "position", ELSEWHERE, by="ann")
+    assert updates.of({find("apple").iri}) == ()
+    (orange,) = updates.of({find("orange").iri})
+    assert orange.p_map == pytest.approx(ELSEWHERE)

@@ -1,0 +1,368 @@
+"""Planning on the floor as depth showed it: real doors, furniture, and what lies beyond."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kg.maps.semantic_map import SemanticMap
+from kg.opening import create_map, in_memory_map
+from kg.records import FREE, LOW, TALL, UNKNOWN, FloorTile, MapUpdate, PlaceRecord, RobotRecord
+from planner.cli import main
+from planner.freespace.floor_plan import free_space
+from planner.freespace.frontiers import with_frontiers
+from planner.freespace.geodesic import distance_fields
+from planner.freespace.grid import NO_ROOM, FreeSpace, Room
+from planner.freespace.line_of_sight import visible_cells
+from planner.freespace.mapped_floor import SeenSpace, mapped_floor, seen_space
+from planner.freespace.planning_map import PlanningMap
+from planner.plans.report import step_lines
+from planner.plans.search_state import PlanningState, _viewpoints, build_search
+from planner.plans.view_plan import plan
+from planner.settings import BELIEF, MOST_ROOMS
+from planner.viewpoints.coverage import covering_viewpoints
+from planner.viewpoints.sensor import Sensor
+
+SIDE = 64
+CELL = 0.05
+LEFT, RIGHT = Room(0.0, 4.0, 0.0, 4.0), Room(4.0, 8.0, 0.0, 4.0)
+
+
+class Drawing:
+    """A floor drawn by rectangles [m], as tiles."""
+
+    def __init__(self, storey: int = 0, height: float = 0.0) -> None:
+        self.states = np.full((4 * SIDE, 3 * SIDE), UNKNOWN, np.uint8)  # x -3.2..9.6, y -3.2..6.4
+        self.storey, self.height = storey, height
+
+    def draw(self, x: tuple[float, float], y: tuple[float, float], state: int) -> Drawing:
+        i, j = ((np.rint((np.array(pair) + SIDE * CELL) / CELL)).astype(int) for pair in (x, y))
+        self.states[i[0] : i[1], j[0] : j[1]] = state
+        return self
+
+    def tiles(self) -> tuple[FloorTile, ...]:
+        return tuple(
+            FloorTile(
+                self.storey,
+                column - 1,
+                row - 1,
+                self.height,
+                CELL,
+                self.states[column * SIDE : (column + 1) * SIDE, row * SIDE : (row + 1) * SIDE],
+                1e9,
+            )
+            for column in range(4)
+            for row in range(3)
+        )
+
+
+def two_rooms() -> Drawing:
+    """Walls all around and between, with one door near the lower wall: y 0.6 to 1.6."""
+    drawing = Drawing().draw((0.0, 8.0), (0.0, 4.0), TALL)
+    drawing.draw((0.1, 3.95), (0.1, 3.9), FREE).draw((4.05, 7.9), (0.1, 3.9), FREE)
+    return drawing.draw((3.9, 4.1), (0.6, 1.6), FREE)
+
+
+def space_of(drawing: Drawing, *rooms: Room) -> SeenSpace:
+    floor = mapped_floor(drawing.tiles())
+    assert floor is not None
+    return seen_space(free_space(rooms), rooms, floor)
+
+
+def metres(space: FreeSpace, a: tuple[float, float], b: tuple[float, float]) -> float:
+    (field,) = distance_fields(space, [space.nearest(a)])
+    return float(field.reshape(-1)[space.nearest(b)])
+
+
+def test_the_way_leads_through_the_door_that_was_seen() -> None:
+    assumed = free_space([LEFT, RIGHT])
+    seen = space_of(two_rooms(), LEFT, RIGHT).space
+    above = (3.5, 3.5), (4.5, 3.5)
+    assert metres(assumed, *above) < 4.2  # by the middle of the wall
+    assert 4.0 < metres(seen, *above) < 5.6  # down to the door, and up again
+    gap = abs(seen.centres([seen.nearest((4.0, 2.0))])[0, 0] - 4.0)
+    assert gap > 0.15  # where a door was assumed there is wall
+
+
+def test_a_door_that_was_seen_shut_is_shut_and_the_room_behind_it_still_planned_for() -> None:
+    shut = two_rooms().draw((3.9, 4.1), (0.6, 1.6), TALL)
+    space = space_of(shut, LEFT, RIGHT).space
+    cells, _ = visible_cells(space, space.nearest((3.0, 1.1)), 4.6)
+    assert space.centres(cells)[:, 0].max() < 4.0
+    assert len(space.passages) == 1
+    assert np.isfinite(metres(space, (2.0, 2.0), (6.0, 2.0)))
+
+
+def test_one_looks_over_a_table_and_walks_around_it() -> None:
+    table = two_rooms().draw((1.6, 2.4), (0.1, 3.0), LOW)
+    space = space_of(table, LEFT, RIGHT).space
+    bare = space_of(two_rooms(), LEFT, RIGHT).space
+    assert metres(space, (1.0, 1.0), (3.0, 1.0)) > metres(bare, (1.0, 1.0), (3.0, 1.0)) + 2.0
+    cells, _ = visible_cells(space, space.nearest((1.0, 1.0)), 4.6)
+    spots = space.centres(cells)
+    assert ((abs(spots - (2.0, 1.0))).max(axis=1) < 0.15).any()  # its top
+    assert ((abs(spots - (3.0, 1.0))).max(axis=1) < 0.15).any()  # the floor beyond
+    on_top = space.inside()[np.isin(space.inside(), space.floor(), invert=True)]
+    assert len(on_top) and set(space.room.reshape(-1)[on_top]) == {0}  # things may lie there
+
+
+def test_a_cupboard_hides_what_is_behind_it() -> None:
+    space = space_of(two_rooms().draw((1.6, 2.4), (0.1, 3.0), TALL), LEFT, RIGHT).space
+    cells, _ = visible_cells(space, space.nearest((1.0, 1.0)), 4.6)
+    assert not ((abs(space.centres(cells) - (3.0, 1.0))).max(axis=1) < 0.15).any()
+
+
+def test_where_nobody_looked_rectangles_and_assumed_doors_count() -> None:
+    half = two_rooms().draw((3.0, 8.0), (0.0, 4.0), UNKNOWN)
+    seen = space_of(half, LEFT, RIGHT)
+    space = seen.space
+    assert {int(space.room.reshape(-1)[space.nearest(p)]) for p in ((1, 1), (6, 2))} == {0, 1}
+    assert np.isfinite(metres(space, (1.0, 1.0), (6.0, 2.0))) and not space.passages
+    here, there = (seen.states.reshape(-1)[space.nearest(p)] for p in ((1, 1), (6, 2)))
+    assert (here, there) == (FREE, UNKNOWN)
+
+
+def test_what_a_rectangle_holds_outside_of_the_walls_is_no_floor() -> None:
+    around = Room(-3.0, 9.0, -3.0, 6.0)  # as it grows around a recording without a layout
+    space = space_of(two_rooms(), around).space
+    spots = space.centres(space.floor())
+    assert spots.min() > 0.0 and spots[:, 0].max() < 8.0 and spots[:, 1].max() < 4.0
+    assert not space.passages
+
+
+def test_specks_close_no_door() -> None:
+    noisy = two_rooms().draw((4.0, 4.05), (1.0, 1.05), TALL)
+    assert metres(space_of(noisy, LEFT, RIGHT).space, (3.0, 1.0), (5.0, 1.0)) < 2.3
+
+
+def test_a_room_of_tables_alone_is_seen_from_the_floor_of_others() -> None:
+    table = Room(5.8, 7.9, 1.8, 3.9)
+    drawing = two_rooms().draw((5.7, 8.0), (1.7, 4.0), LOW).draw((7.9, 8.0), (0.0, 4.0), TALL)
+    space = space_of(drawing.draw((0.0, 8.0), (3.9, 4.0), TALL), LEFT, RIGHT, table).space
+    assert not len(space.floor(2)) and len(space.inside(2)) > 50
+    reach, near = 2.0, 0.8
+    viewpoints = covering_viewpoints(space, reach, near=near, covers=1)
+    assert space.free.reshape(-1)[viewpoints].all()
+    shown = [visible_cells(space, int(viewpoint), reach) for viewpoint in viewpoints]
+    seen = {int(c) for cells, off in shown for c in cells[np.hypot(*off.T) >= near]}
+    every = [visible_cells(space, int(viewpoint), reach) for viewpoint in space.floor()]
+    seeable = {int(c) for cells, off in every for c in cells[np.hypot(*off.T) >= near]}
+    assert set(space.inside(2).tolist()) & seeable <= seen
+
+
+def odd(column: int, row: int, resolution: float, side: int) -> FloorTile:
+    cells = np.full((side, side), FREE, np.uint8)
+    return FloorTile(0, column, row, 0.0, resolution, cells, 1e9)
+
+
+@pytest.mark.parametrize(
+    "stray",
+    [odd(10**6, -(10**6), CELL, SIDE), odd(-5, -5, 1e6, 1), odd(0, 0, 1e-3, SIDE),
+     odd(10**300, 0, CELL, SIDE), odd(0, 0, 1e300, SIDE)],
+    ids=["far", "huge", "fine", "beyond numbers", "beyond metres"],
+)  # fmt: skip
+def test_a_tile_that_belongs_to_no_floor_is_left_out(stray: FloorTile) -> None:
+    usual = mapped_floor(hall().tiles())
+    for tiles in ((stray, *hall().tiles()), (*hall().tiles(), stray)):
+        floor = mapped_floor(tiles)
+        assert floor is not None and usual is not None
+        assert np.array_equal(floor.states, usual.states)
+        assert np.array_equal(floor.origin, usual.origin)
+
+
+def test_a_floor_far_from_all_places_is_not_planned_on(semantic_map: SemanticMap) -> None:
+    away = [replace(tile, column=tile.column + 10**6) for tile in hall().tiles()]
+    nodes = "DELETE { ?t ?p ?o } WHERE { ?t a here:FloorTile ; ?p ?o }"
+    semantic_map.update(nodes, by="Ada")
+    semantic_map.apply(MapUpdate(floor=tuple(away)))
+    state = state_for(semantic_map, "bed")
+    assert {c.kind for c in state.candidates} == {"place"}
+    assert state.space.shape < (100, 100)
+
+
+def test_the_storey_of_the_robot_counts() -> None:
+    upstairs = Drawing(1, 3.0).draw((0.0, 1.0), (0.0, 1.0), FREE)
+    tiles = (*two_rooms().tiles(), *upstairs.tiles())
+    chosen = [mapped_floor(tiles, height) for height in (1.2, 4.2, None, 99.0)]
+    assert [floor.storey for floor in chosen if floor] == [0, 1, 0, 0]
+    assert mapped_floor(Drawing().tiles()) is None
+
+
+def hall() -> Drawing:
+    """One room, of which a door in the upper wall leads on: x 1.5 to 2.5."""
+    drawing = Drawing().draw((0.0, 4.0), (0.0, 4.0), TALL).draw((0.1, 3.9), (0.1, 3.9), FREE)
+    return drawing.draw((1.5, 2.5), (3.9, 4.3), FREE)
+
+
+def frontiers_of(drawing: Drawing) -> tuple[SeenSpace, int]:
+    floor = mapped_floor(drawing.tiles())
+    assert floor is not None
+    seen, found = with_frontiers(seen_space(free_space([LEFT]), [LEFT], floor, margin=2.8))
+    return seen, len(found)
+
+
+def test_beyond_an_open_door_floor_is_assumed() -> None:
+    seen, count = frontiers_of(hall())
+    assert count == 1
+    space = seen.space
+    beyond = space.nearest((2.0, 5.5))
+    assert np.linalg.norm(space.centres([beyond])[0] - (2.0, 5.5)) < 0.2
+    assert int(space.room.reshape(-1)[beyond]) == 2  # 0: the place, 1: floor in no place
+    assert metres(space, (2.0, 2.0), (2.0, 5.5)) < 4.0
+
+
+@pytest.mark.parametrize(
+    "drawing",
+    [
+        hall().draw((1.5, 2.5), (4.3, 4.4), TALL),  # the door is shut
+        hall().draw((1.5, 2.1), (3.9, 4.3), TALL),  # too narrow for a robot
+        hall().draw((1.0, 3.0), (5.0, 5.1), TALL).draw((0.9, 1.0), (4.0, 5.1), TALL)
+        .draw((3.0, 3.1), (4.0, 5.1), TALL),  # a cupboard
+    ],
+    ids=["shut", "narrow", "closet"],
+)  # fmt: skip
+def test_what_leads_nowhere_is_no_frontier(drawing: Drawing) -> None:
+    assert frontiers_of(drawing)[1] == 0
+
+
+@pytest.fixture
+def semantic_map() -> SemanticMap:
+    made = in_memory_map(title="hall", base="https://example.org/hall/")
+    kind = made.catalogue.find("kitchen", "place").iri
+    made.apply(
+        MapUpdate(
+            places=(PlaceRecord(made.place_iri(1), "place 1", 0, 4, 0, 4, 9, {kind: 0.9}),),
+            robot=RobotRecord(np.array([2.0, 1.0, 1.2]), 0.0, 1e9),
+            floor=hall().tiles(),
+        )
+    )
+    return made
+
+
+def state_for(semantic_map: SemanticMap, target: str) -> PlanningState:
+    state = build_search(semantic_map, [target])
+    assert state is not None
+    return state
+
+
+def test_a_search_goes_to_see_what_nobody_has_seen(semantic_map: SemanticMap) -> None:
+    state = state_for(semantic_map, "bed")
+    (frontier,) = [c for c in state.candidates if c.kind == "frontier"]
+    assert frontier.iri == "https://example.org/hall/floor/0/0_1#frontier-1"
+    assert 0 < frontier.probability < BELIEF.frontier
+    found = plan(state, (2.0, 1.0), trials=0)
+    beyond = [step for step in found.steps if step.p_map[1] > 4.0]
+    assert beyond
+    words = "\n".join(step_lines(1, beyond[0]))
+    assert re.search(r"nobody has seen what lies beyond \((1\.9|2\.1), 4\.[123]\)", words)
+    assert "a room begins there with 0.30" in words
+    (goal,) = [g for g in found.goals if g.candidate.kind == "frontier"]
+    assert goal.seconds is not None
+
+
+def test_a_frontier_is_no_reason_where_no_room_is_expected(semantic_map: SemanticMap) -> None:
+    state = build_search(semantic_map, ["bed"], settings=replace(BELIEF, frontier=0.0))
+    assert state is not None
+    (frontier,) = [c for c in state.candidates if c.kind == "frontier"]
+    assert frontier.probability == 0.0
+
+
+def test_what_was_not_seen_of_a_room_holds_more(semantic_map: SemanticMap) -> None:
+    def belief(drawing: Drawing) -> tuple[float, float, str]:
+        semantic_map.apply(MapUpdate(floor=drawing.tiles()))
+        state = state_for(semantic_map, "cup")
+        (place,) = [c for c in state.candidates if c.kind == "place"]
+        of_cell = dict(zip(state.views.cells.tolist(), state.belief.weight, strict=True))
+        near, far = (state.space.nearest(p) for p in ((1.0, 1.0), (3.4, 1.0)))
+        return place.probability, of_cell[far] / of_cell[near], place.facts[-1]
+
+    whole, even, _ = belief(hall())
+    part, ratio, said = belief(hall().draw((3.0, 4.0), (0.0, 4.0), UNKNOWN))
+    assert part > whole
+    assert even == pytest.approx(1.0, rel=1e-6)
+    assert ratio > 1.5
+    assert "% of its floor seen" in said
+
+
+def test_a_place_that_turned_out_to_be_all_wall_holds_the_others_up_in_nothing(
+    semantic_map: SemanticMap,
+) -> None:
+    kind = semantic_map.catalogue.find("kitchen", "place").iri
+    solid = PlaceRecord(semantic_map.place_iri(2), "pillar", 1, 1.6, 1, 1.6, 9, {kind: 0.9})
+    walled = hall().draw((0.9, 1.7), (0.9, 1.7), TALL)
+    semantic_map.apply(MapUpdate(places=(solid,), floor=walled.tiles()))
+    state = state_for(semantic_map, "cup")
+    assert all(0 <= c.probability <= 1 for c in state.candidates)
+    assert 0 < state.left < 1
+
+
+def test_a_grid_from_a_file_outranks_the_mapped_floor(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "hall.map"
+    with create_map(folder) as made:
+        kind = made.catalogue.find("kitchen", "place").iri
+        place = PlaceRecord(made.place_iri(1), "place 1", 0, 4, 0, 4, 9, {kind: 0.9})
+        robot = RobotRecord(np.array([2.0, 1.0, 1.2]), 0.0, 1e9)
+        made.apply(MapUpdate(places=(place,), robot=robot, floor=hall().tiles()))
+    np.save(tmp_path / "grid.npy", np.zeros((40, 40)))
+    grid = tmp_path / "grid.yaml"
+    grid.write_text("image: grid.npy\nresolution: 0.1\norigin: [0, 0, 0]\n")
+
+    def steps(*options: str) -> list[dict[str, float]]:
+        assert main(["find", str(folder), "bed", "--json", *options]) == 0
+        return json.loads(capsys.readouterr().out)["steps"]
+
+    assert max(step["y"] for step in steps()) > 4.0
+    assert max(step["y"] for step in steps("--grid", str(grid))) < 4.0
+
+
+def test_walls_of_one_cell_hold_robot_and_eye() -> None:
+    for y in np.linspace(0.13, 3.87, 9):  # however they lie to the cells that are planned on
+        drawing = Drawing().draw((0.0, 8.0), (0.0, 4.0), FREE).draw((0.0, 8.0), (y, y + 0.05), TALL)
+        space = space_of(drawing, Room(0.0, 8.0, 0.0, 4.0)).space
+        wall = space.room == NO_ROOM
+        assert wall.any(axis=1)[1:-1].all()
+
+
+def of_tables(number: int) -> FloorTile:
+    """A tile with something to look over everywhere but in one small cell."""
+    cells = np.full((SIDE, SIDE), LOW, np.uint8)
+    cells[0, 0] = FREE
+    return FloorTile(0, number, 0, 0.0, CELL, cells, 1e9)
+
+
+def test_a_floor_without_a_place_to_stand_is_taken_for_what_its_rectangles_say() -> None:
+    side = SIDE * CELL
+    with in_memory_map() as semantic_map:
+        kitchen = semantic_map.catalogue.find("kitchen", "place").iri
+        room = PlaceRecord(semantic_map.place_iri(1), "room", 0, side, 0, side, 9, {kitchen: 0.9})
+        robot = RobotRecord(np.array([1.0, 1.0, 1.2]), 0.0, 1e9)
+        semantic_map.apply(MapUpdate(places=(room,), floor=(of_tables(0),), robot=robot))
+        state = build_search(semantic_map, ["banana"])
+    assert state is not None
+    assert state.space.free.any()
+    assert len(state.views.viewpoints)
+
+
+@pytest.mark.parametrize("tables", [10, MOST_ROOMS, MOST_ROOMS + 9])
+def test_many_rooms_of_tables_are_looked_at_from_where_one_can_stand(tables: int) -> None:
+    rooms = tables + 3  # of 5 x 5 cells in a row, open to each other; in the last three is floor
+    room = np.repeat(np.arange(rooms, dtype=np.int32), 5)[:, None].repeat(5, axis=1)
+    space = FreeSpace(np.zeros(2), 0.2, room, low=room < tables)
+    names = tuple(f"room {n}" for n in range(rooms))
+    cells = space.inside()
+    weight = np.where(room.reshape(-1)[cells] < tables, 1.0, 0.001)  # it is on one of the tables
+    viewpoints = _viewpoints(PlanningMap(space, names, names), cells, weight, Sensor())
+    assert set(space.room.reshape(-1)[viewpoints]) <= set(range(tables, rooms))
+    seen = {
+        int(room.reshape(-1)[c])
+        for viewpoint in viewpoints
+        for c in visible_cells(space, int(viewpoint), 4.6)[0]
+    }
+    assert tables - 1 in seen, "tables beside the floor are seen from it"

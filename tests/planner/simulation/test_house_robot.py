@@ -1,0 +1,110 @@
+"""The simulated robot of the demo house: rendered pictures, a detector with faults."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kg.errors import LayoutError
+from kg.maps.semantic_map import SemanticMap
+from kg.opening import create_map, in_memory_map, open_map
+from kg.records import MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
+from planner.cli import main
+from planner.execution.options import SearchOptions
+from planner.execution.search_loop import search
+from planner.simulation.demo_search import plan_for
+from planner.simulation.house import House, furnished_house
+from planner.simulation.house_demo import HIDDEN, layout_of
+from planner.simulation.house_robot import simulated_robot
+from planner.simulation.mapping_tour import START
+
+
+def _mapped(semantic_map: SemanticMap, house: House) -> None:
+    """The house as a tour would have mapped it, without the time that a tour takes."""
+    find = semantic_map.catalogue.find
+    places = [
+        PlaceRecord(
+            semantic_map.place_iri(place.number),
+            place.label,
+            place.rectangle.xmin,
+            place.rectangle.xmax,
+            place.rectangle.ymin,
+            place.rectangle.ymax,
+            20,
+            {find(room.category, "place").iri: 0.6},
+        )
+        for place, room in zip(layout_of(house).places, house.rooms, strict=True)
+    ]
+    objects = [
+        ObjectRecord(
+            iri=semantic_map.new_object_iri(),
+            category=find(item.label).iri,
+            p_map=item.centre(),
+            confidence=3.0,
+            existence=1.0,
+            observations=9,
+            first_seen=START,
+            last_seen=START,
+        )
+        for item in house.objects
+    ]
+    x, y = house.rooms[0].viewpoints[0]
+    robot = RobotRecord(np.array([x, y, 1.25]), 0.0, START)
+    semantic_map.apply(MapUpdate(tuple(objects), (), tuple(places), robot))
+
+
+def test_the_apple_is_found_within_a_few_looks() -> None:
+    house = furnished_house()
+    with in_memory_map() as semantic_map:
+        _mapped(semantic_map, house)
+        robot = simulated_robot(semantic_map, house.with_objects([HIDDEN]))
+        outcome = search(semantic_map, ["apple"], robot, SearchOptions(clock=lambda: START + 60))
+        assert outcome.state == "found"
+        assert outcome.looks <= 12
+        (apple,) = semantic_map.objects("apple")
+        assert outcome.found == (apple.iri,)
+        assert float(np.linalg.norm(apple.p_map - HIDDEN.centre())) < 0.5
+        robot_now = semantic_map.robot()
+        assert robot_now is not None
+        assert robot_now.p_map[2] == 1.25  # the protocol tells no height: it stays
+
+
+def test_what_is_written_is_timed_by_the_robots_clock(tmp_path: Path) -> None:
+    path = tmp_path / "house.map"
+    with create_map(path) as semantic_map:
+        _mapped(semantic_map, furnished_house())
+    main(["search", str(path), "apple", "--robot", "sim"])
+    with open_map(path, read_only=True) as semantic_map:
+        (record,) = semantic_map.searches()
+        assert record.started == START
+        assert record.ended is not None
+        assert record.ended - record.started == pytest.approx(record.seconds, abs=1.0)
+        assert record.seconds > 10
+
+
+def test_a_map_of_somewhere_else_is_refused() -> None:
+    with in_memory_map() as semantic_map:
+        far = PlaceRecord(semantic_map.place_iri(1), "far", 100.0, 104.0, 0.0, 4.0)
+        semantic_map.apply(MapUpdate(places=(far,)))
+        with pytest.raises(LayoutError, match="hereabouts demo"):
+            simulated_robot(semantic_map)
+
+
+def test_the_demo_plans_what_find_prints_with_the_options_it_tells(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, house = tmp_path / "house.map", furnished_house()
+    with create_map(path, title="house") as semantic_map:
+        _mapped(semantic_map, house)
+        planned = plan_for(semantic_map, "apple", simulated_robot(semantic_map, house))
+    assert main(["find", str(path), "apple", *planned.options.split(), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    steps = [(step["x"], step["y"], step["place"]) for step in told["steps"][:5]]
+    assert steps == [
+        (pytest.approx(step.p_map[0]), pytest.approx(step.p_map[1]), step.place)
+        for step in planned.plan.steps[:5]
+    ]
+    assert told["expected_seconds"] == pytest.approx(planned.plan.expected_seconds, rel=0.02)

@@ -1,0 +1,86 @@
+"""Commands, modules and files that the documentation names exist."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
+_PACKAGES = ("kg", "perception", "mapping", "planner")
+_FOLDERS = "kg|perception|mapping|planner|benchmarks|tests|queries|ontologies"
+
+
+def _name(page: Path) -> str:
+    return str(page.relative_to(ROOT))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=_name)
+def test_commands_of_a_page_parse(page: Path) -> None:
+    from planner.cli import build_parser
+
+    parser = build_parser()
+    lines = re.findall(
+        r"^ {4,}(?:\w+=\S+ )*(hereabouts .*)$", page.read_text("utf-8"), re.MULTILINE
+    )
+    for line in lines:
+        if _is_pattern(line):
+            continue
+        words = shlex.split(line, comments=True)
+        try:
+            arguments = parser.parse_args(words[1:])
+        except SystemExit:
+            pytest.fail(f"does not parse: {line}")
+        assert arguments.run
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if p.name != "CHANGELOG.md"], ids=_name)
+def test_files_and_modules_of_a_page_exist(page: Path) -> None:
+    code = re.findall(r"`([^`\n]+)`", page.read_text(encoding="utf-8"))
+    paths = [t for t in code if re.fullmatch(rf"(?:{_FOLDERS})/[\w./-]*[\w/]", t)]
+    missing = [p for p in paths if "NAME" not in p and not (ROOT / p).exists()]
+    modules = [t for t in code if re.fullmatch(r"(?:kg|perception|mapping|planner)(?:\.\w+)+", t)]
+    missing += [name for name in modules if not _is_importable(name)]
+    assert missing == []
+
+
+def _is_pattern(line: str) -> bool:
+    """Whether a line shows several commands at once, or goes on in the next line."""
+    return line.endswith("\\") or re.search(r"[\[|]|\.\.\.|\bMAP\b", line) is not None
+
+
+def _is_importable(name: str) -> bool:
+    """Whether `name` is a module, or an attribute of one."""
+    parts = name.split(".")
+    for end in range(len(parts), 0, -1):
+        try:
+            module = importlib.import_module(".".join(parts[:end]))
+        except ModuleNotFoundError:
+            continue
+        value: object = module
+        for attribute in parts[end:]:
+            if not hasattr(value, attribute):
+                return False
+            value = getattr(value, attribute)
+        return True
+    return False
+
+
+@pytest.mark.parametrize("page", PAGES, ids=_name)
+def test_python_examples_import_what_exists(page: Path) -> None:
+    blocks = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    imported = [
+        f"{node.module}.{alias.name}"
+        for block in blocks
+        if page.name != "api.md"  # signatures, no programs
+        for node in ast.walk(ast.parse(block))
+        if isinstance(node, ast.ImportFrom) and node.module is not None
+        for alias in node.names
+    ]
+    ours = [name for name in imported if name.split(".")[0] in _PACKAGES]
+    assert [name for name in ours if not _is_importable(name)] == []
