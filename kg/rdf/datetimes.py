@@ -34,6 +34,11 @@ def seconds(text: str) -> float:
     return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
 
 
+def transaction_time() -> float:
+    """The present time [s], in whole milliseconds: exactly what `--at` and the feeds print."""
+    return time.time_ns() // 1_000_000 / 1000
+
+
 def now() -> Literal:
     """The present instant."""
     return date_time(time.time())

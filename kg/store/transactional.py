@@ -23,6 +23,7 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Quad, Store
 
 from kg import vocabulary as v
 from kg.errors import GraphError, InvalidFactError
+from kg.rdf.datetimes import transaction_time
 from kg.rdf.quad_store import QuadStore
 from kg.rdf.xml_characters import unwritable
 from kg.store.folder import (
@@ -273,10 +274,8 @@ class TransactionalStore:
                 raise GraphError(f"cannot write the map at {self.where}: {reason}") from error
 
     def _now(self) -> float:
-        # whole milliseconds, as times are printed: `--at` the time of a transaction includes it;
         # a clock set back must not put a transaction before the one it follows
-        now = time.time_ns() // 1_000_000 / 1000
-        return max(now, self.journal.last_time if self.journal else 0.0)
+        return max(transaction_time(), self.journal.last_time if self.journal else 0.0)
 
     def _record(self, change: ChangeSet) -> None:
         if self.journal is None:

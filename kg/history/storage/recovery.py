@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import fcntl
 import os
-import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -19,6 +18,7 @@ from pyoxigraph import DefaultGraph, NamedNode, Quad, Store
 
 from kg import vocabulary as v
 from kg.history.storage.log import BACKGROUND, HistoryLog
+from kg.rdf.datetimes import transaction_time
 from kg.store.transactional import TransactionalStore
 from kg.transactions import Cause, ChangeSet
 
@@ -38,7 +38,7 @@ def attach(
     file = folder / FILE if folder else None
     log = HistoryLog.open(file, base, power_safe=power_safe)
     if not log.begun:
-        log.begin(store.sequence, time.time(), _recorded(store.native))
+        log.begin(store.sequence, transaction_time(), _recorded(store.native))
     elif log.last > store.sequence:
         _replay(store, log)
     elif log.last < store.sequence:
@@ -77,7 +77,7 @@ def open_history_read_only(store: TransactionalStore, folder: Path, base: str) -
 def without_past(store: TransactionalStore, base: str) -> HistoryLog:
     """A log in memory that begins with the present state of the store."""
     log = HistoryLog.open(None, base)
-    log.begin(store.sequence, time.time(), _recorded(store.native))
+    log.begin(store.sequence, transaction_time(), _recorded(store.native))
     return log
 
 
@@ -99,7 +99,7 @@ def _difference(
     recorded = {quad for quad in recorded if quad.graph_name not in BACKGROUND}
     stored = {*_recorded(store.native)}
     added, removed = tuple(stored - recorded), tuple(recorded - stored)
-    return ChangeSet(sequence, time.time(), cause, added, removed)
+    return ChangeSet(sequence, transaction_time(), cause, added, removed)
 
 
 def _recorded(engine: Store) -> Iterator[Quad]:

@@ -18,7 +18,7 @@ from kg.history.replay.past_state import replay
 from kg.history.replay.point_in_time import difference
 from kg.history.storage.log import KEYFRAME
 from kg.history.storage.recovery import attach
-from kg.history.timestamps import duration, iso
+from kg.history.timestamps import duration, iso, moment
 from kg.maps.semantic_map import SemanticMap
 from kg.opening import open_map
 from kg.records import MapUpdate
@@ -182,10 +182,20 @@ def test_a_clock_set_back_does_not_turn_the_past_round(
     written: Written, frame: Callable[..., MapUpdate], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with written(3) as semantic_map:
-        monkeypatch.setattr("kg.store.transactional.time.time", lambda: 1000.0)
+        monkeypatch.setattr("kg.rdf.datetimes.time.time_ns", lambda: 10**12)
         semantic_map.apply(frame(3))
         times = [change.time for change in semantic_map.changes()]
         assert times == sorted(times) and times[0] > 1000.0
+
+
+def test_times_are_what_is_printed_even_within_the_millisecond_a_history_begins(
+    written: Written, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("kg.rdf.datetimes.time.time_ns", lambda: 1_795_344_157_514_876_543)
+    monkeypatch.setattr("kg.rdf.datetimes.time.time", lambda: 1_795_344_157.514876)
+    with written(3) as semantic_map:
+        times = [change.time for change in semantic_map.changes()]
+        assert times and all(moment(iso(time)) == time for time in times)
 
 
 @pytest.mark.parametrize(("text", "seconds"), [("30d", 2592000), ("1.5h", 5400), ("90s", 90)])
