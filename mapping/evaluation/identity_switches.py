@@ -32,9 +32,7 @@ def identity_switches(states: Iterable[Iterable[MappedObject]], matcher: TruthMa
     return switches
 
 
-def object_states(
-    semantic_map: SemanticMap, since: int = 0
-) -> Iterator[tuple[ObjectRecord, ...]]:
+def object_states(semantic_map: SemanticMap, since: int = 0) -> Iterator[tuple[ObjectRecord, ...]]:
     """The objects of a map after each transaction behind number `since` that changed one.
 
     Raises HistoryError where the map does not keep all of its past.

@@ -60,9 +60,7 @@ class MapEvaluation:
         )
 
 
-def evaluate_map(
-    semantic_map: SemanticMap, matcher: TruthMatcher, since: int = 0
-) -> MapEvaluation:
+def evaluate_map(semantic_map: SemanticMap, matcher: TruthMatcher, since: int = 0) -> MapEvaluation:
     """Match the objects of a map, now and after each transaction behind number `since`."""
     label = semantic_map.catalogue.label
     objects = mapped_objects(semantic_map.objects(), label)
