@@ -72,9 +72,7 @@ class ObjectSettings:
     empty_ratio: float = 3.0  # log-likelihood ratio of such a view: absent against there
 
     # things that moved
-    same_label: float = (
-        0.05  # expected things of a category that appear for another reason, and ...
-    )
+    same_label: float = 0.05  # things of a category that appear for another reason, and ...
     unexplained: float = 0.12  # ... more by each thing of the category in the map
     same_size: float = 0.2  # standard deviation of log size of one thing seen twice, ...
     other_size: float = 0.4  # ... and of two things of a category

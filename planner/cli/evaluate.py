@@ -159,9 +159,8 @@ def _score(evaluated: EvaluatedMap, truth: AnyTruth, near: float) -> _Scored:
     semantic_map, T_map_world = evaluated.semantic_map, evaluated.T_map_world
     if isinstance(truth, tuple):
         matcher = TruthMatcher(truth, T_map_world, near)
-        return _Scored(
-            evaluated.run, evaluation=evaluate_map(semantic_map, matcher, evaluated.since)
-        )
+        evaluation = evaluate_map(semantic_map, matcher, evaluated.since)
+        return _Scored(evaluated.run, evaluation=evaluation)
     label = semantic_map.catalogue.label
     found = [(label(record.category), record.p_map) for record in semantic_map.objects()]
     return _Scored(evaluated.run, by_class=score_map(found, truth, T_map_world))

@@ -73,9 +73,10 @@ def refuse_wrong_usage(arguments: argparse.Namespace) -> None:
         arguments.usage_error("each MAP needs a --recording of its own, or none has one")
     if len(truths) != len(maps or recordings):
         arguments.usage_error("each MAP or --recording needs a --truth of its own, in their order")
-    if arguments.sessions > 1 and (maps or len(recordings) % arguments.sessions):
+    sessions = arguments.sessions
+    if sessions < 1 or (sessions > 1 and (maps or len(recordings) % sessions)):
         arguments.usage_error(
-            f"--sessions {arguments.sessions} takes a multiple of {arguments.sessions} --recording"
+            f"--sessions {sessions} needs recordings, N for each place, and N of 1 or more"
         )
 
 
