@@ -74,7 +74,7 @@ def weight(
     """How much more likely `n` is that thing than one of another origin."""
     o = one.track
     distance = float(np.linalg.norm(o.p_map - n.p_map))
-    if n.first_seen <= o.last_seen or o.iri == n.iri:
+    if n.first_seen <= o.last_seen or o is n:
         return 0.0
     if distance > 0.5 + s.speed * (n.first_seen - o.last_seen):
         return 0.0

@@ -228,7 +228,15 @@ def test_what_is_behind_the_camera_is_not_missed(room, make_frame):
 # moving
 
 
-ELSEWHERE = ("cup", 0.8, box(55))
+def elsewhere(view: int, label: str = "cup") -> tuple[str, float, tuple[float, ...]]:
+    """A detection 0.8 m beside the middle, from that view."""
+    scale = 2 / (2 + 0.3 * view)
+    return label, 0.8, box(32 + 20 * scale, half=3 * scale)
+
+
+def appears(room, *others, label="cup"):
+    for _ in range(3):
+        room.see(*others, elsewhere(room.views % 8, label))
 
 
 def leaves(room):
@@ -250,7 +258,7 @@ def test_a_thing_that_left_and_appears_elsewhere_is_the_same_one(room):
     room.see(CUP, times=4)
     first, where = room.one.iri, room.one.p_map
     leaves(room)
-    room.see(ELSEWHERE, times=3)
+    appears(room)
     assert room.one.iri == first
     assert np.linalg.norm(room.one.p_map - where) > 0.5
 
@@ -263,14 +271,14 @@ def test_a_thing_that_appeared_before_its_old_spot_was_looked_at_is_the_same_one
     for n in range(3):  # the old spot has no depth
         frame = step_back(n)
         frame.depth[:, :42] = np.nan
-        room.mapper.add(replace(frame, stamp=later + n), detections(ELSEWHERE))
+        room.mapper.add(replace(frame, stamp=later + n), detections(elsewhere(n)))
     old, new = room.map.objects()
     assert old.iri == first.iri != new.iri
     removed = []
     for n in range(CLEAR_VIEWS):
         frame = step_back(n)
         frame.depth[:, :42] = FAR_WALL
-        update = room.mapper.add(replace(frame, stamp=later + 10 + n), detections(ELSEWHERE))
+        update = room.mapper.add(replace(frame, stamp=later + 10 + n), detections(elsewhere(n)))
         removed += update.removed
     assert removed == [new.iri]
     assert room.one.iri == first.iri
@@ -282,7 +290,7 @@ def test_a_thing_of_another_category_is_another_one(room):
     room.see(CUP, times=4)
     first = room.one.iri
     leaves(room)
-    room.see(("bowl", 0.8, box(55)), times=3)
+    appears(room, label="bowl")
     assert room.one.iri != first
 
 
@@ -291,7 +299,7 @@ def test_what_people_say_is_there_is_not_found_elsewhere(room):
     first = room.one.iri
     room.map.assert_(first, "existence", "present", by="ann")
     leaves(room)
-    room.see(ELSEWHERE, times=3)
+    appears(room)
     assert {o.iri for o in room.map.objects()} > {first}
 
 
@@ -299,8 +307,9 @@ def test_a_move_is_undone_where_the_thing_stands_in_its_old_spot_after_all(room)
     room.see(CUP, times=4)
     first, where = room.one.iri, room.one.p_map
     leaves(room)
-    room.see(ELSEWHERE, times=3)
-    room.see(CUP, ELSEWHERE, times=3)
+    appears(room)
+    assert room.one.iri == first
+    appears(room, CUP)
     by_iri = {o.iri: o.p_map for o in room.map.objects()}
     assert len(by_iri) == 2
     assert np.linalg.norm(by_iri[first] - where) < 0.2
