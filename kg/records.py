@@ -71,6 +71,18 @@ class Evidence:
     model: str  # name of the detector
 
 
+RelationKind = Literal["on", "inside", "beside"]
+
+
+@dataclass(frozen=True, slots=True)
+class Relation:
+    """A spatial relation of an object to another one."""
+
+    kind: RelationKind
+    target: str  # IRI of the other object
+    probability: float  # 0..1; from 0.5 on it counts as so
+
+
 @dataclass(frozen=True, slots=True)
 class ObjectRecord:
     """An object occurrence as the map believes it now."""
@@ -87,6 +99,7 @@ class ObjectRecord:
     evidence: Evidence | None = None
     extent: NDArray[np.float64] | None = None  # (3,) [m] of its box along the map's axes
     deviation: float | None = None  # [m] standard deviation of each coordinate of `p_map`
+    relations: tuple[Relation, ...] | None = None  # None, when written: the map's stay
 
     @property
     def covariance(self) -> NDArray[np.float64] | None:

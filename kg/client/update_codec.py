@@ -24,6 +24,8 @@ from kg.records import (
     ObstacleRecord,
     PlaceRecord,
     RecordingRecord,
+    Relation,
+    RelationKind,
     RobotRecord,
     SearchRecord,
     SearchState,
@@ -86,6 +88,14 @@ def _state(data: Any, what: str) -> SearchState:
             found: SearchState = state
             return found
     raise _wrong(what, " or ".join(get_args(SearchState)), data)
+
+
+def _relation_kind(data: Any, what: str) -> RelationKind:
+    for kind in get_args(RelationKind):
+        if data == kind:
+            found: RelationKind = kind
+            return found
+    raise _wrong(what, " or ".join(get_args(RelationKind)), data)
 
 
 def _cells(data: Any, what: str) -> np.ndarray:
@@ -166,6 +176,10 @@ _EVIDENCE = _record(
         "model": _TEXT,
     },
 )
+_RELATION = _record(
+    Relation,
+    {"kind": _Codec(str, _relation_kind), "target": _TEXT, "probability": _NUMBER},
+)
 _OBJECT = _record(
     ObjectRecord,
     {
@@ -181,6 +195,7 @@ _OBJECT = _record(
         "evidence": _optional(_EVIDENCE),
         "extent": _optional(_array(3)),
         "deviation": _optional(_NUMBER),
+        "relations": _optional(_list(_RELATION)),
     },
 )
 _PLACE = _record(

@@ -43,6 +43,7 @@ def history_events(log: HistoryLog, iri: NamedNode, base: str) -> Iterator[Histo
             *log.terms.nodes_of(iri),
             *log.terms.nodes_of(NamedNode(observation_of(iri.value, base))),
             *log.terms.nodes_under(iri.value + "/belief/"),
+            *log.terms.nodes_under(iri.value + "/relation/"),
         ]
     if not nodes:
         raise QueryParameterError(

@@ -1,0 +1,131 @@
+"""Probabilities of on, inside and beside, from boxes and their uncertainty.
+
+What a thing stands on or in is a choice between its candidates and nothing that is mapped, the
+floor above all: a conditional logit (McFadden 1974), so the probabilities add up to at most one.
+The utility of a candidate is a weighted sum of how probably the thing's centre lies over the
+candidate's footprint, how probably its underside lies at the candidate's surface (inside: how
+probably its centre lies between bottom and top), and the ratio of their sizes. Beside is a
+probability of its own: of a small gap between footprints, at one level.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapping.relations.boxes import Boxes
+
+Floats = NDArray[np.float64]
+_LEAST: Final = 1e-9  # probabilities below count as this
+
+
+@dataclass(frozen=True, slots=True)
+class RelationSettings:
+    """Numbers of the formulas, fitted to simulated houses (`python -m benchmarks.relations`)."""
+
+    constant: float = 0.3  # of a candidate's utility
+    size: float = 0.6  # weight of the logarithm of the ratio of sizes
+    largest_ratio: float = 3.0  # logarithms of ratios of sizes count no more than this
+    edge: float = 0.19  # [m] standard deviation of the sides of a footprint ...
+    part: float = 0.29  # ... more by this share of what a length lacks of the usual one
+    height: float = 0.26  # [m] standard deviation of an underside over a surface
+    clutter: float = 0.05  # [m] that things on a surface raise the top of its box
+    backless: float = 0.1  # share of things to sit or lie on whose box ends at the surface
+    gap: float = 0.30  # [m] between the footprints of two things beside one another, at most
+    gap_noise: float = 0.10  # [m] standard deviation of a gap
+    step: float = 0.20  # [m] between the undersides of two things at one level, at most
+    step_noise: float = 0.08  # [m] standard deviation of a step
+    alike: float = 4.0  # ratio of sizes, above which things are not beside one another
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Carriers:
+    """m things that others may be on or inside."""
+
+    boxes: Boxes
+    supports: NDArray[np.bool_]  # (m,) whether things may be on it
+    contains: NDArray[np.bool_]  # (m,) ... inside it
+    back: Floats  # (m,) [m] height of a backrest or headboard above the surface
+
+
+def support_probabilities(
+    things: Boxes, carriers: Carriers, allowed: NDArray[np.bool_], settings: RelationSettings
+) -> tuple[Floats, Floats]:
+    """Probabilities (n, m) that each of n things is on, and inside, each of m carriers.
+
+    A row of both adds up to at most 1; the rest is the floor, a wall, or what is not mapped.
+    `allowed` (n, m) is False where a thing and a carrier are the same.
+    """
+    s, boxes = settings, carriers.boxes
+    over = _log(_over(things, carriers, s))
+    ratio = np.log(boxes.length[None, :] / things.length[:, None])
+    ratio = np.clip(ratio, -s.largest_ratio, s.largest_ratio)
+    utility = s.constant + over + s.size * ratio
+    noise = np.hypot(0.05, things.deviation)[:, None]
+    low, high = boxes.low[None, :, 2], boxes.high[None, :, 2]
+    drop = things.low[:, None, 2] - high + s.clutter
+    at_top, at_seat = _peak(drop / s.height), _peak((drop + carriers.back) / s.height)
+    at = np.where(carriers.back > 0, s.backless * at_top + (1 - s.backless) * at_seat, at_top)
+    on = np.where(allowed & carriers.supports, utility + _log(at), -np.inf)
+    middle = (things.low + things.high)[:, None, 2] / 2
+    within = _between(middle, low, high, noise)
+    inside = np.where(allowed & carriers.contains, utility + _log(within), -np.inf)
+    chosen = np.exp(np.minimum(np.concatenate([on, inside], axis=1), 50.0))
+    shares = chosen / (1 + chosen.sum(axis=1, keepdims=True))
+    return shares[:, : len(carriers.back)], shares[:, len(carriers.back) :]
+
+
+def beside_probabilities(boxes: Boxes, settings: RelationSettings) -> Floats:
+    """Probability (n, n), symmetric, that two things are beside one another; 0 on the diagonal."""
+    s = settings
+    apart = np.maximum(
+        boxes.low[:, None, :2] - boxes.high[None, :, :2],
+        boxes.low[None, :, :2] - boxes.high[:, None, :2],
+    )
+    gap = np.hypot(*np.moveaxis(np.maximum(apart, 0.0), 2, 0))
+    variance = boxes.deviation**2
+    both = variance[:, None] + variance[None, :]
+    near = _normal((s.gap - gap) / np.sqrt(s.gap_noise**2 + both))
+    step = np.abs(boxes.low[:, None, 2] - boxes.low[None, :, 2])
+    level = _normal((s.step - step) / np.sqrt(s.step_noise**2 + both))
+    ratio = boxes.longest[:, None] / boxes.longest[None, :]
+    alike = np.maximum(ratio, ratio.T) <= s.alike
+    found = np.where(alike, near * level, 0.0)
+    np.fill_diagonal(found, 0.0)
+    return found
+
+
+def _over(things: Boxes, carriers: Carriers, s: RelationSettings) -> Floats:
+    """(n, m): probability that the centre of each thing lies over each carrier's footprint."""
+    boxes = carriers.boxes
+    seen = (boxes.high - boxes.low)[:, :2].max(axis=1)
+    edge = s.edge + s.part * np.maximum(boxes.length - seen, 0.0)
+    noise = np.sqrt(edge[None, :] ** 2 + things.deviation[:, None] ** 2)
+    centre = (things.low + things.high)[:, None, :2] / 2
+    shares = _between(centre, boxes.low[None, :, :2], boxes.high[None, :, :2], noise[..., None])
+    return np.asarray(shares.prod(axis=2))
+
+
+def _between(value: Floats, low: Floats | float, high: Floats | float, noise: Floats) -> Floats:
+    """Probability that a normal `value` with standard deviation `noise` lies between two bounds."""
+    return np.maximum(_normal((high - value) / noise) - _normal((low - value) / noise), 0.0)
+
+
+def _peak(x: Floats) -> Floats:
+    """Density of the standard normal distribution, 1 at its mode."""
+    return np.exp(-0.5 * x * x)
+
+
+def _log(probability: Floats) -> Floats:
+    return np.log(np.maximum(probability, _LEAST))
+
+
+def _normal(x: Floats) -> Floats:
+    """Cumulative standard normal distribution, by its logistic approximation (error below 0.01).
+
+    Bowling et al., A logistic approximation to the cumulative normal distribution, 2009.
+    """
+    return 1 / (1 + np.exp(-np.clip(1.5976 * x + 0.07056 * x**3, -50.0, 50.0)))
