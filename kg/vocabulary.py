@@ -90,6 +90,7 @@ DEVIATION: Final = HERE + "positionDeviation"
 
 # individuals: in what relation to others
 SPATIAL_RELATION: Final = HERE + "SpatialRelation"
+SPATIAL: Final = HERE + "spatialRelation"  # of which these are:
 ON: Final = HERE + "on"
 INSIDE: Final = HERE + "inside"
 BESIDE: Final = HERE + "beside"

@@ -18,11 +18,11 @@ from pyoxigraph import Literal, NamedNode, Quad
 from kg import vocabulary as v
 from kg.errors import InvalidFactError
 from kg.facts.agents import agent_iri, agent_quads
-from kg.facts.relations import NOTHING, SINGLE, perceived_relation, perceived_value, with_relation
+from kg.facts.relations import NOTHING, SINGLE, asserted_relations, perceived_value
 from kg.ontology.catalogue import Catalogue
 from kg.rdf.datetimes import date_time, seconds
 from kg.rdf.quad_store import QuadStore
-from kg.records import Assertion, ObjectRecord, PlaceRecord
+from kg.records import Assertion, ObjectRecord, PlaceRecord, RelationKind
 
 #: Properties that can be asserted of objects, and of places.
 PROPERTIES: Final = ("category", "position", "existence", "label", *SINGLE)
@@ -193,7 +193,7 @@ def believed_object(record: ObjectRecord, assertions: PropertyAssertions) -> Obj
         record = replace(record, existence=1.0 if existence.value == "present" else 0.0)
     for kind in SINGLE:
         if (relation := assertions.get(kind)) is not None:
-            record = with_relation(record, kind, relation)
+            record = _related(record, kind, relation.value, 1.0)
     return (
         replace(record, confidence=max(record.confidence, MIN_CONFIDENCE)) if assertions else record
     )
@@ -212,8 +212,17 @@ def perceived_object(record: ObjectRecord, assertions: PropertyAssertions) -> Ob
             record = replace(record, existence=float(assertion.perceived))
     for kind in SINGLE:
         if (relation := assertions.get(kind)) is not None:
-            record = perceived_relation(record, kind, relation)
+            record = _related(record, kind, relation.perceived, relation.strength)
     return record
+
+
+def _related(
+    record: ObjectRecord, kind: RelationKind, target: str | None, probability: float
+) -> ObjectRecord:
+    if record.relations is None:
+        return record
+    relations = asserted_relations(record.relations, kind, target, probability)
+    return replace(record, relations=relations)
 
 
 def believed_place(record: PlaceRecord, assertions: PropertyAssertions) -> PlaceRecord:
@@ -242,7 +251,7 @@ def about_object(assertion: Assertion, record: ObjectRecord, now: float) -> Asse
         if assertion.property == kind:
             if record.relations is None:
                 return assertion
-            perceived, strength = perceived_value(record, kind)
+            perceived, strength = perceived_value(record.relations, kind)
             updated = replace(assertion, perceived=perceived, strength=strength)
             return _compared(updated, now)
     perceived = {

@@ -108,8 +108,8 @@ class FrameWriter:
         wanted: _Quads = {}
         stored: _Quads = {}
         for record in update.objects:
-            held = self._assertions_of(record.iri, without=update.removed)
-            self._object(record, wanted, stored, held)
+            asserted = self._assertions_of(record.iri, without=update.removed)
+            self._object(record, wanted, stored, asserted)
         for place in update.places:
             self._place(place, wanted, stored)
         if update.robot is not None:

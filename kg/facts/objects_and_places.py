@@ -102,7 +102,7 @@ class RecordCodec:
         if record.place is not None:
             facts.append((v.IN_PLACE, iri_node(record.place, f"{what}: place")))
         facts += _extent(record, what)
-        relations = relation_quads(record)
+        relations = relation_quads(record.iri, record.relations or ())
         if record.evidence is None:
             return _quads(record.iri, facts) + relations
         observation = self.observation_iri(record.iri)

@@ -7,7 +7,6 @@ as well (``?cup here:on ?table``). An object has at most one triple of on, and o
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
 from typing import Final
 from urllib.parse import quote
 
@@ -17,7 +16,7 @@ from kg import vocabulary as v
 from kg.errors import InvalidFactError
 from kg.facts.literals import Properties, first, iri_node, iri_order, known_iri, number_literal
 from kg.rdf.quad_store import QuadStore
-from kg.records import Assertion, ObjectRecord, Relation, RelationKind
+from kg.records import Relation, RelationKind
 
 PREDICATES: Final[Mapping[RelationKind, str]] = {
     "on": v.ON,
@@ -36,19 +35,19 @@ _KINDS: Final = {predicate: kind for kind, predicate in PREDICATES.items()}
 _MAP: Final = NamedNode(v.MAP_GRAPH)
 
 
-def relation_quads(record: ObjectRecord) -> list[Quad]:
-    """Facts of the relations of an object; none where `record` leaves them as they are.
+def relation_quads(iri: str, relations: Iterable[Relation]) -> list[Quad]:
+    """Facts of the relations of the object `iri`.
 
     Raises InvalidFactError for probabilities out of range, for a relation to itself, and where it
     has several of a kind to the same object.
     """
-    what, thing = f"relation of {record.iri}", iri_node(record.iri, "object")
+    what, thing, relations = f"relation of {iri}", iri_node(iri, "object"), tuple(relations)
     quads = list[Quad]()
-    for relation in record.relations or ():
+    for relation in relations:
         target = iri_node(relation.target, what)
         if target == thing:
             raise InvalidFactError(f"{what}: nothing is {relation.kind} itself")
-        node = known_iri(node_of(record.iri, relation))
+        node = known_iri(node_of(iri, relation))
         probability = number_literal(relation.probability, what, least=0.0, most=1.0)
         quads += [
             Quad(thing, known_iri(v.HAS_RELATION), node, _MAP),
@@ -57,7 +56,7 @@ def relation_quads(record: ObjectRecord) -> list[Quad]:
             Quad(node, known_iri(v.RELATED_TO), target, _MAP),
             Quad(node, known_iri(v.RELATION_PROBABILITY), probability, _MAP),
         ]
-    for relation in believed_relations(record.relations or ()):
+    for relation in believed_relations(relations):
         predicate = known_iri(PREDICATES[relation.kind])
         quads.append(Quad(thing, predicate, iri_node(relation.target, what), _MAP))
     if len(set(quads)) != len(quads):
@@ -105,32 +104,17 @@ def relations_of(
     return tuple(sorted(found, key=lambda r: (r.kind, -r.probability, iri_order(r.target))))
 
 
-def with_relation(record: ObjectRecord, kind: RelationKind, assertion: Assertion) -> ObjectRecord:
-    """The record with an asserted relation instead of the perceived ones of that kind."""
-    return _replaced(record, kind, assertion.value, 1.0)
+def asserted_relations(
+    relations: Iterable[Relation], kind: RelationKind, target: str | None, probability: float
+) -> tuple[Relation, ...]:
+    """The relations with one to `target` instead of those of its kind; None or "nothing": none."""
+    kept = tuple(relation for relation in relations if relation.kind != kind)
+    return kept if target in (None, NOTHING) else (*kept, Relation(kind, str(target), probability))
 
 
-def perceived_relation(
-    record: ObjectRecord, kind: RelationKind, assertion: Assertion
-) -> ObjectRecord:
-    """The record with perception's relation again, instead of the asserted one."""
-    return _replaced(record, kind, assertion.perceived or NOTHING, assertion.strength)
-
-
-def perceived_value(record: ObjectRecord, kind: RelationKind) -> tuple[str, float]:
-    """What the record has an object on or inside of, or "nothing", and how probable that is."""
-    held = [r for r in believed_relations(record.relations or ()) if r.kind == kind]
-    if held:
-        return held[0].target, held[0].probability
-    rest = [r.probability for r in record.relations or () if r.kind == kind]
-    return NOTHING, 1.0 - min(sum(rest), 1.0)
-
-
-def _replaced(
-    record: ObjectRecord, kind: RelationKind, target: str, probability: float
-) -> ObjectRecord:
-    if record.relations is None:
-        return record
-    kept = tuple(r for r in record.relations if r.kind != kind)
-    new = () if target == NOTHING else (Relation(kind, target, probability),)
-    return replace(record, relations=kept + new)
+def perceived_value(relations: Iterable[Relation], kind: RelationKind) -> tuple[str, float]:
+    """What an object is believed to be on or inside of, or "nothing", and how probable that is."""
+    found = [relation for relation in relations if relation.kind == kind]
+    for relation in believed_relations(found):
+        return relation.target, relation.probability
+    return NOTHING, 1.0 - min(sum(relation.probability for relation in found), 1.0)

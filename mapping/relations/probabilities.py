@@ -10,6 +10,7 @@ probability of its own: of a small gap between footprints, at one level.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -26,14 +27,17 @@ _LEAST: Final = 1e-9  # probabilities below count as this
 class RelationSettings:
     """Numbers of the formulas, fitted to simulated houses (`python -m benchmarks.relations`)."""
 
-    constant: float = 0.3  # of a candidate's utility
-    size: float = 0.6  # weight of the logarithm of the ratio of sizes
+    constant: float = 1.2  # of a candidate's utility
+    over: float = 2.3  # weight of the log-probability that its centre lies over the footprint
+    size: float = 1.0  # weight of the logarithm of the ratio of sizes
     largest_ratio: float = 3.0  # logarithms of ratios of sizes count no more than this
-    edge: float = 0.19  # [m] standard deviation of the sides of a footprint ...
-    part: float = 0.29  # ... more by this share of what a length lacks of the usual one
+    edge: float = 0.16  # standard deviation of the sides of a footprint, by the length
     height: float = 0.26  # [m] standard deviation of an underside over a surface
-    clutter: float = 0.05  # [m] that things on a surface raise the top of its box
-    backless: float = 0.1  # share of things to sit or lie on whose box ends at the surface
+    clutter: float = 0.09  # [m] that things on a surface raise the top of its box
+    backless: float = 0.6  # share of things to sit or lie on whose box ends at the surface
+    enclosed: float = 6.0  # utility of a container that encloses the centre; not fitted
+    rim: float = 0.03  # [m] standard deviation of bottom and top of a container
+    roomier: float = 1.25  # ratio of lengths from which on a thing fits into a container
     gap: float = 0.30  # [m] between the footprints of two things beside one another, at most
     gap_noise: float = 0.10  # [m] standard deviation of a gap
     step: float = 0.20  # [m] between the undersides of two things at one level, at most
@@ -60,19 +64,18 @@ def support_probabilities(
     `allowed` (n, m) is False where a thing and a carrier are the same.
     """
     s, boxes = settings, carriers.boxes
-    over = _log(_over(things, carriers, s))
+    over = s.over * _log(_over(things, carriers, s))
     ratio = np.log(boxes.length[None, :] / things.length[:, None])
-    ratio = np.clip(ratio, -s.largest_ratio, s.largest_ratio)
-    utility = s.constant + over + s.size * ratio
-    noise = np.hypot(0.05, things.deviation)[:, None]
+    sized = s.size * np.clip(ratio, -s.largest_ratio, s.largest_ratio)
     low, high = boxes.low[None, :, 2], boxes.high[None, :, 2]
     drop = things.low[:, None, 2] - high + s.clutter
     at_top, at_seat = _peak(drop / s.height), _peak((drop + carriers.back) / s.height)
     at = np.where(carriers.back > 0, s.backless * at_top + (1 - s.backless) * at_seat, at_top)
-    on = np.where(allowed & carriers.supports, utility + _log(at), -np.inf)
+    on = np.where(allowed & carriers.supports, s.constant + sized + over + _log(at), -np.inf)
     middle = (things.low + things.high)[:, None, 2] / 2
-    within = _between(middle, low, high, noise)
-    inside = np.where(allowed & carriers.contains, utility + _log(within), -np.inf)
+    within = _log(_between(middle, low, high, np.hypot(s.rim, things.deviation)[:, None]))
+    fits = allowed & carriers.contains & (ratio > math.log(s.roomier))
+    inside = np.where(fits, s.enclosed + over + within, -np.inf)
     chosen = np.exp(np.minimum(np.concatenate([on, inside], axis=1), 50.0))
     shares = chosen / (1 + chosen.sum(axis=1, keepdims=True))
     return shares[:, : len(carriers.back)], shares[:, len(carriers.back) :]
@@ -101,9 +104,7 @@ def beside_probabilities(boxes: Boxes, settings: RelationSettings) -> Floats:
 def _over(things: Boxes, carriers: Carriers, s: RelationSettings) -> Floats:
     """(n, m): probability that the centre of each thing lies over each carrier's footprint."""
     boxes = carriers.boxes
-    seen = (boxes.high - boxes.low)[:, :2].max(axis=1)
-    edge = s.edge + s.part * np.maximum(boxes.length - seen, 0.0)
-    noise = np.sqrt(edge[None, :] ** 2 + things.deviation[:, None] ** 2)
+    noise = np.hypot(s.edge * boxes.length[None, :], things.deviation[:, None])
     centre = (things.low + things.high)[:, None, :2] / 2
     shares = _between(centre, boxes.low[None, :, :2], boxes.high[None, :, :2], noise[..., None])
     return np.asarray(shares.prod(axis=2))
