@@ -158,8 +158,8 @@ class Assertion:
     """Assertion by a person of one property of an object or place, and the perceived value."""
 
     subject: str  # IRI of the object or place
-    property: str  # "category", "position", "existence" or "label"
-    value: str  # IRI of a category; "x y z" [m]; "present" or "absent"; a label
+    property: str  # "category", "position", "existence", "label", "on" or "inside"
+    value: str  # IRI of a category or object; "x y z" [m]; "present"; "absent"; "nothing"; a label
     by: str
     stamp: float  # [s] when it was asserted
     perceived: str | None = None  # like value; of existence a number 0..1; None: no opinion

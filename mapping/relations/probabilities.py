@@ -27,13 +27,13 @@ _LEAST: Final = 1e-9  # probabilities below count as this
 class RelationSettings:
     """Numbers of the formulas, fitted to simulated houses (`python -m benchmarks.relations`)."""
 
-    constant: float = 1.2  # of a candidate's utility
-    over: float = 2.3  # weight of the log-probability that its centre lies over the footprint
-    size: float = 1.0  # weight of the logarithm of the ratio of sizes
+    constant: float = 1.4  # of a candidate's utility
+    over: float = 2.4  # weight of the log-probability that its centre lies over the footprint
+    size: float = 0.85  # weight of the logarithm of the ratio of sizes
     largest_ratio: float = 3.0  # logarithms of ratios of sizes count no more than this
-    edge: float = 0.16  # standard deviation of the sides of a footprint, by the length
-    height: float = 0.26  # [m] standard deviation of an underside over a surface
-    clutter: float = 0.09  # [m] that things on a surface raise the top of its box
+    edge: float = 0.28  # [m] standard deviation of a footprint's sides, at most; of small a quarter
+    height: float = 0.24  # [m] standard deviation of an underside over a surface
+    clutter: float = 0.10  # [m] that things on a surface raise the top of its box
     backless: float = 0.6  # share of things to sit or lie on whose box ends at the surface
     enclosed: float = 6.0  # utility of a container that encloses the centre; not fitted
     rim: float = 0.03  # [m] standard deviation of bottom and top of a container
@@ -104,7 +104,8 @@ def beside_probabilities(boxes: Boxes, settings: RelationSettings) -> Floats:
 def _over(things: Boxes, carriers: Carriers, s: RelationSettings) -> Floats:
     """(n, m): probability that the centre of each thing lies over each carrier's footprint."""
     boxes = carriers.boxes
-    noise = np.hypot(s.edge * boxes.length[None, :], things.deviation[:, None])
+    edge = np.minimum(s.edge, boxes.length / 4)
+    noise = np.hypot(edge[None, :], things.deviation[:, None])
     centre = (things.low + things.high)[:, None, :2] / 2
     shares = _between(centre, boxes.low[None, :, :2], boxes.high[None, :, :2], noise[..., None])
     return np.asarray(shares.prod(axis=2))

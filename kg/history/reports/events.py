@@ -109,6 +109,8 @@ def _about(subject: Term, base: str) -> str:
     text = short(subject, base)
     if "/belief/" in text:
         return f"belief in {text.rpartition('/')[2]}"
+    if "/relation/" in text:
+        return f"relation {' '.join(text.partition('/relation/')[2].split('/'))}"
     return "best observation" if "observation" in text else ""
 
 

@@ -79,12 +79,12 @@ def test_a_cup_is_on_the_table_that_was_mapped_before_or_after_it(room: Room) ->
 def test_what_moves_away_loses_the_relation_and_what_the_support_carries_does(room: Room) -> None:
     table, cup = room.put(*TABLE), room.put(*CUP)
     record = room.cache.perceived[cup]
-    room.change(replace(record, p_map=record.p_map + [3.0, 0.0, 0.0]))
+    room.change(replace(record, p_map=np.add(record.p_map, [3.0, 0.0, 0.0])))
     assert room.related(cup, "on") == []
     room.change(record)
     assert room.related(cup, "on") == [table]
     moved = room.cache.perceived[table]
-    room.change(replace(moved, p_map=moved.p_map + [0.0, 4.0, 0.0]))
+    room.change(replace(moved, p_map=np.add(moved.p_map, [0.0, 4.0, 0.0])))
     assert room.related(cup, "on") == []
 
 
