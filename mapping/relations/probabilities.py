@@ -27,12 +27,12 @@ _LEAST: Final = 1e-9  # probabilities below count as this
 class RelationSettings:
     """Numbers of the formulas, fitted to simulated houses (`python -m benchmarks.relations`)."""
 
-    constant: float = 1.4  # of a candidate's utility
+    constant: float = 2.0  # of a candidate's utility
     over: float = 2.4  # weight of the log-probability that its centre lies over the footprint
     size: float = 0.85  # weight of the logarithm of the ratio of sizes
     largest_ratio: float = 3.0  # logarithms of ratios of sizes count no more than this
-    edge: float = 0.28  # [m] standard deviation of a footprint's sides, at most; of small a quarter
-    height: float = 0.24  # [m] standard deviation of an underside over a surface
+    edge: float = 0.20  # [m] standard deviation of a footprint's sides, at most; of small a quarter
+    height: float = 0.15  # [m] standard deviation of an underside over a surface
     clutter: float = 0.10  # [m] that things on a surface raise the top of its box
     backless: float = 0.6  # share of things to sit or lie on whose box ends at the surface
     enclosed: float = 6.0  # utility of a container that encloses the centre; not fitted
@@ -84,21 +84,32 @@ def support_probabilities(
 def beside_probabilities(boxes: Boxes, settings: RelationSettings) -> Floats:
     """Probability (n, n), symmetric, that two things are beside one another; 0 on the diagonal."""
     s = settings
+    gap, step, alike = _apart(boxes, s)
+    variance = boxes.deviation**2
+    both = variance[:, None] + variance[None, :]
+    near = _normal((s.gap - gap) / np.sqrt(s.gap_noise**2 + both))
+    level = _normal((s.step - step) / np.sqrt(s.step_noise**2 + both))
+    return np.where(alike, near * level, 0.0)
+
+
+def truly_beside(boxes: Boxes, settings: RelationSettings) -> NDArray[np.bool_]:
+    """Which things (n, n) are beside one another, if their boxes are exact."""
+    gap, step, alike = _apart(boxes, settings)
+    return np.asarray(alike & (gap <= settings.gap) & (step <= settings.step))
+
+
+def _apart(boxes: Boxes, s: RelationSettings) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """Gaps between footprints, steps between undersides (n, n) [m], and which sizes compare."""
     apart = np.maximum(
         boxes.low[:, None, :2] - boxes.high[None, :, :2],
         boxes.low[None, :, :2] - boxes.high[:, None, :2],
     )
     gap = np.hypot(*np.moveaxis(np.maximum(apart, 0.0), 2, 0))
-    variance = boxes.deviation**2
-    both = variance[:, None] + variance[None, :]
-    near = _normal((s.gap - gap) / np.sqrt(s.gap_noise**2 + both))
     step = np.abs(boxes.low[:, None, 2] - boxes.low[None, :, 2])
-    level = _normal((s.step - step) / np.sqrt(s.step_noise**2 + both))
     ratio = boxes.longest[:, None] / boxes.longest[None, :]
     alike = np.maximum(ratio, ratio.T) <= s.alike
-    found = np.where(alike, near * level, 0.0)
-    np.fill_diagonal(found, 0.0)
-    return found
+    np.fill_diagonal(alike, False)
+    return gap, step, alike
 
 
 def _over(things: Boxes, carriers: Carriers, s: RelationSettings) -> Floats:
