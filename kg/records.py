@@ -219,6 +219,9 @@ class FloorTile:
     resolution: float  # [m] side of a cell
     cells: NDArray[np.uint8]  # (n, n) cells (x, y): UNKNOWN, FREE, LOW or TALL
     changed: float  # [s] stamp of the frame that it was last changed by
+    #: (2, m, m) [min since 1970] when each of m x m larger cells was last viewed, from close by and
+    #: at all; 0 where never. None where nothing is known of views.
+    viewed: NDArray[np.uint32] | None = None
 
     @property
     def corner(self) -> tuple[float, float]:

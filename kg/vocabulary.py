@@ -139,6 +139,7 @@ FLOOR_TILE: Final = HERE + "FloorTile"
 STOREY: Final = HERE + "storey"
 CELL_SIZE: Final = HERE + "cellSize"
 FLOOR_CELLS: Final = HERE + "floorCells"
+VIEW_TIMES: Final = HERE + "viewTimes"
 
 # the map itself and what was fed to it (graph:dataset)
 NEXT_OBJECT: Final = HERE + "nextObject"

@@ -14,7 +14,7 @@ import numpy as np
 
 from kg.errors import InvalidFactError
 from kg.facts.assertions import is_unicode
-from kg.facts.occupancy import decoded, encoded
+from kg.facts.occupancy import decoded, decoded_times, encoded, encoded_times
 from kg.records import (
     Evidence,
     FloorTile,
@@ -93,6 +93,13 @@ def _cells(data: Any, what: str) -> np.ndarray:
     if cells is None:
         raise _wrong(what, "cells in the encoding of here:floorCells", data)
     return cells
+
+
+def _view_times(data: Any, what: str) -> np.ndarray:
+    times = decoded_times(_text(data, what))
+    if times is None:
+        raise _wrong(what, "times in the encoding of here:viewTimes", data)
+    return times
 
 
 def _optional(codec: _Codec[T]) -> _Codec[T | None]:
@@ -259,6 +266,7 @@ _TILE = _record(
         "resolution": _NUMBER,
         "cells": _Codec(encoded, _cells),
         "changed": _NUMBER,
+        "viewed": _optional(_Codec(encoded_times, _view_times)),
     },
 )
 _UPDATE: Final = _record(
