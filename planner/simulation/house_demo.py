@@ -17,12 +17,12 @@ from typing import Any, Final
 
 import numpy as np
 
+from kg.areas import Rectangle
 from kg.errors import GraphError, MapBusyError
 from kg.export.serialization import export_map
 from kg.maps.semantic_map import SemanticMap
 from kg.opening import create_map, open_map
 from kg.query.query_files import Table
-from kg.records import Rectangle
 from mapping.evaluation.class_scores import MapScore, Truth, score_map
 from mapping.places.layout import Layout, LayoutPlace
 from mapping.progress_report import FrameReport, MappingReport

@@ -29,10 +29,10 @@ def _mapped(semantic_map: SemanticMap, house: House) -> None:
         PlaceRecord(
             semantic_map.place_iri(place.number),
             place.label,
-            place.rectangle.xmin,
-            place.rectangle.xmax,
-            place.rectangle.ymin,
-            place.rectangle.ymax,
+            place.area.xmin,
+            place.area.xmax,
+            place.area.ymin,
+            place.area.ymax,
             20,
             {find(room.category, "place").iri: 0.6},
         )
