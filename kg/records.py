@@ -51,6 +51,15 @@ class ObjectRecord:
 
 
 @dataclass(frozen=True, slots=True)
+class PlaceViews:
+    """How much of a place, floor and tops of furniture, has been viewed."""
+
+    share: float  # of its area, 0..1
+    close_share: float  # of its area, from close by (2 m)
+    last: float  # [s] since 1970, to the minute
+
+
+@dataclass(frozen=True, slots=True)
 class PlaceRecord:
     """A place with its area and the belief over its categories.
 
@@ -68,6 +77,7 @@ class PlaceRecord:
     scene_beliefs: Mapping[str, float] = field(default_factory=dict)  # the views', if told_by
     told_by: tuple[str, ...] = ()  # IRIs of objects that count in beliefs beside the views
     outline: Outline = ()  # rings of corners (x, y) [m], the outer one first; () for a rectangle
+    viewed: PlaceViews | None = None  # None where nothing is known of views
 
     @property
     def area(self) -> Area:

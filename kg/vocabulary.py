@@ -101,6 +101,9 @@ BELIEF: Final = HERE + "belief"
 SCENE_BELIEF: Final = HERE + "sceneBelief"  # of the views alone, where objects count too
 TOLD_BY: Final = HERE + "toldBy"
 VIEW_COUNT: Final = HERE + "viewCount"
+VIEWED_SHARE: Final = HERE + "viewedShare"
+CLOSELY_VIEWED_SHARE: Final = HERE + "closelyViewedShare"
+LAST_VIEWED: Final = HERE + "lastViewed"
 
 # why
 EXPLAINED_BY: Final = HERE + "explainedBy"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from types import TracebackType
 from typing import Final, Literal, Self
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from kg.errors import ConflictError
 from kg.maps.semantic_map import SemanticMap
-from kg.records import MapUpdate, ObjectRecord, PlaceRecord, RecordingRecord, RobotRecord
+from kg.records import FloorTile, MapUpdate, ObjectRecord, PlaceRecord, RecordingRecord, RobotRecord
 from mapping.label_resolver import LabelResolver
 from mapping.label_table import LabelTable
 from mapping.mapper_lease import MapperLease
@@ -221,18 +222,34 @@ class Mapper:
                 T_map_world=self._T_map_world,
                 scene_model=self._scene_model,
             )
+        floor = () if self._occupancy is None else self._occupancy.take_changed(frame.stamp)
+        self._view_places(floor)
         return changes, MapUpdate(
             objects=changes.updated,
             removed=changes.removed,
             places=self._places.take_changed(),
             robot=robot_at(frame),
             recording=self._progress,
-            floor=() if self._occupancy is None else self._occupancy.take_changed(frame.stamp),
+            floor=floor,
         )
+
+    def _view_places(self, floor: Sequence[FloorTile]) -> None:
+        """Update how much was viewed of the places that changed tiles lie in."""
+        if self._occupancy is None or not floor:
+            return
+        for place in self._places.places():
+            storey = self._occupancy.touches(place.area, floor)
+            viewed = None if storey is None else self._occupancy.views(place.area, storey)
+            if viewed is not None and viewed != place.viewed:
+                self._places.put(replace(place, viewed=viewed))
 
     def _rest_of_occupancy(self) -> _Change | None:
         rest = () if self._occupancy is None else self._occupancy.take_rest()
-        return (ObjectChanges(), MapUpdate(recording=self._progress, floor=rest)) if rest else None
+        if not rest:
+            return None
+        self._view_places(rest)
+        places = self._places.take_changed()
+        return ObjectChanges(), MapUpdate(places=places, recording=self._progress, floor=rest)
 
     def _apply(self, change: Callable[[], _Change | None]) -> MapUpdate:
         """Optimistic transaction: computed and written again where it conflicts with others."""

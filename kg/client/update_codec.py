@@ -23,6 +23,7 @@ from kg.records import (
     ObjectRecord,
     ObstacleRecord,
     PlaceRecord,
+    PlaceViews,
     RecordingRecord,
     RobotRecord,
     SearchRecord,
@@ -190,6 +191,7 @@ _OBJECT = _record(
         "deviation": _optional(_NUMBER),
     },
 )
+_VIEWS = _record(PlaceViews, {"share": _NUMBER, "close_share": _NUMBER, "last": _NUMBER})
 _PLACE = _record(
     PlaceRecord,
     {
@@ -204,6 +206,7 @@ _PLACE = _record(
         "scene_beliefs": _SHARES,
         "told_by": _TEXTS,
         "outline": _list(_list(_numbers(2))),
+        "viewed": _optional(_VIEWS),
     },
 )
 _ROBOT = _record(RobotRecord, {"p_map": _array(3), "heading": _NUMBER, "stamp": _NUMBER})

@@ -31,6 +31,7 @@ from kg.facts.literals import (
     text_of,
     time_literal,
 )
+from kg.facts.place_views import facts_of_views, views_of
 from kg.facts.wkt import CRS
 from kg.ontology.catalogue import Catalogue
 from kg.rdf.grid_cells import cell_of
@@ -135,6 +136,7 @@ class RecordCodec:
             (v.Y, number_literal(y, f"{what}: y")),
             (v.VIEW_COUNT, Literal(record.views)),
             *self._outline(record, what),
+            *facts_of_views(record.viewed, what),
         ]
         held = self.of_beliefs(record)
         facts += [(v.TOLD_BY, iri_node(iri, f"{what}: told by")) for iri in record.told_by]
@@ -391,7 +393,10 @@ class RecordCodec:
         label = first(properties, v.RDFS_LABEL, iri)
         views = int(first(properties, v.VIEW_COUNT, "0"))
         record = PlaceRecord(
-            iri, label, xmin, xmax, ymin, ymax, views, beliefs, scene if told_by else {}, told_by
+            *(iri, label, xmin, xmax, ymin, ymax, views, beliefs),
+            scene_beliefs=scene if told_by else {},
+            told_by=told_by,
+            viewed=views_of(properties),
         )
         try:
             return record.with_area(area_of_polygon(first(properties, v.OUTLINE, "")))

@@ -10,10 +10,11 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from kg.areas import Area
 from kg.facts.occupancy import tile_iri
 from kg.maps.cache_invalidation import ExternalChanges
 from kg.maps.semantic_map import SemanticMap
-from kg.records import UNKNOWN, FloorTile
+from kg.records import UNKNOWN, FloorTile, PlaceViews
 from mapping.occupancy.depth_projection import FloorEvidence, floor_evidence, frame_points
 from mapping.occupancy.occupancy_settings import OccupancySettings
 from mapping.occupancy.storeys import Storeys
@@ -25,6 +26,7 @@ from mapping.occupancy.tiles import (
     no_views,
     tile_evidence,
 )
+from mapping.occupancy.view_coverage import on_tile, view_coverage
 from perception.frames import Frame
 
 _TileKey = tuple[int, Key]  # storey and tile
@@ -117,6 +119,23 @@ class OccupancyMap:
             del self._tiles[key]
             self._unwritten.pop(key, None)
         return found
+
+    def touches(self, area: Area, tiles: Iterable[FloorTile]) -> int | None:
+        """The storey of a tile of `tiles` that an area's bounding rectangle touches, if any."""
+        touching = (tile for tile in tiles if on_tile(area, tile, self._settings.span))
+        return next((tile.storey for tile in touching), None)
+
+    def views(self, area: Area, storey: int) -> PlaceViews | None:
+        """How much of an area was viewed on a storey, by what is in memory or the graph."""
+
+        def times(key: Key) -> ViewTimes | None:
+            cached = self._tiles.get((storey, key))
+            if cached is not None:
+                return cached.tile.viewed
+            known = self._known((storey, key))
+            return None if known is None else _written(self._settings, known)[1]
+
+        return view_coverage(area, times, self._settings)
 
     def take_rest(self) -> tuple[FloorTile, ...]:
         """Tiles with any state that is not written yet."""
