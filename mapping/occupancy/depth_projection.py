@@ -92,8 +92,14 @@ def floor_evidence(
     hit = obstacles >= s.hits
     free = (count(on_floor, np.ones_like(joined)) > 0) & (obstacles == 0)
     tall = hit & (count(above_eyes, joined) >= s.hits)
-    viewed = [_histogram(xy[:, part] / s.view, cells // s.view) > 0 for part in (close, in_reach)]
-    return FloorEvidence((first, second), free, hit, tall, np.array(viewed))
+    viewed = np.zeros((2, cells // s.view, cells // s.view), np.bool_)
+    with np.errstate(invalid="ignore"):
+        in_reach &= ((xy >= 0) & (xy < cells)).all(axis=0)
+    column, row = (xy[:, in_reach] / s.view).astype(np.intp)
+    viewed[1, column, row] = True
+    near = close[in_reach]
+    viewed[0, column[near], row[near]] = True
+    return FloorEvidence((first, second), free, hit, tall, viewed)
 
 
 def _with_interpolated(xy: Floats, chosen: NDArray[np.bool_], joined: NDArray[np.bool_]) -> Floats:

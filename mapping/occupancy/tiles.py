@@ -53,7 +53,9 @@ class OccupancyTile:
         """Add one frame's evidence; `stamp` [s since 1970]."""
         free, hit, tall = evidence.free, evidence.hit, evidence.tall
         minute = np.uint32(min(max(stamp / 60, 1), _LAST_MINUTE))
-        self.viewed[evidence.viewed & (self.viewed < minute)] = minute
+        np.maximum(self.viewed, evidence.viewed * minute, out=self.viewed)
+        if evidence.views_only:
+            return
         self.log_odds += hit * np.int16(settings.hit) - free * np.int16(settings.miss)
         np.clip(self.log_odds, settings.least, settings.most, out=self.log_odds)
         # what reaches above the eyes outweighs a few frames that show its lower part only
@@ -78,6 +80,7 @@ class TileEvidence:
     hit: NDArray[np.bool_]
     tall: NDArray[np.bool_]
     viewed: NDArray[np.bool_]  # (2, side / view, side / view)
+    views_only: bool  # whether there is nothing but views
 
 
 def tile_evidence(
@@ -87,11 +90,15 @@ def tile_evidence(
     side, larger = settings.side, settings.side // settings.view
     known = frame.free | frame.hit
     count = len(known) // side
-    touched = known.reshape(count, side, count, side).any(axis=(1, 3))
-    touched |= frame.viewed[1].reshape(count, larger, count, larger).any(axis=(1, 3))
-    for i, j in np.argwhere(touched):
+    touched = np.asarray(known.reshape(count, side, count, side).any(axis=(1, 3)))
+    seen = frame.viewed[1].reshape(count, larger, count, larger).any(axis=(1, 3))
+    for i, j in np.argwhere(touched | seen):
         part = slice(i * side, (i + 1) * side), slice(j * side, (j + 1) * side)
         rows, columns = slice(i * larger, (i + 1) * larger), slice(j * larger, (j + 1) * larger)
         viewed = frame.viewed[:, rows, columns]
         key = (frame.tile[0] + int(i), frame.tile[1] + int(j))
-        yield key, TileEvidence(frame.free[part], frame.hit[part], frame.tall[part], viewed)
+        views_only = not bool(touched[int(i), int(j)])
+        yield (
+            key,
+            TileEvidence(frame.free[part], frame.hit[part], frame.tall[part], viewed, views_only),
+        )
