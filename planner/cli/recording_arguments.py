@@ -56,6 +56,23 @@ def _add_camera_options(camera: argparse._ArgumentGroup) -> None:
         "--depth-scale", type=positive, metavar="N", help="depth units in a metre, e.g. 1000"
     )
     camera.add_argument(
+        "--poses",
+        metavar="FILE",
+        help="trajectory in TUM format instead of the recording's own poses",
+    )
+    camera.add_argument(
+        "--pose-convention",
+        choices=("camera-to-world", "world-to-camera", "opengl"),
+        default="camera-to-world",
+        help="what the poses are; opengl: camera to world, of a camera with y up that looks along "
+        "-z (default: camera-to-world)",
+    )
+    camera.add_argument(
+        "--no-check",
+        action="store_true",
+        help="take depth scale and poses as they are, though depth contradicts them",
+    )
+    camera.add_argument(
         "--up",
         metavar="AXIS",
         help="the world's up: x, y, z, -x, -y, -z or a vector A,B,C (default: read, else found)",
@@ -197,6 +214,9 @@ def open_given_recording(arguments: argparse.Namespace) -> Recording:
         depth_scale=arguments.depth_scale,
         up=arguments.up,
         T_map_world=transform,
+        poses=Path(arguments.poses) if arguments.poses else None,
+        pose_convention=arguments.pose_convention,
+        check=not arguments.no_check,
     )
 
 
