@@ -40,6 +40,8 @@ def map_recording(
     again: bool = False,
     labels: LabelTable | None = None,
     occupancy: bool = True,
+    same_frame: bool = False,
+    check_poses: bool = True,
 ) -> MappingReport:
     """Map the frames of `recording` that `semantic_map` does not hold yet; all of them if `again`.
 
@@ -68,6 +70,7 @@ def map_recording(
         detector=detector.name,
         scene_model=scene.name if scene else "",
         again=again,
+        check_poses=check_poses,
     )
     start = 0 if again else min(mapper.frames_applied, len(recording))
     run = _Run(mapper, recording, detector, scene)
@@ -153,4 +156,5 @@ class _Run:
             unplaced=mapper.unplaced,
             unknown_labels=dict(unknown.most_common()),
             provisional=tuple(label for resolver in resolvers for label in resolver.provisional),
+            problems=mapper.pose_problems,
         )

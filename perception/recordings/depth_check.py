@@ -99,7 +99,9 @@ def check_depth(
             100 * share,
         )
     every = np.linspace(0, len(poses) - 1, EDGE_FRAMES).astype(int)
-    _check_registration(name, [frame(min(read, key=lambda k: abs(k - i), default=0)) for i in every])
+    _check_registration(
+        name, [frame(min(read, key=lambda k: abs(k - i), default=0)) for i in every]
+    )
 
 
 def _chosen_pairs(poses: Sequence[Pose], convention: str) -> list[tuple[int, int]]:

@@ -136,7 +136,9 @@ def open_recording(
     begin = time.time() if start_time is None else start_time
     convert = _convention(pose_convention)
     as_read = [entry.T_world_cam for entry in listing.entries]
-    entries = tuple(replace(entry, T_world_cam=convert(entry.T_world_cam)) for entry in listing.entries)
+    entries = tuple(
+        replace(entry, T_world_cam=convert(entry.T_world_cam)) for entry in listing.entries
+    )
     listing = replace(listing, entries=entries)
     recording = FolderRecording(
         name=name or folder.resolve().name,
