@@ -62,15 +62,15 @@ def edge_offset(
     return EdgeOffset(float(SCALES[i]), 2 * float(SHIFTS[j]), 2 * float(SHIFTS[k]))
 
 
-def _small(image: NDArray[np.uint8] | NDArray[np.float32], how: int) -> NDArray[np.generic]:
-    height = max(1, round(image.shape[0] * WIDTH / image.shape[1]))
-    return cv2.resize(image, (WIDTH, height), interpolation=how)
+def _small(shape: tuple[int, ...]) -> tuple[int, int]:
+    return WIDTH, max(1, round(shape[0] * WIDTH / shape[1]))
 
 
 def _gradient(rgb: NDArray[np.uint8]) -> Image:
     """Strength of the edges of colour, mean 1."""
-    grey = cv2.cvtColor(_small(rgb, cv2.INTER_AREA), cv2.COLOR_RGB2GRAY).astype(np.float32)
-    grey = cv2.GaussianBlur(grey, (0, 0), BLUR)
+    small = cv2.resize(rgb, _small(rgb.shape), interpolation=cv2.INTER_AREA)
+    grey = np.asarray(cv2.cvtColor(small, cv2.COLOR_RGB2GRAY), np.float32)
+    grey = np.asarray(cv2.GaussianBlur(grey, (0, 0), BLUR), np.float32)
     across = cv2.Sobel(grey, cv2.CV_32F, 1, 0)
     along = cv2.Sobel(grey, cv2.CV_32F, 0, 1)
     strength = np.minimum(np.hypot(across, along), 200.0)
@@ -79,7 +79,7 @@ def _gradient(rgb: NDArray[np.uint8]) -> Image:
 
 def _depth_edges(depth: NDArray[np.float32]) -> NDArray[np.float32]:
     """Pixels (n, 2), column and row, on the nearer side of depth edges."""
-    small = np.asarray(_small(depth, cv2.INTER_NEAREST), np.float32)
+    small = cv2.resize(depth, _small(depth.shape), interpolation=cv2.INTER_NEAREST)
     edge = np.zeros(small.shape, bool)
     with np.errstate(invalid="ignore"):
         least = STEP + STEP_SHARE * small

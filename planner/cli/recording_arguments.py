@@ -34,6 +34,10 @@ class Inputs:
     mode: Mode
     labels: LabelTable | None
     floor: bool  # whether depth also goes into the floor
+    align: bool = False  # whether a recording new to a map is aligned with it
+    same_frame: bool = False  # whether its world is said to be the map's
+    check: bool = True  # whether depth is compared with poses
+    corrected: bool = False  # whether its poses were given by file
 
 
 def add_recording_options(parser: argparse.ArgumentParser) -> None:
@@ -79,6 +83,17 @@ def _add_camera_options(camera: argparse._ArgumentGroup) -> None:
     )
     camera.add_argument("--transform", metavar="FILE", help="JSON of world-to-map transforms")
     camera.add_argument("--sequence", metavar="NAME", help="which transform of that file")
+    world = camera.add_mutually_exclusive_group()
+    world.add_argument(
+        "--align",
+        action="store_true",
+        help="search how a recording new to the map sits in it, by floor and objects",
+    )
+    world.add_argument(
+        "--same-frame",
+        action="store_true",
+        help="the recording's world is that of the map's other recordings",
+    )
 
 
 def _add_network_options(networks: argparse._ArgumentGroup) -> None:
@@ -183,6 +198,10 @@ def open_inputs(arguments: argparse.Namespace) -> Inputs:
         mode=arguments.mode,
         labels=load_label_table(Path(arguments.labels_map)) if arguments.labels_map else None,
         floor=arguments.floor,
+        align=arguments.align,
+        same_frame=arguments.same_frame,
+        check=not arguments.no_check,
+        corrected=arguments.poses is not None,
     )
 
 
@@ -203,6 +222,8 @@ def open_given_recording(arguments: argparse.Namespace) -> Recording:
     transform = None
     if arguments.sequence is not None and arguments.transform is None:
         arguments.usage_error("--sequence names a transform of the file that --transform gives")
+    if arguments.transform is not None and arguments.align:
+        arguments.usage_error("--transform gives what --align would search")
     if arguments.transform is not None:
         sequence = arguments.sequence or Path(arguments.recording).resolve().name
         transform = load_transform(Path(arguments.transform), sequence)
