@@ -79,6 +79,7 @@ X_MIN: Final = HERE + "xMin"
 X_MAX: Final = HERE + "xMax"
 Y_MIN: Final = HERE + "yMin"
 Y_MAX: Final = HERE + "yMax"
+OUTLINE: Final = HERE + "outline"  # of a place that is no rectangle
 IN_PLACE: Final = HERE + "inPlace"
 IN_CELL: Final = HERE + "inCell"
 EXTENT_X: Final = HERE + "extentX"
@@ -175,6 +176,7 @@ PROV_GENERATED_AT: Final = "http://www.w3.org/ns/prov#generatedAtTime"
 XSD: Final = "http://www.w3.org/2001/XMLSchema#"
 GEO_FEATURE: Final = "http://www.opengis.net/ont/geosparql#Feature"
 GEO_GEOMETRY: Final = "http://www.opengis.net/ont/geosparql#Geometry"
+GEOF_SF_WITHIN: Final = "http://www.opengis.net/def/function/geosparql/sfWithin"
 GEO_WKT_LITERAL: Final = "http://www.opengis.net/ont/geosparql#wktLiteral"
 MATH_SQRT: Final = "http://www.w3.org/2005/xpath-functions/math#sqrt"
 XSD_DOUBLE: Final = XSD + "double"
@@ -278,5 +280,6 @@ PREFIXES: Final[dict[str, str]] = {
     "sosa": "http://www.w3.org/ns/sosa/",
     "prov": PROV,
     "geo": "http://www.opengis.net/ont/geosparql#",
+    "geof": "http://www.opengis.net/def/function/geosparql/",
     "bot": "https://w3id.org/bot#",
 }

@@ -196,6 +196,7 @@ _PLACE = _record(
         "beliefs": _SHARES,
         "scene_beliefs": _SHARES,
         "told_by": _TEXTS,
+        "outline": _list(_list(_numbers(2))),
     },
 )
 _ROBOT = _record(RobotRecord, {"p_map": _array(3), "heading": _NUMBER, "stamp": _NUMBER})

@@ -137,7 +137,8 @@ def _add_mapping_options(places: argparse._ArgumentGroup) -> None:
     places.add_argument(
         "--places",
         metavar="FILE",
-        help="rectangles of the places, JSON or CSV (default: one place around what is seen)",
+        help="areas of the places: GeoJSON polygons, JSON or CSV rectangles, or a map_server YAML "
+        "file that names one of these (default: one place around what is seen)",
     )
     places.add_argument(
         "--mode",
@@ -176,7 +177,6 @@ def _add_mapping_options(places: argparse._ArgumentGroup) -> None:
 def open_inputs(arguments: argparse.Namespace) -> Inputs:
     """Open and check everything a run needs; raises before any map exists or changes."""
     from mapping.label_table import load_label_table
-    from mapping.places.layout import load_layout
     from perception.inference.detector_pair import DetectorPair
     from perception.inference.recorded_detections import RecordedDetector, open_detector
     from perception.inference.scene_classifier import load_scene_classifier
@@ -193,7 +193,7 @@ def open_inputs(arguments: argparse.Namespace) -> Inputs:
         recording=recording,
         detector=detector,
         scene=None if arguments.scene == "none" else load_scene_classifier(arguments.scene),
-        layout=load_layout(Path(arguments.places)) if arguments.places else None,
+        layout=_layout(arguments.places) if arguments.places else None,
         settings=_settings(arguments),
         mode=arguments.mode,
         labels=load_label_table(Path(arguments.labels_map)) if arguments.labels_map else None,
@@ -203,6 +203,15 @@ def open_inputs(arguments: argparse.Namespace) -> Inputs:
         check=not arguments.no_check,
         corrected=arguments.poses is not None,
     )
+
+
+def _layout(name: str) -> Layout:
+    """The places of a file, or of that which a map_server YAML file names."""
+    from mapping.places.layout import load_layout
+    from planner.freespace.map_server import places_file
+
+    path = Path(name)
+    return load_layout(places_file(path) if path.suffix in (".yaml", ".yml") else path)
 
 
 def _detector_file(arguments: argparse.Namespace) -> str:
