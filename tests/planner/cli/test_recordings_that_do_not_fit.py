@@ -109,7 +109,9 @@ def test_another_house_is_not_aligned(
     assert _state(into) == before
 
 
-def test_align_and_transform_exclude_each_other(sessions: tuple[Path, Path], tmp_path: Path) -> None:
+def test_align_and_transform_exclude_each_other(
+    sessions: tuple[Path, Path], tmp_path: Path
+) -> None:
     words = _words(sessions[0], tmp_path / "new.map")
     for other in (["--transform", str(sessions[0] / "transform.json")], ["--same-frame"]):
         with pytest.raises(SystemExit) as stop:
