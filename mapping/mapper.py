@@ -25,6 +25,7 @@ from mapping.places.evidence_from_objects import ObjectEvidence
 from mapping.places.layout import Layout
 from mapping.places.place_mapper import PlaceMapper
 from mapping.places.place_registry import PlaceRegistry
+from mapping.pose_monitor import PoseMonitor
 from mapping.progress_report import StageTimer
 from mapping.projection import map_points
 from mapping.reference.settings import ReferenceSettings
@@ -59,6 +60,8 @@ class Mapper:
         detector: name of the detector, kept with each observation.
         scene_model: name of the scene classifier, kept with the stream.
         again: whether the stream is mapped once more from its beginning.
+        check_poses: whether jumps and drift of the poses are looked for in the depth, and warned
+            of (`mapping.pose_monitor`).
 
     Raises LayoutError where the layout contradicts the ontology, LabelsError where `labels` names
     what is no category.
@@ -79,6 +82,7 @@ class Mapper:
         detector: str = "",
         scene_model: str = "",
         again: bool = False,
+        check_poses: bool = True,
     ) -> None:
         table, s = labels or LabelTable(), settings or ReferenceSettings()
         table.refuse_unknown(semantic_map.catalogue)
@@ -112,6 +116,7 @@ class Mapper:
         self._occupancy = OccupancyMap(semantic_map) if occupancy else None
         evidence = ObjectEvidence(semantic_map, self._places, s) if s.places_from_objects else None
         self._evidence = evidence
+        self._monitor = PoseMonitor(recording) if check_poses else None
         self._observed: Frame | None = None  # the frame that the places have taken in
         self._viewed: tuple[Frame, str | None] | None = None
 
@@ -133,6 +138,8 @@ class Mapper:
         the same stream, ConflictError where others keep writing the same things.
         """
         with self.timer.stage("map"):
+            if self._monitor is not None:
+                self._monitor.add(frame)
             self._observe(frame)
         place = None if scores is None else self.viewed_place(frame)
         if scores is not None and place is not None:
@@ -191,6 +198,11 @@ class Mapper:
     def frames_applied(self) -> int:
         """Frames of the stream that the map holds."""
         return self._progress.frames_applied if self._progress else 0
+
+    @property
+    def pose_problems(self) -> tuple[str, ...]:
+        """What was found wrong with the poses so far, one line for each kind."""
+        return () if self._monitor is None else tuple(self._monitor.problems.values())
 
     @property
     def unplaced(self) -> int:
