@@ -81,6 +81,7 @@ X_MIN: Final = HERE + "xMin"
 X_MAX: Final = HERE + "xMax"
 Y_MIN: Final = HERE + "yMin"
 Y_MAX: Final = HERE + "yMax"
+OUTLINE: Final = HERE + "outline"  # of a place that is no rectangle
 IN_PLACE: Final = HERE + "inPlace"
 IN_CELL: Final = HERE + "inCell"
 EXTENT_X: Final = HERE + "extentX"
@@ -112,6 +113,9 @@ BELIEF: Final = HERE + "belief"
 SCENE_BELIEF: Final = HERE + "sceneBelief"  # of the views alone, where objects count too
 TOLD_BY: Final = HERE + "toldBy"
 VIEW_COUNT: Final = HERE + "viewCount"
+VIEWED_SHARE: Final = HERE + "viewedShare"
+CLOSELY_VIEWED_SHARE: Final = HERE + "closelyViewedShare"
+LAST_VIEWED: Final = HERE + "lastViewed"
 
 # why
 EXPLAINED_BY: Final = HERE + "explainedBy"
@@ -151,6 +155,7 @@ FLOOR_TILE: Final = HERE + "FloorTile"
 STOREY: Final = HERE + "storey"
 CELL_SIZE: Final = HERE + "cellSize"
 FLOOR_CELLS: Final = HERE + "floorCells"
+VIEW_TIMES: Final = HERE + "viewTimes"
 
 # the map itself and what was fed to it (graph:dataset)
 NEXT_OBJECT: Final = HERE + "nextObject"
@@ -187,6 +192,7 @@ PROV_GENERATED_AT: Final = "http://www.w3.org/ns/prov#generatedAtTime"
 XSD: Final = "http://www.w3.org/2001/XMLSchema#"
 GEO_FEATURE: Final = "http://www.opengis.net/ont/geosparql#Feature"
 GEO_GEOMETRY: Final = "http://www.opengis.net/ont/geosparql#Geometry"
+GEOF_SF_WITHIN: Final = "http://www.opengis.net/def/function/geosparql/sfWithin"
 GEO_WKT_LITERAL: Final = "http://www.opengis.net/ont/geosparql#wktLiteral"
 MATH_SQRT: Final = "http://www.w3.org/2005/xpath-functions/math#sqrt"
 XSD_DOUBLE: Final = XSD + "double"
@@ -290,5 +296,6 @@ PREFIXES: Final[dict[str, str]] = {
     "sosa": "http://www.w3.org/ns/sosa/",
     "prov": PROV,
     "geo": "http://www.opengis.net/ont/geosparql#",
+    "geof": "http://www.opengis.net/def/function/geosparql/",
     "bot": "https://w3id.org/bot#",
 }

@@ -14,7 +14,7 @@ import numpy as np
 
 from kg.errors import InvalidFactError
 from kg.facts.assertions import is_unicode
-from kg.facts.occupancy import decoded, encoded
+from kg.facts.occupancy import decoded, decoded_times, encoded, encoded_times
 from kg.records import (
     Evidence,
     FloorTile,
@@ -23,6 +23,7 @@ from kg.records import (
     ObjectRecord,
     ObstacleRecord,
     PlaceRecord,
+    PlaceViews,
     RecordingRecord,
     Relation,
     RelationKind,
@@ -103,6 +104,13 @@ def _cells(data: Any, what: str) -> np.ndarray:
     if cells is None:
         raise _wrong(what, "cells in the encoding of here:floorCells", data)
     return cells
+
+
+def _view_times(data: Any, what: str) -> np.ndarray:
+    times = decoded_times(_text(data, what))
+    if times is None:
+        raise _wrong(what, "times in the encoding of here:viewTimes", data)
+    return times
 
 
 def _optional(codec: _Codec[T]) -> _Codec[T | None]:
@@ -198,6 +206,7 @@ _OBJECT = _record(
         "relations": _optional(_list(_RELATION)),
     },
 )
+_VIEWS = _record(PlaceViews, {"share": _NUMBER, "close_share": _NUMBER, "last": _NUMBER})
 _PLACE = _record(
     PlaceRecord,
     {
@@ -211,6 +220,8 @@ _PLACE = _record(
         "beliefs": _SHARES,
         "scene_beliefs": _SHARES,
         "told_by": _TEXTS,
+        "outline": _list(_list(_numbers(2))),
+        "viewed": _optional(_VIEWS),
     },
 )
 _ROBOT = _record(RobotRecord, {"p_map": _array(3), "heading": _NUMBER, "stamp": _NUMBER})
@@ -274,6 +285,7 @@ _TILE = _record(
         "resolution": _NUMBER,
         "cells": _Codec(encoded, _cells),
         "changed": _NUMBER,
+        "viewed": _optional(_Codec(encoded_times, _view_times)),
     },
 )
 _UPDATE: Final = _record(

@@ -128,7 +128,7 @@ class AssertionService:
 
     def _place_at(self, x: float, y: float) -> str | None:
         for place in self._facts.places(self._store.engine):
-            if place.xmin <= x <= place.xmax and place.ymin <= y <= place.ymax:
+            if place.area.contains(x, y):
                 return place.iri
         return None
 

@@ -50,13 +50,26 @@ _STRUCTURAL = {
 }
 _OWN = {
     *(v.RDF_TYPE, v.RDFS_LABEL, v.X, v.Y, v.Z, v.HEADING, v.IN_CELL, v.IN_PLACE),
-    *(v.X_MIN, v.X_MAX, v.Y_MIN, v.Y_MAX, v.VIEW_COUNT, v.HAS_BELIEF, v.OF_CATEGORY, v.BELIEF),
+    *(
+        v.X_MIN,
+        v.X_MAX,
+        v.Y_MIN,
+        v.Y_MAX,
+        v.OUTLINE,
+        v.VIEW_COUNT,
+        v.VIEWED_SHARE,
+        v.CLOSELY_VIEWED_SHARE,
+        v.LAST_VIEWED,
+        v.HAS_BELIEF,
+        v.OF_CATEGORY,
+        v.BELIEF,
+    ),
     *(v.SCENE_BELIEF, v.TOLD_BY),
     *(v.CONFIDENCE, v.EXISTENCE, v.OBSERVATION_COUNT, v.FIRST_SEEN, v.LAST_SEEN, v.EXPLAINED_BY),
     *(v.EXTENT_X, v.EXTENT_Y, v.EXTENT_Z, v.DEVIATION),
     *(v.SOSA_FEATURE, v.SOSA_RESULT_TIME, v.FRAME, v.FROM_RECORDING, v.BOX, v.SCORE, v.MODEL),
     *(v.FRAMES_APPLIED, v.LAST_FRAME, v.TRANSFORM, v.SCENE_MODEL),
-    *(v.STOREY, v.CELL_SIZE, v.FLOOR_CELLS, *OF_OBJECT, *OF_NODE),
+    *(v.STOREY, v.CELL_SIZE, v.FLOOR_CELLS, v.VIEW_TIMES, *OF_OBJECT, *OF_NODE),
 }
 
 

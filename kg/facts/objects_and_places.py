@@ -15,6 +15,7 @@ import numpy as np
 from pyoxigraph import Literal, NamedNode, Quad
 
 from kg import vocabulary as v
+from kg.areas import Area, Outline, area_of
 from kg.errors import InvalidFactError
 from kg.facts.literals import (
     Properties,
@@ -30,10 +31,13 @@ from kg.facts.literals import (
     text_of,
     time_literal,
 )
+from kg.facts.place_views import facts_of_views, views_of
 from kg.facts.relations import relation_quads, relations_of
+from kg.facts.wkt import CRS
 from kg.ontology.catalogue import Catalogue
 from kg.rdf.grid_cells import cell_of
 from kg.rdf.quad_store import QuadStore
+from kg.rdf.wkt import area_of_polygon, polygon_text
 from kg.records import Evidence, ObjectRecord, PlaceRecord, RecordingRecord, Relation, RobotRecord
 from kg.store.sparql_backend import reading_ahead
 from kg.store.writer_priority import in_pieces
@@ -113,6 +117,8 @@ class RecordCodec:
     def of_place(self, record: PlaceRecord) -> list[Quad]:
         """Facts of a place and of its beliefs; raises InvalidFactError as `of_object` does."""
         what = f"place {record.iri}"
+        if record.outline:
+            record = record.with_area(_quantised_area(record.outline, what))
         if not (record.xmin < record.xmax and record.ymin < record.ymax):
             raise InvalidFactError(
                 f"{what}: a rectangle needs xmin < xmax and ymin < ymax, got "
@@ -120,6 +126,7 @@ class RecordCodec:
             )
         if record.views < 0:
             raise InvalidFactError(f"{what}: views must be 0 or more, got {record.views}")
+        x, y = record.area.centre
         facts: list[tuple[str, NamedNode | Literal]] = [
             (v.RDF_TYPE, known_iri(v.PLACE)),
             (v.RDF_TYPE, known_iri(v.BOT_SPACE)),
@@ -128,9 +135,11 @@ class RecordCodec:
             (v.X_MAX, number_literal(record.xmax, f"{what}: xmax")),
             (v.Y_MIN, number_literal(record.ymin, f"{what}: ymin")),
             (v.Y_MAX, number_literal(record.ymax, f"{what}: ymax")),
-            (v.X, number_literal((record.xmin + record.xmax) / 2, f"{what}: x")),
-            (v.Y, number_literal((record.ymin + record.ymax) / 2, f"{what}: y")),
+            (v.X, number_literal(x, f"{what}: x")),
+            (v.Y, number_literal(y, f"{what}: y")),
             (v.VIEW_COUNT, Literal(record.views)),
+            *self._outline(record, what),
+            *facts_of_views(record.viewed, what),
         ]
         held = self.of_beliefs(record)
         facts += [(v.TOLD_BY, iri_node(iri, f"{what}: told by")) for iri in record.told_by]
@@ -138,6 +147,12 @@ class RecordCodec:
             top = max(record.beliefs, key=lambda category: (record.beliefs[category], category))
             facts.append((v.RDF_TYPE, NamedNode(top)))
         return _quads(record.iri, facts) + held
+
+    def _outline(self, record: PlaceRecord, what: str) -> list[tuple[str, Literal]]:
+        if not record.outline:
+            return []
+        text = polygon_text(record.outline, self.base + CRS)
+        return [(v.OUTLINE, Literal(text, datatype=NamedNode(v.GEO_WKT_LITERAL)))]
 
     def of_beliefs(self, record: PlaceRecord) -> list[Quad]:
         """Quads of a place's category beliefs, links included."""
@@ -391,9 +406,16 @@ class RecordCodec:
         )
         label = first(properties, v.RDFS_LABEL, iri)
         views = int(first(properties, v.VIEW_COUNT, "0"))
-        return PlaceRecord(
-            iri, label, xmin, xmax, ymin, ymax, views, beliefs, scene if told_by else {}, told_by
+        record = PlaceRecord(
+            *(iri, label, xmin, xmax, ymin, ymax, views, beliefs),
+            scene_beliefs=scene if told_by else {},
+            told_by=told_by,
+            viewed=views_of(properties),
         )
+        try:
+            return record.with_area(area_of_polygon(first(properties, v.OUTLINE, "")))
+        except ValueError:  # none, or none that encloses anything
+            return record
 
 
 def _quads(
@@ -422,6 +444,13 @@ def _extent_of(properties: Properties) -> np.ndarray | None:
     if not all(side in properties for side in _EXTENT):
         return None
     return np.array([float(first(properties, side, "0")) for side in _EXTENT])
+
+
+def _quantised_area(outline: Outline, what: str) -> Area:
+    try:
+        return area_of([[(quantised(x, what), quantised(y, what)) for x, y in r] for r in outline])
+    except ValueError as error:
+        raise InvalidFactError(f"{what}: {error}") from error
 
 
 def _share(value: float, what: str) -> Literal:

@@ -23,6 +23,7 @@ from kg.facts.objects_and_places import RecordCodec
 from kg.facts.relations import relation_nodes
 from kg.rdf.datetimes import now
 from kg.rdf.grid_cells import cell_of
+from kg.rdf.wkt import area_of_polygon
 from kg.update.change_draft import ChangeDraft, Subject
 from kg.update.implicit_assertions import assert_perceived_properties
 from kg.update.implicit_assertions import categories as _categories
@@ -33,6 +34,7 @@ _DATASET: Final = NamedNode(v.DATASET_GRAPH)
 _TYPE: Final = NamedNode(v.RDF_TYPE)
 _NUMERIC: Final = {v.XSD + name for name in ("decimal", "integer", "double", "float")}
 _EDGES: Final = (v.X_MIN, v.X_MAX, v.Y_MIN, v.Y_MAX)
+_OUTLINE: Final = NamedNode(v.OUTLINE)
 _DOUBLES: Final = (v.X, v.Y, v.Z, v.CONFIDENCE, v.EXISTENCE)
 
 
@@ -110,18 +112,17 @@ def _complete(pending: ChangeDraft, facts: RecordCodec, subject: NamedNode) -> N
 
 
 def _complete_place(pending: ChangeDraft, subject: NamedNode) -> None:
-    """Write doubles as doubles, the centre by the rectangle, and what is missing."""
+    """Write doubles as doubles, rectangle and centre by the outline, and what is missing."""
     for predicate in _EDGES:
         for quad in tuple(pending.after(subject, NamedNode(predicate), None, _MAP)):
             _as_double(pending, quad)
+    _complete_outline(pending, subject)
     edges = [_coordinate(pending, subject, edge) for edge in _EDGES]
-    if _touched(pending, subject, _EDGES):
+    outlined = _only(pending, subject, v.OUTLINE) is not None
+    if _touched(pending, subject, _EDGES) and not outlined:
         for axis, least, most in ((v.X, edges[0], edges[1]), (v.Y, edges[2], edges[3])):
-            if least is None or most is None:
-                continue
-            old = list(pending.after(subject, NamedNode(axis), None, _MAP))
-            middle = Literal(round((least + most) / 2, 2) + 0.0)
-            pending.change(old, [Quad(subject, NamedNode(axis), middle, _MAP)])
+            if least is not None and most is not None:
+                _replace_number(pending, subject, axis, (least + most) / 2)
     if not _is_new(pending, subject):
         return
     kinds = [Quad(subject, _TYPE, NamedNode(kind), _MAP) for kind in (v.PLACE, v.BOT_SPACE)]
@@ -130,6 +131,33 @@ def _complete_place(pending: ChangeDraft, subject: NamedNode) -> None:
     for predicate, value in ((v.RDFS_LABEL, Literal(name)), (v.VIEW_COUNT, Literal(0))):
         if _only(pending, subject, predicate) is None:
             pending.change((), [Quad(subject, NamedNode(predicate), value, _MAP)])
+
+
+def _complete_outline(pending: ChangeDraft, subject: NamedNode) -> None:
+    """Rectangle and centre of a new outline; a new rectangle replaces the outline.
+
+    An outline that encloses nothing is left for the shapes to report, or to be read as none.
+    """
+    if not _touched(pending, subject, (v.OUTLINE,)):
+        if _touched(pending, subject, _EDGES):
+            pending.change(list(pending.after(subject, _OUTLINE, None, _MAP)), ())
+        return
+    literal = _only(pending, subject, v.OUTLINE)
+    try:
+        area = area_of_polygon(literal.value) if literal is not None else None
+    except ValueError:
+        area = None
+    if area is None:
+        return
+    sides = (area.xmin, area.xmax, area.ymin, area.ymax, *area.centre)
+    for predicate, value in zip((*_EDGES, v.X, v.Y), sides, strict=True):
+        _replace_number(pending, subject, predicate, value)
+
+
+def _replace_number(pending: ChangeDraft, subject: NamedNode, predicate: str, value: float) -> None:
+    old = list(pending.after(subject, NamedNode(predicate), None, _MAP))
+    number = Literal(round(value, 2) + 0.0)
+    pending.change(old, [Quad(subject, NamedNode(predicate), number, _MAP)])
 
 
 def _assign_cell(pending: ChangeDraft, subject: NamedNode) -> None:

@@ -195,7 +195,7 @@ class CandidateQueries:
             kind="place",
             iri=place.iri,
             label=place.label,
-            p_map=np.array([place.xmin + place.xmax, place.ymin + place.ymax]) / 2,
+            p_map=np.array(place.centre),
             probability=p,
             facts=facts,
             place=place.iri,

@@ -31,8 +31,7 @@ RULES: Final[dict[str, str]] = {
     v.Y: _POSITION,
     v.Z: _POSITION,
     v.IN_CELL: "the square of 5 m by 5 m that the position lies in",
-    v.IN_PLACE: "the first place whose rectangle holds the position, "
-    "the recording's own before others",
+    v.IN_PLACE: "the first place whose area holds the position, the recording's own before others",
     v.CONFIDENCE: "in reference mode raised with the score of each sighting, up to nu (eq. 3.1), "
     "and lowered by xi for each frame that should have shown it and did not (eq. 3.2 to 3.4); else "
     "nu times the existence",
@@ -54,12 +53,13 @@ RULES: Final[dict[str, str]] = {
     v.HAS_BELIEF: "one for each category of place that the views leave any belief in",
     v.BELIEF: _BELIEF,
     v.SCENE_BELIEF: _BELIEF,
-    v.TOLD_BY: "objects of known kinds that lie in the place's rectangle",
+    v.TOLD_BY: "objects of known kinds that lie in the place",
     v.VIEW_COUNT: "views that showed enough of the place to speak for it (section 3.3.2)",
     v.X_MIN: _RECTANGLE,
     v.X_MAX: _RECTANGLE,
     v.Y_MIN: _RECTANGLE,
     v.Y_MAX: _RECTANGLE,
+    v.OUTLINE: _RECTANGLE,
     v.HEADING: "the direction of the camera's axis, seen from above",
 }
 
@@ -91,7 +91,7 @@ def rule_of(predicate: str, kinds: set[str]) -> str | None:
     if v.PLACE in kinds and predicate == v.RDF_TYPE:
         return _PLACE_TYPE
     if v.PLACE in kinds and predicate in (v.X, v.Y):
-        return "the middle of the place's rectangle"
+        return "the middle of the place, or what of it is nearest to that"
     if predicate == v.RDF_TYPE and kinds & {v.SOSA_OBSERVATION, v.PLACE_BELIEF}:
         return None
     return RULES.get(predicate)
