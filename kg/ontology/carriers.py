@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pyoxigraph import NamedNode, Quad
 
 from kg import vocabulary as v
-from kg.facts.literals import text_of
 from kg.ontology.loading import superclasses
 
 
@@ -27,7 +26,7 @@ def carrier_kinds(ontology: Iterable[Quad]) -> CarrierKinds:
     carried: dict[str, set[str]] = {v.ON: set(), v.INSIDE: set()}
     backs: dict[str, float] = {}
     for quad in ontology:
-        value = text_of(quad.object)
+        value = str(getattr(quad.object, "value", ""))
         if not isinstance(quad.subject, NamedNode):
             continue
         if quad.predicate.value == v.CARRIES and value in carried:
