@@ -25,7 +25,7 @@ REFERENCE: Final = ROOT / "docs" / "reference"
 PUBLIC: Final = {
     "Maps": ("kg.opening:*", "kg.maps.semantic_map:SemanticMap"),
     "Answers": ("kg.query.evaluation:Table", "kg.query.evaluation:TripleTable"),
-    "Records": ("kg.records:*",),
+    "Records": ("kg.records:*", "kg.areas:Area", "kg.areas:area_of"),
     "Serving": ("kg.server:MapServer", "kg.server:Settings", "kg.server:BearerTokens"),
     "Probability of objects in places": ("kg.placement.table:placement_table",),
     "Frames and recordings": (

@@ -6,57 +6,13 @@ Metres and radians in the map frame (z up, floor about z = 0), seconds since 197
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-
-@dataclass(frozen=True, slots=True)
-class Rectangle:
-    """Axis-aligned rectangle of the map's horizontal plane [m]; its sides belong to it.
-
-    Not validated here: who reads one from outside checks it (`kg.facts`, `mapping.places.layout`).
-    """
-
-    xmin: float
-    xmax: float
-    ymin: float
-    ymax: float
-
-    @property
-    def size(self) -> tuple[float, float]:
-        """Width along x and depth along y [m]."""
-        return self.xmax - self.xmin, self.ymax - self.ymin
-
-    @property
-    def area(self) -> float:
-        """Area [m^2]."""
-        return (self.xmax - self.xmin) * (self.ymax - self.ymin)
-
-    @property
-    def centre(self) -> tuple[float, float]:
-        """Midpoint (x, y) [m]."""
-        return (self.xmin + self.xmax) / 2, (self.ymin + self.ymax) / 2
-
-    def contains(self, x: float, y: float) -> bool:
-        """Point-in-rectangle test of (x, y) [m]."""
-        return self.xmin <= x <= self.xmax and self.ymin <= y <= self.ymax
-
-    def contains_each(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Point-in-rectangle test of many points, `x` and `y` [m] of one shape or broadcast."""
-        inside = (x >= self.xmin) & (x <= self.xmax) & (y >= self.ymin) & (y <= self.ymax)
-        return np.asarray(inside)
-
-    def union(self, other: Rectangle) -> Rectangle:
-        """Bounding rectangle of both."""
-        return Rectangle(
-            min(self.xmin, other.xmin),
-            max(self.xmax, other.xmax),
-            min(self.ymin, other.ymin),
-            max(self.ymax, other.ymax),
-        )
+from kg.areas import Area, Outline, Rectangle
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +25,18 @@ class Evidence:
     box: tuple[float, float, float, float]  # xyxy [px] in that frame
     score: float  # detector score, 0..1
     model: str  # name of the detector
+
+
+RelationKind = Literal["on", "inside", "beside"]
+
+
+@dataclass(frozen=True, slots=True)
+class Relation:
+    """A spatial relation of an object to another one."""
+
+    kind: RelationKind
+    target: str  # IRI of the other object
+    probability: float  # 0..1; from 0.5 on it counts as so
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +55,7 @@ class ObjectRecord:
     evidence: Evidence | None = None
     extent: NDArray[np.float64] | None = None  # (3,) [m] of its box along the map's axes
     deviation: float | None = None  # [m] standard deviation of each coordinate of `p_map`
+    relations: tuple[Relation, ...] | None = None  # None, when written: the map's stay
 
     @property
     def covariance(self) -> NDArray[np.float64] | None:
@@ -95,8 +64,20 @@ class ObjectRecord:
 
 
 @dataclass(frozen=True, slots=True)
+class PlaceViews:
+    """How much of a place, floor and tops of furniture, has been viewed."""
+
+    share: float  # of its area, 0..1
+    close_share: float  # of its area, from close by (2 m)
+    last: float  # [s] since 1970, to the minute
+
+
+@dataclass(frozen=True, slots=True)
 class PlaceRecord:
-    """A place with its rectangle and the belief over its categories."""
+    """A place with its area and the belief over its categories.
+
+    Without an `outline` the area is the rectangle; with one, the sides are its bounding rectangle.
+    """
 
     iri: str
     label: str
@@ -108,11 +89,24 @@ class PlaceRecord:
     beliefs: Mapping[str, float] = field(default_factory=dict)  # category IRI -> belief
     scene_beliefs: Mapping[str, float] = field(default_factory=dict)  # the views', if told_by
     told_by: tuple[str, ...] = ()  # IRIs of objects that count in beliefs beside the views
+    outline: Outline = ()  # rings of corners (x, y) [m], the outer one first; () for a rectangle
+    viewed: PlaceViews | None = None  # None where nothing is known of views
 
     @property
-    def rectangle(self) -> Rectangle:
-        """Its rectangle."""
-        return Rectangle(self.xmin, self.xmax, self.ymin, self.ymax)
+    def area(self) -> Area:
+        """What it covers of the floor."""
+        return Area(self.xmin, self.xmax, self.ymin, self.ymax, outline=self.outline)
+
+    def with_area(self, area: Rectangle) -> PlaceRecord:
+        """The same place, covering `area`."""
+        return replace(
+            self,
+            xmin=area.xmin,
+            xmax=area.xmax,
+            ymin=area.ymin,
+            ymax=area.ymax,
+            outline=area.outline if isinstance(area, Area) else (),
+        )
 
     @property
     def from_views(self) -> Mapping[str, float]:
@@ -145,8 +139,8 @@ class Assertion:
     """Assertion by a person of one property of an object or place, and the perceived value."""
 
     subject: str  # IRI of the object or place
-    property: str  # "category", "position", "existence" or "label"
-    value: str  # IRI of a category; "x y z" [m]; "present" or "absent"; a label
+    property: str  # "category", "position", "existence", "label", "on" or "inside"
+    value: str  # IRI of a category or object; "x y z" [m]; "present"; "absent"; "nothing"; a label
     by: str
     stamp: float  # [s] when it was asserted
     perceived: str | None = None  # like value; of existence a number 0..1; None: no opinion
@@ -219,6 +213,9 @@ class FloorTile:
     resolution: float  # [m] side of a cell
     cells: NDArray[np.uint8]  # (n, n) cells (x, y): UNKNOWN, FREE, LOW or TALL
     changed: float  # [s] stamp of the frame that it was last changed by
+    #: (2, m, m) [min since 1970] when each of m x m larger cells was last viewed, from close by and
+    #: at all; 0 where never. None where nothing is known of views.
+    viewed: NDArray[np.uint32] | None = None
 
     @property
     def corner(self) -> tuple[float, float]:

@@ -47,6 +47,8 @@ LOCATED_AT: Final = HERE + "locatedAt"
 NEAR_BY: Final = HERE + "nearBy"
 PROBABILITY: Final = HERE + "probability"
 USED_FOR: Final = HERE + "usedFor"
+CARRIES: Final = HERE + "carries"  # here:on, here:inside
+BACK_HEIGHT: Final = HERE + "backHeight"
 
 PROVISIONAL_MARK: Final = HERE + "provisional"
 
@@ -79,12 +81,23 @@ X_MIN: Final = HERE + "xMin"
 X_MAX: Final = HERE + "xMax"
 Y_MIN: Final = HERE + "yMin"
 Y_MAX: Final = HERE + "yMax"
+OUTLINE: Final = HERE + "outline"  # of a place that is no rectangle
 IN_PLACE: Final = HERE + "inPlace"
 IN_CELL: Final = HERE + "inCell"
 EXTENT_X: Final = HERE + "extentX"
 EXTENT_Y: Final = HERE + "extentY"
 EXTENT_Z: Final = HERE + "extentZ"
 DEVIATION: Final = HERE + "positionDeviation"
+
+# individuals: in what relation to others
+SPATIAL_RELATION: Final = HERE + "SpatialRelation"
+SPATIAL: Final = HERE + "spatialRelation"  # of which these are:
+ON: Final = HERE + "on"
+INSIDE: Final = HERE + "inside"
+BESIDE: Final = HERE + "beside"
+HAS_RELATION: Final = HERE + "hasRelation"
+OF_RELATION: Final = HERE + "ofRelation"  # here:on, here:inside or here:beside
+RELATED_TO: Final = HERE + "relatedTo"
 
 # individuals: how sure, how often, when
 CONFIDENCE: Final = HERE + "confidence"  # the thesis' C, between 0 and nu
@@ -100,6 +113,9 @@ BELIEF: Final = HERE + "belief"
 SCENE_BELIEF: Final = HERE + "sceneBelief"  # of the views alone, where objects count too
 TOLD_BY: Final = HERE + "toldBy"
 VIEW_COUNT: Final = HERE + "viewCount"
+VIEWED_SHARE: Final = HERE + "viewedShare"
+CLOSELY_VIEWED_SHARE: Final = HERE + "closelyViewedShare"
+LAST_VIEWED: Final = HERE + "lastViewed"
 
 # why
 EXPLAINED_BY: Final = HERE + "explainedBy"
@@ -139,6 +155,7 @@ FLOOR_TILE: Final = HERE + "FloorTile"
 STOREY: Final = HERE + "storey"
 CELL_SIZE: Final = HERE + "cellSize"
 FLOOR_CELLS: Final = HERE + "floorCells"
+VIEW_TIMES: Final = HERE + "viewTimes"
 
 # the map itself and what was fed to it (graph:dataset)
 NEXT_OBJECT: Final = HERE + "nextObject"
@@ -175,6 +192,7 @@ PROV_GENERATED_AT: Final = "http://www.w3.org/ns/prov#generatedAtTime"
 XSD: Final = "http://www.w3.org/2001/XMLSchema#"
 GEO_FEATURE: Final = "http://www.opengis.net/ont/geosparql#Feature"
 GEO_GEOMETRY: Final = "http://www.opengis.net/ont/geosparql#Geometry"
+GEOF_SF_WITHIN: Final = "http://www.opengis.net/def/function/geosparql/sfWithin"
 GEO_WKT_LITERAL: Final = "http://www.opengis.net/ont/geosparql#wktLiteral"
 MATH_SQRT: Final = "http://www.w3.org/2005/xpath-functions/math#sqrt"
 XSD_DOUBLE: Final = XSD + "double"
@@ -278,5 +296,6 @@ PREFIXES: Final[dict[str, str]] = {
     "sosa": "http://www.w3.org/ns/sosa/",
     "prov": PROV,
     "geo": "http://www.opengis.net/ont/geosparql#",
+    "geof": "http://www.opengis.net/def/function/geosparql/",
     "bot": "https://w3id.org/bot#",
 }

@@ -184,10 +184,9 @@ def _cut(
     return EvidenceArrays(
         listed=evidence.listed[cells],
         weight=evidence.weight[cells],
+        surveys=tuple(survey.cut(rows, columns) for survey in evidence.surveys),
         rooms=rooms,
         rooms_with=np.minimum(held, rooms),
-        similar=evidence.similar[np.ix_(columns, columns)],
-        related=evidence.related[np.ix_(rows, rows)],
         building_with=none,
         building_without=none,
         stated=none,

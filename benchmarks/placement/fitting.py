@@ -1,41 +1,29 @@
-"""Fit the model's parameters: the likelihood of what real buildings hold, at its maximum.
+"""Fit the placement model's parameters to what the rooms of real buildings hold.
 
-Every building is one draw: of N rooms of a kind, K hold the object, Beta-binomial with the alpha
-and beta the model gives from all other buildings. Each pair counts in four ways, so that numbers
-serve where there is less to go by: with all statistics, without those of the very pair (a rare
-category), without any statistics (ontology and ConceptNet), and with the ontology alone.
+m0 is a logistic regression on all rooms of the buildings, with a ridge penalty of 1 on every weight
+but the base (Newton's method). kappa and tau then maximise the Beta-binomial likelihood of each
+building given the counts of all others, with an m0 that was fitted without that building.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import astuple, dataclass, replace
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.placement.model import (
-    EvidenceArrays,
-    Matrix,
-    log_beta_binomial,
-    logit,
-    posterior_belief,
-    sigmoid,
-)
-from kg.placement.settings import VAGUE_STRENGTH, PlacementParameters
+from kg.placement.model import EvidenceArrays, Matrix, posterior_belief, sigmoid
+from kg.placement.settings import KnowledgeWeights, PlacementParameters, SurveyWeights
 
 Vector = NDArray[np.float64]
 
-_START: Final = PlacementParameters(-3.0, 0.5, 0.5, 0.7, 0.2, 10.0, 0.9, 10.0)
-_WIDEST: Final = 5.0  # of ln(kappa), ln(tau); and the most any share can be
-_PULL: Final = 0.05  # loss of log-likelihood for each squared unit away from the start
-_PULL_OF_KIND: Final = 0.1  # the same, of one kind of building's numbers away from all buildings'
-#: positions in Parameters: those in rooms, and the probability
-_ROOMS: Final = [5, 7]
-_TRUST: Final = 6
-#: numbers that a kind of building has of its own
-_OWN: Final = [5, 6, 7]
+_RIDGE: Final = 1.0
+_STEPS: Final = 40
+#: values of kappa and tau that are tried [rooms]
+_STRENGTHS: Final = np.geomspace(1.0, 32.0, 11)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,123 +49,87 @@ class Sample:
         return Sample(evidence, self.rooms[keep], self.held[keep])
 
 
-def fit(
-    sample: Sample, start: PlacementParameters = _START, steps: int = 1200
-) -> PlacementParameters:
-    """The parameters that make the sample likeliest; deterministic."""
-    anchor = _numbers(_START)
+def fit(sample: Sample) -> PlacementParameters:
+    """All parameters; deterministic."""
+    found = fit_prior(sample)
+    count = len(sample.rooms)
+    others = [fit_prior(sample.without(building)) for building in range(count)]
+    kappa, tau = max(
+        ((float(kappa), float(tau)) for kappa in _STRENGTHS for tau in _STRENGTHS),
+        key=lambda pair: sum(
+            log_likelihood(sample.only([n]), replace(others[n], kappa=pair[0], tau=pair[1]))
+            for n in range(count)
+        ),
+    )
+    return replace(found, kappa=kappa, tau=tau)
 
-    def cost(x: Vector) -> float:
-        return _PULL * float(np.sum((x - anchor) ** 2)) - _likelihood(sample, _parameters(x))
 
-    return _parameters(minimise(cost, _numbers(start), steps))
+def fit_prior(sample: Sample, kappa: float = 1.0, tau: float = 1.0) -> PlacementParameters:
+    """The parameters of m0; `kappa` and `tau` as given."""
+    evidence = sample.evidence
+    knowledge = [np.ones_like(evidence.weight), evidence.listed > 0, np.log1p(evidence.weight)]
+    surveys = [
+        feature
+        for survey in evidence.surveys
+        for feature in (survey.covers_object, survey.object_rate, survey.covers_place, survey.lift)
+    ]
+    weights = _regression(sample, [*knowledge, *surveys])
+    of_survey = {
+        survey.name: SurveyWeights(*weights[4 * i + 3 : 4 * i + 7])
+        for i, survey in enumerate(evidence.surveys)
+    }
+    return PlacementParameters(
+        KnowledgeWeights(*weights[:3]),
+        KnowledgeWeights(*_regression(sample, knowledge)),
+        of_survey,
+        kappa,
+        tau,
+    )
 
 
-def fit_kind(sample: Sample, overall: PlacementParameters, steps: int = 160) -> PlacementParameters:
-    """The numbers of one kind of building: its own lift and strength of what is expected.
+def _regression(sample: Sample, features: Sequence[Matrix]) -> list[float]:
+    """Weights of features (n, m), the first of them constant, by penalised logistic regression."""
+    rooms, held = sample.rooms.sum(0).ravel(), sample.held.sum(0).ravel()
+    cells = rooms > 0
+    design = np.column_stack([np.asarray(x, float).ravel() for x in features])[cells]
+    n, k = rooms[cells], held[cells]
+    penalty = _RIDGE * np.diag([0.0] + [1.0] * (design.shape[1] - 1))
+    weights = np.zeros(design.shape[1])
+    weights[0] = math.log(k.sum() / (n.sum() - k.sum()))
 
-    Empirical Bayes: the others stay those fitted to all buildings, and these four are pulled
-    towards them; few buildings of a kind move them little.
-    """
-    numbers = _numbers(overall)
-    anchor = np.array([0.0, *numbers[_OWN]])
+    def cost(w: Vector) -> float:
+        p = sigmoid(design @ w)
+        return float(w @ penalty @ w / 2 - k @ np.log(p) - (n - k) @ np.log1p(-p))
 
-    def moved(x: Vector) -> PlacementParameters:
-        own = numbers.copy()
-        own[_OWN] = x[1:]
-        return replace(_parameters(own), lift=float(x[0]))
-
-    def cost(x: Vector) -> float:
-        away = float(np.sum((x - anchor) ** 2))
-        return _PULL_OF_KIND * away - _counted_likelihood(sample, moved(x))
-
-    return moved(minimise(cost, anchor, steps))
+    for _ in range(_STEPS):
+        p = sigmoid(design @ weights)
+        hessian = design.T @ (design * (n * p * (1 - p))[:, None]) + penalty
+        step = np.linalg.solve(hessian, design.T @ (k - n * p) - penalty @ weights)
+        while np.abs(step).max() > 1e-9 and cost(weights + step) > cost(weights):
+            step = step / 2
+        weights = weights + step
+    return [float(weight) for weight in weights]
 
 
 def log_likelihood(sample: Sample, parameters: PlacementParameters) -> float:
-    """ln p(the buildings) in the four ways, less a weak pull of the numbers towards the start."""
-    away = _numbers(parameters) - _numbers(_START)
-    return _likelihood(sample, parameters) - _PULL * float(np.sum(away**2))
-
-
-def _counted_likelihood(sample: Sample, parameters: PlacementParameters) -> float:
-    full = posterior_belief(sample.evidence, parameters)
-    return _beta_binomial(sample, full.alpha, full.beta)
-
-
-def _likelihood(sample: Sample, parameters: PlacementParameters) -> float:
-    p, evidence = parameters, sample.evidence
-    nothing = np.zeros_like(evidence.rooms[:1])
-    bare = replace(evidence, rooms=nothing, rooms_with=nothing)
-    full, bare_belief = posterior_belief(evidence, p), posterior_belief(bare, p)
-    alone = posterior_belief(replace(bare, weight=np.zeros_like(bare.weight)), p)
-    strength = 1 / (1 / p.tau + 1 / (p.trust * p.kappa + (1 - p.trust) * VAGUE_STRENGTH))
-    return (
-        _beta_binomial(sample, full.alpha, full.beta)
-        + _beta_binomial(sample, strength * full.prior, strength * (1 - full.prior))
-        + _beta_binomial(sample, bare_belief.alpha, bare_belief.beta)
-        + _beta_binomial(sample, alone.alpha, alone.beta)
-    )
-
-
-def _beta_binomial(sample: Sample, alpha: Matrix, beta: Matrix) -> float:
-    """Sum of ln B(alpha + K, beta + N - K) / B(alpha, beta)."""
+    """ln p(what the buildings hold | the statistics of all others), Beta-binomial."""
+    belief = posterior_belief(sample.evidence, parameters)
     cells = sample.rooms > 0
-    a, b = (np.broadcast_to(x, cells.shape)[cells] for x in (alpha, beta))
+    a, b = (np.broadcast_to(x, cells.shape)[cells] for x in (belief.alpha, belief.beta))
     return float(log_beta_binomial(a, b, sample.rooms[cells], sample.held[cells]).sum())
 
 
-def _numbers(p: PlacementParameters) -> Vector:
-    x = np.array(astuple(p)[:-1])  # without the lift
-    x[_ROOMS] = np.log(x[_ROOMS])
-    x[_TRUST] = logit(x[_TRUST])
-    return x
-
-
-def _parameters(x: Vector) -> PlacementParameters:
-    shares = np.clip(np.abs(x[1:5]), 0, _WIDEST)
-    kappa, tau = map(float, np.exp(np.clip(x[_ROOMS], -1, _WIDEST)))
-    edge, conceptnet, across_places, across_objects = map(float, shares)
-    trust = float(sigmoid(x[_TRUST]))
-    return PlacementParameters(
-        float(x[0]), edge, conceptnet, across_places, across_objects, kappa, trust, tau
+def log_beta_binomial(alpha: Vector, beta: Vector, rooms: Vector, held: Vector) -> Vector:
+    """ln of the Beta-binomial probability of one order of `held` with and the rest without."""
+    return (
+        _log_gamma(alpha + held)
+        - _log_gamma(alpha)
+        + _log_gamma(beta + rooms - held)
+        - _log_gamma(beta)
+        - _log_gamma(alpha + beta + rooms)
+        + _log_gamma(alpha + beta)
     )
 
 
-def minimise(cost: Callable[[Vector], float], start: Vector, steps: int) -> Vector:
-    """Where `cost` is least, by the simplex method of Nelder and Mead (1965)."""
-    n = len(start)
-    points = np.vstack([start, start + 0.4 * np.eye(n)])
-    costs = np.array([cost(x) for x in points])
-    for _ in range(steps):
-        order = np.argsort(costs, kind="stable")
-        points, costs = points[order], costs[order]
-        if costs[-1] - costs[0] < 1e-6:
-            break
-        centre = points[:-1].mean(0)
-        for factor in _moves(cost, centre, points, costs):
-            points[-1], costs[-1] = factor
-            break
-        else:
-            points[1:] = (points[1:] + points[0]) / 2
-            costs[1:] = [cost(x) for x in points[1:]]
-    return np.asarray(points[int(np.argmin(costs))])
-
-
-def _moves(
-    cost: Callable[[Vector], float], centre: Vector, points: Matrix, costs: Vector
-) -> list[tuple[Vector, float]]:
-    """The point that replaces the worst one: reflected, stretched or drawn in; none: shrink."""
-
-    def tried(factor: float) -> tuple[Vector, float]:
-        x = centre + factor * (points[-1] - centre)
-        return x, cost(x)
-
-    mirrored = tried(-1.0)
-    if mirrored[1] < costs[0]:
-        farther = tried(-2.0)
-        return [min(mirrored, farther, key=lambda found: found[1])]
-    if mirrored[1] < costs[-2]:
-        return [mirrored]
-    nearer = tried(-0.5 if mirrored[1] < costs[-1] else 0.5)
-    return [nearer] if nearer[1] < min(costs[-1], mirrored[1]) else []
+def _log_gamma(x: Vector) -> Vector:
+    return np.array([math.lgamma(value) for value in np.ravel(x)]).reshape(np.shape(x))

@@ -12,12 +12,13 @@ from benchmarks.placement.data import TrialData
 from benchmarks.placement.fitting import Sample
 from benchmarks.placement.scores import Predictions, rooms_visited
 from kg import vocabulary as v
-from kg.placement.model import EvidenceArrays, Matrix, logit, posterior_belief, sigmoid
+from kg.placement.model import EvidenceArrays, Matrix, posterior_belief, sigmoid
 from kg.placement.settings import PlacementParameters
+from kg.placement.surveys import logit
 
 Vector = NDArray[np.float64]
 
-METHODS: Final = ("thesis edges", "conceptnet", "statistics", "blend")
+METHODS: Final = ("thesis edges", "conceptnet", "statistics", "as shipped", "model")
 
 
 def one_building(sample: Sample, building: int) -> EvidenceArrays:
@@ -33,7 +34,8 @@ def probabilities(
 
     thesis edges: one probability for every edge, one for every other pair. conceptnet: a logistic
     curve over ln(1 + weight). statistics: the rate in other buildings, half a room added to each
-    side, and of a kind of room without any the rate over all rooms. blend: the model.
+    side, and of a kind of room without any the rate over all rooms. as shipped: the model without
+    imported statistics. model: with them.
     """
     if method == "thesis edges":
         listed = evidence.listed > 0
@@ -44,6 +46,9 @@ def probabilities(
         rooms, held = evidence.rooms, evidence.rooms_with
         anywhere = (held.sum(1, keepdims=True) + 0.5) / (rooms.sum(1, keepdims=True) + 1)
         return np.where(rooms > 0, (held + 0.5) / (rooms + 1), anywhere)
+    if method == "as shipped":
+        nothing = np.zeros_like(evidence.rooms)
+        evidence = replace(evidence, rooms=nothing, rooms_with=nothing)
     return posterior_belief(evidence, parameters).mean
 
 
@@ -77,7 +82,13 @@ def outcome(
     visited = [
         rooms_visited(p[row], held[row]) for row in np.flatnonzero(sought) if held[row].any()
     ]
-    return Predictions(p[sought].ravel(), held[sought].ravel(), np.array(visited))
+    return Predictions(
+        p[sought].ravel(),
+        held[sought].ravel(),
+        np.array(visited),
+        1 - np.prod(1 - p[sought], axis=1),
+        held[sought].any(axis=1).astype(float),
+    )
 
 
 def room_matrix(

@@ -23,7 +23,7 @@ from benchmarks.placement.data import Sources, TrialData, load
 from benchmarks.placement.methods import one_building
 from kg.placement.model import posterior_belief
 from kg.placement.posterior import posterior
-from kg.placement.settings import FITTED, HOMES
+from kg.placement.settings import FITTED
 
 WEIGHTS: Final = (0.0, 0.1, 0.25, 0.5, 0.75, 1.0)
 RIGHT: Final = (0.2, 0.4, 0.6, 0.8)  # mean probability that views give the true kind
@@ -40,7 +40,7 @@ def judged(
     known = np.flatnonzero(evidence.rooms.any(0))
     nothing = np.zeros_like(evidence.rooms)
     bare = replace(evidence, rooms=nothing, rooms_with=nothing)
-    table = (posterior_belief(evidence, HOMES) if counted else posterior_belief(bare, FITTED)).mean
+    table = posterior_belief(evidence if counted else bare, FITTED).mean
     found = []
     for room in data.buildings[home].rooms:
         if len(room.places) != 1 or data.places[room.places[0]] not in known:

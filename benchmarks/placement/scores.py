@@ -61,17 +61,21 @@ class Predictions:
     p: Vector  # (n,) probabilities
     held: Vector  # (n,) 1 where the room holds the object, else 0
     visited: Vector  # (q,) rooms visited, one for each object that is anywhere in the building
+    anywhere: Vector  # (s,) probability that any room of the building holds each object sought
+    present: Vector  # (s,) 1 where one does, else 0
 
 
 #: a score of several buildings
 Measure = Callable[[Sequence[Predictions]], float]
 
 
-def pooled(score: Callable[[Vector, Vector], float]) -> Measure:
-    """A score of pairs as one of several buildings, all pairs alike."""
+def pooled(
+    score: Callable[[Vector, Vector], float], names: tuple[str, str] = ("p", "held")
+) -> Measure:
+    """A score of two vectors of several buildings as one, all entries alike."""
 
     def measure(outcomes: Sequence[Predictions]) -> float:
-        p, held = (np.concatenate([getattr(o, name) for o in outcomes]) for name in ("p", "held"))
+        p, held = (np.concatenate([getattr(o, name) for o in outcomes]) for name in names)
         return score(p, held)
 
     return measure
@@ -89,6 +93,7 @@ MEASURES: dict[str, Measure] = {
     "ece": pooled(calibration_error),
     "ece_equal_mass": pooled(lambda p, held: calibration_error(p, held, equal_mass=True)),
     "rooms_visited": mean_visited,
+    "floor_ece": pooled(calibration_error, ("anywhere", "present")),
 }
 
 

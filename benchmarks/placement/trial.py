@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.placement.data import TrialData
-from benchmarks.placement.fitting import Sample, fit, fit_kind
+from benchmarks.placement.fitting import fit
 from benchmarks.placement.methods import (
     METHODS,
     one_building,
@@ -21,7 +21,7 @@ from benchmarks.placement.methods import (
 from benchmarks.placement.scores import MEASURES, Predictions, interval, resampled
 from kg.placement.model import posterior_belief
 from kg.placement.posterior import posterior
-from kg.placement.settings import FITTED, PlacementParameters
+from kg.placement.settings import PlacementParameters
 
 #: numbers of rooms seen before the rest of the building is judged
 SEEN: Final = (1, 3, 5)
@@ -45,7 +45,7 @@ class Result:
     """Everything the trial found."""
 
     rows: tuple[Row, ...]
-    gains: tuple[Row, ...]  # blend less another method on the same pairs: below 0 is better
+    gains: tuple[Row, ...]  # the model less another method on the same pairs: below 0 is better
     places: dict[str, float]  # accuracy of telling the kind of place from its objects
     parameters: PlacementParameters  # fitted to all buildings
     pairs: int
@@ -65,26 +65,23 @@ def _plain(value: object) -> object:
 def run(
     data: TrialData,
     *,
-    parameters: tuple[PlacementParameters, PlacementParameters] | None = None,
+    parameters: PlacementParameters | None = None,
     bootstrap: int = 1000,
     seed: int = 0,
     tick: Callable[[], None] = lambda: None,
 ) -> Result:
     """Cross-validate, building by building; deterministic for a seed.
 
-    The model is fitted to the other buildings each time, and then to those of the same kind, unless
-    `parameters` are given, those of homes and those of offices. `bootstrap`
+    The model is fitted to the other homes each time unless `parameters` are given. `bootstrap`
     is how often buildings are resampled; `tick` is called after each building.
     """
-    overall = FITTED if parameters else fit(data.sample, FITTED, 300)
+    homes = range(data.homes)
+    overall = parameters or fit(data.sample.only(homes))
     found: dict[str, list[Predictions]] = {}
     right: list[tuple[float, float, float]] = []
     for building in range(len(data.buildings)):
-        train = data.sample.without(building)
-        if parameters:
-            numbers = parameters[building >= data.homes]
-        else:
-            numbers = _fitted(data, building, train)
+        others = [n for n in homes if n != building]
+        numbers = parameters or fit(data.sample.only(others))
         for name, told in _judge(data, building, numbers, seed).items():
             found.setdefault(name, []).append(told)
         if building < data.homes:
@@ -108,21 +105,9 @@ def run(
             "probability_of_the_true_kind": float(hits[:, 2].mean()),
         },
         overall,
-        sum(len(told.p) for told in found["blend"]),
-        sum(len(told.visited) for told in found["blend"]),
+        sum(len(told.p) for told in found["model"]),
+        sum(len(told.visited) for told in found["model"]),
     )
-
-
-def _fitted(data: TrialData, building: int, train: Sample) -> PlacementParameters:
-    """The numbers for a building from all others; the search for them begins at those that ship."""
-    return fit_kind(_of_kind(data, building), fit(train, FITTED, 300))
-
-
-def _of_kind(data: TrialData, building: int) -> Sample:
-    """The other homes of a home, the other areas of an area."""
-    home = building < data.homes
-    kind = range(data.homes) if home else range(data.homes, len(data.buildings))
-    return data.sample.only(n for n in kind if n != building)
 
 
 def _sets(data: TrialData) -> list[tuple[str, range]]:
@@ -141,7 +126,7 @@ def _judge(
     }
     random = np.random.default_rng([seed, building])
     count = len(data.buildings[building].rooms)
-    before = probabilities("blend", train, evidence, parameters)
+    before = probabilities("model", train, evidence, parameters)
     for k in SEEN:
         pair: dict[str, list[Predictions]] = {"before": [], "after": []}
         for _ in range(_DRAWS if k < count else 0):
@@ -149,8 +134,8 @@ def _judge(
             after = posterior_belief(with_seen(data, building, evidence, seen), parameters).mean
             pair["before"].append(outcome(data, building, before, seen))
             pair["after"].append(outcome(data, building, after, seen))
-        found[f"blend, the rooms left before {k} seen"] = _together(pair["before"])
-        found[f"blend, the rooms left after {k} seen"] = _together(pair["after"])
+        found[f"model, the rooms left before {k} seen"] = _together(pair["before"])
+        found[f"model, the rooms left after {k} seen"] = _together(pair["after"])
     return found
 
 
@@ -159,7 +144,7 @@ def _together(outcomes: Sequence[Predictions]) -> Predictions:
     return Predictions(
         *(
             np.concatenate([*empty, *(getattr(told, name) for told in outcomes)])
-            for name in ("p", "held", "visited")
+            for name in Predictions.__dataclass_fields__
         )
     )
 
@@ -171,10 +156,10 @@ def _row(label: str, method: str, told: Sequence[Predictions], draws: NDArray[np
 
 
 def _gains(label: str, told: dict[str, list[Predictions]], draws: NDArray[np.int64]) -> list[Row]:
-    """The blend less each other method; and after less before, on the same rooms."""
-    pairs = [("blend", other) for other in METHODS if other != "blend"]
+    """The the model less each other method; and after less before, on the same rooms."""
+    pairs = [("model", other) for other in METHODS if other != "model"]
     pairs += [
-        (f"blend, the rooms left after {k} seen", f"blend, the rooms left before {k} seen")
+        (f"model, the rooms left after {k} seen", f"model, the rooms left before {k} seen")
         for k in SEEN
     ]
     rows = []

@@ -109,8 +109,8 @@ def export_reference_maps(
 ) -> None:
     """Write objects and places in the form that `import_reference_maps` reads.
 
-    A category those networks do not have keeps its own label, with id -1. Raises GraphError where a
-    file cannot be written.
+    A place is written with its bounding rectangle. A category those networks do not have keeps its
+    own label, with id -1. Raises GraphError where a file cannot be written.
     """
     names = _network_names(semantic_map.catalogue)
     label = semantic_map.catalogue.label
@@ -137,7 +137,7 @@ def _object(
         observations=_field(entry, "ndetections", int),
         first_seen=seen,
         last_seen=seen,
-        place=next((room.iri for room in rooms if _holds(room, x, y)), None),
+        place=next((room.iri for room in rooms if room.area.contains(x, y)), None),
     )
 
 
@@ -152,10 +152,6 @@ def _place(entry: Entry, iri: str, label: str, catalogue: Catalogue) -> PlaceRec
     views = min(_field(entry, "counter", int), MOST_VIEWS) if entry.get("checked", True) else 0
     held = {catalogue.find(str(n), "place").iri: _number(by_name, n) for n in by_name}
     return PlaceRecord(iri, label, xmin, xmax, ymin, ymax, views, held)
-
-
-def _holds(room: PlaceRecord, x: float, y: float) -> bool:
-    return room.xmin <= x <= room.xmax and room.ymin <= y <= room.ymax
 
 
 def _saved_object(record: ObjectRecord, names: Names, label: Callable[[str], str]) -> Entry:

@@ -31,8 +31,8 @@ def network(
     objects = tuple(objects)
     graph: nx.Graph[str] = nx.Graph()
     for place in places:
-        middle = {"x": (place.xmin + place.xmax) / 2, "y": (place.ymin + place.ymax) / 2}
-        graph.add_node(place.iri, kind="place", label=shown(place.label), **middle)
+        x, y = place.area.centre
+        graph.add_node(place.iri, kind="place", label=shown(place.label), x=x, y=y)
     for record in objects:
         x, y = float(record.p_map[0]), float(record.p_map[1])
         label = shown(catalogue.label(record.category))

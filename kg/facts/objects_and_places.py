@@ -15,6 +15,7 @@ import numpy as np
 from pyoxigraph import Literal, NamedNode, Quad
 
 from kg import vocabulary as v
+from kg.areas import Area, Outline, area_of
 from kg.errors import InvalidFactError
 from kg.facts.literals import (
     Properties,
@@ -30,10 +31,14 @@ from kg.facts.literals import (
     text_of,
     time_literal,
 )
+from kg.facts.place_views import facts_of_views, views_of
+from kg.facts.relations import relation_quads, relations_of
+from kg.facts.wkt import CRS
 from kg.ontology.catalogue import Catalogue
 from kg.rdf.grid_cells import cell_of
 from kg.rdf.quad_store import QuadStore
-from kg.records import Evidence, ObjectRecord, PlaceRecord, RecordingRecord, RobotRecord
+from kg.rdf.wkt import area_of_polygon, polygon_text
+from kg.records import Evidence, ObjectRecord, PlaceRecord, RecordingRecord, Relation, RobotRecord
 from kg.store.sparql_backend import reading_ahead
 from kg.store.writer_priority import in_pieces
 
@@ -72,7 +77,7 @@ class RecordCodec:
         return f"{self.base}recording/{quote(name, safe='')}"
 
     def of_object(self, record: ObjectRecord) -> list[Quad]:
-        """Facts of an object and of its observation.
+        """Facts of an object, of its observation and of its relations.
 
         Raises InvalidFactError for numbers that are not finite or out of range, and for a category
         the ontology does not know.
@@ -101,15 +106,19 @@ class RecordCodec:
         if record.place is not None:
             facts.append((v.IN_PLACE, iri_node(record.place, f"{what}: place")))
         facts += _extent(record, what)
+        relations = relation_quads(record.iri, record.relations or ())
         if record.evidence is None:
-            return _quads(record.iri, facts)
+            return _quads(record.iri, facts) + relations
         observation = self.observation_iri(record.iri)
         facts.append((v.EXPLAINED_BY, NamedNode(observation)))
-        return _quads(record.iri, facts) + self._of_evidence(record, record.evidence, observation)
+        evidence = self._of_evidence(record, record.evidence, observation)
+        return _quads(record.iri, facts) + evidence + relations
 
     def of_place(self, record: PlaceRecord) -> list[Quad]:
         """Facts of a place and of its beliefs; raises InvalidFactError as `of_object` does."""
         what = f"place {record.iri}"
+        if record.outline:
+            record = record.with_area(_quantised_area(record.outline, what))
         if not (record.xmin < record.xmax and record.ymin < record.ymax):
             raise InvalidFactError(
                 f"{what}: a rectangle needs xmin < xmax and ymin < ymax, got "
@@ -117,6 +126,7 @@ class RecordCodec:
             )
         if record.views < 0:
             raise InvalidFactError(f"{what}: views must be 0 or more, got {record.views}")
+        x, y = record.area.centre
         facts: list[tuple[str, NamedNode | Literal]] = [
             (v.RDF_TYPE, known_iri(v.PLACE)),
             (v.RDF_TYPE, known_iri(v.BOT_SPACE)),
@@ -125,9 +135,11 @@ class RecordCodec:
             (v.X_MAX, number_literal(record.xmax, f"{what}: xmax")),
             (v.Y_MIN, number_literal(record.ymin, f"{what}: ymin")),
             (v.Y_MAX, number_literal(record.ymax, f"{what}: ymax")),
-            (v.X, number_literal((record.xmin + record.xmax) / 2, f"{what}: x")),
-            (v.Y, number_literal((record.ymin + record.ymax) / 2, f"{what}: y")),
+            (v.X, number_literal(x, f"{what}: x")),
+            (v.Y, number_literal(y, f"{what}: y")),
             (v.VIEW_COUNT, Literal(record.views)),
+            *self._outline(record, what),
+            *facts_of_views(record.viewed, what),
         ]
         held = self.of_beliefs(record)
         facts += [(v.TOLD_BY, iri_node(iri, f"{what}: told by")) for iri in record.told_by]
@@ -135,6 +147,12 @@ class RecordCodec:
             top = max(record.beliefs, key=lambda category: (record.beliefs[category], category))
             facts.append((v.RDF_TYPE, NamedNode(top)))
         return _quads(record.iri, facts) + held
+
+    def _outline(self, record: PlaceRecord, what: str) -> list[tuple[str, Literal]]:
+        if not record.outline:
+            return []
+        text = polygon_text(record.outline, self.base + CRS)
+        return [(v.OUTLINE, Literal(text, datatype=NamedNode(v.GEO_WKT_LITERAL)))]
 
     def of_beliefs(self, record: PlaceRecord) -> list[Quad]:
         """Quads of a place's category beliefs, links included."""
@@ -201,10 +219,14 @@ class RecordCodec:
                 node.value: properties_of(store, node.value, _MAP)
                 for node in in_pieces(nodes, CHUNK_SIZE)
             }
-        reasons = {first(held, v.EXPLAINED_BY, "") for held in subjects.values()} - {""}
-        with reading_ahead(store, map(NamedNode, reasons)):
+        parts = {
+            part
+            for held in subjects.values()
+            for part in (*held.get(v.EXPLAINED_BY, ()), *held.get(v.HAS_RELATION, ()))
+        }
+        with reading_ahead(store, map(NamedNode, parts)):
             subjects.update(
-                (iri, properties_of(store, iri, _MAP)) for iri in in_pieces(reasons, CHUNK_SIZE)
+                (iri, properties_of(store, iri, _MAP)) for iri in in_pieces(parts, CHUNK_SIZE)
             )
         return self._objects(subjects)
 
@@ -215,7 +237,8 @@ class RecordCodec:
             if category is None or v.X not in properties or v.Y not in properties:
                 continue
             observation = subjects.get(first(properties, v.EXPLAINED_BY, ""))
-            found.append(self._object(iri, category, properties, observation))
+            relations = relations_of(properties, subjects)
+            found.append(self._object(iri, category, properties, observation, relations))
         return tuple(sorted(found, key=lambda record: iri_order(record.iri)))
 
     def places(self, store: QuadStore) -> tuple[PlaceRecord, ...]:
@@ -324,7 +347,12 @@ class RecordCodec:
         return None
 
     def _object(
-        self, iri: str, category: str, properties: Properties, observation: Properties | None
+        self,
+        iri: str,
+        category: str,
+        properties: Properties,
+        observation: Properties | None,
+        relations: tuple[Relation, ...],
     ) -> ObjectRecord:
         deviation = first(properties, v.DEVIATION, "")
         return ObjectRecord(
@@ -340,6 +368,7 @@ class RecordCodec:
             evidence=None if observation is None else self._evidence(observation),
             extent=_extent_of(properties),
             deviation=float(deviation) if deviation else None,
+            relations=relations,
         )
 
     def _evidence(self, properties: Properties) -> Evidence:
@@ -377,9 +406,16 @@ class RecordCodec:
         )
         label = first(properties, v.RDFS_LABEL, iri)
         views = int(first(properties, v.VIEW_COUNT, "0"))
-        return PlaceRecord(
-            iri, label, xmin, xmax, ymin, ymax, views, beliefs, scene if told_by else {}, told_by
+        record = PlaceRecord(
+            *(iri, label, xmin, xmax, ymin, ymax, views, beliefs),
+            scene_beliefs=scene if told_by else {},
+            told_by=told_by,
+            viewed=views_of(properties),
         )
+        try:
+            return record.with_area(area_of_polygon(first(properties, v.OUTLINE, "")))
+        except ValueError:  # none, or none that encloses anything
+            return record
 
 
 def _quads(
@@ -408,6 +444,13 @@ def _extent_of(properties: Properties) -> np.ndarray | None:
     if not all(side in properties for side in _EXTENT):
         return None
     return np.array([float(first(properties, side, "0")) for side in _EXTENT])
+
+
+def _quantised_area(outline: Outline, what: str) -> Area:
+    try:
+        return area_of([[(quantised(x, what), quantised(y, what)) for x, y in r] for r in outline])
+    except ValueError as error:
+        raise InvalidFactError(f"{what}: {error}") from error
 
 
 def _share(value: float, what: str) -> Literal:

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pyoxigraph import Literal, NamedNode, Quad
 
 from kg import vocabulary as v
+from kg.rdf.wkt import polygon_text
 from kg.records import ObjectRecord, PlaceRecord, RobotRecord
 
 _MAP = NamedNode(v.MAP_GRAPH)
@@ -29,11 +30,11 @@ def geometry_quads(
     crs = NamedNode(base + CRS)
     yield from crs_quads(base)
     for record in objects:
-        yield from _geometry(record.iri, crs, _point(record.p_map))
+        yield from _geometry(record.iri, f"{crs} {_point(record.p_map)}")
     for place in places:
-        yield from _geometry(place.iri, crs, _polygon(place))
+        yield from _geometry(place.iri, polygon_text(place.area.rings, crs.value))
     if robot is not None:
-        yield from _geometry(base + "robot", crs, _point(robot.p_map))
+        yield from _geometry(base + "robot", f"{crs} {_point(robot.p_map)}")
 
 
 def crs_quads(base: str) -> Iterator[Quad]:
@@ -44,22 +45,14 @@ def crs_quads(base: str) -> Iterator[Quad]:
     yield Quad(crs, NamedNode(v.RDFS_COMMENT), Literal(comment), _MAP)
 
 
-def _geometry(iri: str, crs: NamedNode, wkt: str) -> Iterator[Quad]:
+def _geometry(iri: str, wkt: str) -> Iterator[Quad]:
     geometry = NamedNode(iri + GEOMETRY)
     yield Quad(NamedNode(iri), NamedNode(v.RDF_TYPE), NamedNode(v.GEO_FEATURE), _MAP)
     yield Quad(NamedNode(iri), NamedNode(v.GEO_HAS_GEOMETRY), geometry, _MAP)
     yield Quad(geometry, NamedNode(v.RDF_TYPE), NamedNode(v.GEO_GEOMETRY), _MAP)
-    yield Quad(geometry, NamedNode(v.GEO_AS_WKT), Literal(f"{crs} {wkt}", datatype=_WKT), _MAP)
+    yield Quad(geometry, NamedNode(v.GEO_AS_WKT), Literal(wkt, datatype=_WKT), _MAP)
 
 
 def _point(p_map: object) -> str:
     x, y, z = (f"{float(value):.12g}" for value in p_map)  # type: ignore[attr-defined]
     return f"POINT Z ({x} {y} {z})"
-
-
-def _polygon(place: PlaceRecord) -> str:
-    west, east, south, north = (
-        f"{edge:.12g}" for edge in (place.xmin, place.xmax, place.ymin, place.ymax)
-    )
-    ring = (west, south), (east, south), (east, north), (west, north), (west, south)
-    return f"POLYGON (({', '.join(f'{x} {y}' for x, y in ring)}))"

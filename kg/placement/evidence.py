@@ -14,9 +14,9 @@ from kg.ontology.catalogue import Catalogue
 from kg.ontology.loading import superclasses
 from kg.ontology.relations import Relation, relations
 from kg.placement.model import EvidenceArrays, Matrix
-from kg.placement.rooms import similar_places
 from kg.placement.shipped_conceptnet import shipped_relations
 from kg.placement.statistics import RoomStatistics, statistics
+from kg.placement.surveys import survey_features
 
 #: prefix of the sources of the shipped relations: a list without probabilities of its own
 _THESIS = "thesis"
@@ -75,10 +75,9 @@ def placement_evidence(
         evidence=EvidenceArrays(
             listed=builder.listed,
             weight=builder.weight,
+            surveys=survey_features(tuple(objects), tuple(places), catalogue, above),
             rooms=rooms,
             rooms_with=held,
-            similar=similar_places(tuple(places), catalogue, above),
-            related=_related(tuple(objects), above),
             building_with=np.zeros_like(rooms),
             building_without=np.zeros_like(rooms),
             stated=builder.stated,
@@ -123,7 +122,7 @@ class _Builder:
                 self.weight[cells] = np.maximum(self.weight[cells], net)
                 text = f"weight {net:g}"
             elif source.startswith(_THESIS):
-                self.listed[cells] = np.maximum(self.listed[cells], evidence.probability)
+                self.listed[cells] = 1.0
                 text = f"listed, {evidence.probability:g}"
             else:
                 self.stated[cells] += evidence.probability
@@ -154,15 +153,16 @@ def room_counts(
 ) -> tuple[Matrix, Matrix]:
     """(n, m) rooms searched and rooms that held the object, all sources together.
 
-    A source counts as having searched all its rooms for every object that it lists anywhere: a
-    pair without a count is 0 of the rooms of that place. Objects it never lists are not counted.
+    A source counts as having searched all its rooms for every object that it lists anywhere, if
+    only with 0: a pair without a count is 0 of the rooms of that place. Objects it never lists are
+    not counted.
     """
     rooms, held = np.zeros((2, len(objects), len(places)))
     by_source: dict[str, list[RoomStatistics]] = defaultdict(list)
     for count in counts:
         by_source[count.source].append(count)
     for found in by_source.values():
-        sought = sorted({objects[c.object] for c in found if c.object in objects and c.rooms_with})
+        sought = sorted({objects[c.object] for c in found if c.object in objects})
         for place, number in _rooms_of(found).items():
             if place in places:
                 rooms[sought, places[place]] += number
@@ -193,12 +193,6 @@ def _inherit_counts(
         if iri not in counted and ancestors:
             nearest = max(ancestors, key=lambda up: (len(above[up]), up))
             rooms[row], held[row] = rooms[objects[nearest]], held[objects[nearest]]
-
-
-def _related(objects: tuple[str, ...], above: Mapping[str, tuple[str, ...]]) -> Matrix:
-    ups = [set(above.get(iri, ())) - {iri, v.OBJECT} for iri in objects]
-    alike = np.array([[float(bool(a & b)) for b in ups] for a in ups])
-    return alike.reshape(len(objects), len(objects)) * (1 - np.eye(len(objects)))
 
 
 def _near(edges: Iterable[Relation]) -> dict[tuple[str, str], tuple[float, float]]:

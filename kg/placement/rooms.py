@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -17,10 +17,10 @@ from typing import Final
 from urllib.parse import quote
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kg import vocabulary as v
 from kg.ontology.catalogue import Catalogue
-from kg.placement.model import Matrix
 
 _FOLDER: Final = Path(__file__).parent
 #: names of rooms of unknown kind
@@ -76,46 +76,38 @@ def _named_rooms() -> Mapping[str, Mapping[str, str]]:
         return {row["room"]: row for row in csv.DictReader(file)}
 
 
-def buildings(
-    iris: Iterable[str], catalogue: Catalogue, above: Mapping[str, tuple[str, ...]]
-) -> dict[str, str]:
-    """Kind of building that places indicate ("home", "offices"), from ``buildings.csv``.
+def similarity(
+    places: Sequence[str],
+    others: Sequence[RoomType],
+    catalogue: Catalogue,
+    above: Mapping[str, tuple[str, ...]],
+) -> NDArray[np.float64]:
+    """(m, k): 1 where a place and another room type are in one group of ``similar.csv``, else 0.
 
-    By IRI; places that occur in either are left out. A place without a row takes that of its
-    nearest listed superclass.
+    A place is in the groups of its superclasses too (`above`: IRI -> it and all its superclasses),
+    and with them and its subclasses where no group lists them.
     """
-    listed: dict[str, str] = {}
-    with (_FOLDER / "buildings.csv").open(newline="", encoding="utf-8") as file:
-        for row in csv.DictReader(file):
-            if (category := catalogue.get(row["category"], "place")) is not None:
-                listed[category.iri] = row["building"]
-    found = {}
-    for iri in iris:
-        ups = sorted((-len(above.get(up, ())), up) for up in above.get(iri, (iri,)) if up in listed)
-        if ups:
-            found[iri] = listed[ups[0][1]]
-    return found
+    groups = _groups(catalogue)
+
+    def signature(iri: str, ups: Iterable[str]) -> set[str]:
+        own = {iri, *ups} - {v.PLACE, v.BOT_SPACE}
+        return own | {group for up in own for group in groups.get(up, ())}
+
+    of_places = [signature(iri, above.get(iri, ())) for iri in places]
+    of_others = [signature(one.iri, _superclasses(one, above)) for one in others]
+    alike = [[float(bool(a & b)) for b in of_others] for a in of_places]
+    return np.array(alike).reshape(len(places), len(others))
 
 
-def similar_places(
-    iris: tuple[str, ...], catalogue: Catalogue, above: Mapping[str, tuple[str, ...]]
-) -> Matrix:
-    """(m, m): 1 where two different places are in one group of ``similar.csv``, else 0.
+def _superclasses(room: RoomType, above: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
+    below = () if room.below is None else (room.below, *above.get(room.below, ()))
+    return (*above.get(room.iri, ()), *below)
 
-    A place is in the groups of its superclasses too (`above`: IRI -> it and all its superclasses).
-    """
+
+def _groups(catalogue: Catalogue) -> Mapping[str, set[str]]:
     groups = defaultdict(set)
     with (_FOLDER / "similar.csv").open(newline="", encoding="utf-8") as file:
         for row in csv.DictReader(file):
             if (category := catalogue.get(row["category"], "place")) is not None:
-                groups[category.iri].add(row["group"])
-    of = [{g for up in above.get(iri, (iri,)) for g in groups.get(up, ())} for iri in iris]
-    # a place and its subclasses are similar even where no group lists them
-    ups = [set(above.get(iri, (iri,))) - {v.PLACE, v.BOT_SPACE} for iri in iris]
-    similar = [
-        [bool(a & b or c & d) for b, d in zip(of, ups, strict=True)]
-        for a, c in zip(of, ups, strict=True)
-    ]
-    return np.asarray(similar, dtype=np.float64).reshape(len(iris), len(iris)) * (
-        1 - np.eye(len(iris))
-    )
+                groups[category.iri].add(f"group {row['group']}")
+    return groups

@@ -1,52 +1,57 @@
-"""Parameters of the placement model; `benchmarks/placement/fit.py` fits the first eight."""
+"""Parameters of the placement model; `benchmarks/placement/fit.py` fits them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Final
 
 
 @dataclass(frozen=True, slots=True)
-class PlacementParameters:
-    """Fitted parameters of the model (docs/explanation/placement.md has the formulas); all finite.
+class SurveyWeights:
+    """Weights of the four features of one survey of rooms (`kg.placement.surveys`)."""
 
-    All but `base` are at least 0, `trust` is a probability: where nothing was counted, more
-    evidence for an object never makes it less likely.
-    """
+    covers_object: float  # log-odds of an object that the survey looked for
+    object_rate: float  # for each unit of the log-odds of the object's rate in all rooms
+    covers_place: float  # log-odds where the survey has rooms of the kind
+    lift: float  # for each unit by which that kind's log-odds exceed those of all rooms
+
+
+@dataclass(frozen=True, slots=True)
+class KnowledgeWeights:
+    """Weights of what is stated of a pair."""
 
     base: float  # log-odds of an object in a place without further evidence
-    edge: float  # weight of the log-odds that an ontology states
+    listed: float  # log-odds where an ontology lists the pair
     conceptnet: float  # log-odds for each unit of ln(1 + weight) in ConceptNet
-    across_places: float  # shrinkage weight of similar places and of the whole building
-    across_objects: float  # shrinkage weight of objects of the same supercategory
-    kappa: float  # strength of the informative prior, in rooms of statistics
-    trust: float  # prior probability that the informative prior holds
-    tau: float  # strength of other buildings' statistics, in rooms of this building
-    lift: float = 0.0  # log-odds added for objects counted in that kind of building
 
 
-#: Fitted by `benchmarks/placement/fit.py` on 15 homes and 4 areas of S3DIS: 3,400 cells in the four
-#: ways of `benchmarks.placement.fitting`, log-likelihood -4373.18.
+@dataclass(frozen=True, slots=True)
+class PlacementParameters:
+    """Fitted parameters of the model (docs/explanation/placement.md has the formula)."""
+
+    knowledge: KnowledgeWeights  # of objects that a survey looked for
+    unsurveyed: KnowledgeWeights  # of all others
+    surveys: Mapping[str, SurveyWeights]  # by the name of the survey
+    kappa: float  # strength of all that against imported statistics [rooms]
+    tau: float  # strength of other buildings against this one, at most [rooms of this building]
+
+
+#: Fitted by `benchmarks/placement/fit.py` to 15 homes: logistic regression with a ridge penalty of
+#: 1 on all weights but the base, then kappa and tau by the Beta-binomial likelihood of each home
+#: given the statistics of the others; kappa at the lower end of what is as likely (5 to 12), as
+#: buildings other than homes are less like m0.
 FITTED: Final = PlacementParameters(
-    base=-3.14,
-    edge=0.702,
-    conceptnet=1.93,
-    across_places=0.481,
-    across_objects=0.618,
-    kappa=2.55,
-    trust=0.754,
-    tau=4.38,
+    knowledge=KnowledgeWeights(base=-3.9271, listed=0.0804, conceptnet=0.4949),
+    unsurveyed=KnowledgeWeights(base=-3.583, listed=0.7004, conceptnet=1.808),
+    surveys={
+        "BEHAVIOR-1K homes": SurveyWeights(0.9349, 0.5315, 0.2678, 0.4788),
+        "COCO val2017": SurveyWeights(0.0, 0.6251, 0.1931, 0.563),
+    },
+    kappa=5.0,
+    tau=5.6,
 )
-#: For one kind of building, where rooms of its kind were counted: lift, kappa, trust
-#: and tau are its own.
-HOMES: Final = replace(FITTED, lift=0.626, kappa=7.64, trust=0.846, tau=5.29)
-OFFICES: Final = replace(FITTED, lift=1.87, kappa=78.8, trust=0.789, tau=12.7)
 
-#: Strength of the vague prior [rooms].
-VAGUE_STRENGTH: Final = 0.02
-#: Base rate: share of rooms without an edge that hold the object (97 of 7,616,
-#: docs/explanation/ontology.md).
-BASE_RATE: Final = 97 / 7616
 #: Strength of a probability stated by a person [rooms].
 STATEMENT_STRENGTH: Final = 8.0
 

@@ -12,6 +12,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from pyoxigraph import NamedNode, Quad
 
 from kg import vocabulary as v
@@ -20,14 +21,9 @@ from kg.maps.semantic_map import SemanticMap
 from kg.ontology.catalogue import Catalogue
 from kg.placement.evidence import PlacementEvidence, placement_evidence
 from kg.placement.map_counts import MapCounts, map_counts
-from kg.placement.model import (
-    listed_log_odds,
-    posterior_belief,
-    prior_terms,
-)
+from kg.placement.model import BASE, CONCEPTNET, LISTED, log_odds_terms, posterior_belief
 from kg.placement.posterior import posterior
-from kg.placement.rooms import buildings
-from kg.placement.settings import FITTED, HOMES, OFFICES, STATEMENT_STRENGTH, PlacementParameters
+from kg.placement.settings import FITTED, STATEMENT_STRENGTH, PlacementParameters
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,13 +50,10 @@ class Placement:
 def placement_table(
     semantic_map: SemanticMap,
     *,
-    parameters: PlacementParameters | None = None,
+    parameters: PlacementParameters = FITTED,
     sought: Collection[str] | None = None,
 ) -> PlacementTable:
     """Placement table of the map's ontology, imported statistics and rooms, as of now.
-
-    Without `parameters`, those of homes or of offices are used where the map's rooms indicate which
-    it is and rooms were counted, else those of all buildings.
 
     `sought` has the IRIs of the objects its detector can detect: only for these does a searched
     room count as one without (None: for all). Raises OntologyError for an invalid ontology.
@@ -78,23 +71,7 @@ def placement_table(
             known.above,
             sought,
         )
-        chosen = parameters or _numbers_for(known, semantic_map.catalogue, rooms)
-    return PlacementTable(known, semantic_map.catalogue, rooms, chosen)
-
-
-def _numbers_for(
-    known: PlacementEvidence, catalogue: Catalogue, rooms: MapCounts
-) -> PlacementParameters:
-    """The parameters of the kind of building that most of the map's rooms indicate."""
-    indicated = buildings(known.places, catalogue, known.above)
-    believed = dict(zip(known.places, rooms.kind.sum(0), strict=True))
-    home, offices = (
-        sum(float(believed[iri]) for iri, kind in indicated.items() if kind == which)
-        for which in ("home", "offices")
-    )
-    if not known.counted or home == offices:
-        return FITTED
-    return HOMES if home > offices else OFFICES
+    return PlacementTable(known, semantic_map.catalogue, rooms, parameters)
 
 
 def table_of(quads: Iterable[Quad], *, parameters: PlacementParameters = FITTED) -> PlacementTable:
@@ -127,6 +104,11 @@ class PlacementTable:
         )
         self._belief = posterior_belief(self._evidence, parameters)
         self._mean = self._belief.mean
+        e = self._evidence
+        counted = sum((survey.covers_place for survey in e.surveys), e.rooms)
+        every = e.listed + e.weight + counted + e.statements + e.building_with
+        #: (n, m) whether anything but the base is known of a pair
+        self._informed: NDArray[np.bool_] = np.asarray(every > 0)
 
     @property
     def objects(self) -> tuple[str, ...]:
@@ -196,10 +178,7 @@ class PlacementTable:
 
     def _prior(self, prior: Mapping[str, float] | None) -> dict[str, float]:
         if prior is None:
-            e = self._evidence
-            known = np.any(
-                e.listed + e.weight + e.rooms + e.statements + e.building_with > 0, axis=0
-            )
+            known = np.asarray(self._informed.any(axis=0))
             chosen = {iri: 1.0 for iri in self.places if known[self._known.places[iri]]}
             return chosen or dict.fromkeys(self.places, 1.0)
         chosen = {iri: p for iri, p in prior.items() if iri in self._known.places and p > 0}
@@ -226,10 +205,8 @@ class PlacementTable:
         return float(self._belief.alpha[row, column] + self._belief.beta[row, column])
 
     def _near(self, row: int, other: int) -> float:
-        e, p = self._evidence, self._parameters
-        k = 1 / (1 / p.kappa + 1 / p.tau)
-        every = e.listed + e.weight + e.rooms + e.statements + e.building_with
-        informed = np.any(every[[row, other]] > 0, axis=0)
+        k = 1 / (1 / self._parameters.kappa + 1 / self._parameters.tau)
+        informed = self._informed[[row, other]].any(axis=0)
         where = self._mean[other] * (informed if informed.any() else 1.0)
         together = float(where @ self._mean[row] / where.sum())
         with_it, without = self._rooms.near(row, other)
@@ -268,23 +245,26 @@ class PlacementTable:
 
     def _prior_reasons(self, row: int, column: int, share: float) -> Iterator[PlacementReason]:
         """Reasons within m0, in proportion to how far each term moves the log-odds."""
-        p, e = self._parameters, self._evidence
-        relations = self._stated_relations(row, column)
-        parts = [
-            ("model", "how rare objects are at large", p.base + p.lift * bool(e.rooms[row].any()))
-        ]
-        by_list = p.edge * listed_log_odds(e.listed)[row, column]
-        by_weight = p.conceptnet * np.log1p(e.weight)[row, column]
-        kind, moved = ("listed", by_list) if by_list >= by_weight else ("weight", by_weight)
-        stated = [s for s in relations if s[1].startswith(kind)]
-        parts += [(source, text, float(moved) / len(stated)) for source, text in stated]
-        counts, terms = "; ".join(self._known.sources), prior_terms(e, p)
-        parts.append((counts, "similar and other places", float(terms.across_places[row, column])))
-        parts.append((counts, "kindred objects", float(terms.across_objects[row, column])))
+        parts: list[tuple[str, str, float]] = []
+        for name, term in log_odds_terms(self._evidence, self._parameters):
+            moved = float(term[row, column])
+            if name == BASE:
+                parts.append((name, "how rare objects are at large", moved))
+            elif name in (LISTED, CONCEPTNET):
+                kind = "listed" if name == LISTED else "weight"
+                stated = [s for s in self._stated_relations(row, column) if s[1].startswith(kind)]
+                parts += [(source, text, moved / len(stated)) for source, text in stated]
+            else:
+                parts.append((name, self._survey_text(name, row, column), moved))
         whole = sum(abs(moved) for *_, moved in parts) or 1.0
         for source, text, moved in parts:
             if moved:
                 yield PlacementReason(source, text, share * abs(moved) / whole)
+
+    def _survey_text(self, name: str, row: int, column: int) -> str:
+        (survey,) = (survey for survey in self._evidence.surveys if survey.name == name)
+        rooms, held = survey.rooms[row, column], survey.rooms_with[row, column]
+        return f"{held:g} of {rooms:g} such rooms" if rooms else "its rate in all rooms"
 
     def _stated_relations(self, row: int, column: int) -> list[tuple[str, str]]:
         return [(s.source, s.text) for s in self._known.stated_relations.get((row, column), ())]

@@ -6,7 +6,8 @@ existence, count, times. Where x or y change, the cell follows. A subject all of
 removed takes along its observation, its beliefs, the assertions about it, and the references to it.
 A number that an object was given by hand is never assigned again. A category that is written to an
 object or place becomes an assertion, so that perception does not overwrite it; so does a new
-position or label where one was asserted before.
+position or label where one was asserted before, and what an object is on or inside of. Its other
+relations are computed from geometry, and cannot be written.
 """
 
 from __future__ import annotations
@@ -19,17 +20,21 @@ from pyoxigraph import Literal, NamedNode, Quad
 from kg import vocabulary as v
 from kg.facts.assertions import Assertions
 from kg.facts.objects_and_places import RecordCodec
+from kg.facts.relations import relation_nodes
 from kg.rdf.datetimes import now
 from kg.rdf.grid_cells import cell_of
+from kg.rdf.wkt import area_of_polygon
 from kg.update.change_draft import ChangeDraft, Subject
 from kg.update.implicit_assertions import assert_perceived_properties
 from kg.update.implicit_assertions import categories as _categories
+from kg.update.relation_assertions import assert_relations, refuse_computed_relations
 
 _MAP: Final = NamedNode(v.MAP_GRAPH)
 _DATASET: Final = NamedNode(v.DATASET_GRAPH)
 _TYPE: Final = NamedNode(v.RDF_TYPE)
 _NUMERIC: Final = {v.XSD + name for name in ("decimal", "integer", "double", "float")}
 _EDGES: Final = (v.X_MIN, v.X_MAX, v.Y_MIN, v.Y_MAX)
+_OUTLINE: Final = NamedNode(v.OUTLINE)
 _DOUBLES: Final = (v.X, v.Y, v.Z, v.CONFIDENCE, v.EXISTENCE)
 
 
@@ -46,8 +51,11 @@ def complete_change(pending: ChangeDraft, facts: RecordCodec, by: str | None) ->
             continue
         if _categories(pending.after, facts, subject, "object"):
             _complete(pending, facts, subject)
+            assert_relations(pending, facts, subject, by or "somebody")
         elif _is_place(pending, facts, subject):
             _complete_place(pending, subject)
+        else:
+            refuse_computed_relations(pending, subject)
         assert_perceived_properties(pending, facts, subject, by or "somebody")
     _count_up(pending, facts, touched)
 
@@ -70,9 +78,15 @@ def _remove_dependents(pending: ChangeDraft, facts: RecordCodec, removed: NamedN
         and quad.predicate.value == v.HAS_BELIEF
         and isinstance(quad.object, NamedNode)
     )
+    nodes = relation_nodes(pending.engine, removed.value)
+    owned.update(nodes)
+    for node in nodes:
+        follow += pending.after(None, None, NamedNode(node), _MAP)
     for iri in owned:
         follow += pending.after(NamedNode(iri), None, None, _MAP)
-    follow += Assertions(facts.base).stored(pending.engine, removed.value)
+    assertions = Assertions(facts.base)
+    follow += assertions.stored(pending.engine, removed.value)
+    follow += assertions.naming(pending.engine, removed.value)
     pending.change(follow, ())
 
 
@@ -98,18 +112,17 @@ def _complete(pending: ChangeDraft, facts: RecordCodec, subject: NamedNode) -> N
 
 
 def _complete_place(pending: ChangeDraft, subject: NamedNode) -> None:
-    """Write doubles as doubles, the centre by the rectangle, and what is missing."""
+    """Write doubles as doubles, rectangle and centre by the outline, and what is missing."""
     for predicate in _EDGES:
         for quad in tuple(pending.after(subject, NamedNode(predicate), None, _MAP)):
             _as_double(pending, quad)
+    _complete_outline(pending, subject)
     edges = [_coordinate(pending, subject, edge) for edge in _EDGES]
-    if _touched(pending, subject, _EDGES):
+    outlined = _only(pending, subject, v.OUTLINE) is not None
+    if _touched(pending, subject, _EDGES) and not outlined:
         for axis, least, most in ((v.X, edges[0], edges[1]), (v.Y, edges[2], edges[3])):
-            if least is None or most is None:
-                continue
-            old = list(pending.after(subject, NamedNode(axis), None, _MAP))
-            middle = Literal(round((least + most) / 2, 2) + 0.0)
-            pending.change(old, [Quad(subject, NamedNode(axis), middle, _MAP)])
+            if least is not None and most is not None:
+                _replace_number(pending, subject, axis, (least + most) / 2)
     if not _is_new(pending, subject):
         return
     kinds = [Quad(subject, _TYPE, NamedNode(kind), _MAP) for kind in (v.PLACE, v.BOT_SPACE)]
@@ -118,6 +131,33 @@ def _complete_place(pending: ChangeDraft, subject: NamedNode) -> None:
     for predicate, value in ((v.RDFS_LABEL, Literal(name)), (v.VIEW_COUNT, Literal(0))):
         if _only(pending, subject, predicate) is None:
             pending.change((), [Quad(subject, NamedNode(predicate), value, _MAP)])
+
+
+def _complete_outline(pending: ChangeDraft, subject: NamedNode) -> None:
+    """Rectangle and centre of a new outline; a new rectangle replaces the outline.
+
+    An outline that encloses nothing is left for the shapes to report, or to be read as none.
+    """
+    if not _touched(pending, subject, (v.OUTLINE,)):
+        if _touched(pending, subject, _EDGES):
+            pending.change(list(pending.after(subject, _OUTLINE, None, _MAP)), ())
+        return
+    literal = _only(pending, subject, v.OUTLINE)
+    try:
+        area = area_of_polygon(literal.value) if literal is not None else None
+    except ValueError:
+        area = None
+    if area is None:
+        return
+    sides = (area.xmin, area.xmax, area.ymin, area.ymax, *area.centre)
+    for predicate, value in zip((*_EDGES, v.X, v.Y), sides, strict=True):
+        _replace_number(pending, subject, predicate, value)
+
+
+def _replace_number(pending: ChangeDraft, subject: NamedNode, predicate: str, value: float) -> None:
+    old = list(pending.after(subject, NamedNode(predicate), None, _MAP))
+    number = Literal(round(value, 2) + 0.0)
+    pending.change(old, [Quad(subject, NamedNode(predicate), number, _MAP)])
 
 
 def _assign_cell(pending: ChangeDraft, subject: NamedNode) -> None:

@@ -1,9 +1,10 @@
-"""Place layout: the rectangles of places, read from a file (thesis section 3.3.2, Fig. 3.11).
+"""Place layout: the areas of places, read from a file (thesis section 3.3.2, Fig. 3.11).
 
 JSON is a list of {"xmin", "xmax", "ymin", "ymax"} [m] with optional "id" (the place's number),
 "label" (or "name") and "category"; the lists the thesis author's robot saved have this shape too
-(their beliefs are not read here). CSV has the same names as columns. Rectangles may overlap: the
-one listed first holds a point that lies in several.
+(their beliefs are not read here). CSV has the same names as columns. GeoJSON polygons are read by
+`mapping.places.geojson`. Places may overlap: the one listed first holds a point that lies in
+several.
 """
 
 from __future__ import annotations
@@ -16,23 +17,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from kg.areas import Rectangle
 from kg.errors import LayoutError
-from kg.records import Rectangle
+from mapping.places.geojson import is_geojson, polygons
 
 SIDES: Final = ("xmin", "xmax", "ymin", "ymax")
 
 
 @dataclass(frozen=True, slots=True)
 class LayoutPlace:
-    """One place of a layout. Raises LayoutError where its rectangle is empty or not finite."""
+    """One place of a layout. Raises LayoutError where its area is empty or not finite."""
 
     number: int  # N of <base>place/N
     label: str
-    rectangle: Rectangle  # [m] map frame
+    area: Rectangle  # [m] map frame; a polygon where it is an `Area` with an outline
     category: str | None = None  # label of its category, where the file gives one
 
     def __post_init__(self) -> None:
-        sides = {side: getattr(self.rectangle, side) for side in SIDES}
+        sides = {side: getattr(self.area, side) for side in SIDES}
         if not all(math.isfinite(value) for value in sides.values()):
             raise LayoutError(f"{self.label} has a side that is not finite; metres would work")
         for low, high in (("xmin", "xmax"), ("ymin", "ymax")):
@@ -59,7 +61,7 @@ class Layout:
 
 
 def load_layout(path: Path) -> Layout:
-    """Read a layout from JSON or, by the suffix .csv, from CSV.
+    """Read a layout from JSON or GeoJSON or, by the suffix .csv, from CSV.
 
     Raises LayoutError, naming the file and the entry, where it does not make sense.
     """
@@ -68,9 +70,13 @@ def load_layout(path: Path) -> Layout:
         entries: Any = _csv(text) if path.suffix.lower() == ".csv" else json.loads(text)
     except (OSError, ValueError, RecursionError, csv.Error) as error:
         raise LayoutError(f"cannot read places from {path}: {error}") from error
-    if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
-        raise LayoutError(f"{path} is no list of places; [{{xmin, xmax, ymin, ymax}}] would work")
     try:
+        if is_geojson(entries):
+            return Layout(tuple(_of_polygons(entries)))
+        if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
+            raise LayoutError(
+                "no list of places; [{xmin, xmax, ymin, ymax}] or GeoJSON polygons would work"
+            )
         return Layout(tuple(_place(entry, n) for n, entry in enumerate(entries, start=1)))
     except LayoutError as error:
         raise LayoutError(f"{path}: {error}") from error
@@ -80,14 +86,27 @@ def _csv(text: str) -> Sequence[Mapping[str, Any]]:
     return list(csv.DictReader(text.splitlines(), skipinitialspace=True))
 
 
+def _of_polygons(document: Mapping[str, Any]) -> list[LayoutPlace]:
+    return [
+        _labelled(properties, position, area)
+        for position, (properties, area) in enumerate(polygons(document), start=1)
+    ]
+
+
 def _place(entry: Mapping[str, Any], position: int) -> LayoutPlace:
+    return _labelled(
+        entry, position, Rectangle(**{side: _side(entry, side, position) for side in SIDES})
+    )
+
+
+def _labelled(entry: Mapping[str, Any], position: int, area: Rectangle) -> LayoutPlace:
     number = _number(entry, position)
     label = entry.get("label") or entry.get("name") or f"place {number}"
     category = entry.get("category") or None
     return LayoutPlace(
         number=number,
         label=str(label),
-        rectangle=Rectangle(**{side: _side(entry, side, position) for side in SIDES}),
+        area=area,
         category=None if category is None else str(category),
     )
 

@@ -20,7 +20,7 @@ from mapping.places.viewed_extent import extended
 class PlaceRegistry:
     """All places of a map, those of this run first; a cache that the graph can rebuild.
 
-    With a layout its rectangles are this run's places. Without one the run has a single place,
+    With a layout its places are this run's places. Without one the run has a single place,
     labelled with the recording's name, that grows with what is seen; with `recording` None it has
     no places of its own. Places that the map holds
     from other runs stay behind them, with their views and beliefs. All as perception believes them;
@@ -39,7 +39,7 @@ class PlaceRegistry:
         self._map = semantic_map
         self._watch = ExternalChanges(semantic_map)
         known = {record.iri: record for record in semantic_map.perceived_places()}
-        self.revision = 0  # counts the changes of any rectangle
+        self.revision = 0  # counts the changes of any area
         self._recording = recording or ""
         self._growing = (
             None
@@ -92,21 +92,14 @@ class PlaceRegistry:
         if self._growing is None:
             return
         old = self._places.get(self._growing)
-        before = old.rectangle if old else None
+        before = old.area if old else None
         extent = extended(before, points)
-        if extent is None or extent == before:
+        if extent is None:
             return
-        first = PlaceRecord(
-            self._growing, self._recording, extent.xmin, extent.xmax, extent.ymin, extent.ymax
-        )
-        if old is not None:
-            first = replace(
-                first,
-                views=old.views,
-                beliefs=old.beliefs,
-                scene_beliefs=old.scene_beliefs,
-                told_by=old.told_by,
-            )
+        new = old or PlaceRecord(self._growing, self._recording, 0.0, 0.0, 0.0, 0.0)
+        first = new.with_area(extent)
+        if first == old:
+            return
         self._places = {self._growing: first} | self._places | {self._growing: first}
         self._changed.add(self._growing)
         self.revision += 1
@@ -114,10 +107,11 @@ class PlaceRegistry:
     def owners(self, points: NDArray[np.float64]) -> NDArray[np.intp]:
         """Index into `places()` of the first place that holds each point (n, 2 or more); or -1."""
         owner = np.full(len(points), -1, dtype=np.intp)
-        x, y = points[:, 0], points[:, 1]
+        left = np.arange(len(points))
         for index, place in enumerate(self._places.values()):
-            inside = place.rectangle.contains_each(x, y)
-            owner[inside & (owner < 0)] = index
+            inside = place.area.contains_each(points[left, 0], points[left, 1])
+            owner[left[inside]] = index
+            left = left[~inside]
         return owner
 
     def at(self, p_map: NDArray[np.float64]) -> str | None:
@@ -145,25 +139,12 @@ def _layout_places(
     """Layout places by IRI, with the map's beliefs so far."""
     given = {}
     for place in places:
-        iri, rectangle = semantic_map.place_iri(place.number), place.rectangle
-        old = known.get(iri)
-        if old is not None and (old.views > 0 or old.told_by):
-            believed = old
-        else:
+        iri = semantic_map.place_iri(place.number)
+        believed = known.get(iri)
+        if believed is None or not (believed.views > 0 or believed.told_by):
             beliefs = _stated_category(place, semantic_map.catalogue)
             believed = PlaceRecord(iri, "", 0.0, 0.0, 0.0, 0.0, len(beliefs), beliefs)
-        given[iri] = PlaceRecord(
-            iri,
-            place.label,
-            rectangle.xmin,
-            rectangle.xmax,
-            rectangle.ymin,
-            rectangle.ymax,
-            believed.views,
-            believed.beliefs,
-            believed.scene_beliefs,
-            believed.told_by,
-        )
+        given[iri] = replace(believed, label=place.label).with_area(place.area)
     return given
 
 

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.records import Rectangle
+from kg.areas import Rectangle
 
 #: [m] sides lie on this grid, so that the place is rewritten when it grows by a step, not a pixel
 STEP: Final = 0.5

@@ -106,12 +106,12 @@ def _planning_state(
 
 
 def _floor(semantic_map: SemanticMap, grid: Path) -> FreeSpace:
-    from planner.freespace.grid import Room
     from planner.freespace.map_server import space_of_grid
     from planner.freespace.places import all_places
+    from planner.freespace.planning_map import room_of
 
     places = all_places(semantic_map)
-    return space_of_grid(grid, [Room(p.xmin, p.xmax, p.ymin, p.ymax) for p in places])
+    return space_of_grid(grid, [room_of(place) for place in places])
 
 
 def _by_viewpoints(

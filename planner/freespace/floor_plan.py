@@ -29,10 +29,7 @@ def free_space(
 
     Raises LayoutError where there is no floor.
     """
-    flat = [
-        Room(r.xmin + dx, r.xmax + dx, r.ymin, r.ymax, r.height)
-        for r, dx in zip(rooms, shifts(rooms), strict=True)
-    ]
+    flat = [room.shifted(float(dx)) for room, dx in zip(rooms, shifts(rooms), strict=True)]
     labels, origin = room_labels(flat, cell)
     walled = with_walls(labels)
     pairs = _touching(flat) if doors is None else sorted({(min(d), max(d)) for d in doors})

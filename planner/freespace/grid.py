@@ -1,8 +1,8 @@
 """Free space as a grid: which cells are floor, which room each belongs to, where openings lead.
 
-A grid is made of rooms (rectangles on one or more storeys). Where two rooms touch is a wall of
-one cell; a door is an opening cut through it. Rooms that no opening reaches are joined by passages,
-which also represent stairs: a passage has a length and nothing can be seen through it.
+A grid is made of rooms (rectangles or polygons, on one or more storeys). Where two rooms touch is a
+wall of one cell; a door is an opening cut through it. Rooms that no opening reaches are joined by
+passages, which also represent stairs: a passage has a length and nothing can be seen through it.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from kg.areas import Area
 from kg.errors import LayoutError
-from kg.records import Rectangle
 
 CELL: Final = 0.2  # [m]
 LONGEST: Final = 10_000  # cells along a side of a grid: 2 km in cells of 0.2 m
@@ -119,8 +119,8 @@ def _grown(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 @dataclass(frozen=True, slots=True)
-class Room(Rectangle):
-    """Room: a rectangle of floor on one storey [m]."""
+class Room(Area):
+    """Room: an area of floor on one storey [m]."""
 
     height: float = 0.0  # [m] of its floor above the map's
 
@@ -150,9 +150,7 @@ def room_labels(
     labels = np.full((nx, ny), NO_ROOM, np.int32)
     for number in sorted(range(len(rooms)), key=lambda i: -rooms[i].area):
         room = rooms[number]
-        across = (x >= room.xmin) & (x <= room.xmax)
-        along = (y >= room.ymin) & (y <= room.ymax)
-        labels[np.ix_(across, along)] = number
+        labels[room.contains_each(x[:, None], y[None, :])] = number
     return labels, corner
 
 

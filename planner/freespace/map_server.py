@@ -64,6 +64,20 @@ def read_grid(path: Path) -> Occupancy:
         raise LayoutError(f"{path.name}: {error}") from None
 
 
+def places_file(path: Path) -> Path:
+    """The file of places that a map_server YAML file names with the key `places`.
+
+    map_server has no labels of its own and ignores keys it does not know. Raises LayoutError.
+    """
+    name = _keys(path).get("places")
+    if not name:
+        raise LayoutError(
+            f"{path.name}: no 'places'; a line 'places: rooms.geojson' would work, a file of "
+            "polygons in the map's frame"
+        )
+    return path.parent / name
+
+
 def _check(path: Path, keys: Mapping[str, str], origin: Sequence[float]) -> None:
     if keys.get("mode", "trinary") != "trinary":
         raise LayoutError(f"{path.name}: mode {keys['mode']} is not read, only trinary")

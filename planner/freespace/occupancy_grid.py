@@ -121,7 +121,5 @@ def _rooms(
     x, y = (low + (np.arange(n) + 0.5) * cell for low, n in zip(origin, floor.shape, strict=True))
     for number in sorted(range(len(places)), key=lambda k: (-places[k].area, k)):
         place = places[number]
-        across = (x >= place.xmin) & (x <= place.xmax)
-        along = (y >= place.ymin) & (y <= place.ymax)
-        rooms[floor & across[:, None] & along[None, :]] = number
+        rooms[floor & place.contains_each(x[:, None], y[None, :])] = number
     return rooms

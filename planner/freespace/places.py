@@ -6,16 +6,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 
+from kg.areas import Area
 from kg.maps.semantic_map import SemanticMap
 from kg.query.query_files import Value
-from kg.records import Rectangle
+from kg.rdf.wkt import area_of_polygon
 
 Row = Mapping[str, Value]
 
 
 @dataclass(frozen=True, slots=True)
-class Place(Rectangle):
-    """Place of a map: a rectangle of its floor, and what kind of room it may be."""
+class Place(Area):
+    """Place of a map: an area of its floor, and what kind of room it may be."""
 
     iri: str
     label: str
@@ -44,16 +45,25 @@ def all_places(semantic_map: SemanticMap) -> tuple[Place, ...]:
 
 
 def _empty(row: Row, last_seen: float | None) -> Place:
+    area = _area(row)
     return Place(
         iri=str(row["iri"]),
         label=str(row["label"] or row["iri"]),
-        xmin=number(row, "xmin"),
-        xmax=number(row, "xmax"),
-        ymin=number(row, "ymin"),
-        ymax=number(row, "ymax"),
+        xmin=area.xmin,
+        xmax=area.xmax,
+        ymin=area.ymin,
+        ymax=area.ymax,
+        outline=area.outline,
         views=int(number(row, "views")),
         last_seen=last_seen,
     )
+
+
+def _area(row: Row) -> Area:
+    try:
+        return area_of_polygon(str(row["outline"] or ""))
+    except ValueError:  # a rectangle
+        return Area(*(number(row, side) for side in ("xmin", "xmax", "ymin", "ymax")))
 
 
 def number(row: Row, column: str) -> float:

@@ -72,7 +72,7 @@ def planning_map_of(
     IRI of the map. None where there is no floor at all.
     """
     with_area = [p for p in places if min(p.size) >= _LEAST]
-    rooms = [Room(p.xmin, p.xmax, p.ymin, p.ymax) for p in with_area]
+    rooms = [room_of(place) for place in with_area]
     margins = _margin_rooms(rooms, spots, settings.outside)
     if not rooms and not margins:
         return None
@@ -125,21 +125,21 @@ def _unexplored(
 
 
 def planning_map_on(space: FreeSpace, places: Sequence[Place]) -> PlanningMap:
-    """A floor that is given: each of its rooms is the place in whose rectangle most of it lies."""
+    """A floor that is given: each of its rooms is the place in which most of it lies."""
     count = int(space.room.max()) + 1
     iris, names = [""] * count, [f"room {room}" for room in range(count)]
     for room in np.unique(space.room[space.room != NO_ROOM]):
         xy = space.centres(space.floor(int(room)))
-        shares = [float(_inside(place, xy).mean()) for place in places]
+        shares = [float(place.contains_each(*xy.T).mean()) for place in places]
         best = int(np.argmax(shares)) if shares else -1
         if best >= 0 and shares[best] > 0.5 and places[best].iri not in iris:
             iris[int(room)], names[int(room)] = places[best].iri, places[best].label
     return PlanningMap(space, tuple(iris), tuple(names))
 
 
-def _inside(place: Place, xy: NDArray[np.float64]) -> NDArray[np.bool_]:
-    x, y = xy[:, 0], xy[:, 1]
-    return (x >= place.xmin) & (x <= place.xmax) & (y >= place.ymin) & (y <= place.ymax)
+def room_of(place: Place) -> Room:
+    """The floor of a place."""
+    return Room(place.xmin, place.xmax, place.ymin, place.ymax, outline=place.outline)
 
 
 def _margin_rooms(

@@ -129,7 +129,7 @@ def brute_force(
             iri=place.iri,
             kind="place",
             label=place.label,
-            p_map=np.array([place.xmin + place.xmax, place.ymin + place.ymax]) / 2,
+            p_map=np.array(place.area.centre),
             probability=1 / len(places),
             why=f"{place.label} is one of {len(places)} places, and brute force explores them all",
         )

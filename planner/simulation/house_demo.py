@@ -17,12 +17,12 @@ from typing import Any, Final
 
 import numpy as np
 
+from kg.areas import Rectangle
 from kg.errors import GraphError, MapBusyError
 from kg.export.serialization import export_map
 from kg.maps.semantic_map import SemanticMap
 from kg.opening import create_map, open_map
 from kg.query.query_files import Table
-from kg.records import Rectangle
 from mapping.evaluation.class_scores import MapScore, Truth, score_map
 from mapping.places.layout import Layout, LayoutPlace
 from mapping.progress_report import FrameReport, MappingReport
@@ -34,12 +34,11 @@ from planner.simulation.demo_search import DrivenSearch, PlannedSearch, carry_ou
 from planner.simulation.house import House, Item, furnished_house
 from planner.simulation.house_robot import SimulatedHouseRobot, simulated_robot
 from planner.simulation.house_truth import ground_truth
-from planner.simulation.mapping_tour import SimulatedTour
+from planner.simulation.mapping_tour import DEMO_RECORDING, SimulatedTour
 from planner.simulation.sensors import SimulatedDetector, SimulatedSceneClassifier
 from planner.visualization.search_plot import plot_search
 
 TITLE: Final = "hereabouts demo house"
-RECORDING: Final = "demo-tour"
 TARGET: Final = "apple"
 #: What somebody brings home after the tour, when the robot does not look.
 HIDDEN: Final = Item(TARGET, 7.05, 8.30, 0.85)
@@ -140,7 +139,7 @@ def run_demo(
     make_room(folder)
     house = furnished_house()
     camera = SimulatedCamera(house, seed=seed)
-    tour = SimulatedTour(camera, name=RECORDING)
+    tour = SimulatedTour(camera, name=DEMO_RECORDING)
     with create_map(map_path, title=TITLE) as semantic_map:
         mapping = _map(semantic_map, tour, camera, report)
         answers = _ask(semantic_map, report)
@@ -208,7 +207,7 @@ def _made_by_demo(map_path: Path) -> bool:
         return False
     try:
         with open_map(map_path) as old:
-            return old.title == TITLE and {r.name for r in old.recordings()} <= {RECORDING}
+            return old.title == TITLE and {r.name for r in old.recordings()} <= {DEMO_RECORDING}
     except MapBusyError:
         raise
     except GraphError:

@@ -30,6 +30,7 @@ from planner.execution.protocol import (
 from planner.simulation.camera import SimulatedCamera
 from planner.simulation.floor_grid import FloorGrid
 from planner.simulation.house import House, furnished_house
+from planner.simulation.mapping_tour import DEMO_RECORDING
 from planner.simulation.motion import MotionLimits, Pose, drive, turn
 from planner.simulation.sensors import SimulatedDetector
 
@@ -152,20 +153,13 @@ def simulated_robot(
 ) -> SimulatedHouseRobot:
     """The robot in `house` (default: the demo's), where the map says that it is.
 
-    Raises LayoutError where the map is not one of that house.
+    Raises LayoutError where anything but the demo's own recording was mapped.
     """
     house = house or furnished_house()
-    xmin, xmax, ymin, ymax = house.extent
-    places = semantic_map.places()
-    middles = [((p.xmin + p.xmax) / 2, (p.ymin + p.ymax) / 2) for p in places]
-    inside = [
-        xmin - 1 <= x <= xmax + 1 and ymin - 1 <= y <= ymax + 1  # a metre for what mapping errs
-        for x, y in middles
-    ]
-    if not places or not all(inside):
+    if {recording.name for recording in semantic_map.recordings()} != {DEMO_RECORDING}:
         raise LayoutError(
-            "the simulated robot lives in the demo house, and this map is not one of it; "
-            "`hereabouts demo` makes one"
+            "the simulated robot searches maps that `hereabouts demo` made, and this is none; a "
+            "robot of your own is --robot stdio:COMMAND or http://..."
         )
     robot = semantic_map.robot()
     if robot is None:

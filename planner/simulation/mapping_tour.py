@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,8 @@ from planner.simulation.camera import SimulatedCamera
 from planner.simulation.floor_grid import FloorGrid
 from planner.simulation.motion import MotionLimits, Pose, drive, look_around
 
+#: Name of the demo's recording: only maps of nothing else are the simulated robot's to search.
+DEMO_RECORDING: Final = "demo-tour"
 #: When the tour starts: 2026-03-02 09:00:00 UTC.
 START = 1772442000.0
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,10 +10,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.lines import Line2D
-from matplotlib.patches import Polygon, Rectangle
+from matplotlib.patches import PathPatch, Polygon, Rectangle
+from matplotlib.path import Path
 from matplotlib.text import Text
 from numpy.typing import NDArray
 
+from kg.areas import Ring, signed_area
 from kg.records import FREE, LOW, TALL, ObjectRecord, PlaceRecord, RobotRecord
 from planner.freespace.mapped_floor import MappedFloor
 from planner.goals.search_goals import Goal
@@ -29,11 +32,18 @@ from planner.visualization.palette import (
 
 
 def draw_place(axes: Axes, place: PlaceRecord, colour: str | None) -> None:
-    """Its rectangle; white and dashed where `colour` is None, for it has not been viewed."""
-    size = place.xmax - place.xmin, place.ymax - place.ymin
+    """Its area; white and dashed where `colour` is None, for it has not been viewed."""
     fill, line = ("white", (0, (4, 3))) if colour is None else (colour, "solid")
-    corner = place.xmin, place.ymin
-    axes.add_patch(Rectangle(corner, *size, fc=fill, ec="#b9bec7", lw=0.9, ls=line))
+    path = Path.make_compound_path(
+        *(Path([*ring, ring[0]], closed=True) for ring in _turned(place))
+    )
+    axes.add_patch(PathPatch(path, fc=fill, ec="#b9bec7", lw=0.9, ls=line))
+
+
+def _turned(place: PlaceRecord) -> Iterator[Ring]:
+    """Its rings, holes the other way round than the outer one, so that they are not filled."""
+    for number, ring in enumerate(place.area.rings):
+        yield ring if (signed_area(ring) > 0) == (number == 0) else ring[::-1]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import ArrayLike, NDArray
 
-from kg.records import Rectangle
+from kg.areas import Rectangle
 from planner.visualization.palette import INK
 
 DPI: Final = 160

@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from kg.areas import Rectangle
 from kg.maps.semantic_map import SemanticMap
 from kg.ontology.lint import check_map
-from kg.records import Rectangle
 from mapping.places.layout import Layout, LayoutPlace
 from mapping.recording_mapper import map_recording
 from perception.frames import Detections, Frame, SceneScores

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from pyoxigraph import NamedNode
 
+from kg.areas import Rectangle
 from kg.errors import LabelsError
 from kg.opening import in_memory_map
-from kg.records import MapUpdate, Rectangle
+from kg.records import MapUpdate
 from kg.vocabulary import MAP_GRAPH
 from mapping.label_table import LabelTable
 from mapping.mapper import Mapper

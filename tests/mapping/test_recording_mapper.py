@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
+from kg.areas import Rectangle
 from kg.errors import LayoutError, RecordingError
 from kg.opening import create_map, in_memory_map, open_map
-from kg.records import Rectangle
 from mapping.mapper import robot_at
 from mapping.places.layout import Layout, LayoutPlace
 from mapping.progress_report import STAGES

@@ -15,6 +15,10 @@ _POSITION: Final = (
     "depths within the box, taken through the camera's pose (section 3.3.1)"
 )
 _EXTENT: Final = "the box of the points that its latest sightings showed, outliers apart"
+_RELATION: Final = (
+    "computed from the boxes of both objects and their uncertainty, as the more probable of what "
+    "is mapped nearby (docs/explanation/relations.md)"
+)
 _RECTANGLE: Final = "the extent given by the layout, or of all points seen in the recording"
 
 _BELIEF: Final = "mean over all views of the scene model's probability of the category (eq. 3.5)"
@@ -27,8 +31,7 @@ RULES: Final[dict[str, str]] = {
     v.Y: _POSITION,
     v.Z: _POSITION,
     v.IN_CELL: "the square of 5 m by 5 m that the position lies in",
-    v.IN_PLACE: "the first place whose rectangle holds the position, "
-    "the recording's own before others",
+    v.IN_PLACE: "the first place whose area holds the position, the recording's own before others",
     v.CONFIDENCE: "in reference mode raised with the score of each sighting, up to nu (eq. 3.1), "
     "and lowered by xi for each frame that should have shown it and did not (eq. 3.2 to 3.4); else "
     "nu times the existence",
@@ -39,6 +42,8 @@ RULES: Final[dict[str, str]] = {
     v.EXTENT_Y: _EXTENT,
     v.EXTENT_Z: _EXTENT,
     v.DEVIATION: "grows with the size of the thing, which is seen from one side at a time",
+    **dict.fromkeys((v.ON, v.INSIDE, v.BESIDE, v.HAS_RELATION), _RELATION),
+    v.RELATION_PROBABILITY: _RELATION,
     v.FIRST_SEEN: "the time of the frame that registered it",
     v.LAST_SEEN: "the time of the latest frame it was seen in",
     v.EXPLAINED_BY: "the sighting with the highest score so far",
@@ -48,12 +53,13 @@ RULES: Final[dict[str, str]] = {
     v.HAS_BELIEF: "one for each category of place that the views leave any belief in",
     v.BELIEF: _BELIEF,
     v.SCENE_BELIEF: _BELIEF,
-    v.TOLD_BY: "objects of known kinds that lie in the place's rectangle",
+    v.TOLD_BY: "objects of known kinds that lie in the place",
     v.VIEW_COUNT: "views that showed enough of the place to speak for it (section 3.3.2)",
     v.X_MIN: _RECTANGLE,
     v.X_MAX: _RECTANGLE,
     v.Y_MIN: _RECTANGLE,
     v.Y_MAX: _RECTANGLE,
+    v.OUTLINE: _RECTANGLE,
     v.HEADING: "the direction of the camera's axis, seen from above",
 }
 
@@ -85,7 +91,7 @@ def rule_of(predicate: str, kinds: set[str]) -> str | None:
     if v.PLACE in kinds and predicate == v.RDF_TYPE:
         return _PLACE_TYPE
     if v.PLACE in kinds and predicate in (v.X, v.Y):
-        return "the middle of the place's rectangle"
+        return "the middle of the place, or what of it is nearest to that"
     if predicate == v.RDF_TYPE and kinds & {v.SOSA_OBSERVATION, v.PLACE_BELIEF}:
         return None
     return RULES.get(predicate)

@@ -46,7 +46,7 @@ def floor_plan(
 
 
 def _place(place: PlaceRecord, category: str, unit: float) -> str:
-    width, height = place.xmax - place.xmin, place.ymax - place.ymin
+    width, height = place.area.size
     size = 2.6 * unit
     # a name that does not fit would run over the neighbours'
     fits = len(category) * LETTER * size < width - 2 * unit and 2 * size < height
@@ -55,10 +55,19 @@ def _place(place: PlaceRecord, category: str, unit: float) -> str:
         f'y="{-place.ymax + unit + 0.8 * size:.2f}" font-size="{size:.2f}">'
         f"{escape(category)}</text>"
     )
+    return f"{_shape(place, unit)}{name if fits else ''}"
+
+
+def _shape(place: PlaceRecord, unit: float) -> str:
+    width, height = place.area.size
+    title = f"<title>{escape(place.label)}</title>"
+    if place.outline:
+        rings = (" L".join(f"{x:.2f} {-y:.2f}" for x, y in ring) for ring in place.outline)
+        path = "".join(f"M{ring}Z" for ring in rings)
+        return f'<path class="place" fill-rule="evenodd" d="{path}">{title}</path>'
     return (
         f'<rect class="place" x="{place.xmin:.2f}" y="{-place.ymax:.2f}" width="{width:.2f}" '
-        f'height="{height:.2f}" rx="{unit:.2f}"><title>{escape(place.label)}</title></rect>'
-        f"{name if fits else ''}"
+        f'height="{height:.2f}" rx="{unit:.2f}">{title}</rect>'
     )
 
 

@@ -45,6 +45,7 @@ FULL = MapUpdate(
             {f"{HERE}Kitchen": 0.8},
             {f"{HERE}Kitchen": 0.7},
             (f"{BASE}object/1",),
+            (((0.0, 0.0), (1.0, 0.5), (0.5, 2.5)),),
         ),
     ),
     robot=RobotRecord(np.array([1.0, 2.0, 3.0]), -3.1, 1e9),

@@ -17,8 +17,6 @@ from kg.ontology.catalogue import Catalogue
 from kg.ontology.import_digest import mark_of
 from kg.ontology.loading import load_ontologies
 from kg.opening import in_memory_map
-from kg.placement import settings
-from kg.placement.settings import FITTED, OFFICES, PlacementParameters
 from kg.placement.statistics import RoomStatistics, statistics, statistics_quads
 from kg.placement.statistics_export import import_rooms, table_quads
 from kg.placement.statistics_import import SHIPPED, read_rooms
@@ -69,10 +67,10 @@ def thing(number: int, category: str, where: PlaceRecord, existence: float = 1.0
     return ObjectRecord(name, iri(category), p, 2, existence, 3, 1.0, 2.0, where.iri)
 
 
-def test_an_edge_that_conceptnet_says_nothing_of_is_worth_about_what_was_measured() -> None:
+def test_a_listed_pair_that_conceptnet_says_nothing_of_is_a_little_likelier() -> None:
     wine = TABLE.placement(iri("wine glass"), place("dining room"))
-    assert 0.15 < wine.probability < 0.3
-    assert TABLE.probability(iri("wine glass"), place("volcano")) < 0.06
+    assert 0.04 < wine.probability < 0.2
+    assert TABLE.probability(iri("wine glass"), place("volcano")) < wine.probability / 1.5
     assert sum(r.share for r in wine.reasons) == pytest.approx(1)
     assert any(r.source.startswith("thesis") for r in wine.reasons)
     assert wine.alpha / (wine.alpha + wine.beta) == pytest.approx(wine.probability)
@@ -83,7 +81,10 @@ def test_conceptnet_speaks_as_shipped_until_somebody_imports_it() -> None:
     assert TABLE.probability(*bed) > 0.5  # the thesis has no such edge
     assert any(r.source.startswith("ConceptNet") for r in TABLE.placement(*bed).reasons)
     table = table_of([*QUADS, *_imported("banana", "kitchen", weight=5.0)])
-    assert table.probability(*bed) < 0.3  # what was imported says nothing of beds
+    assert table.probability(*bed) < TABLE.probability(*bed)  # it says nothing of beds
+    sources = {reason.source for reason in table.placement(*bed).reasons}
+    assert not any(source.startswith("ConceptNet") for source in sources)
+    assert {"BEHAVIOR-1K homes", "COCO val2017"} <= sources
 
 
 def _imported(thing: str, where: str, weight: float) -> list[Quad]:
@@ -191,32 +192,11 @@ def test_statistics_in_a_map_speak_and_importing_twice_changes_nothing(
     assert import_rooms(semantic_map, table) == 0
     after = placement_table(semantic_map)
     oven = iri("oven"), place("kitchen")
-    assert before.probability(*oven) < 0.7 < 0.75 < after.probability(*oven) < 0.85
+    assert before.probability(*oven) < 0.72 < 0.75 < after.probability(*oven) < 0.85
     assert after.placement(*oven).reasons[0].text == "80 of 100 rooms"
     assert len(semantic_map.ask("located-at", category="food").rows) == relations
     toilet = semantic_map.catalogue.find("toilet", "place")
     assert after.probability(iri("toilet"), toilet.iri) > 0.8
-    wider = after.probability(iri("oven"), place("kitchenette"))
-    assert wider > before.probability(iri("oven"), place("kitchenette"))
-
-
-def test_a_building_of_offices_is_judged_by_the_numbers_of_offices(
-    semantic_map: SemanticMap, homes: Path
-) -> None:
-    def told(parameters: PlacementParameters | None = None) -> list[float]:
-        table = placement_table(semantic_map, parameters=parameters)
-        return [table.probability(iri(name), place("office")) for name in ("chair", "oven")]
-
-    semantic_map.apply(MapUpdate(places=(room(0, "office"), room(1, "conference room"))))
-    assert told() == told(FITTED)  # no rooms were counted
-    import_rooms(semantic_map, read_rooms(homes, semantic_map.catalogue, "homes"))
-    assert told() == told(OFFICES) != told(FITTED)
-    uncounted = iri("banana"), place("kitchen")  # and no kitchen was seen
-    of_all = placement_table(semantic_map, parameters=FITTED).probability(*uncounted)
-    assert placement_table(semantic_map).probability(*uncounted) == pytest.approx(of_all)
-    rooms = tuple(room(n, name) for n, name in enumerate(("bedroom", "kitchen", "bedroom"), 2))
-    semantic_map.apply(MapUpdate(places=rooms))
-    assert told() == told(settings.HOMES) != told(OFFICES)
 
 
 def test_a_newer_table_of_the_same_source_replaces_the_older(

@@ -6,7 +6,7 @@ import pytest
 from pyoxigraph import Literal, NamedNode, Quad
 
 from kg import vocabulary as v
-from kg.records import Rectangle
+from kg.areas import Rectangle
 from mapping.objects.object_mapper import ObjectMapper
 from mapping.places.layout import Layout, LayoutPlace
 from mapping.places.place_mapper import PlaceMapper

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from kg.areas import Rectangle
 from kg.maps.semantic_map import SemanticMap
 from kg.ontology.lint import check_map
 from kg.opening import in_memory_map
-from kg.records import MapUpdate, ObjectRecord, Rectangle
+from kg.records import MapUpdate, ObjectRecord
 from mapping.places.evidence_from_objects import ObjectEvidence, presence
 from mapping.places.layout import Layout, LayoutPlace
 from mapping.places.place_registry import PlaceRegistry

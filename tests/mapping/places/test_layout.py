@@ -4,8 +4,8 @@ import json
 
 import pytest
 
+from kg.areas import Rectangle
 from kg.errors import LayoutError
-from kg.records import Rectangle
 from mapping.places.layout import Layout, LayoutPlace, load_layout
 
 ROOM = {"xmin": 0, "xmax": 4, "ymin": -1.5, "ymax": 2}
@@ -21,7 +21,7 @@ def test_bare_rectangles_are_numbered_from_one(tmp_path):
     layout = load_layout(write(tmp_path, [ROOM, ROOM]))
     assert [r.number for r in layout.places] == [1, 2]
     assert [r.label for r in layout.places] == ["place 1", "place 2"]
-    assert layout.places[0].rectangle.ymin == -1.5
+    assert layout.places[0].area.ymin == -1.5
 
 
 def test_id_name_and_category_are_read(tmp_path):
@@ -34,14 +34,14 @@ def test_id_name_and_category_are_read(tmp_path):
 def test_the_robots_own_saved_places_are_a_layout(shared):
     layout = load_layout(shared("reference/saved_places_lab.json"))
     assert len(layout.places) == 11
-    assert layout.places[0].rectangle.xmin == pytest.approx(12.3445)
+    assert layout.places[0].area.xmin == pytest.approx(12.3445)
 
 
 def test_the_thesis_building_is_a_layout(shared):
     layout = load_layout(shared("reference/search_world_places.csv"))
     assert [r.number for r in layout.places] == list(range(10))
     assert layout.places[1].category == "kitchen"
-    assert layout.places[0].rectangle.xmax == pytest.approx(30.708)
+    assert layout.places[0].area.xmax == pytest.approx(30.708)
 
 
 @pytest.mark.parametrize(
@@ -85,3 +85,61 @@ def test_overlapping_places_are_allowed():
     assert Layout(
         (LayoutPlace(1, "a", Rectangle(0, 2, 0, 2)), LayoutPlace(2, "b", Rectangle(1, 3, 1, 3)))
     )
+
+
+RING = [[0, 0], [6, 0], [6, 2], [2, 2], [2, 5], [0, 5], [0, 0]]
+
+
+def feature(rings, **properties):
+    shape = {"type": "Polygon", "coordinates": rings}
+    return {"type": "Feature", "properties": properties, "geometry": shape}
+
+
+def collection(*features, **more):
+    return {"type": "FeatureCollection", "features": list(features), **more}
+
+
+def test_geojson_polygons_are_places(tmp_path):
+    path = write(
+        tmp_path,
+        collection(
+            feature([RING], name="flat", category="kitchen", id=7),
+            feature([[[9, 0, 1.5], [12, 0], [12, 3], [9, 3]]]),
+        ),
+        "rooms.geojson",
+    )
+    flat, other = load_layout(path).places
+    assert (flat.number, flat.label, flat.category) == (7, "flat", "kitchen")
+    assert flat.area.contains(1, 4)
+    assert not flat.area.contains(4, 4)
+    assert (other.number, other.label) == (2, "place 2")
+    assert (other.area.xmin, other.area.xmax) == (9, 12)
+
+
+def degrees(ring):
+    return [[10 + x * 1e-5, 48 + y * 1e-5] for x, y in ring]
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (collection(feature([degrees(RING)])), "as if in degrees; x and y in metres"),
+        (collection(feature([RING]), crs={"name": "urn:ogc:def:crs:OGC:1.3:CRS84"}), "by its crs"),
+        (collection(), "without places"),
+        ({"type": "FeatureCollection"}, "a FeatureCollection of polygons"),
+        ({"type": "Point", "coordinates": [0, 0]}, "'Point'"),
+        (collection({"type": "Feature", "geometry": None}), "feature without a shape"),
+        (collection(feature([[[0, 0], [4, 4], [4, 0], [0, 3]]])), "crosses itself"),
+        (collection(feature([[[0, 0], ["a", 1], [2, 0]]])), "no rings of"),
+        (collection(feature([[[0, 0], [1, 0], [2, 0]]])), "encloses nothing"),
+        (collection(feature("x" * 9)), "no rings of"),
+        (collection(feature([RING], id="a")), "'a'"),
+        (collection(7), "feature 1 is no Feature"),
+    ],
+)
+def test_geojson_that_is_no_plan_in_metres_is_refused_in_one_line(tmp_path, content, says):
+    with pytest.raises(LayoutError) as failure:
+        load_layout(write(tmp_path, content, "rooms.geojson"))
+    assert says in str(failure.value)
+    assert "rooms.geojson" in str(failure.value)
+    assert "\n" not in str(failure.value)

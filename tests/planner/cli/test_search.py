@@ -8,10 +8,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from kg.opening import create_map, open_map
+from kg.records import MapUpdate, RecordingRecord
 from planner.cli import main
+from planner.simulation.mapping_tour import DEMO_RECORDING
 from tests.planner.point_robot import PointRobot
 from tests.planner.robots import APPLE, FAR_APPLE, command, ring
 
@@ -82,6 +85,11 @@ def test_the_simulated_house_has_a_place_for_its_apple(
     path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["--robot", "sim", "--hide", "apple", "--budget", "0.001"]
+    assert main(["search", str(path), "apple", *words]) == 1
+    assert "maps that `hereabouts demo` made" in capsys.readouterr().err
+    with open_map(path) as semantic_map:
+        toured = RecordingRecord(DEMO_RECORDING, 1, "frame-000000", np.eye(4))
+        semantic_map.apply(MapUpdate(recording=toured))
     assert main(["search", str(path), "apple", *words]) == 3
     assert "the time budget is used up" in capsys.readouterr().out
 

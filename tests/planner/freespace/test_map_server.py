@@ -18,7 +18,7 @@ from planner.freespace.connected_components import connected_components
 from planner.freespace.geodesic import distance_fields
 from planner.freespace.grid import NO_ROOM, FreeSpace, Room
 from planner.freespace.line_of_sight import visible_cells
-from planner.freespace.map_server import read_grid, space_of_grid
+from planner.freespace.map_server import places_file, read_grid, space_of_grid
 from planner.freespace.occupancy_grid import Occupancy, space_of_occupancy
 from planner.plans.search_state import build_search
 from planner.plans.view_plan import plan
@@ -258,6 +258,13 @@ def test_a_broken_map_is_refused_in_one_line(
     with pytest.raises(LayoutError, match=says) as caught:
         space_of_grid(written(tmp_path, pgm, yaml), [])
     assert "\n" not in str(caught.value)
+
+
+def test_a_map_names_its_file_of_places(tmp_path: Path) -> None:
+    path = written(tmp_path, b"", PLAIN + "places: 'my rooms.geojson'  # ours\n")
+    assert places_file(path) == tmp_path / "my rooms.geojson"
+    with pytest.raises(LayoutError, match=r"'places: rooms.geojson' would work"):
+        places_file(written(tmp_path, b"", PLAIN))
 
 
 def test_files_that_are_not_there_or_no_text_are_refused(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import pytest
 from kg.errors import LayoutError
 from kg.maps.semantic_map import SemanticMap
 from kg.opening import create_map, in_memory_map, open_map
-from kg.records import MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
+from kg.records import MapUpdate, ObjectRecord, PlaceRecord, RecordingRecord, RobotRecord
 from planner.cli import main
 from planner.execution.options import SearchOptions
 from planner.execution.search_loop import search
@@ -19,7 +19,7 @@ from planner.simulation.demo_search import plan_for
 from planner.simulation.house import House, furnished_house
 from planner.simulation.house_demo import HIDDEN, layout_of
 from planner.simulation.house_robot import simulated_robot
-from planner.simulation.mapping_tour import START
+from planner.simulation.mapping_tour import DEMO_RECORDING, START
 
 
 def _mapped(semantic_map: SemanticMap, house: House) -> None:
@@ -29,10 +29,10 @@ def _mapped(semantic_map: SemanticMap, house: House) -> None:
         PlaceRecord(
             semantic_map.place_iri(place.number),
             place.label,
-            place.rectangle.xmin,
-            place.rectangle.xmax,
-            place.rectangle.ymin,
-            place.rectangle.ymax,
+            place.area.xmin,
+            place.area.xmax,
+            place.area.ymin,
+            place.area.ymax,
             20,
             {find(room.category, "place").iri: 0.6},
         )
@@ -53,7 +53,8 @@ def _mapped(semantic_map: SemanticMap, house: House) -> None:
     ]
     x, y = house.rooms[0].viewpoints[0]
     robot = RobotRecord(np.array([x, y, 1.25]), 0.0, START)
-    semantic_map.apply(MapUpdate(tuple(objects), (), tuple(places), robot))
+    toured = RecordingRecord(DEMO_RECORDING, 1, "frame-000000", np.eye(4))
+    semantic_map.apply(MapUpdate(tuple(objects), (), tuple(places), robot, toured))
 
 
 def test_the_apple_is_found_within_a_few_looks() -> None:
@@ -85,12 +86,18 @@ def test_what_is_written_is_timed_by_the_robots_clock(tmp_path: Path) -> None:
         assert record.seconds > 10
 
 
-def test_a_map_of_somewhere_else_is_refused() -> None:
+def test_maps_of_anything_but_the_demo_house_are_refused() -> None:
     with in_memory_map() as semantic_map:
-        far = PlaceRecord(semantic_map.place_iri(1), "far", 100.0, 104.0, 0.0, 4.0)
-        semantic_map.apply(MapUpdate(places=(far,)))
         with pytest.raises(LayoutError, match="hereabouts demo"):
             simulated_robot(semantic_map)
+        _mapped(semantic_map, furnished_house())
+        simulated_robot(semantic_map)
+        kitchen = RecordingRecord("my-kitchen", 1, "frame-000000", np.eye(4))
+        semantic_map.apply(MapUpdate(recording=kitchen))
+        before = semantic_map.sequence
+        with pytest.raises(LayoutError, match="hereabouts demo"):
+            simulated_robot(semantic_map)
+        assert semantic_map.sequence == before
 
 
 def test_the_demo_plans_what_find_prints_with_the_options_it_tells(

@@ -7,9 +7,10 @@ import math
 import numpy as np
 import pytest
 
+from kg.areas import Rectangle
 from kg.maps.semantic_map import SemanticMap
 from kg.opening import in_memory_map
-from kg.records import TALL, Rectangle
+from kg.records import TALL
 from mapping.places.layout import Layout, LayoutPlace
 from mapping.recording_mapper import map_recording
 from planner.execution.options import SearchOptions
