@@ -21,6 +21,7 @@ from mapping.objects.object_mapper import ObjectChanges, ObjectMapper
 from mapping.objects.settings import ObjectSettings
 from mapping.occupancy.occupancy_map import OccupancyMap
 from mapping.places.evidence_from_objects import ObjectEvidence
+from mapping.places.found_places import FoundChanges, FoundPlaces, objects_elsewhere
 from mapping.places.layout import Layout
 from mapping.places.place_mapper import PlaceMapper
 from mapping.places.place_registry import PlaceRegistry
@@ -31,6 +32,7 @@ from mapping.sighting import Sighting
 from perception.frames import Detections, Frame, SceneScores
 
 Mode = Literal["bayes", "reference"]
+ROOMS_PAUSE: Final = 10.0  # [s] between two segmentations of the floor, by the frames' stamps
 TRIES: Final = 10  # of a transaction that conflicts with other writers
 
 _Change = tuple[ObjectChanges, MapUpdate]
@@ -48,8 +50,10 @@ class Mapper:
         settings: the reference mapper's settings; the Bayes mapper uses those of places and of
             unknown labels. The thesis' values by default.
         objects: the Bayes mapper's settings.
-        layout: rectangles of the places; without it the stream gets one place that grows with what
-            is seen.
+        layout: areas of the places; without it the stream gets one place that grows with what is
+            seen.
+        find_places: whether the rooms of the mapped floor become places, too; where there are any,
+            the stream's own place is one of them.
         labels: what the networks' labels mean, before what the ontology has of them.
         occupancy: whether depth also goes into the occupancy map of the floor.
         recording: name of the stream in the map. A stream of that name is continued.
@@ -71,6 +75,7 @@ class Mapper:
         settings: ReferenceSettings | None = None,
         objects: ObjectSettings | None = None,
         layout: Layout | None = None,
+        find_places: bool = False,
         labels: LabelTable | None = None,
         occupancy: bool = True,
         recording: str = "live",
@@ -89,7 +94,9 @@ class Mapper:
         self._lease = MapperLease(semantic_map, recording)
         self._progress = self._lease.record
         self._next = 0 if again else self.frames_applied
-        self._places = PlaceRegistry(semantic_map, layout, recording=recording)
+        self._places = PlaceRegistry(
+            semantic_map, layout, recording=recording, find=find_places and occupancy
+        )
         self._place_mapper = PlaceMapper(
             semantic_map, self._places, s, model=scene_model, labels=table
         )
@@ -111,6 +118,10 @@ class Mapper:
         self._occupancy = OccupancyMap(semantic_map) if occupancy else None
         evidence = ObjectEvidence(semantic_map, self._places, s) if s.places_from_objects else None
         self._evidence = evidence
+        rooms = FoundPlaces(semantic_map, self._places) if find_places and occupancy else None
+        self._rooms = rooms
+        self._rooms_at = -math.inf  # [s] stamp of the frame they were last found with
+        self._found = FoundChanges()  # not written yet
         self._observed: Frame | None = None  # the frame that the places have taken in
         self._viewed: tuple[Frame, str | None] | None = None
 
@@ -174,9 +185,11 @@ class Mapper:
         return self._viewed[1]
 
     def flush(self) -> None:
-        """Write what is left of the occupancy map; tiles are written seldom while mapping."""
+        """Write what is left of the occupancy map, and the rooms of all of it."""
         if self._occupancy is not None:
             self._apply(self._rest_of_occupancy)
+        if self._rooms is not None:
+            self._apply(self._rest_of_rooms)
 
     def objects(self) -> tuple[ObjectRecord, ...]:
         """All objects of the map, with assertions applied."""
@@ -209,6 +222,10 @@ class Mapper:
             self._observed = frame
 
     def _frame_change(self, index: int, frame: Frame, detections: Detections) -> _Change:
+        if self._rooms is not None and frame.stamp >= self._rooms_at + ROOMS_PAUSE:
+            with self.timer.stage("floor"):
+                self._found = self._found.followed_by(self._rooms.update())
+            self._rooms_at = frame.stamp
         with self.timer.stage("map"):
             changes = self._objects.add(frame, detections)
             if self._evidence is not None:
@@ -223,8 +240,9 @@ class Mapper:
             )
         return changes, MapUpdate(
             objects=changes.updated,
-            removed=changes.removed,
+            removed=(*changes.removed, *self._found.removed),
             places=self._places.take_changed(),
+            doors=self._found.doors,
             robot=robot_at(frame),
             recording=self._progress,
             floor=() if self._occupancy is None else self._occupancy.take_changed(frame.stamp),
@@ -233,6 +251,16 @@ class Mapper:
     def _rest_of_occupancy(self) -> _Change | None:
         rest = () if self._occupancy is None else self._occupancy.take_rest()
         return (ObjectChanges(), MapUpdate(recording=self._progress, floor=rest)) if rest else None
+
+    def _rest_of_rooms(self) -> _Change | None:
+        if self._rooms is None:
+            return None
+        with self.timer.stage("floor"):
+            self._found = self._found.followed_by(self._rooms.update())
+            moved = objects_elsewhere(self._map, self._places)
+        places = self._places.take_changed()
+        removed, doors = self._found.removed, self._found.doors
+        return ObjectChanges(), MapUpdate(moved, removed, places, None, self._progress, doors=doors)
 
     def _apply(self, change: Callable[[], _Change | None]) -> MapUpdate:
         """Optimistic transaction: computed and written again where it conflicts with others."""
@@ -258,6 +286,7 @@ class Mapper:
             except ConflictError:
                 self._undo(changes, update)
                 raise
+            self._found = FoundChanges()
             self._lease.renew(update.recording)
             return update
 

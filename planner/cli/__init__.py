@@ -33,6 +33,7 @@ COMMANDS = (
     "restore",
     "plot",
     "floor",
+    "places",
     "serve",
     "publish",
     "export",
