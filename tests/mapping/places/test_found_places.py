@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -9,8 +10,9 @@ import pytest
 
 from kg.areas import area_of
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import in_memory_map
+from kg.opening import create_map, in_memory_map
 from kg.records import FREE, TALL, UNKNOWN, FloorTile, MapUpdate, ObjectRecord, PlaceRecord
+from mapping.mapper import Mapper
 from mapping.places.found_places import find_places
 
 SIDE, CELL = 256, 0.05  # one tile of 12.8 m
@@ -145,6 +147,29 @@ def test_what_people_draw_the_floor_leaves(home):
     find_places(home)
     drawn = place_at(home, 9.0)
     assert (drawn.iri, drawn.from_floor, drawn.area.ymax) == (place.iri, False, 5.5)
+
+
+def test_a_mapper_finds_places_while_it_maps(home, step_back, make_detections):
+    home.apply(floor(6.0))
+    with Mapper(home, find_places=True, recording="walk") as mapper:
+        mapper.add(step_back(0), make_detections())
+        mapper.add(step_back(1), make_detections())
+        first = {place.iri for place in home.places()}
+        assert len(home.doors()) == 1
+        home.apply(floor(4.0, 8.0))
+        mapper.add(step_back(2, stamp=1e9 + 60), make_detections())
+    assert first < {place.iri for place in home.places() if place.from_floor}
+    assert {door.iri.rpartition("/")[2] for door in home.doors()} == {"1-2", "2-3"}
+
+
+def test_the_command_lists_what_it_found(tmp_path, capsys):
+    with create_map(tmp_path / "flat.map") as made:
+        made.apply(floor(6.0))
+    assert main(["places", str(tmp_path / "flat.map"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == []
+    assert main(["places", str(tmp_path / "flat.map"), "--find", "--json"]) == 0
+    one, two = json.loads(capsys.readouterr().out)
+    assert (one["label"], one["adjacent"], two["adjacent"]) == ("room 1", "room 2", "room 1")
 
 
 def test_without_floor_nothing_changes(home):
