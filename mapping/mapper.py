@@ -118,8 +118,9 @@ class Mapper:
         self._occupancy = OccupancyMap(semantic_map) if occupancy else None
         evidence = ObjectEvidence(semantic_map, self._places, s) if s.places_from_objects else None
         self._evidence = evidence
-        rooms = FoundPlaces(semantic_map, self._places) if find_places and occupancy else None
-        self._rooms = rooms
+        self._rooms: FoundPlaces | None = None
+        if find_places and occupancy:
+            self._rooms = FoundPlaces(semantic_map, self._places, recording=recording)
         self._rooms_at = -math.inf  # [s] stamp of the frame they were last found with
         self._found = FoundChanges()  # not written yet
         self._observed: Frame | None = None  # the frame that the places have taken in

@@ -44,15 +44,20 @@ class FoundChanges:
 
 
 class FoundPlaces:
-    """Keeps the places of a registry in step with the rooms of the map's floor."""
+    """Keeps the places of a registry in step with the rooms of the map's floor.
+
+    `recording` names the stream whose own growing place is one of the rooms, once there are any.
+    """
 
     def __init__(
         self,
         semantic_map: SemanticMap,
         places: PlaceRegistry,
         settings: SegmentationSettings | None = None,
+        *,
+        recording: str = "",
     ) -> None:
-        self._map, self._places = semantic_map, places
+        self._map, self._places, self._recording = semantic_map, places, recording
         self._settings = settings or SegmentationSettings()
         self._prefix = semantic_map.place_iri(0)[:-1]
         self._next = 1  # number of the next new place; none is given twice
@@ -66,7 +71,7 @@ class FoundPlaces:
 
     def _put(self, found: Segmentation) -> FoundChanges:
         before = self._places.places()
-        grown = {recording.name for recording in self._map.recordings()}
+        grown = {self._recording, *(known.name for known in self._map.recordings())}
         changing = [place for place in before if place.from_floor or place.label in grown]
         given = [place.area for place in before if place not in changing]
         asserted = {assertion.subject for assertion in self._map.assertions()}

@@ -14,6 +14,7 @@ from kg.opening import create_map, in_memory_map
 from kg.records import FREE, TALL, UNKNOWN, FloorTile, MapUpdate, ObjectRecord, PlaceRecord
 from mapping.mapper import Mapper
 from mapping.places.found_places import find_places
+from planner.cli import main
 
 SIDE, CELL = 256, 0.05  # one tile of 12.8 m
 KITCHEN, OFFICE = "kitchen", "office"
@@ -159,7 +160,8 @@ def test_a_mapper_finds_places_while_it_maps(home, step_back, make_detections):
         home.apply(floor(4.0, 8.0))
         mapper.add(step_back(2, stamp=1e9 + 60), make_detections())
     assert first < {place.iri for place in home.places() if place.from_floor}
-    assert {door.iri.rpartition("/")[2] for door in home.doors()} == {"1-2", "2-3"}
+    assert len(home.doors()) == 2
+    assert all(place.from_floor for place in home.places())
 
 
 def test_the_command_lists_what_it_found(tmp_path, capsys):
