@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from types import TracebackType
 from typing import Final, Literal, Self
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from kg.errors import ConflictError
 from kg.maps.semantic_map import SemanticMap
-from kg.records import MapUpdate, ObjectRecord, PlaceRecord, RecordingRecord, RobotRecord
+from kg.records import FloorTile, MapUpdate, ObjectRecord, PlaceRecord, RecordingRecord, RobotRecord
 from mapping.label_resolver import LabelResolver
 from mapping.label_table import LabelTable
 from mapping.mapper_lease import MapperLease
@@ -25,9 +26,11 @@ from mapping.places.found_places import FoundChanges, FoundPlaces, objects_elsew
 from mapping.places.layout import Layout
 from mapping.places.place_mapper import PlaceMapper
 from mapping.places.place_registry import PlaceRegistry
+from mapping.pose_monitor import PoseMonitor
 from mapping.progress_report import StageTimer
 from mapping.projection import map_points
 from mapping.reference.settings import ReferenceSettings
+from mapping.relations.relation_mapper import RelationMapper
 from mapping.sighting import Sighting
 from perception.frames import Detections, Frame, SceneScores
 
@@ -62,6 +65,8 @@ class Mapper:
         detector: name of the detector, kept with each observation.
         scene_model: name of the scene classifier, kept with the stream.
         again: whether the stream is mapped once more from its beginning.
+        check_poses: whether jumps and drift of the poses are looked for in the depth, and warned
+            of (`mapping.pose_monitor`).
 
     Raises LayoutError where the layout contradicts the ontology, LabelsError where `labels` names
     what is no category.
@@ -83,6 +88,7 @@ class Mapper:
         detector: str = "",
         scene_model: str = "",
         again: bool = False,
+        check_poses: bool = True,
     ) -> None:
         table, s = labels or LabelTable(), settings or ReferenceSettings()
         table.refuse_unknown(semantic_map.catalogue)
@@ -115,6 +121,7 @@ class Mapper:
                 labels=table,
                 unknown_labels=s.unknown_labels,
             )
+        self._relations = RelationMapper(semantic_map, self._objects.cache)
         self._occupancy = OccupancyMap(semantic_map) if occupancy else None
         evidence = ObjectEvidence(semantic_map, self._places, s) if s.places_from_objects else None
         self._evidence = evidence
@@ -123,6 +130,7 @@ class Mapper:
             self._rooms = FoundPlaces(semantic_map, self._places, recording=recording)
         self._rooms_at = -math.inf  # [s] stamp of the frame they were last found with
         self._found = FoundChanges()  # not written yet
+        self._monitor = PoseMonitor(recording) if check_poses else None
         self._observed: Frame | None = None  # the frame that the places have taken in
         self._viewed: tuple[Frame, str | None] | None = None
 
@@ -144,6 +152,8 @@ class Mapper:
         the same stream, ConflictError where others keep writing the same things.
         """
         with self.timer.stage("map"):
+            if self._monitor is not None:
+                self._monitor.add(frame)
             self._observe(frame)
         place = None if scores is None else self.viewed_place(frame)
         if scores is not None and place is not None:
@@ -168,7 +178,7 @@ class Mapper:
 
         def change() -> _Change:
             with self.timer.stage("map"):
-                changes = self._objects.add_sightings(sightings, stamp)
+                changes = self._relations.update(self._objects.add_sightings(sightings, stamp))
             return changes, MapUpdate(changes.updated, changes.removed, robot=robot)
 
         return self._apply(change)
@@ -206,6 +216,11 @@ class Mapper:
         return self._progress.frames_applied if self._progress else 0
 
     @property
+    def pose_problems(self) -> tuple[str, ...]:
+        """What was found wrong with the poses so far, one line for each kind."""
+        return () if self._monitor is None else tuple(self._monitor.problems.values())
+
+    @property
     def unplaced(self) -> int:
         """Detections so far without usable depth."""
         return self._objects.unplaced
@@ -228,7 +243,7 @@ class Mapper:
                 self._found = self._found.followed_by(self._rooms.update())
             self._rooms_at = frame.stamp
         with self.timer.stage("map"):
-            changes = self._objects.add(frame, detections)
+            changes = self._relations.update(self._objects.add(frame, detections))
             if self._evidence is not None:
                 self._evidence.update(self._objects.objects())
         if self.frames_applied <= index:
@@ -239,6 +254,8 @@ class Mapper:
                 T_map_world=self._T_map_world,
                 scene_model=self._scene_model,
             )
+        floor = () if self._occupancy is None else self._occupancy.take_changed(frame.stamp)
+        self._view_places(floor)
         return changes, MapUpdate(
             objects=changes.updated,
             removed=(*changes.removed, *self._found.removed),
@@ -246,12 +263,26 @@ class Mapper:
             doors=self._found.doors,
             robot=robot_at(frame),
             recording=self._progress,
-            floor=() if self._occupancy is None else self._occupancy.take_changed(frame.stamp),
+            floor=floor,
         )
+
+    def _view_places(self, floor: Sequence[FloorTile]) -> None:
+        """Update how much was viewed of the places that changed tiles lie in."""
+        if self._occupancy is None or not floor:
+            return
+        for place in self._places.places():
+            storey = self._occupancy.touches(place.area, floor)
+            viewed = None if storey is None else self._occupancy.views(place.area, storey)
+            if viewed is not None and viewed != place.viewed:
+                self._places.put(replace(place, viewed=viewed))
 
     def _rest_of_occupancy(self) -> _Change | None:
         rest = () if self._occupancy is None else self._occupancy.take_rest()
-        return (ObjectChanges(), MapUpdate(recording=self._progress, floor=rest)) if rest else None
+        if not rest:
+            return None
+        self._view_places(rest)
+        places = self._places.take_changed()
+        return ObjectChanges(), MapUpdate(places=places, recording=self._progress, floor=rest)
 
     def _rest_of_rooms(self) -> _Change | None:
         if self._rooms is None:

@@ -41,6 +41,8 @@ class MappingReport:
     unplaced: int  # detections without usable depth
     unknown_labels: Mapping[str, int]  # network labels without a category -> how often
     provisional: tuple[str, ...] = ()  # labels of provisional categories that it met
+    problems: tuple[str, ...] = ()  # what depth says is wrong with the poses
+    fit: str = ""  # how it fits the recordings that the map held before
 
     @property
     def frames_per_second(self) -> float:
@@ -67,6 +69,8 @@ class MappingReport:
             "unplaced": self.unplaced,
             "unknown_labels": dict(self.unknown_labels),
             "provisional": list(self.provisional),
+            "problems": list(self.problems),
+            "fit": self.fit,
         }
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from kg.errors import RecordingError
 from kg.maps.semantic_map import SemanticMap
+from mapping.alignment.recording_fit import check_fit
 from mapping.label_table import LabelTable
 from mapping.mapper import Mapper, Mode
 from mapping.places.layout import Layout
@@ -41,22 +42,27 @@ def map_recording(
     again: bool = False,
     labels: LabelTable | None = None,
     occupancy: bool = True,
+    same_frame: bool = False,
+    check_poses: bool = True,
 ) -> MappingReport:
     """Map the frames of `recording` that `semantic_map` does not hold yet; all of them if `again`.
 
     Each frame is one transaction: a run that ends early, by an error or by being killed, leaves
     whole frames, and the same call continues after them. `on_frame` is called after each frame is
     written; `on_detections` with each frame, its detections and, where the scene classifier was
-    run, its scores. The other arguments are `Mapper`'s.
+    run, its scores. `same_frame` says that the recording's world is the map's. The other arguments
+    are `Mapper`'s.
 
     Raises RecordingError at the first unreadable frame, LayoutError where the layout contradicts
     the ontology, or another recording of that name, or this one by another transform, is in the
-    map already, LabelsError where `labels` names what is no category, MapBusyError where another
-    program maps the recording into a served map meanwhile. A recording that has grown since keeps
-    its transform (`mapping.resumption`).
+    map already, or it is new and does not fit the others (`mapping.alignment.recording_fit`),
+    LabelsError where `labels` names what is no category, MapBusyError where another program maps
+    the recording into a served map meanwhile. A recording that has grown since keeps its transform
+    (`mapping.resumption`).
     """
     (labels or LabelTable()).refuse_unknown(semantic_map.catalogue)
     recording = resumed(recording, semantic_map)
+    fit = check_fit(recording, semantic_map, same_frame=same_frame)
     mapper = Mapper(
         semantic_map,
         mode=mode,
@@ -70,9 +76,10 @@ def map_recording(
         detector=detector.name,
         scene_model=scene.name if scene else "",
         again=again,
+        check_poses=check_poses,
     )
     start = 0 if again else min(mapper.frames_applied, len(recording))
-    run = _Run(mapper, recording, detector, scene)
+    run = _Run(mapper, recording, detector, scene, fit)
     try:
         for index, frame in run.read(start):
             report, detections, scores = run.map(index, frame)
@@ -95,6 +102,7 @@ class _Run:
     recording: Recording
     detector: Detector
     scene: SceneClassifier | None
+    fit: str  # what was found of how the recording fits the map
     frames: int = 0
     views: int = 0  # frames that counted for a place
 
@@ -155,4 +163,6 @@ class _Run:
             unplaced=mapper.unplaced,
             unknown_labels=dict(unknown.most_common()),
             provisional=tuple(label for resolver in resolvers for label in resolver.provisional),
+            problems=mapper.pose_problems,
+            fit=self.fit,
         )

@@ -28,6 +28,10 @@ def resumed(recording: Recording, semantic_map: SemanticMap) -> Recording:
     _refuse_another(recording, before)
     if isinstance(recording, FolderRecording) and recording.gravity_aligned:
         return recording.placed(before.T_map_world)
+    if isinstance(recording, FolderRecording) and not recording.transform_given:
+        between = before.T_map_world @ np.linalg.inv(recording.T_map_world)
+        if between[2, 2] > 1 - 1e-6:  # the same up: aligned with the map when it was mapped
+            return recording.placed(before.T_map_world)
     if not np.allclose(before.T_map_world, recording.T_map_world, atol=1e-3):
         raise LayoutError(
             f"recording {recording.name!r} is in this map by another T_map_world; "

@@ -14,7 +14,7 @@ import numpy as np
 
 from kg.errors import InvalidFactError
 from kg.facts.assertions import is_unicode
-from kg.facts.occupancy import decoded, encoded
+from kg.facts.occupancy import decoded, decoded_times, encoded, encoded_times
 from kg.records import (
     DoorRecord,
     Evidence,
@@ -24,7 +24,10 @@ from kg.records import (
     ObjectRecord,
     ObstacleRecord,
     PlaceRecord,
+    PlaceViews,
     RecordingRecord,
+    Relation,
+    RelationKind,
     RobotRecord,
     SearchRecord,
     SearchState,
@@ -89,11 +92,26 @@ def _state(data: Any, what: str) -> SearchState:
     raise _wrong(what, " or ".join(get_args(SearchState)), data)
 
 
+def _relation_kind(data: Any, what: str) -> RelationKind:
+    for kind in get_args(RelationKind):
+        if data == kind:
+            found: RelationKind = kind
+            return found
+    raise _wrong(what, " or ".join(get_args(RelationKind)), data)
+
+
 def _cells(data: Any, what: str) -> np.ndarray:
     cells = decoded(_text(data, what))
     if cells is None:
         raise _wrong(what, "cells in the encoding of here:floorCells", data)
     return cells
+
+
+def _view_times(data: Any, what: str) -> np.ndarray:
+    times = decoded_times(_text(data, what))
+    if times is None:
+        raise _wrong(what, "times in the encoding of here:viewTimes", data)
+    return times
 
 
 def _optional(codec: _Codec[T]) -> _Codec[T | None]:
@@ -180,6 +198,10 @@ _EVIDENCE = _record(
         "model": _TEXT,
     },
 )
+_RELATION = _record(
+    Relation,
+    {"kind": _Codec(str, _relation_kind), "target": _TEXT, "probability": _NUMBER},
+)
 _OBJECT = _record(
     ObjectRecord,
     {
@@ -195,8 +217,10 @@ _OBJECT = _record(
         "evidence": _optional(_EVIDENCE),
         "extent": _optional(_array(3)),
         "deviation": _optional(_NUMBER),
+        "relations": _optional(_list(_RELATION)),
     },
 )
+_VIEWS = _record(PlaceViews, {"share": _NUMBER, "close_share": _NUMBER, "last": _NUMBER})
 _PLACE = _record(
     PlaceRecord,
     {
@@ -211,6 +235,7 @@ _PLACE = _record(
         "scene_beliefs": _SHARES,
         "told_by": _TEXTS,
         "outline": _list(_list(_numbers(2))),
+        "viewed": _optional(_VIEWS),
         "from_floor": _YES_NO,
         "adjacent": _TEXTS,
     },
@@ -286,6 +311,7 @@ _TILE = _record(
         "resolution": _NUMBER,
         "cells": _Codec(encoded, _cells),
         "changed": _NUMBER,
+        "viewed": _optional(_Codec(encoded_times, _view_times)),
     },
 )
 _UPDATE: Final = _record(

@@ -229,7 +229,7 @@ def _in_one_room(rooms: Sequence[Area], told: Sequence[PlaceRecord]) -> set[str]
     """IRIs of places `told` of by people that lie in one room with another such place."""
     shared = _shared_area(rooms, [place.area for place in told])
     inside = shared > _SAME * np.array([place.area.area for place in told])
-    return {told[k].iri for row in inside if row.sum() > 1 for k in np.flatnonzero(row)}
+    return {told[k].iri for row in inside if row.sum() > 1 for k in np.flatnonzero(row).tolist()}
 
 
 def _with_views_of(place: PlaceRecord, other: PlaceRecord) -> PlaceRecord:

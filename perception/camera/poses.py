@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +14,13 @@ from perception.number_tables import all_numbers, floats, rows
 
 Pose = NDArray[np.float64]  # (4, 4)
 
+#: what the matrices of a recording may mean, and how to make camera -> world of them, with the
+#: camera's x right, y down, z ahead; OpenGL's cameras have y up and look along -z
+CONVENTIONS: dict[str, Callable[[Pose], Pose]] = {
+    "camera-to-world": lambda T: T,
+    "world-to-camera": lambda T: np.linalg.inv(T).astype(np.float64),
+    "opengl": lambda T: T @ np.diag([1.0, -1.0, -1.0, 1.0]),
+}
 RIGID_TOLERANCE = 5e-3  # largest entry of R'R - I that rounding and drift of trackers explain
 LONGEST_GAP = 0.2  # [s] between two poses of a trajectory that are still interpolated
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from kg.errors import RecordingError, did_you_mean
 from perception.camera.gravity_alignment import Up, gravity_aligned_transform, read_gravity
 from perception.camera.intrinsics import ASPECT_TOLERANCE, Intrinsics, intrinsics_from_matrix
-from perception.camera.poses import checked_pose
+from perception.camera.poses import CONVENTIONS, Pose, checked_pose, read_trajectory
 from perception.camera.rectification import Rectifier
 from perception.camera.registration import register_depth
-from perception.frames import Frame, Recording
+from perception.frames import Frame
 from perception.recordings import hololens, seven_scenes, trajectory_log, tum
+from perception.recordings.depth_check import check_depth
 from perception.recordings.image_files import check_image_file, read_colour, read_depth
 from perception.recordings.listing import Format, FrameEntry, RecordingListing
 
@@ -28,6 +29,7 @@ FORMATS: tuple[Format, ...] = (
     trajectory_log.FORMAT,
     hololens.FORMAT,
 )
+POSE_TOLERANCE = 0.02  # [s] within which a pose of a given trajectory is that of a frame
 ABSOLUTE_STAMP = 1e8  # [s] smaller stamps count from the start of the recording
 
 
@@ -43,6 +45,7 @@ class FolderRecording:
     depth_scale: float  # depth units a metre
     start_time: float  # [s] added to every stamp; 0 where stamps are absolute
     gravity_aligned: bool = False  # whether T_map_world was found from what it shows, not given
+    transform_given: bool = False  # whether the caller said how its world sits in the map
 
     def placed(self, T_map_world: NDArray[np.float64]) -> FolderRecording:
         """The same recording by the transform (4, 4)."""
@@ -55,6 +58,10 @@ class FolderRecording:
         """Frames from index `start` on; raises RecordingError at the first unreadable one."""
         for entry in self.listing.entries[start:]:
             yield self._frame(entry)
+
+    def frame(self, index: int) -> Frame:
+        """Frame of that index."""
+        return self._frame(self.listing.entries[index])
 
     def _frame(self, entry: FrameEntry) -> Frame:
         camera = self.rectifier.camera
@@ -99,7 +106,10 @@ def open_recording(
     depth_scale: float | None = None,
     name: str | None = None,
     start_time: float | None = None,
-) -> Recording:
+    poses: Path | None = None,
+    pose_convention: str = "camera-to-world",
+    check: bool = True,
+) -> FolderRecording:
     """Open the recording in the folder `path`, checking all that can be checked without decoding.
 
     `format` is one of FORMATS or "auto". `T_map_world` (4, 4) takes the recording's world to the
@@ -108,7 +118,10 @@ def open_recording(
     folder's gravity-direction.txt, or the floor. `intrinsics` of the colour images (see
     load_intrinsics) or `K` (3, 3) [px] without distortion, and `depth_scale` [units a metre]
     override the folder's own. Stamps that count from
-    zero are shifted by `start_time` [s since 1970], by default now. Raises RecordingError.
+    zero are shifted by `start_time` [s since 1970], by default now. `poses` is a trajectory in TUM
+    format that replaces the folder's own; `pose_convention` is one of
+    `perception.camera.poses.CONVENTIONS`. With `check` a sample of the depth is compared with poses
+    and colour (`perception.recordings.depth_check`). Raises RecordingError.
     """
     folder = Path(path)
     chosen = _format(folder, format)
@@ -117,8 +130,16 @@ def open_recording(
         intrinsics = intrinsics_from_matrix(np.asarray(K, np.float64), "given K")
     if intrinsics is not None:
         listing = replace(listing, camera=_with_scale(intrinsics, listing))
+    if poses is not None:
+        listing = replace(listing, entries=_with_poses(listing.entries, poses))
     relative = max(entry.stamp for entry in listing.entries) < ABSOLUTE_STAMP
     begin = time.time() if start_time is None else start_time
+    convert = _convention(pose_convention)
+    as_read = [entry.T_world_cam for entry in listing.entries]
+    entries = tuple(
+        replace(entry, T_world_cam=convert(entry.T_world_cam)) for entry in listing.entries
+    )
+    listing = replace(listing, entries=entries)
     recording = FolderRecording(
         name=name or folder.resolve().name,
         format=chosen.name,
@@ -129,12 +150,39 @@ def open_recording(
         start_time=begin if relative else 0.0,
     )
     _check_images(recording)
+    if check:
+        check_depth(
+            recording.name, as_read, pose_convention, recording.depth_scale, recording.frame
+        )
     if T_map_world is not None:
         T = np.asarray(T_map_world, np.float64)
         checked_pose(T, "given T_map_world")
-        return recording.placed(T)
+        return replace(recording.placed(T), transform_given=True)
     T = gravity_aligned_transform(recording, up=up if up is not None else read_gravity(folder))
     return replace(recording, T_map_world=T, gravity_aligned=up is None)
+
+
+def _with_poses(entries: tuple[FrameEntry, ...], path: Path) -> tuple[FrameEntry, ...]:
+    """Entries with the poses of a trajectory; all frames must have one."""
+    trajectory = read_trajectory(path)
+    found = [trajectory.at(entry.stamp, POSE_TOLERANCE) for entry in entries]
+    posed = [(entry, T) for entry, T in zip(entries, found, strict=True) if T is not None]
+    if len(posed) < len(entries):
+        raise RecordingError(
+            f"{path} has a pose for {len(posed)} of {len(entries)} frames; one within "
+            f"{POSE_TOLERANCE} s of each frame's stamp, from {entries[0].stamp:.3f} to "
+            f"{entries[-1].stamp:.3f}, would work"
+        )
+    return tuple(replace(entry, T_world_cam=T) for entry, T in posed)
+
+
+def _convention(name: str) -> Callable[[Pose], Pose]:
+    if name not in CONVENTIONS:
+        raise RecordingError(
+            f"unknown pose convention {name!r}; known are {', '.join(CONVENTIONS)}"
+            + did_you_mean(name, CONVENTIONS)
+        )
+    return CONVENTIONS[name]
 
 
 def _with_scale(given: Intrinsics, listing: RecordingListing) -> Intrinsics:

@@ -23,6 +23,7 @@ COMMANDS = (
     "queries",
     "find",
     "search",
+    "status",
     "why",
     "log",
     "diff",

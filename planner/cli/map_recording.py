@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -67,6 +68,8 @@ def run(arguments: argparse.Namespace) -> int:
         _refuse_other_base(semantic_map, arguments)
         if keep is not None:
             semantic_map.retain(keep)
+        if inputs.align:
+            inputs = align_with_map(inputs, semantic_map)
         with settled():
             report = map_with_progress(
                 inputs, semantic_map, on_detections=on_detections, again=arguments.again
@@ -82,6 +85,18 @@ def _refuse_other_base(semantic_map: SemanticMap, arguments: argparse.Namespace)
         raise GraphError(
             f"{arguments.into} has the base {semantic_map.base}; another one needs another map"
         )
+
+
+def align_with_map(inputs: Inputs, semantic_map: SemanticMap) -> Inputs:
+    """Align a recording that is new to the map with it, and say how."""
+    from mapping.alignment.recording_fit import aligned
+
+    recording, told = aligned(inputs.recording, semantic_map, inputs.detector, labels=inputs.labels)
+    if told:
+        note(told)
+        rows = " ".join(f"{x:.6g}" for x in recording.T_map_world.ravel())
+        note(f"T_map_world, row by row: {rows}")
+    return replace(inputs, recording=recording)
 
 
 def map_with_progress(
@@ -119,6 +134,8 @@ def map_with_progress(
             again=again,
             labels=inputs.labels,
             occupancy=inputs.floor,
+            same_frame=inputs.same_frame,
+            check_poses=inputs.check,
         )
 
 
@@ -158,6 +175,8 @@ def _print_outcome(
         return
     if report.frames == 0:
         note(f"all {report.skipped} frames are already in this map; --again maps them once more")
+    if report.fit:
+        note(report.fit)
     summary = semantic_map.ask("summary")
     print_table(summary.columns, summary.rows)
     stages = "  ".join(f"{stage} {ms:.1f}" for stage, ms in report.milliseconds.items())

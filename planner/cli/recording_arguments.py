@@ -38,6 +38,10 @@ class Inputs:
     mode: Mode
     labels: LabelTable | None
     floor: bool  # whether depth also goes into the floor
+    align: bool = False  # whether a recording new to a map is aligned with it
+    same_frame: bool = False  # whether its world is said to be the map's
+    check: bool = True  # whether depth is compared with poses
+    corrected: bool = False  # whether its poses were given by file
 
 
 def add_recording_options(parser: argparse.ArgumentParser) -> None:
@@ -60,12 +64,40 @@ def _add_camera_options(camera: argparse._ArgumentGroup) -> None:
         "--depth-scale", type=positive, metavar="N", help="depth units in a metre, e.g. 1000"
     )
     camera.add_argument(
+        "--poses",
+        metavar="FILE",
+        help="trajectory in TUM format instead of the recording's own poses",
+    )
+    camera.add_argument(
+        "--pose-convention",
+        choices=("camera-to-world", "world-to-camera", "opengl"),
+        default="camera-to-world",
+        help="what the poses are; opengl: camera to world, of a camera with y up that looks along "
+        "-z (default: camera-to-world)",
+    )
+    camera.add_argument(
+        "--no-check",
+        action="store_true",
+        help="take depth scale and poses as they are, though depth contradicts them",
+    )
+    camera.add_argument(
         "--up",
         metavar="AXIS",
         help="the world's up: x, y, z, -x, -y, -z or a vector A,B,C (default: read, else found)",
     )
     camera.add_argument("--transform", metavar="FILE", help="JSON of world-to-map transforms")
     camera.add_argument("--sequence", metavar="NAME", help="which transform of that file")
+    world = camera.add_mutually_exclusive_group()
+    world.add_argument(
+        "--align",
+        action="store_true",
+        help="search how a recording new to the map sits in it, by floor and objects",
+    )
+    world.add_argument(
+        "--same-frame",
+        action="store_true",
+        help="the recording's world is that of the map's other recordings",
+    )
 
 
 def _add_network_options(networks: argparse._ArgumentGroup) -> None:
@@ -174,6 +206,10 @@ def open_inputs(arguments: argparse.Namespace) -> Inputs:
         mode=arguments.mode,
         labels=load_label_table(Path(arguments.labels_map)) if arguments.labels_map else None,
         floor=arguments.floor,
+        align=arguments.align,
+        same_frame=arguments.same_frame,
+        check=not arguments.no_check,
+        corrected=arguments.poses is not None,
     )
 
 
@@ -209,6 +245,8 @@ def open_given_recording(arguments: argparse.Namespace) -> Recording:
     transform = None
     if arguments.sequence is not None and arguments.transform is None:
         arguments.usage_error("--sequence names a transform of the file that --transform gives")
+    if arguments.transform is not None and arguments.align:
+        arguments.usage_error("--transform gives what --align would search")
     if arguments.transform is not None:
         sequence = arguments.sequence or Path(arguments.recording).resolve().name
         transform = load_transform(Path(arguments.transform), sequence)
@@ -220,6 +258,9 @@ def open_given_recording(arguments: argparse.Namespace) -> Recording:
         depth_scale=arguments.depth_scale,
         up=arguments.up,
         T_map_world=transform,
+        poses=Path(arguments.poses) if arguments.poses else None,
+        pose_convention=arguments.pose_convention,
+        check=not arguments.no_check,
     )
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from kg.errors import HereaboutsError
 from planner.cli.arguments import add_keep, add_map, keep_seconds, positive
 from planner.cli.console import note
+from planner.cli.map_recording import align_with_map
 from planner.cli.recording_arguments import Inputs, add_recording_options, open_inputs
 
 if TYPE_CHECKING:
@@ -206,6 +207,9 @@ class _Mapper:
     def _map_one(self, inputs: Inputs) -> None:
         from mapping.recording_mapper import map_recording
 
+        if inputs.align:
+            inputs = align_with_map(inputs, self._map)
+
         name = inputs.recording.name
 
         def on_frame(report: FrameReport) -> None:
@@ -224,6 +228,8 @@ class _Mapper:
             labels=inputs.labels,
             on_frame=on_frame,
             occupancy=inputs.floor,
+            same_frame=inputs.same_frame,
+            check_poses=inputs.check,
         )
         self._told[name] = f"done: {report.frames} frames mapped, {report.skipped} were there"
         note(f"{name}: {report.frames} frames mapped, {report.objects} objects")

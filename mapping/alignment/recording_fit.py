@@ -1,0 +1,153 @@
+"""Fit of a recording into a map that holds others: refused, or aligned, where it is not known.
+
+A recording's own world begins where its camera was switched on, so two recordings of one room share
+nothing by themselves. A transform that is given is taken; otherwise the floor that the recording
+shows must lie on the map's.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from kg.errors import LayoutError
+from kg.maps.semantic_map import SemanticMap
+from kg.opening import in_memory_map
+from mapping.alignment.floor_match import Match, floor_field, floor_of_frames, floor_of_map
+from mapping.alignment.object_match import landmarks
+from mapping.alignment.search import Alignment, AlignmentSearch
+from mapping.label_table import LabelTable
+from mapping.mapper import Mapper
+from mapping.occupancy.occupancy_settings import OccupancySettings
+from perception.frames import Detector, Frame, Recording
+from perception.recordings.recording import FolderRecording
+
+FITS: Final = 0.8  # `Match.quality` of a floor that is taken for the map's
+ALIGNED: Final = 0.6  # ... of one whose place was searched, and ...
+RIVAL: Final = 0.8  # ... share of its score that any other place may have
+CONTRADICTS: Final = 0.0  # `Match.quality` of a floor that is not where it is said to be
+OBJECTS: Final = 5  # matched objects that do where the floors hardly overlap
+CHECKED: Final = 24  # frames, spread evenly
+SEARCHED: Final = 80
+
+_WAYS: Final = (
+    "--align searches it, --transform FILE gives it, --same-frame says that it is the map's own"
+)
+_log = logging.getLogger(__name__)
+
+
+def check_fit(recording: Recording, semantic_map: SemanticMap, *, same_frame: bool = False) -> str:
+    """Check that a recording new to a map of others fits; returns what was found, one line or "".
+
+    Recordings that are no folder's have poses in the map's frame. `same_frame` says the same of
+    this one; then, and where its transform was given, a contradicting floor is warned of. Raises
+    LayoutError where it was not and the floor does not tell.
+    """
+    others = [r.name for r in semantic_map.recordings() if r.frames_applied]
+    if not isinstance(recording, FolderRecording) or not others or recording.name in others:
+        return ""
+    match = _floor_match(recording, semantic_map)
+    told = same_frame or recording.transform_given
+    if match is not None and match.enough():
+        found = f"{match.share:.0%} of what stands on its floor lies on what stands in the map"
+        if match.quality >= FITS:
+            return f"{recording.name} fits the map: {found}"
+        if told and match.quality < CONTRADICTS:
+            _log.warning(
+                "%s does not fit where it is said to be: only %s; --align would search its place",
+                recording.name,
+                found,
+            )
+        problem = f"its floor does not fit the map's as it is (only {found})"
+        if match.share > FITS:
+            problem = "its floor fits the map's too loosely to tell"
+    else:
+        problem = "its floor and the map's hardly overlap as it is"
+    if told:
+        return ""
+    raise LayoutError(
+        f"how the world of {recording.name!r} sits in this map, which holds {', '.join(others)}, "
+        f"is not known, and {problem}; {_WAYS}"
+    )
+
+
+def aligned(
+    recording: Recording,
+    semantic_map: SemanticMap,
+    detector: Detector,
+    *,
+    labels: LabelTable | None = None,
+) -> tuple[Recording, str]:
+    """A recording new to the map by the transform that lays it on the map, and what was found.
+
+    Its floor and objects, of a sample of frames mapped apart, are laid on the map's
+    (`mapping.alignment.search`). As it is, with "", where it is in the map already or is the
+    first. Raises LayoutError where no transform fits, or several do.
+    """
+    known = [record.name for record in semantic_map.recordings() if record.frames_applied]
+    if not isinstance(recording, FolderRecording) or not known or recording.name in known:
+        return recording, ""
+    frames = list(_spread(recording, SEARCHED))
+    with in_memory_map() as apart:
+        with Mapper(apart, labels=labels, occupancy=False, check_poses=False) as mapper:
+            for frame in frames:
+                mapper.add(frame, detector.detect(frame))
+        objects = mapper.objects()
+    search = AlignmentSearch(
+        floor_of_frames(frames),
+        floor_of_map(semantic_map.floor()),
+        landmarks(objects),
+        landmarks(semantic_map.objects()),
+    )
+    found = search.best()
+    if found is None:
+        raise LayoutError(
+            f"{recording.name!r} cannot be aligned: neither floor nor objects are in both it and "
+            "the map; --transform FILE would work"
+        )
+    _refuse_doubtful(recording.name, found)
+    T = found.T @ recording.T_map_world
+    return replace(recording.placed(T), transform_given=True), _told(recording.name, found)
+
+
+def _refuse_doubtful(name: str, found: Alignment) -> None:
+    by_floor = found.floor.enough() and found.floor.quality >= ALIGNED
+    by_objects = found.objects >= OBJECTS and found.floor.quality >= CONTRADICTS
+    if not (by_floor or by_objects):
+        raise LayoutError(
+            f"{name!r} cannot be aligned: at the best place {found.floor.judged} cells of its "
+            f"floor meet the map's, worth {found.floor.quality:.2f} each ({ALIGNED} wanted), and "
+            f"{found.objects} objects ({OBJECTS} wanted); more in common, or --transform FILE, "
+            "would work"
+        )
+    if found.rival > RIVAL * found.score:
+        raise LayoutError(
+            f"{name!r} cannot be aligned: another place fits {found.rival / found.score:.0%} as "
+            "well as the best; more in common, or --transform FILE, would work"
+        )
+
+
+def _told(name: str, found: Alignment) -> str:
+    x, y, z = found.T[:3, 3]
+    turn = np.degrees(np.arctan2(found.T[1, 0], found.T[0, 0]))
+    return (
+        f"{name} aligned: turned by {turn:.1f} degrees, moved by {x:.2f}, {y:.2f}, {z:.2f} m; "
+        f"{found.floor.share:.0%} of what stands on its floor and {found.objects} objects lie on "
+        f"the map's, the next best place fits {max(found.rival, 0.0) / found.score:.0%} as well"
+    )
+
+
+def _floor_match(recording: FolderRecording, semantic_map: SemanticMap) -> Match | None:
+    tiles = semantic_map.floor()
+    cell = tiles[0].resolution if tiles else OccupancySettings().cell
+    field = floor_field(floor_of_map(tiles), cell)
+    return None if field is None else field.match(floor_of_frames(_spread(recording, CHECKED)))
+
+
+def _spread(recording: FolderRecording, count: int) -> Iterator[Frame]:
+    for index in np.unique(np.linspace(0, len(recording) - 1, count).astype(int)):
+        yield recording.frame(int(index))

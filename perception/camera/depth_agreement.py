@@ -1,0 +1,104 @@
+"""Depth agreement: whether two depth images show one static scene, given the motion between them.
+
+Points of one image are transformed into the other camera and compared with the depth measured
+there (projective data association: Blais and Levine, IEEE PAMI 17, 1995). A point on the measured
+surface agrees; one in front of it contradicts, since the other camera saw through it; one behind
+says nothing, since it may be hidden. Distances are relative, so that a wrong unit of depth is the
+same as a wrong length of the motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+COLUMNS: Final = 64  # pixels of the sampled image, across
+EDGE: Final = 0.05  # share of its depth by which a pixel may differ from its neighbours
+TOLERANCE: Final = 0.03  # share of its depth by which a point may be off the surface
+NEAREST: Final = 0.05  # [m] before the camera, in units that may be wrong
+FARTHEST: Final = 200.0  # [m]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DepthSamples:
+    """A depth image on a grid of every few pixels, without pixels on depth edges."""
+
+    depth: NDArray[np.float32]  # (h, w) [m], nan = no return or an edge
+    K: Floats  # (3, 3) intrinsics of that grid [px]
+    points: NDArray[np.float32]  # (n, 3) [m] the grid's points in the camera frame
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """Points of two images that the other image shows, counted."""
+
+    agreeing: int
+    contradicting: int
+    overlap: float  # share of the points that the other image shows
+
+    @property
+    def share(self) -> float:
+        """Share of the judged points that agree; 0 without any."""
+        judged = self.agreeing + self.contradicting
+        return self.agreeing / judged if judged else 0.0
+
+
+def depth_samples(depth: NDArray[np.float32], K: Floats) -> DepthSamples:
+    """Samples of a depth image (H, W) [m] with intrinsics `K` (3, 3) [px]."""
+    step = max(1, depth.shape[1] // COLUMNS)
+    first = step // 2
+    grid = depth[first::step, first::step].astype(np.float32)
+    near = np.full((4, *grid.shape), np.nan, np.float32)
+    near[0, :, 1:], near[1, :, :-1] = grid[:, :-1], grid[:, 1:]
+    near[2, 1:], near[3, :-1] = grid[:-1], grid[1:]
+    with np.errstate(invalid="ignore"):
+        edge = (np.abs(near - grid) > EDGE * grid).any(axis=0)
+        grid[edge | ~(grid > 0) | (grid > FARTHEST)] = np.nan
+    rows, columns = np.nonzero(np.isfinite(grid))
+    z = grid[rows, columns]
+    scaled = K.copy()
+    scaled[:2] /= step
+    scaled[:2, 2] -= first / step
+    x = (columns - scaled[0, 2]) * z / scaled[0, 0]
+    y = (rows - scaled[1, 2]) * z / scaled[1, 1]
+    return DepthSamples(grid, scaled, np.column_stack([x, y, z]).astype(np.float32))
+
+
+def agreement(a: DepthSamples, b: DepthSamples, T_a_b: Floats) -> Agreement:
+    """Agreement of two images; `T_a_b` (4, 4) takes camera b to camera a."""
+    R, t = T_a_b[:3, :3], T_a_b[:3, 3]
+    forth = _seen(a, b.points @ R.T + t)
+    back = _seen(b, (a.points - t) @ R)
+    points = max(len(a.points) + len(b.points), 1)
+    agreeing = forth[0] + back[0]
+    contradicting = forth[1] + back[1]
+    return Agreement(agreeing, contradicting, (forth[2] + back[2]) / points)
+
+
+def nearest_pixels(
+    camera: DepthSamples, points: Floats
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+    """Indices in view of `points` (n, 3) [m] of the camera frame, their rows and their columns."""
+    z = points[:, 2]
+    ahead = np.nonzero(z > NEAREST)[0]
+    K, (height, width) = camera.K, camera.depth.shape
+    column = np.rint(K[0, 0] * points[ahead, 0] / z[ahead] + K[0, 2]).astype(np.intp)
+    row = np.rint(K[1, 1] * points[ahead, 1] / z[ahead] + K[1, 2]).astype(np.intp)
+    inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    return ahead[inside], row[inside], column[inside]
+
+
+def _seen(camera: DepthSamples, points: Floats) -> tuple[int, int, int]:
+    """How many points agree, contradict, and lie in view of measured depth."""
+    seen, rows, columns = nearest_pixels(camera, points)
+    measured = camera.depth[rows, columns]
+    with np.errstate(invalid="ignore"):
+        off = (points[seen, 2] - measured) / measured  # negative: in front of the surface
+        agreeing = int((np.abs(off) <= TOLERANCE).sum())
+        contradicting = int((off < -TOLERANCE).sum())
+    return agreeing, contradicting, int(np.isfinite(off).sum())

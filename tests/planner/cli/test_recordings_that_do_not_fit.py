@@ -1,0 +1,119 @@
+"""A second recording into a map: taken where it fits, refused where not, aligned where asked."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kg.opening import open_map
+from perception.camera.poses import read_trajectory
+from perception.recordings.recording_writer import pose_line
+from planner.cli import main
+
+Prints = Callable[..., str]
+Fails = Callable[..., str]
+
+
+@pytest.fixture(scope="module")
+def sessions(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Two recordings of one simulated house."""
+    folder = tmp_path_factory.mktemp("fit") / "house"
+    words = ["simulate", "house", "--seed", "2", "--size", "80x60", "--sessions", "2"]
+    assert main([*words, "-o", str(folder)]) == 0
+    return folder / "session-1", folder / "session-2"
+
+
+@pytest.fixture(scope="module")
+def first_map(sessions: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    into = tmp_path_factory.mktemp("fit") / "first.map"
+    assert main(["map", *_words(sessions[0], into)]) == 0
+    return into
+
+
+def _words(recording: Path, into: Path) -> list[str]:
+    words = [str(recording), "--into", str(into), "--scene", "none"]
+    return [*words, "--detector", "detections.json"]
+
+
+def _elsewhere(recording: Path, folder: Path) -> tuple[Path, np.ndarray]:
+    """The recording with a world of its own: turned by 70 degrees, and moved."""
+    shutil.copytree(recording, folder)
+    M = np.eye(4)
+    c, s = np.cos(np.radians(70)), np.sin(np.radians(70))
+    M[:2, :2] = [[c, -s], [s, c]]
+    M[:3, 3] = 2.0, -3.5, 0.0
+    poses = read_trajectory(recording / "groundtruth.txt")
+    lines = [pose_line(stamp, M @ poses.at(stamp, 0.0)) for stamp in poses.stamp]
+    (folder / "groundtruth.txt").write_text("\n".join(lines) + "\n")
+    return folder, M
+
+
+def _state(address: Path) -> tuple[int, tuple[str, ...]]:
+    with open_map(address, read_only=True) as semantic_map:
+        return semantic_map.sequence, tuple(r.name for r in semantic_map.recordings())
+
+
+def test_a_second_recording_of_the_same_world_is_taken(
+    sessions: tuple[Path, Path], first_map: Path, tmp_path: Path, prints: Prints
+) -> None:
+    into = shutil.copytree(first_map, tmp_path / "house.map")
+    report = json.loads(prints("map", *_words(sessions[1], into), "--json"))
+    assert "session-2 fits the map: " in report["fit"]
+    assert _state(into)[1] == ("session-1", "session-2")
+
+
+def test_one_with_a_world_of_its_own_is_refused_and_the_map_untouched(
+    sessions: tuple[Path, Path], first_map: Path, tmp_path: Path, prints: Prints, fails: Fails
+) -> None:
+    into = shutil.copytree(first_map, tmp_path / "house.map")
+    other, _ = _elsewhere(sessions[1], tmp_path / "other")
+    before = _state(into)
+    message = fails("map", *_words(other, into))
+    assert "how the world of 'other' sits in this map, which holds session-1, is not known" in (
+        message
+    )
+    assert all(way in message for way in ("--align", "--transform FILE", "--same-frame"))
+    assert _state(into) == before
+    prints("map", *_words(other, into), "--same-frame")
+    assert _state(into)[1] == ("other", "session-1")
+
+
+def test_it_is_aligned_where_asked_and_goes_on_there(
+    sessions: tuple[Path, Path], first_map: Path, tmp_path: Path, prints: Prints
+) -> None:
+    into = shutil.copytree(first_map, tmp_path / "house.map")
+    other, M = _elsewhere(sessions[1], tmp_path / "other")
+    prints("map", *_words(other, into), "--align")
+    with open_map(into, read_only=True) as semantic_map:
+        (found,) = [r.T_map_world for r in semantic_map.recordings() if r.name == "other"]
+    off = found @ M  # the first recording's world is the map's, but for the height of the floor
+    assert np.linalg.norm(off[:2, 3]) < 0.1
+    assert abs(np.degrees(np.arctan2(off[1, 0], off[0, 0]))) < 1.0
+    again = json.loads(prints("map", *_words(other, into), "--json"))
+    assert again["frames"] == 0
+
+
+def test_another_house_is_not_aligned(
+    first_map: Path, tmp_path: Path, prints: Prints, fails: Fails
+) -> None:
+    into = shutil.copytree(first_map, tmp_path / "house.map")
+    other = tmp_path / "other"
+    prints("simulate", "house", "--seed", "5", "--size", "80x60", "-o", other)
+    before = _state(into)
+    assert "'other' cannot be aligned" in fails("map", *_words(other, into), "--align")
+    assert _state(into) == before
+
+
+def test_align_and_transform_exclude_each_other(
+    sessions: tuple[Path, Path], tmp_path: Path
+) -> None:
+    words = _words(sessions[0], tmp_path / "new.map")
+    for other in (["--transform", str(sessions[0] / "transform.json")], ["--same-frame"]):
+        with pytest.raises(SystemExit) as stop:
+            main(["map", *words, "--align", *other])
+        assert stop.value.code == 2
