@@ -26,7 +26,7 @@ from mapping.relations.probabilities import (
     support_probabilities,
 )
 
-MOVED: Final = 0.02  # [m] by which a side of a box moves before its relations are computed again
+MOVED: Final = 0.03  # of its length, or 2 cm, by which a box changes before it is looked at again
 REACH: Final = 1.0  # [m] between two boxes with a relation, at most
 LEAST: Final = 0.2  # probability from which on a relation is kept
 STEP: Final = 0.05  # by which a probability changes before it is written again
@@ -100,7 +100,8 @@ class RelationMapper:
         now = self._boxes.get(iri)
         computed = iri not in self._uncomputed
         self._uncomputed.discard(iri)
-        if computed and before is not None and now is not None and not now.differs(before, MOVED):
+        much = max(MOVED * now.length, 0.02) if now is not None else 0.0
+        if computed and before is not None and now is not None and not now.differs(before, much):
             self._boxes.put(iri, before)  # small steps add up
             return []
         return [box for box in (before, now) if box is not None]
