@@ -112,7 +112,7 @@ class RelationMapper:
         What is within reach of a box may relate to it; what is within reach of that may lose a
         nearer neighbour by it.
         """
-        near = list(self._boxes.within(moved, 3 * REACH))
+        near = list(self._boxes.within(moved, 4 * REACH))
         inner = self._boxes.within(moved, 2 * REACH)
         boxes = [self._boxes[iri] for iri in near]
         arrays = Boxes.of(boxes)
@@ -138,7 +138,10 @@ class RelationMapper:
                     found[near[row]].append(relation)
         carried = np.zeros((len(near), len(near)))
         carried[:, carriers] = on + inside
-        beside = beside_probabilities(arrays, self._settings) * (1 - carried) * (1 - carried.T)
+        alone = 1 - carried.sum(axis=1)
+        together = carried @ carried.T + np.outer(alone, alone)  # on or in the same, or on nothing
+        apart = (1 - carried) * (1 - carried.T)
+        beside = beside_probabilities(arrays, self._settings) * together * apart
         for row, column in _mutual_neighbours(beside):
             one, other = near[row], near[column]
             if one in inner and other in inner:
