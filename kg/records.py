@@ -27,6 +27,18 @@ class Evidence:
     model: str  # name of the detector
 
 
+RelationKind = Literal["on", "inside", "beside"]
+
+
+@dataclass(frozen=True, slots=True)
+class Relation:
+    """A spatial relation of an object to another one."""
+
+    kind: RelationKind
+    target: str  # IRI of the other object
+    probability: float  # 0..1; from 0.5 on it counts as so
+
+
 @dataclass(frozen=True, slots=True)
 class ObjectRecord:
     """An object occurrence as the map believes it now."""
@@ -43,6 +55,7 @@ class ObjectRecord:
     evidence: Evidence | None = None
     extent: NDArray[np.float64] | None = None  # (3,) [m] of its box along the map's axes
     deviation: float | None = None  # [m] standard deviation of each coordinate of `p_map`
+    relations: tuple[Relation, ...] | None = None  # None, when written: the map's stay
 
     @property
     def covariance(self) -> NDArray[np.float64] | None:
@@ -126,8 +139,8 @@ class Assertion:
     """Assertion by a person of one property of an object or place, and the perceived value."""
 
     subject: str  # IRI of the object or place
-    property: str  # "category", "position", "existence" or "label"
-    value: str  # IRI of a category; "x y z" [m]; "present" or "absent"; a label
+    property: str  # "category", "position", "existence", "label", "on" or "inside"
+    value: str  # IRI of a category or object; "x y z" [m]; "present"; "absent"; "nothing"; a label
     by: str
     stamp: float  # [s] when it was asserted
     perceived: str | None = None  # like value; of existence a number 0..1; None: no opinion

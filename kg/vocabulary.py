@@ -47,6 +47,8 @@ LOCATED_AT: Final = HERE + "locatedAt"
 NEAR_BY: Final = HERE + "nearBy"
 PROBABILITY: Final = HERE + "probability"
 USED_FOR: Final = HERE + "usedFor"
+CARRIES: Final = HERE + "carries"  # here:on, here:inside
+BACK_HEIGHT: Final = HERE + "backHeight"
 
 PROVISIONAL_MARK: Final = HERE + "provisional"
 
@@ -86,6 +88,16 @@ EXTENT_X: Final = HERE + "extentX"
 EXTENT_Y: Final = HERE + "extentY"
 EXTENT_Z: Final = HERE + "extentZ"
 DEVIATION: Final = HERE + "positionDeviation"
+
+# individuals: in what relation to others
+SPATIAL_RELATION: Final = HERE + "SpatialRelation"
+SPATIAL: Final = HERE + "spatialRelation"  # of which these are:
+ON: Final = HERE + "on"
+INSIDE: Final = HERE + "inside"
+BESIDE: Final = HERE + "beside"
+HAS_RELATION: Final = HERE + "hasRelation"
+OF_RELATION: Final = HERE + "ofRelation"  # here:on, here:inside or here:beside
+RELATED_TO: Final = HERE + "relatedTo"
 
 # individuals: how sure, how often, when
 CONFIDENCE: Final = HERE + "confidence"  # the thesis' C, between 0 and nu

@@ -29,6 +29,7 @@ from mapping.pose_monitor import PoseMonitor
 from mapping.progress_report import StageTimer
 from mapping.projection import map_points
 from mapping.reference.settings import ReferenceSettings
+from mapping.relations.relation_mapper import RelationMapper
 from mapping.sighting import Sighting
 from perception.frames import Detections, Frame, SceneScores
 
@@ -113,6 +114,7 @@ class Mapper:
                 labels=table,
                 unknown_labels=s.unknown_labels,
             )
+        self._relations = RelationMapper(semantic_map, self._objects.cache)
         self._occupancy = OccupancyMap(semantic_map) if occupancy else None
         evidence = ObjectEvidence(semantic_map, self._places, s) if s.places_from_objects else None
         self._evidence = evidence
@@ -164,7 +166,7 @@ class Mapper:
 
         def change() -> _Change:
             with self.timer.stage("map"):
-                changes = self._objects.add_sightings(sightings, stamp)
+                changes = self._relations.update(self._objects.add_sightings(sightings, stamp))
             return changes, MapUpdate(changes.updated, changes.removed, robot=robot)
 
         return self._apply(change)
@@ -223,7 +225,7 @@ class Mapper:
 
     def _frame_change(self, index: int, frame: Frame, detections: Detections) -> _Change:
         with self.timer.stage("map"):
-            changes = self._objects.add(frame, detections)
+            changes = self._relations.update(self._objects.add(frame, detections))
             if self._evidence is not None:
                 self._evidence.update(self._objects.objects())
         if self.frames_applied <= index:

@@ -25,6 +25,8 @@ from kg.records import (
     PlaceRecord,
     PlaceViews,
     RecordingRecord,
+    Relation,
+    RelationKind,
     RobotRecord,
     SearchRecord,
     SearchState,
@@ -87,6 +89,14 @@ def _state(data: Any, what: str) -> SearchState:
             found: SearchState = state
             return found
     raise _wrong(what, " or ".join(get_args(SearchState)), data)
+
+
+def _relation_kind(data: Any, what: str) -> RelationKind:
+    for kind in get_args(RelationKind):
+        if data == kind:
+            found: RelationKind = kind
+            return found
+    raise _wrong(what, " or ".join(get_args(RelationKind)), data)
 
 
 def _cells(data: Any, what: str) -> np.ndarray:
@@ -174,6 +184,10 @@ _EVIDENCE = _record(
         "model": _TEXT,
     },
 )
+_RELATION = _record(
+    Relation,
+    {"kind": _Codec(str, _relation_kind), "target": _TEXT, "probability": _NUMBER},
+)
 _OBJECT = _record(
     ObjectRecord,
     {
@@ -189,6 +203,7 @@ _OBJECT = _record(
         "evidence": _optional(_EVIDENCE),
         "extent": _optional(_array(3)),
         "deviation": _optional(_NUMBER),
+        "relations": _optional(_list(_RELATION)),
     },
 )
 _VIEWS = _record(PlaceViews, {"share": _NUMBER, "close_share": _NUMBER, "last": _NUMBER})

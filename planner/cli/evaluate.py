@@ -206,6 +206,14 @@ def _print_complete(scored: Sequence[tuple[Run, MapScores]]) -> None:
         for run, scores in scored
     ]
     print_table((*names, *columns), rows)
+    relations = ("relation", "true", "stated", "right", "recall", "precision", "ECE")
+    rows = [
+        (*_cells(run, modes), r.kind, r.true, r.stated, r.right, r.recall, r.precision, r.ece)
+        for run, scores in scored
+        for r in scores.relations
+    ]
+    if rows:
+        print_table((*names, *relations), rows)
 
 
 def _cells(run: Run, modes: bool) -> tuple[str, ...]:

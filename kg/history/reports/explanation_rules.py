@@ -15,6 +15,10 @@ _POSITION: Final = (
     "depths within the box, taken through the camera's pose (section 3.3.1)"
 )
 _EXTENT: Final = "the box of the points that its latest sightings showed, outliers apart"
+_RELATION: Final = (
+    "computed from the boxes of both objects and their uncertainty, as the more probable of what "
+    "is mapped nearby (docs/explanation/relations.md)"
+)
 _RECTANGLE: Final = "the extent given by the layout, or of all points seen in the recording"
 
 _BELIEF: Final = "mean over all views of the scene model's probability of the category (eq. 3.5)"
@@ -38,6 +42,8 @@ RULES: Final[dict[str, str]] = {
     v.EXTENT_Y: _EXTENT,
     v.EXTENT_Z: _EXTENT,
     v.DEVIATION: "grows with the size of the thing, which is seen from one side at a time",
+    **dict.fromkeys((v.ON, v.INSIDE, v.BESIDE, v.HAS_RELATION), _RELATION),
+    v.RELATION_PROBABILITY: _RELATION,
     v.FIRST_SEEN: "the time of the frame that registered it",
     v.LAST_SEEN: "the time of the latest frame it was seen in",
     v.EXPLAINED_BY: "the sighting with the highest score so far",
