@@ -14,6 +14,7 @@ from kg.maps.semantic_map import SemanticMap
 from kg.records import PlaceRecord
 from planner.goals.candidate_queries import name, span
 from planner.goals.targets import Target
+from planner.goals.whereabouts import whereabouts
 
 _LEAST: Final = 0.05  # existence below which an object is no answer
 _SURE: Final = 0.5  # place belief from which on its category is named
@@ -26,7 +27,7 @@ class KnownObject:
     iri: str
     label: str
     category: str
-    where: str  # in words
+    where: str  # in words: on or inside what, in which place
     p_map: NDArray[np.float64]  # (2,) [m]
     existence: float
     last_seen: datetime | None
@@ -47,7 +48,8 @@ def known_objects(semantic_map: SemanticMap, target: Target) -> tuple[KnownObjec
                 iri=str(row["iri"]),
                 label=name(row),
                 category=str(row["category"]),
-                where=_where(semantic_map, places.get(str(row["place"]))),
+                where=whereabouts(semantic_map, str(row["iri"]))
+                + _kind(semantic_map, places.get(str(row["place"]))),
                 p_map=np.array([float(str(row["x"])), float(str(row["y"]))]),
                 existence=existence,
                 last_seen=seen if isinstance(seen, datetime) else None,
@@ -57,13 +59,13 @@ def known_objects(semantic_map: SemanticMap, target: Target) -> tuple[KnownObjec
     return tuple(sorted(found.values(), key=lambda one: (-one.existence, one.iri)))
 
 
-def _where(semantic_map: SemanticMap, place: PlaceRecord | None) -> str:
+def _kind(semantic_map: SemanticMap, place: PlaceRecord | None) -> str:
+    """What a place is believed to be, where its label does not say so."""
     if place is None:
-        return "in no place"
+        return ""
     top = max(place.beliefs, key=lambda iri: (place.beliefs[iri], iri), default="")
     kind = semantic_map.catalogue.label(top) if place.beliefs.get(top, 0.0) >= _SURE else ""
-    named = f" ({kind})" if kind and kind.casefold() not in place.label.casefold() else ""
-    return f"in {place.label}{named}"
+    return f" ({kind})" if kind and kind.casefold() not in place.label.casefold() else ""
 
 
 def answer_lines(known: Sequence[KnownObject], now: float, most: int = 5) -> list[str]:
