@@ -90,6 +90,8 @@ class PlaceRecord:
     scene_beliefs: Mapping[str, float] = field(default_factory=dict)  # the views', if told_by
     told_by: tuple[str, ...] = ()  # IRIs of objects that count in beliefs beside the views
     outline: Outline = ()  # rings of corners (x, y) [m], the outer one first; () for a rectangle
+    from_floor: bool = False  # found in the mapped floor, and changing with it; else it was given
+    adjacent: tuple[str, ...] = ()  # IRIs of places that a door leads to
     viewed: PlaceViews | None = None  # None where nothing is known of views
 
     @property
@@ -112,6 +114,17 @@ class PlaceRecord:
     def from_views(self) -> Mapping[str, float]:
         """What the views alone make it believed to be."""
         return self.scene_beliefs if self.told_by else self.beliefs
+
+
+@dataclass(frozen=True, slots=True)
+class DoorRecord:
+    """A passage between two places."""
+
+    iri: str  # <base>door/A-B, with the numbers of its places, or <base>door/A-B-2 ...
+    x: float  # [m] its middle
+    y: float
+    width: float  # [m]
+    places: tuple[str, str]  # IRIs
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,7 +242,8 @@ class MapUpdate:
     """One frame's worth of change, applied as one transaction or not at all.
 
     `objects` and `places` hold the whole new record of everything that may have changed (the writer
-    works out which triples differ); `removed` holds IRIs of objects that left the map.
+    works out which triples differ); `removed` holds IRIs of objects, places and doors that left the
+    map.
     """
 
     objects: tuple[ObjectRecord, ...] = ()
@@ -241,3 +255,4 @@ class MapUpdate:
     looks: tuple[LookRecord, ...] = ()
     obstacles: tuple[ObstacleRecord, ...] = ()
     floor: tuple[FloorTile, ...] = ()
+    doors: tuple[DoorRecord, ...] = ()

@@ -89,6 +89,10 @@ EXTENT_Y: Final = HERE + "extentY"
 EXTENT_Z: Final = HERE + "extentZ"
 DEVIATION: Final = HERE + "positionDeviation"
 
+FROM_FLOOR: Final = HERE + "fromFloor"  # of a place found in the mapped floor
+DOOR: Final = HERE + "Door"
+WIDTH: Final = HERE + "width"
+
 # individuals: in what relation to others
 SPATIAL_RELATION: Final = HERE + "SpatialRelation"
 SPATIAL: Final = HERE + "spatialRelation"  # of which these are:
@@ -184,6 +188,8 @@ SOSA_OBSERVATION: Final = "http://www.w3.org/ns/sosa/Observation"
 SOSA_FEATURE: Final = "http://www.w3.org/ns/sosa/hasFeatureOfInterest"
 SOSA_RESULT_TIME: Final = "http://www.w3.org/ns/sosa/resultTime"
 BOT_SPACE: Final = "https://w3id.org/bot#Space"
+BOT_INTERFACE_OF: Final = "https://w3id.org/bot#interfaceOf"
+BOT_ADJACENT_ZONE: Final = "https://w3id.org/bot#adjacentZone"
 GEO_HAS_GEOMETRY: Final = "http://www.opengis.net/ont/geosparql#hasGeometry"
 GEO_AS_WKT: Final = "http://www.opengis.net/ont/geosparql#asWKT"
 PROV_AGENT: Final = "http://www.w3.org/ns/prov#Agent"

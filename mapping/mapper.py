@@ -22,6 +22,7 @@ from mapping.objects.object_mapper import ObjectChanges, ObjectMapper
 from mapping.objects.settings import ObjectSettings
 from mapping.occupancy.occupancy_map import OccupancyMap
 from mapping.places.evidence_from_objects import ObjectEvidence
+from mapping.places.found_places import FoundChanges, FoundPlaces, objects_elsewhere
 from mapping.places.layout import Layout
 from mapping.places.place_mapper import PlaceMapper
 from mapping.places.place_registry import PlaceRegistry
@@ -34,6 +35,7 @@ from mapping.sighting import Sighting
 from perception.frames import Detections, Frame, SceneScores
 
 Mode = Literal["bayes", "reference"]
+ROOMS_PAUSE: Final = 10.0  # [s] between two segmentations of the floor, by the frames' stamps
 TRIES: Final = 10  # of a transaction that conflicts with other writers
 
 _Change = tuple[ObjectChanges, MapUpdate]
@@ -51,8 +53,10 @@ class Mapper:
         settings: the reference mapper's settings; the Bayes mapper uses those of places and of
             unknown labels. The thesis' values by default.
         objects: the Bayes mapper's settings.
-        layout: rectangles of the places; without it the stream gets one place that grows with what
-            is seen.
+        layout: areas of the places; without it the stream gets one place that grows with what is
+            seen.
+        find_places: whether the rooms of the mapped floor become places, too; where there are any,
+            the stream's own place is one of them.
         labels: what the networks' labels mean, before what the ontology has of them.
         occupancy: whether depth also goes into the occupancy map of the floor.
         recording: name of the stream in the map. A stream of that name is continued.
@@ -76,6 +80,7 @@ class Mapper:
         settings: ReferenceSettings | None = None,
         objects: ObjectSettings | None = None,
         layout: Layout | None = None,
+        find_places: bool = False,
         labels: LabelTable | None = None,
         occupancy: bool = True,
         recording: str = "live",
@@ -95,7 +100,9 @@ class Mapper:
         self._lease = MapperLease(semantic_map, recording)
         self._progress = self._lease.record
         self._next = 0 if again else self.frames_applied
-        self._places = PlaceRegistry(semantic_map, layout, recording=recording)
+        self._places = PlaceRegistry(
+            semantic_map, layout, recording=recording, find=find_places and occupancy
+        )
         self._place_mapper = PlaceMapper(
             semantic_map, self._places, s, model=scene_model, labels=table
         )
@@ -118,6 +125,11 @@ class Mapper:
         self._occupancy = OccupancyMap(semantic_map) if occupancy else None
         evidence = ObjectEvidence(semantic_map, self._places, s) if s.places_from_objects else None
         self._evidence = evidence
+        self._rooms: FoundPlaces | None = None
+        if find_places and occupancy:
+            self._rooms = FoundPlaces(semantic_map, self._places, recording=recording)
+        self._rooms_at = -math.inf  # [s] stamp of the frame they were last found with
+        self._found = FoundChanges()  # not written yet
         self._monitor = PoseMonitor(recording) if check_poses else None
         self._observed: Frame | None = None  # the frame that the places have taken in
         self._viewed: tuple[Frame, str | None] | None = None
@@ -184,9 +196,11 @@ class Mapper:
         return self._viewed[1]
 
     def flush(self) -> None:
-        """Write what is left of the occupancy map; tiles are written seldom while mapping."""
+        """Write what is left of the occupancy map, and the rooms of all of it."""
         if self._occupancy is not None:
             self._apply(self._rest_of_occupancy)
+        if self._rooms is not None:
+            self._apply(self._rest_of_rooms)
 
     def objects(self) -> tuple[ObjectRecord, ...]:
         """All objects of the map, with assertions applied."""
@@ -224,6 +238,10 @@ class Mapper:
             self._observed = frame
 
     def _frame_change(self, index: int, frame: Frame, detections: Detections) -> _Change:
+        if self._rooms is not None and frame.stamp >= self._rooms_at + ROOMS_PAUSE:
+            with self.timer.stage("floor"):
+                self._found = self._found.followed_by(self._rooms.update())
+            self._rooms_at = frame.stamp
         with self.timer.stage("map"):
             changes = self._relations.update(self._objects.add(frame, detections))
             if self._evidence is not None:
@@ -240,8 +258,9 @@ class Mapper:
         self._view_places(floor)
         return changes, MapUpdate(
             objects=changes.updated,
-            removed=changes.removed,
+            removed=(*changes.removed, *self._found.removed),
             places=self._places.take_changed(),
+            doors=self._found.doors,
             robot=robot_at(frame),
             recording=self._progress,
             floor=floor,
@@ -264,6 +283,16 @@ class Mapper:
         self._view_places(rest)
         places = self._places.take_changed()
         return ObjectChanges(), MapUpdate(places=places, recording=self._progress, floor=rest)
+
+    def _rest_of_rooms(self) -> _Change | None:
+        if self._rooms is None:
+            return None
+        with self.timer.stage("floor"):
+            self._found = self._found.followed_by(self._rooms.update())
+            moved = objects_elsewhere(self._map, self._places)
+        places = self._places.take_changed()
+        removed, doors = self._found.removed, self._found.doors
+        return ObjectChanges(), MapUpdate(moved, removed, places, None, self._progress, doors=doors)
 
     def _apply(self, change: Callable[[], _Change | None]) -> MapUpdate:
         """Optimistic transaction: computed and written again where it conflicts with others."""
@@ -289,6 +318,7 @@ class Mapper:
             except ConflictError:
                 self._undo(changes, update)
                 raise
+            self._found = FoundChanges()
             self._lease.renew(update.recording)
             return update
 

@@ -16,6 +16,7 @@ from kg.errors import InvalidFactError
 from kg.facts.assertions import is_unicode
 from kg.facts.occupancy import decoded, decoded_times, encoded, encoded_times
 from kg.records import (
+    DoorRecord,
     Evidence,
     FloorTile,
     LookRecord,
@@ -129,6 +130,18 @@ def _list(codec: _Codec[T]) -> _Codec[tuple[T, ...]]:
     return _Codec(lambda value: [codec.encode(item) for item in value], decode)
 
 
+def _yes_no(data: Any, what: str) -> bool:
+    if not isinstance(data, bool):
+        raise _wrong(what, "true or false", data)
+    return data
+
+
+def _pair(data: Any, what: str) -> tuple[str, ...]:
+    if not isinstance(data, list) or len(data) != 2:
+        raise _wrong(what, "a list of two texts", data)
+    return tuple(_text(item, what) for item in data)
+
+
 def _numbers(count: int) -> _Codec[Any]:
     def decode(data: Any, what: str) -> tuple[float, ...]:
         if not isinstance(data, list) or len(data) != count:
@@ -171,6 +184,7 @@ _NUMBER = _Codec(float, _number)
 _WHOLE = _Codec(int, _whole)
 _TEXT = _Codec(str, _text)
 _TEXTS = _list(_TEXT)
+_YES_NO = _Codec(bool, _yes_no)
 _SHARES = _Codec(lambda held: {name: float(share) for name, share in held.items()}, _shares)
 
 _EVIDENCE = _record(
@@ -222,6 +236,18 @@ _PLACE = _record(
         "told_by": _TEXTS,
         "outline": _list(_list(_numbers(2))),
         "viewed": _optional(_VIEWS),
+        "from_floor": _YES_NO,
+        "adjacent": _TEXTS,
+    },
+)
+_DOOR = _record(
+    DoorRecord,
+    {
+        "iri": _TEXT,
+        "x": _NUMBER,
+        "y": _NUMBER,
+        "width": _NUMBER,
+        "places": _Codec(list, _pair),
     },
 )
 _ROBOT = _record(RobotRecord, {"p_map": _array(3), "heading": _NUMBER, "stamp": _NUMBER})
@@ -294,6 +320,7 @@ _UPDATE: Final = _record(
         "objects": _list(_OBJECT),
         "removed": _TEXTS,
         "places": _list(_PLACE),
+        "doors": _list(_DOOR),
         "robot": _optional(_ROBOT),
         "recording": _optional(_RECORDING),
         "search": _optional(_SEARCH),

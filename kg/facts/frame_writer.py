@@ -24,6 +24,8 @@ from kg.facts.assertions import (
     believed_object,
     believed_place,
 )
+from kg.facts.doors import OWN as OWN_OF_DOORS
+from kg.facts.doors import facts_of_door
 from kg.facts.objects_and_places import RecordCodec
 from kg.facts.occupancy import OWN as OWN_OF_TILES
 from kg.facts.occupancy import facts_of_tile, iri_of
@@ -46,24 +48,13 @@ _HAS_RELATION = NamedNode(v.HAS_RELATION)
 _NEXT = NamedNode(v.NEXT_OBJECT)
 _STRUCTURAL = {
     *(v.PLACE, v.BOT_SPACE, v.ROBOT, v.PLACE_BELIEF, v.SOSA_OBSERVATION, v.RECORDING),
-    *(v.FLOOR_TILE, v.SPATIAL_RELATION),
+    *(v.FLOOR_TILE, v.DOOR, v.SPATIAL_RELATION),
 }
 _OWN = {
     *(v.RDF_TYPE, v.RDFS_LABEL, v.X, v.Y, v.Z, v.HEADING, v.IN_CELL, v.IN_PLACE),
-    *(
-        v.X_MIN,
-        v.X_MAX,
-        v.Y_MIN,
-        v.Y_MAX,
-        v.OUTLINE,
-        v.VIEW_COUNT,
-        v.VIEWED_SHARE,
-        v.CLOSELY_VIEWED_SHARE,
-        v.LAST_VIEWED,
-        v.HAS_BELIEF,
-        v.OF_CATEGORY,
-        v.BELIEF,
-    ),
+    *(v.X_MIN, v.X_MAX, v.Y_MIN, v.Y_MAX, v.VIEW_COUNT, v.HAS_BELIEF, v.OF_CATEGORY, v.BELIEF),
+    *(v.OUTLINE, v.FROM_FLOOR, v.BOT_ADJACENT_ZONE, v.WIDTH, v.BOT_INTERFACE_OF),
+    *(v.VIEWED_SHARE, v.CLOSELY_VIEWED_SHARE, v.LAST_VIEWED),
     *(v.SCENE_BELIEF, v.TOLD_BY),
     *(v.CONFIDENCE, v.EXISTENCE, v.OBSERVATION_COUNT, v.FIRST_SEEN, v.LAST_SEEN, v.EXPLAINED_BY),
     *(v.EXTENT_X, v.EXTENT_Y, v.EXTENT_Z, v.DEVIATION),
@@ -125,6 +116,10 @@ class FrameWriter:
             self._object(record, wanted, stored, asserted)
         for place in update.places:
             self._place(place, wanted, stored)
+        for door in update.doors:
+            _put(wanted, facts_of_door(door))
+            held = self._recent.of(_node(door.iri))
+            _put(stored, (quad for quad in held if quad.predicate.value in OWN_OF_DOORS))
         if update.robot is not None:
             _put(wanted, self._facts.of_robot(update.robot))
             stored |= self._recent.of(NamedNode(self._facts.base + "robot"))
@@ -188,6 +183,7 @@ class FrameWriter:
         yield from map(_node, objects)
         yield from (_node(self._facts.observation_iri(iri)) for iri in objects)
         yield from (_node(place.iri) for place in update.places)
+        yield from (_node(door.iri) for door in update.doors)
         yield from map(_node, subjects_of(update))
         yield from (NamedNode(iri_of(self._facts.base, tile)) for tile in update.floor)
         yield NamedNode(self._facts.base)
@@ -288,6 +284,9 @@ class FrameWriter:
         for subject in (iri, self._facts.observation_iri(iri), *relation_nodes(engine, iri)):
             yield from engine.quads_for_pattern(_node(subject), None, None, _MAP)
             yield from engine.quads_for_pattern(None, None, _node(subject), _MAP)
+            for quad in engine.quads_for_pattern(_node(subject), _HAS_BELIEF, None, _MAP):
+                if isinstance(quad.object, NamedNode):
+                    yield from engine.quads_for_pattern(quad.object, None, None, _MAP)
         yield from self._assertions.stored(engine, iri)
         yield from self._assertions.naming(engine, iri)
 
@@ -331,6 +330,7 @@ def _node(iri: str) -> NamedNode:
 def _reject_duplicates(update: MapUpdate) -> None:
     written = Counter(record.iri for record in update.objects)
     written.update(place.iri for place in update.places)
+    written.update(door.iri for door in update.doors)
     written.update(subjects_of(update))
     written.update(f"floor/{t.storey}/{t.column}_{t.row}" for t in update.floor)
     for iri, times in written.items():

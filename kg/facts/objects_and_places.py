@@ -139,8 +139,11 @@ class RecordCodec:
             (v.Y, number_literal(y, f"{what}: y")),
             (v.VIEW_COUNT, Literal(record.views)),
             *self._outline(record, what),
+            *((v.BOT_ADJACENT_ZONE, iri_node(iri, f"{what}: adjacent")) for iri in record.adjacent),
             *facts_of_views(record.viewed, what),
         ]
+        if record.from_floor:
+            facts.append((v.FROM_FLOOR, Literal(True)))
         held = self.of_beliefs(record)
         facts += [(v.TOLD_BY, iri_node(iri, f"{what}: told by")) for iri in record.told_by]
         if (record.views or record.told_by) and held:
@@ -411,6 +414,8 @@ class RecordCodec:
             scene_beliefs=scene if told_by else {},
             told_by=told_by,
             viewed=views_of(properties),
+            from_floor=first(properties, v.FROM_FLOOR, "") in ("true", "1"),
+            adjacent=tuple(sorted(properties.get(v.BOT_ADJACENT_ZONE, ()), key=iri_order)),
         )
         try:
             return record.with_area(area_of_polygon(first(properties, v.OUTLINE, "")))

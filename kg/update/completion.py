@@ -118,6 +118,8 @@ def _complete_place(pending: ChangeDraft, subject: NamedNode) -> None:
             _as_double(pending, quad)
     _complete_outline(pending, subject)
     edges = [_coordinate(pending, subject, edge) for edge in _EDGES]
+    if _touched(pending, subject, (v.OUTLINE, *_EDGES)):  # what people draw, the floor leaves
+        pending.change(list(pending.after(subject, NamedNode(v.FROM_FLOOR), None, _MAP)), ())
     outlined = _only(pending, subject, v.OUTLINE) is not None
     if _touched(pending, subject, _EDGES) and not outlined:
         for axis, least, most in ((v.X, edges[0], edges[1]), (v.Y, edges[2], edges[3])):

@@ -34,6 +34,7 @@ COMMANDS = (
     "restore",
     "plot",
     "floor",
+    "places",
     "serve",
     "publish",
     "export",

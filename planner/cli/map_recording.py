@@ -127,6 +127,7 @@ def map_with_progress(
             inputs.scene,
             mode=inputs.mode,
             layout=inputs.layout,
+            find_places=inputs.find_places,
             settings=inputs.settings,
             on_frame=on_frame,
             on_detections=on_detections,

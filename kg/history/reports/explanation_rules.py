@@ -24,6 +24,8 @@ _RECTANGLE: Final = "the extent given by the layout, or of all points seen in th
 _BELIEF: Final = "mean over all views of the scene model's probability of the category (eq. 3.5)"
 _CAMERA: Final = "the camera's pose in the latest frame"
 
+_FLOOR: Final = "the mapped floor, split into rooms at its doors (docs/explanation/mapping.md)"
+
 RULES: Final[dict[str, str]] = {
     v.RDF_TYPE: "the detector's label, found among the labels of the ontology",
     v.RDFS_LABEL: "the category's label and the object's number, when it was new",
@@ -60,6 +62,10 @@ RULES: Final[dict[str, str]] = {
     v.Y_MIN: _RECTANGLE,
     v.Y_MAX: _RECTANGLE,
     v.OUTLINE: _RECTANGLE,
+    v.FROM_FLOOR: _FLOOR,
+    v.BOT_ADJACENT_ZONE: _FLOOR,
+    v.BOT_INTERFACE_OF: _FLOOR,
+    v.WIDTH: _FLOOR,
     v.HEADING: "the direction of the camera's axis, seen from above",
 }
 
