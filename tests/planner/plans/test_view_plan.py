@@ -12,14 +12,19 @@ from kg.errors import UnknownCategoryError
 from kg.maps.semantic_map import SemanticMap
 from kg.opening import in_memory_map
 from kg.records import MapUpdate
-from planner.goals.persistence import holds, learned_half_life, listed_half_life, mobility_table
+from mapping.persistence import (
+    HALF_LIVES,
+    holds,
+    learned_half_life,
+    listed_half_life,
+    mobility_table,
+)
 from planner.goals.targets import resolve
 from planner.plans.baselines import rated, turns_at_stops
 from planner.plans.report import plan_json
 from planner.plans.rollout import PlanEvaluator
 from planner.plans.search_state import PlanningState, build_search
 from planner.plans.view_plan import plan
-from planner.settings import HALF_LIVES
 from planner.viewpoints.sensor import Sensor
 from tests.planner.flat import fill, thing
 
