@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from kg.maps.semantic_map import SemanticMap
 from kg.placement.table import PlacementTable
 from kg.query.query_files import Value
+from mapping.persistence import holds, learned_half_life, listed_half_life
 from planner.freespace.places import Place, Row, number
 from planner.freespace.planning_map import PlanningMap, UnexploredArea
-from planner.goals.persistence import holds, learned_half_life, listed_half_life
 from planner.goals.search_goals import seen, times
 from planner.goals.targets import Target
 from planner.goals.whereabouts import whereabouts
