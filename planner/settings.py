@@ -27,6 +27,8 @@ class BeliefSettings:
 BELIEF: Final = BeliefSettings()
 #: chance to be found from which on a plan needs no more looks, of all that looking can find
 ENOUGH: Final = 0.97
+#: a look that finds less than this share of what its plan finds is left out
+IDLE: Final = 0.005
 #: looks of a plan, at most
 MOST_LOOKS: Final = 80
 #: rooms that are planned for, at most; the others count as left over
