@@ -68,13 +68,13 @@ class MapEvaluation:
         )
 
 
-def evaluate_map(semantic_map: SemanticMap, matcher: TruthMatcher) -> MapEvaluation:
-    """Match the objects of a map, now and after each of its transactions."""
+def evaluate_map(semantic_map: SemanticMap, matcher: TruthMatcher, since: int = 0) -> MapEvaluation:
+    """Match the objects of a map, now and after each transaction behind number `since`."""
     label = semantic_map.catalogue.label
     records = semantic_map.objects()
     objects = mapped_objects(records, label)
     try:
-        states = (mapped_objects(state, label) for state in object_states(semantic_map))
+        states = (mapped_objects(state, label) for state in object_states(semantic_map, since))
         switches = identity_switches(states, matcher)
     except HistoryError:
         switches = None

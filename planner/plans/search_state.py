@@ -120,6 +120,11 @@ class PlanningState:
         """Probability that anything still wanted is on this floor, after all looks in vain."""
         return self.target_belief.left(self.unseen, self.wanted) if self.wanted else 0.0
 
+    @property
+    def expected_finds(self) -> float:
+        """How many of the targets still wanted are expected on this floor."""
+        return sum(self.target_belief.left(self.unseen, [number]) for number in self.wanted)
+
     def robot_state(self, p_map: ArrayLike, heading: float = 0.0) -> RobotState:
         """Robot state at `p_map` (2,) [m]: the floor cell nearest to it."""
         return RobotState(self.space.nearest(p_map), heading)
