@@ -237,9 +237,8 @@ class _Rooms:
             kind = str(row["kind"])
             if kind not in self._rows or _product(row) > _product(self._rows[kind]):
                 self._rows[kind] = row
-        kinds = table.places
-        #: p(any kind of place holds it)
-        self.mean = float(np.mean([self._in(kind) for kind in kinds])) if kinds else 0.0
+        #: p(any kind of place holds it), by how frequent rooms of each kind are in homes
+        self.mean = sum(self._in(kind) * p for kind, p in table.room_frequencies.items())
 
     def _in(self, kind: str) -> float:
         if kind not in self._of_kind:
