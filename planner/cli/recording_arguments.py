@@ -168,8 +168,9 @@ def _add_mapping_options(places: argparse._ArgumentGroup) -> None:
     )
     places.add_argument(
         "--places-from-objects",
-        action="store_true",
-        help="objects count in what a place is believed to be, beside the scene classifier",
+        action=argparse.BooleanOptionalAction,
+        help="objects, and how frequent kinds of rooms are, count in what a place is believed to be, "
+        "beside the scene classifier (default: yes, not in reference mode)",
     )
     places.add_argument(
         "--floor",
@@ -211,6 +212,11 @@ def open_inputs(arguments: argparse.Namespace) -> Inputs:
         check=not arguments.no_check,
         corrected=arguments.poses is not None,
     )
+
+
+def _weighs_objects(arguments: argparse.Namespace) -> bool:
+    given = arguments.places_from_objects
+    return arguments.mode != "reference" if given is None else bool(given)
 
 
 def _finds_places(arguments: argparse.Namespace) -> bool:
@@ -273,5 +279,5 @@ def _settings(arguments: argparse.Namespace) -> ReferenceSettings:
         belief_filter=arguments.filter,
         indoor_prior=arguments.prior,
         unknown_labels=arguments.unknown_labels,
-        places_from_objects=arguments.places_from_objects,
+        places_from_objects=_weighs_objects(arguments),
     )
