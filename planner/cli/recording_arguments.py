@@ -169,8 +169,8 @@ def _add_mapping_options(places: argparse._ArgumentGroup) -> None:
     places.add_argument(
         "--places-from-objects",
         action=argparse.BooleanOptionalAction,
-        help="objects, and how frequent kinds of rooms are, count in what a place is believed to be, "
-        "beside the scene classifier (default: yes, not in reference mode)",
+        help="objects, and how frequent kinds of rooms are, count in what a place is believed to "
+        "be, beside the scene classifier (default: yes, not in reference mode)",
     )
     places.add_argument(
         "--floor",
