@@ -95,10 +95,10 @@ class FloorField:
         return found
 
 
-def floor_of_frames(
+def floor_tiles(
     frames: Iterable[Frame], settings: OccupancySettings | None = None
-) -> FloorPoints:
-    """Floor at height 0 that `frames` show."""
+) -> dict[Key, States]:
+    """Tiles of the floor at height 0 that `frames` show."""
     s = settings or OccupancySettings()
     tiles = dict[Key, OccupancyTile]()
     for frame in frames:
@@ -106,7 +106,12 @@ def floor_of_frames(
         observed = floor_evidence(points, frame.T_map_cam[:3, 3], 0.0, s)
         for key, free, hit, tall in tile_evidence(observed, s):
             tiles.setdefault(key, OccupancyTile(s)).add(free, hit, tall, s)
-    return _points({key: tile.states(s) for key, tile in tiles.items()}, s.cell)
+    return {key: tile.states(s) for key, tile in tiles.items()}
+
+
+def floor_of_frames(frames: Iterable[Frame]) -> FloorPoints:
+    """Floor at height 0 that `frames` show."""
+    return _points(floor_tiles(frames), OccupancySettings().cell)
 
 
 def floor_of_map(tiles: Iterable[FloorTile], storey: int = 0) -> FloorPoints:

@@ -16,8 +16,8 @@ import numpy as np
 
 from kg.errors import LayoutError
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import in_memory_map
 from mapping.alignment.floor_match import Match, floor_field, floor_of_frames, floor_of_map
+from mapping.alignment.map_apart import map_apart
 from mapping.alignment.object_match import landmarks
 from mapping.alignment.search import Alignment, AlignmentSearch
 from mapping.label_table import LabelTable
@@ -76,12 +76,12 @@ def check_fit(recording: Recording, semantic_map: SemanticMap, *, same_frame: bo
 
 
 def aligned(
-    recording: Recording,
+    recording: FolderRecording,
     semantic_map: SemanticMap,
     detector: Detector,
     *,
     labels: LabelTable | None = None,
-) -> tuple[Recording, str]:
+) -> tuple[FolderRecording, str]:
     """A recording new to the map by the transform that lays it on the map, and what was found.
 
     Its floor and objects, of a sample of frames mapped apart, are laid on the map's
@@ -89,10 +89,10 @@ def aligned(
     first. Raises LayoutError where no transform fits, or several do.
     """
     known = [record.name for record in semantic_map.recordings() if record.frames_applied]
-    if not isinstance(recording, FolderRecording) or not known or recording.name in known:
+    if not known or recording.name in known:
         return recording, ""
     frames = list(_spread(recording, SEARCHED))
-    with in_memory_map() as apart:
+    with map_apart(semantic_map) as apart:
         with Mapper(apart, labels=labels, occupancy=False, check_poses=False) as mapper:
             for frame in frames:
                 mapper.add(frame, detector.detect(frame))
