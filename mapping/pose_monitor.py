@@ -32,7 +32,7 @@ AWAY: Final = 8  # key frames between two views of one place
 NEAR: Final = 1.0  # [m] between the cameras of two such views ...
 NEAR_TURN: Final = np.radians(30.0)
 DRIFT: Final = 0.15  # [m] that surfaces may be off
-TIMES: Final = 3  # views that are off, before it is said
+TIMES: Final = 2  # views that are off, before it is said
 
 _log = logging.getLogger(__name__)
 

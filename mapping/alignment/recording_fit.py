@@ -26,7 +26,7 @@ from mapping.occupancy.occupancy_settings import OccupancySettings
 from perception.frames import Detector, Frame, Recording
 from perception.recordings.recording import FolderRecording
 
-FITS: Final = 0.8  # `Match.quality` of a floor that is taken for the map's
+FITS: Final = 0.9  # `Match.quality` of a floor that is taken for the map's
 ALIGNED: Final = 0.6  # ... of one whose place was searched, and ...
 RIVAL: Final = 0.8  # ... share of its score that any other place may have
 CONTRADICTS: Final = 0.0  # `Match.quality` of a floor that is not where it is said to be
@@ -63,7 +63,7 @@ def check_fit(recording: Recording, semantic_map: SemanticMap, *, same_frame: bo
                 found,
             )
         problem = f"its floor does not fit the map's as it is (only {found})"
-        if match.share > FITS:
+        if match.share > 0.8:
             problem = "its floor fits the map's too loosely to tell"
     else:
         problem = "its floor and the map's hardly overlap as it is"
