@@ -27,6 +27,18 @@ class Evidence:
     model: str  # name of the detector
 
 
+RelationKind = Literal["on", "inside", "beside"]
+
+
+@dataclass(frozen=True, slots=True)
+class Relation:
+    """A spatial relation of an object to another one."""
+
+    kind: RelationKind
+    target: str  # IRI of the other object
+    probability: float  # 0..1; from 0.5 on it counts as so
+
+
 @dataclass(frozen=True, slots=True)
 class ObjectRecord:
     """An object occurrence as the map believes it now."""
@@ -43,11 +55,21 @@ class ObjectRecord:
     evidence: Evidence | None = None
     extent: NDArray[np.float64] | None = None  # (3,) [m] of its box along the map's axes
     deviation: float | None = None  # [m] standard deviation of each coordinate of `p_map`
+    relations: tuple[Relation, ...] | None = None  # None, when written: the map's stay
 
     @property
     def covariance(self) -> NDArray[np.float64] | None:
         """(3, 3) [m^2] of `p_map`; None where it is not known."""
         return None if self.deviation is None else np.eye(3) * self.deviation**2
+
+
+@dataclass(frozen=True, slots=True)
+class PlaceViews:
+    """How much of a place, floor and tops of furniture, has been viewed."""
+
+    share: float  # of its area, 0..1
+    close_share: float  # of its area, from close by (2 m)
+    last: float  # [s] since 1970, to the minute
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +90,9 @@ class PlaceRecord:
     scene_beliefs: Mapping[str, float] = field(default_factory=dict)  # the views', if told_by
     told_by: tuple[str, ...] = ()  # IRIs of objects that count in beliefs beside the views
     outline: Outline = ()  # rings of corners (x, y) [m], the outer one first; () for a rectangle
+    from_floor: bool = False  # found in the mapped floor, and changing with it; else it was given
+    adjacent: tuple[str, ...] = ()  # IRIs of places that a door leads to
+    viewed: PlaceViews | None = None  # None where nothing is known of views
 
     @property
     def area(self) -> Area:
@@ -89,6 +114,17 @@ class PlaceRecord:
     def from_views(self) -> Mapping[str, float]:
         """What the views alone make it believed to be."""
         return self.scene_beliefs if self.told_by else self.beliefs
+
+
+@dataclass(frozen=True, slots=True)
+class DoorRecord:
+    """A passage between two places."""
+
+    iri: str  # <base>door/A-B, with the numbers of its places, or <base>door/A-B-2 ...
+    x: float  # [m] its middle
+    y: float
+    width: float  # [m]
+    places: tuple[str, str]  # IRIs
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,8 +152,8 @@ class Assertion:
     """Assertion by a person of one property of an object or place, and the perceived value."""
 
     subject: str  # IRI of the object or place
-    property: str  # "category", "position", "existence" or "label"
-    value: str  # IRI of a category; "x y z" [m]; "present" or "absent"; a label
+    property: str  # "category", "position", "existence", "label", "on" or "inside"
+    value: str  # IRI of a category or object; "x y z" [m]; "present"; "absent"; "nothing"; a label
     by: str
     stamp: float  # [s] when it was asserted
     perceived: str | None = None  # like value; of existence a number 0..1; None: no opinion
@@ -190,6 +226,9 @@ class FloorTile:
     resolution: float  # [m] side of a cell
     cells: NDArray[np.uint8]  # (n, n) cells (x, y): UNKNOWN, FREE, LOW or TALL
     changed: float  # [s] stamp of the frame that it was last changed by
+    #: (2, m, m) [min since 1970] when each of m x m larger cells was last viewed, from close by and
+    #: at all; 0 where never. None where nothing is known of views.
+    viewed: NDArray[np.uint32] | None = None
 
     @property
     def corner(self) -> tuple[float, float]:
@@ -203,7 +242,8 @@ class MapUpdate:
     """One frame's worth of change, applied as one transaction or not at all.
 
     `objects` and `places` hold the whole new record of everything that may have changed (the writer
-    works out which triples differ); `removed` holds IRIs of objects that left the map.
+    works out which triples differ); `removed` holds IRIs of objects, places and doors that left the
+    map.
     """
 
     objects: tuple[ObjectRecord, ...] = ()
@@ -215,3 +255,4 @@ class MapUpdate:
     looks: tuple[LookRecord, ...] = ()
     obstacles: tuple[ObstacleRecord, ...] = ()
     floor: tuple[FloorTile, ...] = ()
+    doors: tuple[DoorRecord, ...] = ()

@@ -47,6 +47,8 @@ LOCATED_AT: Final = HERE + "locatedAt"
 NEAR_BY: Final = HERE + "nearBy"
 PROBABILITY: Final = HERE + "probability"
 USED_FOR: Final = HERE + "usedFor"
+CARRIES: Final = HERE + "carries"  # here:on, here:inside
+BACK_HEIGHT: Final = HERE + "backHeight"
 
 PROVISIONAL_MARK: Final = HERE + "provisional"
 
@@ -87,6 +89,20 @@ EXTENT_Y: Final = HERE + "extentY"
 EXTENT_Z: Final = HERE + "extentZ"
 DEVIATION: Final = HERE + "positionDeviation"
 
+FROM_FLOOR: Final = HERE + "fromFloor"  # of a place found in the mapped floor
+DOOR: Final = HERE + "Door"
+WIDTH: Final = HERE + "width"
+
+# individuals: in what relation to others
+SPATIAL_RELATION: Final = HERE + "SpatialRelation"
+SPATIAL: Final = HERE + "spatialRelation"  # of which these are:
+ON: Final = HERE + "on"
+INSIDE: Final = HERE + "inside"
+BESIDE: Final = HERE + "beside"
+HAS_RELATION: Final = HERE + "hasRelation"
+OF_RELATION: Final = HERE + "ofRelation"  # here:on, here:inside or here:beside
+RELATED_TO: Final = HERE + "relatedTo"
+
 # individuals: how sure, how often, when
 CONFIDENCE: Final = HERE + "confidence"  # the thesis' C, between 0 and nu
 EXISTENCE: Final = HERE + "existence"
@@ -101,6 +117,9 @@ BELIEF: Final = HERE + "belief"
 SCENE_BELIEF: Final = HERE + "sceneBelief"  # of the views alone, where objects count too
 TOLD_BY: Final = HERE + "toldBy"
 VIEW_COUNT: Final = HERE + "viewCount"
+VIEWED_SHARE: Final = HERE + "viewedShare"
+CLOSELY_VIEWED_SHARE: Final = HERE + "closelyViewedShare"
+LAST_VIEWED: Final = HERE + "lastViewed"
 
 # why
 EXPLAINED_BY: Final = HERE + "explainedBy"
@@ -140,6 +159,7 @@ FLOOR_TILE: Final = HERE + "FloorTile"
 STOREY: Final = HERE + "storey"
 CELL_SIZE: Final = HERE + "cellSize"
 FLOOR_CELLS: Final = HERE + "floorCells"
+VIEW_TIMES: Final = HERE + "viewTimes"
 
 # the map itself and what was fed to it (graph:dataset)
 NEXT_OBJECT: Final = HERE + "nextObject"
@@ -168,6 +188,8 @@ SOSA_OBSERVATION: Final = "http://www.w3.org/ns/sosa/Observation"
 SOSA_FEATURE: Final = "http://www.w3.org/ns/sosa/hasFeatureOfInterest"
 SOSA_RESULT_TIME: Final = "http://www.w3.org/ns/sosa/resultTime"
 BOT_SPACE: Final = "https://w3id.org/bot#Space"
+BOT_INTERFACE_OF: Final = "https://w3id.org/bot#interfaceOf"
+BOT_ADJACENT_ZONE: Final = "https://w3id.org/bot#adjacentZone"
 GEO_HAS_GEOMETRY: Final = "http://www.opengis.net/ont/geosparql#hasGeometry"
 GEO_AS_WKT: Final = "http://www.opengis.net/ont/geosparql#asWKT"
 PROV_AGENT: Final = "http://www.w3.org/ns/prov#Agent"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from types import TracebackType
 from typing import Final, Literal, Self
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from kg.errors import ConflictError
 from kg.maps.semantic_map import SemanticMap
-from kg.records import MapUpdate, ObjectRecord, PlaceRecord, RecordingRecord, RobotRecord
+from kg.records import FloorTile, MapUpdate, ObjectRecord, PlaceRecord, RecordingRecord, RobotRecord
 from mapping.label_resolver import LabelResolver
 from mapping.label_table import LabelTable
 from mapping.mapper_lease import MapperLease
@@ -21,6 +22,7 @@ from mapping.objects.object_mapper import ObjectChanges, ObjectMapper
 from mapping.objects.settings import ObjectSettings
 from mapping.occupancy.occupancy_map import OccupancyMap
 from mapping.places.evidence_from_objects import ObjectEvidence
+from mapping.places.found_places import FoundChanges, FoundPlaces, objects_elsewhere
 from mapping.places.layout import Layout
 from mapping.places.place_mapper import PlaceMapper
 from mapping.places.place_registry import PlaceRegistry
@@ -28,10 +30,12 @@ from mapping.pose_monitor import PoseMonitor
 from mapping.progress_report import StageTimer
 from mapping.projection import map_points
 from mapping.reference.settings import ReferenceSettings
+from mapping.relations.relation_mapper import RelationMapper
 from mapping.sighting import Sighting
 from perception.frames import Detections, Frame, SceneScores
 
 Mode = Literal["bayes", "reference"]
+ROOMS_PAUSE: Final = 10.0  # [s] between two segmentations of the floor, by the frames' stamps
 TRIES: Final = 10  # of a transaction that conflicts with other writers
 
 _Change = tuple[ObjectChanges, MapUpdate]
@@ -49,8 +53,10 @@ class Mapper:
         settings: the reference mapper's settings; the Bayes mapper uses those of places and of
             unknown labels. The thesis' values by default.
         objects: the Bayes mapper's settings.
-        layout: rectangles of the places; without it the stream gets one place that grows with what
-            is seen.
+        layout: areas of the places; without it the stream gets one place that grows with what is
+            seen.
+        find_places: whether the rooms of the mapped floor become places, too; where there are any,
+            the stream's own place is one of them.
         labels: what the networks' labels mean, before what the ontology has of them.
         occupancy: whether depth also goes into the occupancy map of the floor.
         recording: name of the stream in the map. A stream of that name is continued.
@@ -74,6 +80,7 @@ class Mapper:
         settings: ReferenceSettings | None = None,
         objects: ObjectSettings | None = None,
         layout: Layout | None = None,
+        find_places: bool = False,
         labels: LabelTable | None = None,
         occupancy: bool = True,
         recording: str = "live",
@@ -93,7 +100,9 @@ class Mapper:
         self._lease = MapperLease(semantic_map, recording)
         self._progress = self._lease.record
         self._next = 0 if again else self.frames_applied
-        self._places = PlaceRegistry(semantic_map, layout, recording=recording)
+        self._places = PlaceRegistry(
+            semantic_map, layout, recording=recording, find=find_places and occupancy
+        )
         self._place_mapper = PlaceMapper(
             semantic_map, self._places, s, model=scene_model, labels=table
         )
@@ -112,9 +121,15 @@ class Mapper:
                 labels=table,
                 unknown_labels=s.unknown_labels,
             )
+        self._relations = RelationMapper(semantic_map, self._objects.cache)
         self._occupancy = OccupancyMap(semantic_map) if occupancy else None
         evidence = ObjectEvidence(semantic_map, self._places, s) if s.places_from_objects else None
         self._evidence = evidence
+        self._rooms: FoundPlaces | None = None
+        if find_places and occupancy:
+            self._rooms = FoundPlaces(semantic_map, self._places, recording=recording)
+        self._rooms_at = -math.inf  # [s] stamp of the frame they were last found with
+        self._found = FoundChanges()  # not written yet
         self._monitor = PoseMonitor(recording) if check_poses else None
         self._observed: Frame | None = None  # the frame that the places have taken in
         self._viewed: tuple[Frame, str | None] | None = None
@@ -163,7 +178,7 @@ class Mapper:
 
         def change() -> _Change:
             with self.timer.stage("map"):
-                changes = self._objects.add_sightings(sightings, stamp)
+                changes = self._relations.update(self._objects.add_sightings(sightings, stamp))
             return changes, MapUpdate(changes.updated, changes.removed, robot=robot)
 
         return self._apply(change)
@@ -181,9 +196,11 @@ class Mapper:
         return self._viewed[1]
 
     def flush(self) -> None:
-        """Write what is left of the occupancy map; tiles are written seldom while mapping."""
+        """Write what is left of the occupancy map, and the rooms of all of it."""
         if self._occupancy is not None:
             self._apply(self._rest_of_occupancy)
+        if self._rooms is not None:
+            self._apply(self._rest_of_rooms)
 
     def objects(self) -> tuple[ObjectRecord, ...]:
         """All objects of the map, with assertions applied."""
@@ -221,8 +238,12 @@ class Mapper:
             self._observed = frame
 
     def _frame_change(self, index: int, frame: Frame, detections: Detections) -> _Change:
+        if self._rooms is not None and frame.stamp >= self._rooms_at + ROOMS_PAUSE:
+            with self.timer.stage("floor"):
+                self._found = self._found.followed_by(self._rooms.update())
+            self._rooms_at = frame.stamp
         with self.timer.stage("map"):
-            changes = self._objects.add(frame, detections)
+            changes = self._relations.update(self._objects.add(frame, detections))
             if self._evidence is not None:
                 self._evidence.update(self._objects.objects())
         if self.frames_applied <= index:
@@ -233,18 +254,45 @@ class Mapper:
                 T_map_world=self._T_map_world,
                 scene_model=self._scene_model,
             )
+        floor = () if self._occupancy is None else self._occupancy.take_changed(frame.stamp)
+        self._view_places(floor)
         return changes, MapUpdate(
             objects=changes.updated,
-            removed=changes.removed,
+            removed=(*changes.removed, *self._found.removed),
             places=self._places.take_changed(),
+            doors=self._found.doors,
             robot=robot_at(frame),
             recording=self._progress,
-            floor=() if self._occupancy is None else self._occupancy.take_changed(frame.stamp),
+            floor=floor,
         )
+
+    def _view_places(self, floor: Sequence[FloorTile]) -> None:
+        """Update how much was viewed of the places that changed tiles lie in."""
+        if self._occupancy is None or not floor:
+            return
+        for place in self._places.places():
+            storey = self._occupancy.touches(place.area, floor)
+            viewed = None if storey is None else self._occupancy.views(place.area, storey)
+            if viewed is not None and viewed != place.viewed:
+                self._places.put(replace(place, viewed=viewed))
 
     def _rest_of_occupancy(self) -> _Change | None:
         rest = () if self._occupancy is None else self._occupancy.take_rest()
-        return (ObjectChanges(), MapUpdate(recording=self._progress, floor=rest)) if rest else None
+        if not rest:
+            return None
+        self._view_places(rest)
+        places = self._places.take_changed()
+        return ObjectChanges(), MapUpdate(places=places, recording=self._progress, floor=rest)
+
+    def _rest_of_rooms(self) -> _Change | None:
+        if self._rooms is None:
+            return None
+        with self.timer.stage("floor"):
+            self._found = self._found.followed_by(self._rooms.update())
+            moved = objects_elsewhere(self._map, self._places)
+        places = self._places.take_changed()
+        removed, doors = self._found.removed, self._found.doors
+        return ObjectChanges(), MapUpdate(moved, removed, places, None, self._progress, doors=doors)
 
     def _apply(self, change: Callable[[], _Change | None]) -> MapUpdate:
         """Optimistic transaction: computed and written again where it conflicts with others."""
@@ -270,6 +318,7 @@ class Mapper:
             except ConflictError:
                 self._undo(changes, update)
                 raise
+            self._found = FoundChanges()
             self._lease.renew(update.recording)
             return update
 

@@ -3,27 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Final
-
-_HOUR: Final = 3600.0
-_DAY: Final = 24 * _HOUR
-
-#: [s] after which half of the objects of a mobility class no longer stand where they were seen.
-#: Orders of magnitude, not measurements; `planner/goals/mobility.csv` says which class is what.
-HALF_LIVES: Final = MappingProxyType(
-    {
-        "moving": 300.0,  # goes by itself: people, animals, vehicles
-        "in use": 12 * _HOUR,  # picked up many times a day: cups, phones
-        "consumed": 2 * _DAY,  # food
-        "carried": 4 * _DAY,  # bags, books, toys
-        "tool": 30 * _DAY,  # has its spot and returns to it: keyboards, vases
-        "furniture": 365 * _DAY,  # chairs are moved, though mostly within their room
-        "fixed": 3650 * _DAY,  # refrigerators, toilets, sinks
-    }
-)
-#: what is in no line of that file
-UNLISTED: Final = "carried"
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +27,8 @@ class BeliefSettings:
 BELIEF: Final = BeliefSettings()
 #: chance to be found from which on a plan needs no more looks, of all that looking can find
 ENOUGH: Final = 0.97
+#: a look that finds less than this share of what its plan finds is left out
+IDLE: Final = 0.005
 #: looks of a plan, at most
 MOST_LOOKS: Final = 80
 #: rooms that are planned for, at most; the others count as left over

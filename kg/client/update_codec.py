@@ -14,8 +14,9 @@ import numpy as np
 
 from kg.errors import InvalidFactError
 from kg.facts.assertions import is_unicode
-from kg.facts.occupancy import decoded, encoded
+from kg.facts.occupancy import decoded, decoded_times, encoded, encoded_times
 from kg.records import (
+    DoorRecord,
     Evidence,
     FloorTile,
     LookRecord,
@@ -23,7 +24,10 @@ from kg.records import (
     ObjectRecord,
     ObstacleRecord,
     PlaceRecord,
+    PlaceViews,
     RecordingRecord,
+    Relation,
+    RelationKind,
     RobotRecord,
     SearchRecord,
     SearchState,
@@ -88,11 +92,26 @@ def _state(data: Any, what: str) -> SearchState:
     raise _wrong(what, " or ".join(get_args(SearchState)), data)
 
 
+def _relation_kind(data: Any, what: str) -> RelationKind:
+    for kind in get_args(RelationKind):
+        if data == kind:
+            found: RelationKind = kind
+            return found
+    raise _wrong(what, " or ".join(get_args(RelationKind)), data)
+
+
 def _cells(data: Any, what: str) -> np.ndarray:
     cells = decoded(_text(data, what))
     if cells is None:
         raise _wrong(what, "cells in the encoding of here:floorCells", data)
     return cells
+
+
+def _view_times(data: Any, what: str) -> np.ndarray:
+    times = decoded_times(_text(data, what))
+    if times is None:
+        raise _wrong(what, "times in the encoding of here:viewTimes", data)
+    return times
 
 
 def _optional(codec: _Codec[T]) -> _Codec[T | None]:
@@ -109,6 +128,18 @@ def _list(codec: _Codec[T]) -> _Codec[tuple[T, ...]]:
         return tuple(codec.decode(item, f"{what}[{n}]") for n, item in enumerate(data))
 
     return _Codec(lambda value: [codec.encode(item) for item in value], decode)
+
+
+def _yes_no(data: Any, what: str) -> bool:
+    if not isinstance(data, bool):
+        raise _wrong(what, "true or false", data)
+    return data
+
+
+def _pair(data: Any, what: str) -> tuple[str, ...]:
+    if not isinstance(data, list) or len(data) != 2:
+        raise _wrong(what, "a list of two texts", data)
+    return tuple(_text(item, what) for item in data)
 
 
 def _numbers(count: int) -> _Codec[Any]:
@@ -153,6 +184,7 @@ _NUMBER = _Codec(float, _number)
 _WHOLE = _Codec(int, _whole)
 _TEXT = _Codec(str, _text)
 _TEXTS = _list(_TEXT)
+_YES_NO = _Codec(bool, _yes_no)
 _SHARES = _Codec(lambda held: {name: float(share) for name, share in held.items()}, _shares)
 
 _EVIDENCE = _record(
@@ -165,6 +197,10 @@ _EVIDENCE = _record(
         "score": _NUMBER,
         "model": _TEXT,
     },
+)
+_RELATION = _record(
+    Relation,
+    {"kind": _Codec(str, _relation_kind), "target": _TEXT, "probability": _NUMBER},
 )
 _OBJECT = _record(
     ObjectRecord,
@@ -181,8 +217,10 @@ _OBJECT = _record(
         "evidence": _optional(_EVIDENCE),
         "extent": _optional(_array(3)),
         "deviation": _optional(_NUMBER),
+        "relations": _optional(_list(_RELATION)),
     },
 )
+_VIEWS = _record(PlaceViews, {"share": _NUMBER, "close_share": _NUMBER, "last": _NUMBER})
 _PLACE = _record(
     PlaceRecord,
     {
@@ -197,6 +235,19 @@ _PLACE = _record(
         "scene_beliefs": _SHARES,
         "told_by": _TEXTS,
         "outline": _list(_list(_numbers(2))),
+        "viewed": _optional(_VIEWS),
+        "from_floor": _YES_NO,
+        "adjacent": _TEXTS,
+    },
+)
+_DOOR = _record(
+    DoorRecord,
+    {
+        "iri": _TEXT,
+        "x": _NUMBER,
+        "y": _NUMBER,
+        "width": _NUMBER,
+        "places": _Codec(list, _pair),
     },
 )
 _ROBOT = _record(RobotRecord, {"p_map": _array(3), "heading": _NUMBER, "stamp": _NUMBER})
@@ -260,6 +311,7 @@ _TILE = _record(
         "resolution": _NUMBER,
         "cells": _Codec(encoded, _cells),
         "changed": _NUMBER,
+        "viewed": _optional(_Codec(encoded_times, _view_times)),
     },
 )
 _UPDATE: Final = _record(
@@ -268,6 +320,7 @@ _UPDATE: Final = _record(
         "objects": _list(_OBJECT),
         "removed": _TEXTS,
         "places": _list(_PLACE),
+        "doors": _list(_DOOR),
         "robot": _optional(_ROBOT),
         "recording": _optional(_RECORDING),
         "search": _optional(_SEARCH),

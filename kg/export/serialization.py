@@ -208,7 +208,7 @@ def _number(subject: Subject) -> tuple[object, ...]:
 
 
 def _rank(predicate: str, value: str) -> tuple[object, ...]:
-    length = len(value) if predicate == v.HAS_BELIEF else 0
+    length = len(value) if predicate in (v.HAS_BELIEF, v.HAS_RELATION) else 0
     return _FIRST.get(predicate, 2), predicate, length, value
 
 

@@ -20,6 +20,7 @@ from kg.facts.assertions import (
 )
 from kg.facts.frame_writer import FrameWriter
 from kg.facts.objects_and_places import RecordCodec
+from kg.facts.relations import NOTHING, SINGLE
 from kg.records import Assertion, MapUpdate, ObjectRecord, PlaceRecord
 from kg.store.transactional import TransactionalStore
 from kg.transactions import Cause, ChangeSet
@@ -57,7 +58,10 @@ class AssertionService:
             raise InvalidFactError("an assertion needs an author: by='ann'")
         record = self._record(self.full(iri))
         kind = "object" if isinstance(record, ObjectRecord) else "place"
-        value = value_of(prop, given, self._facts.catalogue, kind)
+        if kind == "object" and prop in SINGLE:
+            value = self._other(record.iri, prop, given)
+        else:
+            value = value_of(prop, given, self._facts.catalogue, kind)
         asserted = self._of(record.iri)
         label = self._label(record, asserted) if prop == "label" else None
         made = Assertion(record.iri, prop, value, by.strip(), time.time(), label)
@@ -137,6 +141,19 @@ class AssertionService:
         raise InvalidFactError(
             f"no object or place {iri} in this map; give its IRI, or as in object/17, place/1"
         )
+
+    def _other(self, iri: str, prop: str, given: object) -> str:
+        """The object that one is said to be on or inside of, or "nothing"."""
+        text = str(given).strip()
+        if text == NOTHING:
+            return NOTHING
+        other = self.full(text)
+        if other == iri or not self.objects((other,)):
+            raise InvalidFactError(
+                f"{iri} cannot be {prop} {text!r}; another object of this map would work, as in "
+                f"object/17, or {NOTHING}"
+            )
+        return other
 
     def _records(self, iris: Collection[str]) -> Iterator[ObjectRecord | PlaceRecord]:
         yield from self.objects(tuple(iris))

@@ -18,13 +18,14 @@ from pyoxigraph import Literal, NamedNode, Quad
 from kg import vocabulary as v
 from kg.errors import InvalidFactError
 from kg.facts.agents import agent_iri, agent_quads
+from kg.facts.relations import NOTHING, SINGLE, asserted_relations, perceived_value
 from kg.ontology.catalogue import Catalogue
 from kg.rdf.datetimes import date_time, seconds
 from kg.rdf.quad_store import QuadStore
-from kg.records import Assertion, ObjectRecord, PlaceRecord
+from kg.records import Assertion, ObjectRecord, PlaceRecord, RelationKind
 
 #: Properties that can be asserted of objects, and of places.
-PROPERTIES: Final = ("category", "position", "existence", "label")
+PROPERTIES: Final = ("category", "position", "existence", "label", *SINGLE)
 PLACE_PROPERTIES: Final = ("category", "label")
 #: Positions farther apart than this contradict each other [m].
 CONFLICT_DISTANCE: Final = 0.5
@@ -85,6 +86,11 @@ class Assertions:
                     fact.object, Literal
                 ):
                     yield from store.quads_for_pattern(fact.object, None, None, _ASSERTIONS)
+
+    def naming(self, store: QuadStore, other: str) -> Iterator[Quad]:
+        """All quads of assertions by which something is on or inside the object `other`."""
+        for quad in store.quads_for_pattern(None, _VALUE, NamedNode(other), _ASSERTIONS):
+            yield from store.quads_for_pattern(quad.subject, None, None, _ASSERTIONS)
 
     def quads(self, assertion: Assertion) -> list[Quad]:
         """Quads of an assertion and of its author."""
@@ -185,6 +191,9 @@ def believed_object(record: ObjectRecord, assertions: PropertyAssertions) -> Obj
         record = replace(record, p_map=point(position.value))
     if (existence := assertions.get("existence")) is not None:
         record = replace(record, existence=1.0 if existence.value == "present" else 0.0)
+    for kind in SINGLE:
+        if (relation := assertions.get(kind)) is not None:
+            record = _related(record, kind, relation.value, 1.0)
     return (
         replace(record, confidence=max(record.confidence, MIN_CONFIDENCE)) if assertions else record
     )
@@ -201,7 +210,19 @@ def perceived_object(record: ObjectRecord, assertions: PropertyAssertions) -> Ob
             record = replace(record, p_map=point(assertion.perceived))
         elif prop == "existence":
             record = replace(record, existence=float(assertion.perceived))
+    for kind in SINGLE:
+        if (relation := assertions.get(kind)) is not None:
+            record = _related(record, kind, relation.perceived, relation.strength)
     return record
+
+
+def _related(
+    record: ObjectRecord, kind: RelationKind, target: str | None, probability: float
+) -> ObjectRecord:
+    if record.relations is None:
+        return record
+    relations = asserted_relations(record.relations, kind, target, probability)
+    return replace(record, relations=relations)
 
 
 def believed_place(record: PlaceRecord, assertions: PropertyAssertions) -> PlaceRecord:
@@ -226,6 +247,13 @@ def about_object(assertion: Assertion, record: ObjectRecord, now: float) -> Asse
     """The assertion with perception's present estimate; a conflict begins at `now` [s]."""
     if assertion.property == "label":
         return assertion
+    for kind in SINGLE:
+        if assertion.property == kind:
+            if record.relations is None:
+                return assertion
+            perceived, strength = perceived_value(record.relations, kind)
+            updated = replace(assertion, perceived=perceived, strength=strength)
+            return _compared(updated, now)
     perceived = {
         "category": record.category,
         "position": _position(record.p_map),
@@ -282,7 +310,8 @@ def _position(given: object) -> str:
 
 
 def _term(prop: str, value: str) -> NamedNode | Literal:
-    return NamedNode(value) if prop == "category" else Literal(value)
+    names = prop == "category" or (prop in SINGLE and value != NOTHING)
+    return NamedNode(value) if names else Literal(value)
 
 
 def _values(store: QuadStore, node: str) -> dict[str, list[str]]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 
 from pyoxigraph import Literal, NamedNode, Quad
 
@@ -24,9 +24,12 @@ from kg.facts.assertions import (
     believed_object,
     believed_place,
 )
+from kg.facts.doors import OWN as OWN_OF_DOORS
+from kg.facts.doors import facts_of_door
 from kg.facts.objects_and_places import RecordCodec
 from kg.facts.occupancy import OWN as OWN_OF_TILES
 from kg.facts.occupancy import facts_of_tile, iri_of
+from kg.facts.relations import OF_NODE, OF_OBJECT, SINGLE, relation_nodes
 from kg.facts.searches import OWN as OWN_OF_SEARCHES
 from kg.facts.searches import facts_of, subjects_of
 from kg.facts.write_cache import WriteCache
@@ -41,30 +44,23 @@ _DATASET = NamedNode(v.DATASET_GRAPH)
 _TYPE = NamedNode(v.RDF_TYPE)
 _LABEL = NamedNode(v.RDFS_LABEL)
 _HAS_BELIEF = NamedNode(v.HAS_BELIEF)
+_HAS_RELATION = NamedNode(v.HAS_RELATION)
 _NEXT = NamedNode(v.NEXT_OBJECT)
 _STRUCTURAL = {
     *(v.PLACE, v.BOT_SPACE, v.ROBOT, v.PLACE_BELIEF, v.SOSA_OBSERVATION, v.RECORDING),
-    v.FLOOR_TILE,
+    *(v.FLOOR_TILE, v.DOOR, v.SPATIAL_RELATION),
 }
 _OWN = {
     *(v.RDF_TYPE, v.RDFS_LABEL, v.X, v.Y, v.Z, v.HEADING, v.IN_CELL, v.IN_PLACE),
-    *(
-        v.X_MIN,
-        v.X_MAX,
-        v.Y_MIN,
-        v.Y_MAX,
-        v.OUTLINE,
-        v.VIEW_COUNT,
-        v.HAS_BELIEF,
-        v.OF_CATEGORY,
-        v.BELIEF,
-    ),
+    *(v.X_MIN, v.X_MAX, v.Y_MIN, v.Y_MAX, v.VIEW_COUNT, v.HAS_BELIEF, v.OF_CATEGORY, v.BELIEF),
+    *(v.OUTLINE, v.FROM_FLOOR, v.BOT_ADJACENT_ZONE, v.WIDTH, v.BOT_INTERFACE_OF),
+    *(v.VIEWED_SHARE, v.CLOSELY_VIEWED_SHARE, v.LAST_VIEWED),
     *(v.SCENE_BELIEF, v.TOLD_BY),
     *(v.CONFIDENCE, v.EXISTENCE, v.OBSERVATION_COUNT, v.FIRST_SEEN, v.LAST_SEEN, v.EXPLAINED_BY),
     *(v.EXTENT_X, v.EXTENT_Y, v.EXTENT_Z, v.DEVIATION),
     *(v.SOSA_FEATURE, v.SOSA_RESULT_TIME, v.FRAME, v.FROM_RECORDING, v.BOX, v.SCORE, v.MODEL),
     *(v.FRAMES_APPLIED, v.LAST_FRAME, v.TRANSFORM, v.SCENE_MODEL),
-    *(v.STOREY, v.CELL_SIZE, v.FLOOR_CELLS),
+    *(v.STOREY, v.CELL_SIZE, v.FLOOR_CELLS, v.VIEW_TIMES, *OF_OBJECT, *OF_NODE),
 }
 
 
@@ -116,9 +112,14 @@ class FrameWriter:
         wanted: _Quads = {}
         stored: _Quads = {}
         for record in update.objects:
-            self._object(record, wanted, stored)
+            asserted = self._assertions_of(record.iri, without=update.removed)
+            self._object(record, wanted, stored, asserted)
         for place in update.places:
             self._place(place, wanted, stored)
+        for door in update.doors:
+            _put(wanted, facts_of_door(door))
+            held = self._recent.of(_node(door.iri))
+            _put(stored, (quad for quad in held if quad.predicate.value in OWN_OF_DOORS))
         if update.robot is not None:
             _put(wanted, self._facts.of_robot(update.robot))
             stored |= self._recent.of(NamedNode(self._facts.base + "robot"))
@@ -182,6 +183,7 @@ class FrameWriter:
         yield from map(_node, objects)
         yield from (_node(self._facts.observation_iri(iri)) for iri in objects)
         yield from (_node(place.iri) for place in update.places)
+        yield from (_node(door.iri) for door in update.doors)
         yield from map(_node, subjects_of(update))
         yield from (NamedNode(iri_of(self._facts.base, tile)) for tile in update.floor)
         yield NamedNode(self._facts.base)
@@ -195,14 +197,13 @@ class FrameWriter:
         record: ObjectRecord,
         wanted: _Quads,
         stored: _Quads,
-        assertions: PropertyAssertions | None = None,
+        assertions: PropertyAssertions,
     ) -> None:
         previous = self._assertions_of(record.iri)
-        assertions = previous if assertions is None else assertions
         believed = believed_object(record, assertions)
         facts = self._facts.of_object(believed)
         node = NamedNode(record.iri)
-        before = self._recent.of(node)
+        before = self._with_relations(node, record)
         labels = {quad for quad in before if quad.predicate == _LABEL}
         if (label := _asserted_label(assertions, previous)) is not None:
             facts = [q for q in facts if q.predicate != _LABEL]
@@ -247,8 +248,22 @@ class FrameWriter:
                 about = about_place(assertion, record, time.time())
                 _put(wanted, self._assertions.quads(about))
 
-    def _assertions_of(self, iri: str) -> PropertyAssertions:
-        return self._assertions.of(self._store.engine, iri) if self._has_assertions else {}
+    def _with_relations(self, node: NamedNode, record: ObjectRecord) -> _Quads:
+        """Stored facts of an object that `record` replaces, those of its relations included."""
+        before = self._recent.of(node)
+        if record.relations is None:
+            return {quad: None for quad in before if quad.predicate.value not in OF_OBJECT}
+        for quad in tuple(before):
+            if quad.predicate == _HAS_RELATION and isinstance(quad.object, NamedNode):
+                before = before | self._recent.of(quad.object)
+        return before
+
+    def _assertions_of(self, iri: str, without: Collection[str] = ()) -> PropertyAssertions:
+        """Assertions of a thing, but for relations to those that are removed."""
+        if not self._has_assertions:
+            return {}
+        held = self._assertions.of(self._store.engine, iri)
+        return {p: a for p, a in held.items() if p not in SINGLE or a.value not in without}
 
     def _owned(self, iri: str, graph: NamedNode) -> Iterator[Quad]:
         quads = self._store.engine.quads_for_pattern(NamedNode(iri), None, None, graph)
@@ -266,10 +281,14 @@ class FrameWriter:
 
     def _everything_of(self, iri: str) -> Iterator[Quad]:
         engine = self._store.engine
-        for subject in (iri, self._facts.observation_iri(iri)):
+        for subject in (iri, self._facts.observation_iri(iri), *relation_nodes(engine, iri)):
             yield from engine.quads_for_pattern(_node(subject), None, None, _MAP)
             yield from engine.quads_for_pattern(None, None, _node(subject), _MAP)
+            for quad in engine.quads_for_pattern(_node(subject), _HAS_BELIEF, None, _MAP):
+                if isinstance(quad.object, NamedNode):
+                    yield from engine.quads_for_pattern(quad.object, None, None, _MAP)
         yield from self._assertions.stored(engine, iri)
+        yield from self._assertions.naming(engine, iri)
 
     def _stored_next(self) -> int:
         base = NamedNode(self._facts.base)
@@ -311,6 +330,7 @@ def _node(iri: str) -> NamedNode:
 def _reject_duplicates(update: MapUpdate) -> None:
     written = Counter(record.iri for record in update.objects)
     written.update(place.iri for place in update.places)
+    written.update(door.iri for door in update.doors)
     written.update(subjects_of(update))
     written.update(f"floor/{t.storey}/{t.column}_{t.row}" for t in update.floor)
     for iri, times in written.items():

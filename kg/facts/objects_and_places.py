@@ -31,12 +31,14 @@ from kg.facts.literals import (
     text_of,
     time_literal,
 )
+from kg.facts.place_views import facts_of_views, views_of
+from kg.facts.relations import relation_quads, relations_of
 from kg.facts.wkt import CRS
 from kg.ontology.catalogue import Catalogue
 from kg.rdf.grid_cells import cell_of
 from kg.rdf.quad_store import QuadStore
 from kg.rdf.wkt import area_of_polygon, polygon_text
-from kg.records import Evidence, ObjectRecord, PlaceRecord, RecordingRecord, RobotRecord
+from kg.records import Evidence, ObjectRecord, PlaceRecord, RecordingRecord, Relation, RobotRecord
 from kg.store.sparql_backend import reading_ahead
 from kg.store.writer_priority import in_pieces
 
@@ -75,7 +77,7 @@ class RecordCodec:
         return f"{self.base}recording/{quote(name, safe='')}"
 
     def of_object(self, record: ObjectRecord) -> list[Quad]:
-        """Facts of an object and of its observation.
+        """Facts of an object, of its observation and of its relations.
 
         Raises InvalidFactError for numbers that are not finite or out of range, and for a category
         the ontology does not know.
@@ -104,11 +106,13 @@ class RecordCodec:
         if record.place is not None:
             facts.append((v.IN_PLACE, iri_node(record.place, f"{what}: place")))
         facts += _extent(record, what)
+        relations = relation_quads(record.iri, record.relations or ())
         if record.evidence is None:
-            return _quads(record.iri, facts)
+            return _quads(record.iri, facts) + relations
         observation = self.observation_iri(record.iri)
         facts.append((v.EXPLAINED_BY, NamedNode(observation)))
-        return _quads(record.iri, facts) + self._of_evidence(record, record.evidence, observation)
+        evidence = self._of_evidence(record, record.evidence, observation)
+        return _quads(record.iri, facts) + evidence + relations
 
     def of_place(self, record: PlaceRecord) -> list[Quad]:
         """Facts of a place and of its beliefs; raises InvalidFactError as `of_object` does."""
@@ -135,7 +139,11 @@ class RecordCodec:
             (v.Y, number_literal(y, f"{what}: y")),
             (v.VIEW_COUNT, Literal(record.views)),
             *self._outline(record, what),
+            *((v.BOT_ADJACENT_ZONE, iri_node(iri, f"{what}: adjacent")) for iri in record.adjacent),
+            *facts_of_views(record.viewed, what),
         ]
+        if record.from_floor:
+            facts.append((v.FROM_FLOOR, Literal(True)))
         held = self.of_beliefs(record)
         facts += [(v.TOLD_BY, iri_node(iri, f"{what}: told by")) for iri in record.told_by]
         if (record.views or record.told_by) and held:
@@ -214,10 +222,14 @@ class RecordCodec:
                 node.value: properties_of(store, node.value, _MAP)
                 for node in in_pieces(nodes, CHUNK_SIZE)
             }
-        reasons = {first(held, v.EXPLAINED_BY, "") for held in subjects.values()} - {""}
-        with reading_ahead(store, map(NamedNode, reasons)):
+        parts = {
+            part
+            for held in subjects.values()
+            for part in (*held.get(v.EXPLAINED_BY, ()), *held.get(v.HAS_RELATION, ()))
+        }
+        with reading_ahead(store, map(NamedNode, parts)):
             subjects.update(
-                (iri, properties_of(store, iri, _MAP)) for iri in in_pieces(reasons, CHUNK_SIZE)
+                (iri, properties_of(store, iri, _MAP)) for iri in in_pieces(parts, CHUNK_SIZE)
             )
         return self._objects(subjects)
 
@@ -228,7 +240,8 @@ class RecordCodec:
             if category is None or v.X not in properties or v.Y not in properties:
                 continue
             observation = subjects.get(first(properties, v.EXPLAINED_BY, ""))
-            found.append(self._object(iri, category, properties, observation))
+            relations = relations_of(properties, subjects)
+            found.append(self._object(iri, category, properties, observation, relations))
         return tuple(sorted(found, key=lambda record: iri_order(record.iri)))
 
     def places(self, store: QuadStore) -> tuple[PlaceRecord, ...]:
@@ -337,7 +350,12 @@ class RecordCodec:
         return None
 
     def _object(
-        self, iri: str, category: str, properties: Properties, observation: Properties | None
+        self,
+        iri: str,
+        category: str,
+        properties: Properties,
+        observation: Properties | None,
+        relations: tuple[Relation, ...],
     ) -> ObjectRecord:
         deviation = first(properties, v.DEVIATION, "")
         return ObjectRecord(
@@ -353,6 +371,7 @@ class RecordCodec:
             evidence=None if observation is None else self._evidence(observation),
             extent=_extent_of(properties),
             deviation=float(deviation) if deviation else None,
+            relations=relations,
         )
 
     def _evidence(self, properties: Properties) -> Evidence:
@@ -391,7 +410,12 @@ class RecordCodec:
         label = first(properties, v.RDFS_LABEL, iri)
         views = int(first(properties, v.VIEW_COUNT, "0"))
         record = PlaceRecord(
-            iri, label, xmin, xmax, ymin, ymax, views, beliefs, scene if told_by else {}, told_by
+            *(iri, label, xmin, xmax, ymin, ymax, views, beliefs),
+            scene_beliefs=scene if told_by else {},
+            told_by=told_by,
+            viewed=views_of(properties),
+            from_floor=first(properties, v.FROM_FLOOR, "") in ("true", "1"),
+            adjacent=tuple(sorted(properties.get(v.BOT_ADJACENT_ZONE, ()), key=iri_order)),
         )
         try:
             return record.with_area(area_of_polygon(first(properties, v.OUTLINE, "")))

@@ -7,6 +7,7 @@ import binascii
 import math
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from datetime import datetime
 from typing import Final
 
@@ -31,6 +32,7 @@ MAX_TILES: Final = 1 << 20
 #: Predicates of a tile that the writer owns; others are kept as people wrote them.
 OWN: Final = {
     *(v.RDF_TYPE, v.STOREY, v.X, v.Y, v.Z, v.CELL_SIZE, v.FLOOR_CELLS, v.SOSA_RESULT_TIME),
+    v.VIEW_TIMES,
 }
 
 _MAP = NamedNode(v.MAP_GRAPH)
@@ -74,6 +76,13 @@ def facts_of_tile(base: str, tile: FloorTile) -> list[Quad]:
         (v.FLOOR_CELLS, Literal(encoded(tile.cells), datatype=_BASE64)),
         (v.SOSA_RESULT_TIME, time_literal(tile.changed, f"{iri}: the time")),
     ]
+    if tile.viewed is not None:
+        if not _are_view_times(tile.viewed):
+            raise InvalidFactError(
+                f"{iri}: times of views must be (2, m, m), m up to {MAX_CELLS}, got "
+                f"{tile.viewed.shape}"
+            )
+        facts.append((v.VIEW_TIMES, Literal(encoded_times(tile.viewed), datatype=_BASE64)))
     node = NamedNode(iri)
     return [Quad(node, NamedNode(predicate), value, _MAP) for predicate, value in facts]
 
@@ -95,22 +104,50 @@ def tile_of(engine: QuadStore, iri: str) -> FloorTile | None:
 
 def encoded(cells: NDArray[np.uint8]) -> str:
     """Cells (n, n) encoded as in here:floorCells."""
-    packed = zlib.compress(np.ascontiguousarray(cells, np.uint8).tobytes(), 9)
-    return base64.b64encode(packed).decode("ascii")
+    return _packed(np.ascontiguousarray(cells, np.uint8).tobytes())
 
 
 def decoded(text: str) -> NDArray[np.uint8] | None:
     """Cells (n, n) decoded from a here:floorCells; None where it is not valid."""
-    unpack = zlib.decompressobj()
-    try:
-        data = unpack.decompress(base64.b64decode(text, validate=True), MAX_CELLS**2 + 1)
-    except (binascii.Error, ValueError, zlib.error):
-        return None
+    data = _unpacked(text, MAX_CELLS**2)
     side = math.isqrt(len(data))
-    if not data or side * side != len(data) or side > MAX_CELLS or not unpack.eof:
+    if not data or side * side != len(data):
         return None
     cells = np.frombuffer(data, np.uint8).reshape(side, side)
     return cells if cells.max() <= TALL else None
+
+
+def encoded_times(viewed: NDArray[np.uint32]) -> str:
+    """Times of views (2, m, m) encoded as in here:viewTimes."""
+    return _packed(np.ascontiguousarray(viewed, "<u4").tobytes())
+
+
+def decoded_times(text: str) -> NDArray[np.uint32] | None:
+    """Times of views (2, m, m) decoded from a here:viewTimes; None where it is not valid."""
+    data = _unpacked(text, 8 * MAX_CELLS**2)
+    side = math.isqrt(len(data) // 8)
+    if not data or 8 * side * side != len(data):
+        return None
+    return np.frombuffer(data, "<u4").astype(np.uint32).reshape(2, side, side)
+
+
+def _packed(data: bytes) -> str:
+    return base64.b64encode(zlib.compress(data, 9)).decode("ascii")
+
+
+def _unpacked(text: str, most: int) -> bytes:
+    """The bytes of a zlib stream in base64, `most` of them; none where it is not valid."""
+    unpack = zlib.decompressobj()
+    try:
+        data = unpack.decompress(base64.b64decode(text, validate=True), most + 1)
+    except (binascii.Error, ValueError, zlib.error):
+        return b""
+    return data if unpack.eof and len(data) <= most else b""
+
+
+def _are_view_times(viewed: NDArray[np.uint32]) -> bool:
+    shape = viewed.shape
+    return len(shape) == 3 and shape[0] == 2 and 0 < shape[1] == shape[2] <= MAX_CELLS
 
 
 def tiles_of_rows(rows: Iterable[Mapping[str, Value]]) -> tuple[FloorTile, ...]:
@@ -132,9 +169,11 @@ def _tile(held: Mapping[str, list[str]]) -> FloorTile | None:
     try:
         metres = [min(held[p]) for p in (v.X, v.Y, v.Z, v.CELL_SIZE)]
         changed = seconds(min(held[v.SOSA_RESULT_TIME]))
-        return _made(min(held[v.STOREY]), metres, min(held[v.FLOOR_CELLS]), changed)
+        tile = _made(min(held[v.STOREY]), metres, min(held[v.FLOOR_CELLS]), changed)
     except (KeyError, ValueError):
         return None
+    viewed = decoded_times(min(held.get(v.VIEW_TIMES, ("",))))
+    return tile if tile is None or viewed is None else replace(tile, viewed=viewed)
 
 
 def _made(storey: Value, metres: Sequence[Value], text: Value, changed: float) -> FloorTile | None:

@@ -27,6 +27,7 @@ from kg.update.completion import complete_change
 from kg.update.deletion_guard import DeletionLimit, refuse_unconfirmed
 from kg.update.execution import evaluate_update
 from kg.update.ground_update import GroundUpdate
+from kg.update.recompilation import recompile_commonsense
 from kg.update.validation import UpdateValidator
 
 if TYPE_CHECKING:
@@ -112,6 +113,7 @@ class MapWriter:
             if not confirmed:
                 refuse_unconfirmed(draft, self._facts, self.deletion_limit)
             validator.refuse_malformed(draft)
+            recompile_commonsense(draft)
             cause = Cause("update", by, " ".join(note.split())[:LONGEST_NOTE])
             change = self._store.commit(draft.removed, draft.added, cause)
             if allow and change is not None:

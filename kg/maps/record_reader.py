@@ -10,6 +10,7 @@ from pyoxigraph import NamedNode, Quad
 from kg import vocabulary as v
 from kg.errors import QueryParameterError
 from kg.facts.assertion_service import AssertionService
+from kg.facts.doors import doors_in
 from kg.facts.networkx_graph import network
 from kg.facts.object_filters import is_believed, select_objects, subcategories
 from kg.facts.objects_and_places import RecordCodec
@@ -20,6 +21,7 @@ from kg.query.parameter_resolution import ParameterResolver
 from kg.rdf.skolem import anonymous
 from kg.records import (
     Assertion,
+    DoorRecord,
     FloorTile,
     LookRecord,
     ObjectRecord,
@@ -89,6 +91,10 @@ class RecordReader:
     def robot(self) -> RobotRecord | None:
         """The last pose of the robot."""
         return self._facts.robot(self._store.engine)
+
+    def doors(self) -> tuple[DoorRecord, ...]:
+        """The doors between places."""
+        return doors_in(self._store.engine)
 
     def floor(self) -> tuple[FloorTile, ...]:
         """The tiles of the occupancy grid."""

@@ -34,6 +34,7 @@ from kg.query.subscriptions import RowsListener, Subscription
 from kg.rdf.quad_store import QuadStore
 from kg.records import (
     Assertion,
+    DoorRecord,
     FloorTile,
     LookRecord,
     MapUpdate,
@@ -209,6 +210,10 @@ class SemanticMap:
     def objects_among(self, quads: Iterable[Quad]) -> tuple[ObjectRecord, ...]:
         """The objects parsed from `quads` of graph:map, oldest first, without another read."""
         return self._reader.objects_among(quads)
+
+    def doors(self) -> tuple[DoorRecord, ...]:
+        """The doors between places that were found in the mapped floor."""
+        return self._reader.doors()
 
     def floor(self) -> tuple[FloorTile, ...]:
         """The occupancy grid's tiles, by storey, column and row; empty without depth frames."""

@@ -66,7 +66,7 @@ def replace_ontology(
     _reject_missing(old, new)
     reject_partial(old, new, whole=whole)
     reject_lost_terms(store, old, new, present - before)
-    delete, insert, kept = _recompiled(present, before, set(compiled))
+    delete, insert, kept = recompiled(present, before, set(compiled))
     differences = tuple(changes(old, new))
     if any(isinstance(q.subject, BlankNode) or isinstance(q.object, BlankNode) for q in stored):
         store.rewrite_graph(_ONTOLOGY, old)
@@ -113,10 +113,13 @@ def _is_of_a_file(quad: Quad, headers: frozenset[str]) -> bool:
     return subject not in headers and not subject.startswith(v.PROVISIONAL)
 
 
-def _recompiled(
+def recompiled(
     present: set[Quad], before: set[Quad], after: set[Quad]
 ) -> tuple[list[Quad], list[Quad], tuple[str, ...]]:
-    """Quads to delete and insert in graph:commonsense, and relations that are kept."""
+    """Quads to delete and insert in graph:commonsense, and IRIs of relations that are kept.
+
+    `present` is what it holds, `before` and `after` what the ontology compiled and compiles to.
+    """
     there, was, will = (_by_relation(quads) for quads in (present, before, after))
     delete = [q for q in before - after if not _is_relation(q)]
     insert = [q for q in after if not _is_relation(q)]

@@ -25,7 +25,7 @@ from kg.store.virtuoso import loads
 
 ROOT_STEPS = 24  # of Newton's method: exact to a double above 1e-6, within 1e-7 below
 
-_HAS_BELIEF = NamedNode(v.HAS_BELIEF)
+_PARTS = (NamedNode(v.HAS_BELIEF), NamedNode(v.HAS_RELATION))
 _UNION = ("union-default-graph", "true")
 #: The named graphs of a map.
 GRAPHS = (
@@ -163,7 +163,7 @@ class SparqlBackend:
         known = dict(before)
         wanted = [s for s in dict.fromkeys(subjects) if s not in known]
         known.update(self._all_of(wanted))
-        held = {q.object for s in wanted for q in known[s] if q.predicate == _HAS_BELIEF}
+        held = {q.object for s in wanted for q in known[s] if q.predicate in _PARTS}
         known.update(self._all_of([s for s in held if isinstance(s, NamedNode)]))
         self._ahead.known = known
         try:

@@ -6,7 +6,8 @@ existence, count, times. Where x or y change, the cell follows. A subject all of
 removed takes along its observation, its beliefs, the assertions about it, and the references to it.
 A number that an object was given by hand is never assigned again. A category that is written to an
 object or place becomes an assertion, so that perception does not overwrite it; so does a new
-position or label where one was asserted before.
+position or label where one was asserted before, and what an object is on or inside of. Its other
+relations are computed from geometry, and cannot be written.
 """
 
 from __future__ import annotations
@@ -19,12 +20,14 @@ from pyoxigraph import Literal, NamedNode, Quad
 from kg import vocabulary as v
 from kg.facts.assertions import Assertions
 from kg.facts.objects_and_places import RecordCodec
+from kg.facts.relations import relation_nodes
 from kg.rdf.datetimes import now
 from kg.rdf.grid_cells import cell_of
 from kg.rdf.wkt import area_of_polygon
 from kg.update.change_draft import ChangeDraft, Subject
 from kg.update.implicit_assertions import assert_perceived_properties
 from kg.update.implicit_assertions import categories as _categories
+from kg.update.relation_assertions import assert_relations, refuse_computed_relations
 
 _MAP: Final = NamedNode(v.MAP_GRAPH)
 _DATASET: Final = NamedNode(v.DATASET_GRAPH)
@@ -48,8 +51,11 @@ def complete_change(pending: ChangeDraft, facts: RecordCodec, by: str | None) ->
             continue
         if _categories(pending.after, facts, subject, "object"):
             _complete(pending, facts, subject)
+            assert_relations(pending, facts, subject, by or "somebody")
         elif _is_place(pending, facts, subject):
             _complete_place(pending, subject)
+        else:
+            refuse_computed_relations(pending, subject)
         assert_perceived_properties(pending, facts, subject, by or "somebody")
     _count_up(pending, facts, touched)
 
@@ -72,9 +78,15 @@ def _remove_dependents(pending: ChangeDraft, facts: RecordCodec, removed: NamedN
         and quad.predicate.value == v.HAS_BELIEF
         and isinstance(quad.object, NamedNode)
     )
+    nodes = relation_nodes(pending.engine, removed.value)
+    owned.update(nodes)
+    for node in nodes:
+        follow += pending.after(None, None, NamedNode(node), _MAP)
     for iri in owned:
         follow += pending.after(NamedNode(iri), None, None, _MAP)
-    follow += Assertions(facts.base).stored(pending.engine, removed.value)
+    assertions = Assertions(facts.base)
+    follow += assertions.stored(pending.engine, removed.value)
+    follow += assertions.naming(pending.engine, removed.value)
     pending.change(follow, ())
 
 
@@ -106,6 +118,8 @@ def _complete_place(pending: ChangeDraft, subject: NamedNode) -> None:
             _as_double(pending, quad)
     _complete_outline(pending, subject)
     edges = [_coordinate(pending, subject, edge) for edge in _EDGES]
+    if _touched(pending, subject, (v.OUTLINE, *_EDGES)):  # what people draw, the floor leaves
+        pending.change(list(pending.after(subject, NamedNode(v.FROM_FLOOR), None, _MAP)), ())
     outlined = _only(pending, subject, v.OUTLINE) is not None
     if _touched(pending, subject, _EDGES) and not outlined:
         for axis, least, most in ((v.X, edges[0], edges[1]), (v.Y, edges[2], edges[3])):

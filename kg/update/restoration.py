@@ -160,13 +160,14 @@ class Restoration:
         return kinds
 
     def _owner(self, iri: str) -> str:
-        """The object or place that a node is part of: its observation, belief or assertion."""
+        """The object or place that a node (an observation, belief, ...) is part of."""
         if (about := self._assertions.subject(iri)) is not None:
             return about
         observation = f"{self._facts.base}observation/"
         if iri.startswith(observation):
             return f"{self._facts.base}object/{iri.removeprefix(observation)}"
-        return iri.removesuffix("/observation").partition("/belief/")[0]
+        iri = iri.removesuffix("/observation").partition("/belief/")[0]
+        return iri.partition("/relation/")[0]
 
     def _add_agents(self) -> None:
         """Describe whoever made an assertion that is back."""

@@ -105,8 +105,8 @@ def floor_tiles(
     for frame in frames:
         points = frame_points(frame.depth, frame.K, frame.T_map_cam, s)
         observed = floor_evidence(points, frame.T_map_cam[:3, 3], 0.0, s)
-        for key, free, hit, tall in tile_evidence(observed, s):
-            tiles.setdefault(key, OccupancyTile(s)).add(free, hit, tall, s)
+        for key, evidence in tile_evidence(observed, s):
+            tiles.setdefault(key, OccupancyTile(s)).add(evidence, frame.stamp, s)
     return {key: tile.states(s) for key, tile in tiles.items()}
 
 

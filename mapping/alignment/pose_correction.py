@@ -19,6 +19,7 @@ from kg.maps.semantic_map import SemanticMap
 from kg.records import UNKNOWN, FloorTile, MapUpdate, ObjectRecord, RecordingRecord
 from mapping.alignment.floor_match import floor_tiles
 from mapping.alignment.map_apart import map_apart
+from mapping.mapper import Mapper
 from mapping.mapper_lease import MapperLease
 from mapping.objects.assignment import assign
 from mapping.objects.sightings import intersection_over_union
@@ -73,11 +74,13 @@ def correct_poses(
     remap: Callable[[FolderRecording, SemanticMap], MappingReport],
     *,
     layout: Layout | None = None,
+    find_places: bool = False,
 ) -> CorrectionReport:
     """Replace what `semantic_map` has of a recording by what its corrected poses make of it.
 
     `previous` is the same recording by the poses it was mapped with; `remap` maps one into a map.
     The corrected poses are in the recording's own world, whose transform into the map is kept.
+    With `find_places` the rooms of the new floor are found in a second transaction.
     Raises what `remap` does, LayoutError where another recording of that name is in the map, and
     MapBusyError where another program maps the recording meanwhile; the map is then untouched.
     """
@@ -92,6 +95,9 @@ def correct_poses(
             correction = _Correction(recording, previous, semantic_map, apart)
             update = correction.update(progress, layout)
             semantic_map.apply(update)
+    if find_places:
+        with Mapper(semantic_map, find_places=True, recording=recording.name):
+            pass  # at its end it finds the rooms of all floor
     return correction.report(update, report.frames)
 
 
@@ -115,6 +121,7 @@ class _Correction:
         self._motion = _motions(previous, recording)
         self._distances = list[float]()
         self._new = 0
+        self._iris = dict[str, str]()  # of objects: in the map apart -> in the map
 
     def update(self, progress: RecordingRecord, layout: Layout | None) -> MapUpdate:
         """Everything that changes."""
@@ -129,6 +136,7 @@ class _Correction:
                     replace(record, iri=old.iri, beliefs=views, scene_beliefs={}, told_by=())
                 )
         objects = tuple(replace(record, place=places.at(record.p_map)) for record in kept)
+        objects = tuple(self._related(record) for record in objects)
         return MapUpdate(
             objects=objects,
             removed=removed,
@@ -160,6 +168,7 @@ class _Correction:
         asserted = {assertion.subject for assertion in self._map.assertions()}
         moved = [self._moved(record) for record in own]
         pairs = assign(_costs(moved, found))
+        self._iris = {found[column].iri: own[row].iri for row, column in pairs.items()}
         written = [
             replace(
                 found[column],
@@ -176,11 +185,21 @@ class _Correction:
         matched = set(pairs.values())
         for column, record in enumerate(found):
             if column not in matched and not _is_one_of(record, others):
-                written.append(replace(record, iri=self._map.new_object_iri()))
+                self._iris[record.iri] = self._map.new_object_iri()
+                written.append(replace(record, iri=self._iris[record.iri]))
                 self._new += 1
         left = [row for row in range(len(own)) if row not in pairs]
         written += [moved[row] for row in left if own[row].iri in asserted]
         return written, tuple(own[row].iri for row in left if own[row].iri not in asserted)
+
+    def _related(self, record: ObjectRecord) -> ObjectRecord:
+        """The object with relations to objects of the map, where it was mapped anew."""
+        if record.iri not in self._iris.values():
+            return replace(record, relations=())
+        kept = [r for r in record.relations or () if r.target in self._iris]
+        return replace(
+            record, relations=tuple(replace(r, target=self._iris[r.target]) for r in kept)
+        )
 
     def _moved(self, record: ObjectRecord) -> ObjectRecord:
         """The object where the frame of its evidence puts it now."""
@@ -206,7 +225,8 @@ class _Correction:
                 tile.cells if self._alone else was.get(key[1:]),
             )
             if key not in before or not np.array_equal(states, tile.cells):
-                changed.append(replace(tile, cells=states, changed=stamp))
+                viewed = (after.get(key) or tile).viewed
+                changed.append(replace(tile, cells=states, changed=stamp, viewed=viewed))
         return tuple(changed)
 
 

@@ -2,7 +2,8 @@
 
 JSON, {"objects": {NAME: {...}}} with, for each entry: "cls", "position" [m] in the recording's own
 world, and optionally "also" (labels that count as right too), "ignore" (counts neither way),
-"extent" (width, depth, height [m]) and "reach" (greatest distance of a match [m]).
+"extent" (width, depth, height [m]), "reach" (greatest distance of a match [m]), "moved" (since the
+session before) and "on" (name of the entry that it stands on, or anything else: the floor, a wall).
 """
 
 from __future__ import annotations
@@ -32,6 +33,8 @@ class TrueObject:
     ignore: bool = False  # doubtful: counts neither way
     extent: tuple[float, ...] = ()  # width, depth, height [m]; empty where unknown
     reach: float | None = None  # [m] greatest distance of a match; None: by class
+    moved: bool = False  # since the session before
+    on: str | None = None  # name of the entry that it stands on, or "floor"; None: not known
 
     def accepts(self, label: str) -> bool:
         """Whether `label` counts as right."""
@@ -74,6 +77,8 @@ def _entry(path: Path, name: str, entry: Mapping[str, Any]) -> TrueObject:
             ignore=bool(entry.get("ignore")),
             extent=extent,
             reach=float(reach) if reach else None,
+            moved=bool(entry.get("moved")),
+            on=None if entry.get("on") is None else str(entry["on"]),
         )
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise RecordingError(

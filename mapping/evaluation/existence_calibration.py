@@ -40,7 +40,12 @@ class Calibration:
 
 def calibration(matchings: Iterable[Matching]) -> Calibration:
     """Calibration over all objects of one or several maps, matched at existence 0."""
-    pairs = [pair for matching in matchings for pair in _outcomes(matching)]
+    return reliability(pair for matching in matchings for pair in _outcomes(matching))
+
+
+def reliability(outcomes: Iterable[tuple[float, bool]]) -> Calibration:
+    """Calibration of predicted probabilities, each with whether it came true."""
+    pairs = list(outcomes)
     existence = np.clip([predicted for predicted, _ in pairs], 0.0, 1.0)
     true = np.array([outcome for _, outcome in pairs], dtype=np.float64)
     index = np.minimum((existence * BINS).astype(np.intp), BINS - 1)

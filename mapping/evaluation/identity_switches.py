@@ -32,8 +32,8 @@ def identity_switches(states: Iterable[Iterable[MappedObject]], matcher: TruthMa
     return switches
 
 
-def object_states(semantic_map: SemanticMap) -> Iterator[tuple[ObjectRecord, ...]]:
-    """The objects of a map after each transaction that changed one.
+def object_states(semantic_map: SemanticMap, since: int = 0) -> Iterator[tuple[ObjectRecord, ...]]:
+    """The objects of a map after each transaction behind number `since` that changed one.
 
     Raises HistoryError where the map does not keep all of its past.
     """
@@ -46,7 +46,7 @@ def object_states(semantic_map: SemanticMap) -> Iterator[tuple[ObjectRecord, ...
         for iri in gone:
             del records[iri]
         records |= found
-        if found or gone:
+        if (found or gone) and change.sequence > since:
             yield tuple(records.values())
 
 

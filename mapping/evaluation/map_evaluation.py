@@ -19,6 +19,11 @@ from mapping.evaluation.existence_scores import (
 )
 from mapping.evaluation.identity_switches import SHOWN, identity_switches, object_states
 from mapping.evaluation.position_coverage import Coverage, coverage
+from mapping.evaluation.relation_scores import (
+    RelationOutcomes,
+    RelationScore,
+    relation_outcomes,
+)
 from mapping.evaluation.truth_matching import MappedObject, Matching, TruthMatcher
 
 
@@ -30,6 +35,7 @@ class MapScores:
     switches: int | None  # identity switches; None: the past is not kept
     calibration: Calibration
     coverage: Coverage
+    relations: tuple[RelationScore, ...] = ()  # empty: the truth knows none
 
     def to_json(self) -> dict[str, Any]:
         """Plain values, for `--json`."""
@@ -43,6 +49,7 @@ class MapEvaluation:
     matcher: TruthMatcher
     matchings: tuple[Matching, ...]  # at each of THRESHOLDS
     switches: int | None
+    relations: RelationOutcomes
 
     @property
     def shown(self) -> Matching:
@@ -57,24 +64,37 @@ class MapEvaluation:
             switches=self.switches,
             calibration=calibration([everything]),
             coverage=coverage([(everything, self.matcher)]),
+            relations=self.relations.scores(),
         )
 
 
-def evaluate_map(semantic_map: SemanticMap, matcher: TruthMatcher) -> MapEvaluation:
-    """Match the objects of a map, now and after each of its transactions."""
+def evaluate_map(semantic_map: SemanticMap, matcher: TruthMatcher, since: int = 0) -> MapEvaluation:
+    """Match the objects of a map, now and after each transaction behind number `since`."""
     label = semantic_map.catalogue.label
-    objects = mapped_objects(semantic_map.objects(), label)
+    records = semantic_map.objects()
+    objects = mapped_objects(records, label)
     try:
-        states = (mapped_objects(state, label) for state in object_states(semantic_map))
+        states = (mapped_objects(state, label) for state in object_states(semantic_map, since))
         switches = identity_switches(states, matcher)
     except HistoryError:
         switches = None
-    return MapEvaluation(matcher, matchings_by_existence(objects, matcher), switches)
+    matchings = matchings_by_existence(objects, matcher)
+    shown = matchings[THRESHOLDS.index(SHOWN)]
+    matched = {
+        shown.mapped[pair.mapped].iri: pair.true
+        for pair in (*shown.matched, *shown.ignored)
+        if matcher.matches(shown.mapped[pair.mapped], pair.true)
+    }
+    relations = relation_outcomes(records, matched, matcher)
+    return MapEvaluation(matcher, matchings, switches, relations)
 
 
 def pooled(evaluations: Sequence[MapEvaluation]) -> MapScores:
     """Scores over the objects of several maps together."""
     switches = [e.switches for e in evaluations if e.switches is not None]
+    relations = RelationOutcomes()
+    for evaluation in evaluations:
+        relations.add(evaluation.relations)
     return MapScores(
         thresholds=pooled_scores(
             [e.matchings for e in evaluations], [e.matcher.counted for e in evaluations]
@@ -82,6 +102,7 @@ def pooled(evaluations: Sequence[MapEvaluation]) -> MapScores:
         switches=sum(switches) if len(switches) == len(evaluations) else None,
         calibration=calibration(e.matchings[0] for e in evaluations),
         coverage=coverage((e.matchings[0], e.matcher) for e in evaluations),
+        relations=relations.scores(),
     )
 
 

@@ -63,14 +63,18 @@ def _cost(
     """
     a, b = min(sighting.size, s.largest), min(track.size, s.largest)
     blur = s.gate_depth * (sighting.depth or 1.0) ** 2
+    replaced = track.stale and max(a, b) < s.small
     if shared:
         gate = s.gate + s.gate_size * (a + b) + blur
+        if replaced:
+            return distance / gate if distance < s.stale_gate * gate else np.inf
         if distance < gate:
             return distance / gate
         common = shared_footprint(sighting.low, sighting.high, track.low, track.high)
         return 1.0 if common > s.overlap else np.inf
     alike = not sighting.cut and 0.5 < sighting.size / track.size < 2
-    return _OTHER + distance if alike and distance < s.other_gate * min(a, b) + blur else np.inf
+    gate = (s.other_gate * min(a, b) + blur) * (s.stale_gate if replaced else 1.0)
+    return _OTHER + distance if alike and distance < gate else np.inf
 
 
 def boxes_touch(low: Floats, high: Floats, lows: Floats, highs: Floats) -> NDArray[np.bool_]:

@@ -7,6 +7,7 @@ of the map once distinct views make it probable, and leaves it when they make it
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
@@ -18,9 +19,11 @@ from kg.records import Evidence, ObjectRecord
 from mapping.label_resolver import LabelResolver
 from mapping.label_table import LabelTable
 from mapping.objects.association import associate
+from mapping.objects.departures import Departures
 from mapping.objects.detector_rates import DetectorRates, rates_of
 from mapping.objects.existence import logit
 from mapping.objects.merging import duplicates
+from mapping.objects.moves import Absentee
 from mapping.objects.object_cache import ObjectCache
 from mapping.objects.object_mapper import ObjectChanges
 from mapping.objects.ray_test import VolumeView, in_front, ray_test
@@ -28,6 +31,7 @@ from mapping.objects.settings import ObjectSettings
 from mapping.objects.sightings import SightingExtractor, ThingSighting
 from mapping.objects.tracks import Track, track_of
 from mapping.objects.usual_sizes import UsualSize, size_log_likelihood, usual_sizes
+from mapping.persistence import departed, listed_half_life
 from mapping.places.place_registry import PlaceRegistry
 from mapping.reference.settings import UnknownLabels
 from mapping.sighting import Sighting
@@ -65,8 +69,15 @@ class BayesObjectMapper:
         self._rates: dict[str, DetectorRates] = {}
         self._tracks: list[Track] = [self._track(r) for r in self._objects.perceived.values()]
         self._new: set[str | None] = set()  # IRIs that the last frame gave
+        self._departures = Departures(self._settings)
         self._frame = 0  # number of the present one
+        self._stamp = 0.0  # [s] of the present one
         self._revision = -1  # of the places' rectangles, when objects were last put into places
+
+    @property
+    def cache(self) -> ObjectCache:
+        """The objects as perceived, and the assertions about them."""
+        return self._objects
 
     @property
     def unplaced(self) -> int:
@@ -93,6 +104,7 @@ class BayesObjectMapper:
         """Process one frame: evidence for what is seen and what is missed, candidates, merges."""
         self.refresh()
         self._frame += 1
+        self._stamp = frame.stamp
         camera = frame.T_map_cam[:3, 3]
         sightings = self._extractor.sightings(frame, detections)
         detectors = detections.detectors or ("",)
@@ -122,6 +134,7 @@ class BayesObjectMapper:
         """
         self.refresh()
         self._frame += 1
+        self._stamp = stamp
         located = [self._extractor.of_position(sighting) for sighting in sightings]
         touched = dict[int, Track]()
         for sighting in located:
@@ -159,6 +172,7 @@ class BayesObjectMapper:
                 track.iri = track.written = None  # a candidate again
             if track.iri is None and track.last_frame == self._frame:
                 track.observations -= 1
+        self._departures.undo()
         self._revision = -1
 
     def refresh(self) -> None:
@@ -177,6 +191,7 @@ class BayesObjectMapper:
                 same = track.written is not None and _same_facts(track.written, held[track.iri])
                 kept.append(track if same else self._track(held[track.iri]))
         known = {track.iri for track in kept}
+        self._departures.forget(touched & held.keys())
         self._tracks = kept + [
             self._track(held[iri]) for iri in touched if iri in held and iri not in known
         ]
@@ -185,6 +200,8 @@ class BayesObjectMapper:
 
     def _associated(self, sightings: Sequence[ThingSighting]) -> list[tuple[ThingSighting, Track]]:
         near = self._near(sightings)
+        for track in near:
+            track.stale = self._stamp - track.last_seen > self._settings.stale
         found = associate(sightings, near, self._asserted, self._settings)
         return [(sightings[row], near[column]) for row, column in found.items()]
 
@@ -211,6 +228,7 @@ class BayesObjectMapper:
     ) -> None:
         """Count a sighting as a view: hits of its categories, misses of the track's others."""
         track.views += novelty == 1.0
+        track.absence.hit(novelty)
         track.clear_views.clear()
         track.emptiness = min(0.0, track.emptiness + 2 * novelty)
         self._locate(track, sighting, novelty, frame.stamp)
@@ -245,7 +263,9 @@ class BayesObjectMapper:
             if view is VolumeView.EMPTY:
                 track.add_clear_view(camera)
                 track.emptiness = max(track.emptiness + s.emptiness * weight, -8.0)
+                track.absence.empty(weight, s.empty_ratio)
             share = self._share(track.size, float(np.linalg.norm(track.p_map - camera)), frame)
+            track.absence.miss(weight, max(self._rate(d).recall_of(share) for d in detectors))
             for category in track.evidence:
                 for detector in detectors:
                     track.add_evidence(category, detector, self._rate(detector).miss(share), weight)
@@ -311,7 +331,13 @@ class BayesObjectMapper:
 
     def _assess(self, track: Track) -> None:
         size = float(np.median(track.sizes)) if track.sizes else 0.0
-        track.assess({c: size_log_likelihood(size, self._usual_size(c)) for c in track.evidence})
+        prior = {c: size_log_likelihood(size, self._usual_size(c)) for c in track.evidence}
+        track.assess(prior, self._departed(track, self._stamp - track.last_seen))
+
+    def _departed(self, track: Track, age: float) -> float:
+        """Prior probability that a thing left within `age` [s] after it was seen."""
+        likely = track.category if track.log_odds else next(iter(track.evidence))
+        return departed(listed_half_life(self._map.catalogue.label(likely)), age)
 
     def _merge(self, touched: Sequence[Track]) -> tuple[Track, ...]:
         """Merge tracks that are one thing; returns those that were absorbed.
@@ -342,9 +368,12 @@ class BayesObjectMapper:
         gone = {id(track) for track in absorbed}
         touched = [track for track in (*seen, *missed) if id(track) not in gone]
         new = self._confirmed(touched)
-        self._new = {track.iri for track in seen if track.written is None} - {None}
         lost = [track for track in touched if track.iri is not None and self._improbable(track)]
-        removed = [track.iri for track in (*lost, *absorbed) if track.iri is not None]
+        removed = {track.iri for track in (*lost, *absorbed) if track.iri is not None}
+        touched += self._identify(new, touched, lost, removed)
+        for track in new:
+            track.iri = track.iri or self._map.new_object_iri()
+        self._new = {track.iri for track in seen if track.written is None} - {None}
         self._drop(lost)
         self._objects.remove(iri for iri in removed if iri in self._objects.perceived)
         dropped = {id(track) for track in lost}
@@ -356,22 +385,80 @@ class BayesObjectMapper:
         written |= self._moved(written)
         self._objects.update(written)
         return ObjectChanges(
-            tuple(written.values()), tuple(removed), len(new), len(seen), len(missed)
+            tuple(written.values()), tuple(sorted(removed)), len(new), len(seen), len(missed)
         )
 
+    def _identify(
+        self,
+        new: Sequence[Track],
+        touched: Sequence[Track],
+        lost: Sequence[Track],
+        removed: set[str],
+    ) -> list[Track]:
+        """Let things that appeared go on as the objects that left elsewhere.
+
+        Returns the tracks to be written besides, and changes the IRIs that are `removed`.
+        """
+        self._departures.add([t for t in lost if not self._fixed(t)])
+        also = self._returned(new)
+        gone = {id(track) for track in lost}
+        least = self._settings.left
+        left = [t for t in touched if t.iri and t.absent >= least and id(t) not in gone]
+        if not (new or lost or left) or not (left or self._departures):
+            return also
+        objects = [t for t in self._tracks if t.iri and id(t) not in gone]
+        free = [t for t in objects if not self._fixed(t)]
+        appeared = [
+            t for t in objects if t.existence >= 0.5 and not self._objects.has_assertions(t.iri)
+        ]
+        appeared += [t for t in new if t.iri is None]
+        count = Counter(track.category for track in objects)
+        perhaps = [Absentee(track, track.absent, looked=track.absent >= least) for track in free]
+        for move in self._departures.found(
+            perhaps, appeared, self._departed, self._stamp, count.__getitem__
+        ):
+            iri = move.old.iri
+            assert iri is not None
+            removed.discard(iri)
+            if move.former_iri is not None:
+                removed.add(move.former_iri)
+            self._tracks = [track for track in self._tracks if track is not move.old]
+            also.append(move.track)
+        return also
+
+    def _returned(self, new: Sequence[Track]) -> list[Track]:
+        """Undo moves of things that stand in their old spot after all; the tracks they were given.
+
+        What was taken for the object is one of its own again.
+        """
+        others = list[Track]()
+        for track in new:
+            move = self._departures.back(track)
+            if move is None or self._fixed(move.track):
+                continue
+            other = move.track
+            track.becomes(other)
+            other.iri = move.former_iri or self._map.new_object_iri()
+            other.written, other.first_seen = None, move.first_seen
+            other.observations -= move.old.observations
+            others.append(other)
+        return others
+
+    def _fixed(self, track: Track) -> bool:
+        """Whether people assert where an object is, or that it is there."""
+        asserted = track.iri is not None and self._objects.asserted_present(track.iri)
+        return asserted or self._asserted(track)[0] is not None
+
     def _confirmed(self, touched: Sequence[Track]) -> list[Track]:
-        """Give probable candidates an IRI; returns them."""
+        """Candidates that are probable enough to enter the map."""
         s = self._settings
-        new = [
+        return [
             track
             for track in touched
             if track.iri is None
             and track.views >= s.confirmed_views
             and track.existence >= s.confirmed
         ]
-        for track in new:
-            track.iri = self._map.new_object_iri()
-        return new
 
     def _improbable(self, track: Track) -> bool:
         assert track.iri is not None

@@ -34,8 +34,11 @@ class DetectorRates:
 
     def miss(self, size: float) -> float:
         """Log-likelihood ratio of a view without a detection; `size`: share of the image's side."""
-        recall = self.recall / (1 + (self.half / max(size, 1e-6)) ** 2)
-        return min(0.0, math.log((1 - recall) / (1 - self.repeat)))
+        return min(0.0, math.log((1 - self.recall_of(size)) / (1 - self.repeat)))
+
+    def recall_of(self, size: float) -> float:
+        """Recall of a thing whose side is `size`, as a share of the image's."""
+        return self.recall / (1 + (self.half / max(size, 1e-6)) ** 2)
 
     def hit(self, score: float, size: float) -> float:
         """Log-likelihood ratio of a detection; a weak one says no less than none would."""

@@ -18,6 +18,7 @@ class ObjectCache:
         self._map = semantic_map
         self.perceived = PerceivedObjects(semantic_map)  # by IRI
         self._assertions: dict[str, PropertyAssertions] = {}
+        self._changed: set[str] = set()
         self._read_assertions(self.perceived)
 
     def believed(self, record: ObjectRecord) -> ObjectRecord:
@@ -47,12 +48,19 @@ class ObjectCache:
     def update(self, records: Mapping[str, ObjectRecord]) -> None:
         """Store new records by IRI."""
         self.perceived |= records
+        self._changed |= records.keys()
 
     def remove(self, iris: Iterable[str]) -> None:
         """Forget objects."""
         for iri in iris:
             del self.perceived[iri]
+            self._changed.add(iri)
             self._assertions.pop(iri, None)
+
+    def take_changed(self) -> frozenset[str]:
+        """IRIs of things that anybody changed since the last call."""
+        changed, self._changed = frozenset(self._changed), set()
+        return changed
 
     def invalidate(self, iris: Iterable[str]) -> None:
         """Mark objects to be read again at the next `refresh`."""
@@ -61,6 +69,7 @@ class ObjectCache:
     def refresh(self) -> frozenset[str]:
         """IRIs of things that others changed since the last call, read again; cheap where none."""
         touched = self.perceived.refresh()
+        self._changed |= touched
         if not touched:
             return touched
         for iri in touched - self.perceived.keys():

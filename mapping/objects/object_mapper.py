@@ -70,6 +70,11 @@ class ObjectMapper:
         self._revision = -1  # of the places' rectangles, when objects were last put into places
 
     @property
+    def cache(self) -> ObjectCache:
+        """The objects as perceived, and the assertions about them."""
+        return self._objects
+
+    @property
     def unplaced(self) -> int:
         """Detections so far without usable depth."""
         return self._localiser.unplaced

@@ -56,7 +56,7 @@ def ray_test(frame: Frame, p_map: Floats, size: float, settings: ObjectSettings)
     depths = depths[depths > 0]
     if len(depths) < 4:
         return VolumeView.NOTHING
-    tolerance = 0.5 * size + 0.15 + 0.02 * depth**2
+    tolerance = 0.5 * size + s.ray_tolerance + s.ray_noise * depth**2
     before = float((depths < depth - tolerance).mean())
     beyond = float((depths > depth + tolerance).mean())
     if before > s.occluded:

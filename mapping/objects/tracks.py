@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.records import Evidence, ObjectRecord
+from mapping.objects.absence import KNOWN, Absence
 from mapping.objects.existence import ViewEvidence, category_probabilities, logit
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.sightings import ThingSighting
@@ -34,6 +35,10 @@ class Track:
     iri: str | None = None
     evidence: dict[str, dict[str, ViewEvidence]] = field(default_factory=dict)  # category, detector
     emptiness: float = 0.0  # log-odds of views through its volume
+    absence: Absence = field(default_factory=Absence)
+    absent: float = 0.0  # probability that it left the spot where it was last seen
+    peak: float = 0.0  # greatest existence so far
+    stale: bool = False  # whether it was last seen long ago
     views: int = 0  # distinct ones that showed it
     observations: int = 0
     weight: float = 0.0  # of the sightings in its position
@@ -61,7 +66,7 @@ class Track:
     @property
     def existence(self) -> float:
         """Probability that a thing of `category` is there."""
-        return category_probabilities(self.log_odds)[self.category]
+        return category_probabilities(self.log_odds)[self.category] * (1 - self.absent)
 
     @property
     def plausible(self) -> frozenset[str]:
@@ -143,9 +148,14 @@ class Track:
         held = self.evidence.setdefault(category, {})
         held.setdefault(detector, ViewEvidence()).add(ratio, weight)
 
-    def assess(self, size_prior: Mapping[str, float]) -> None:
-        """Compute the categories' log-odds anew; `size_prior` has log-likelihoods by category."""
+    def assess(self, size_prior: Mapping[str, float], departed: float = 0.0) -> None:
+        """Compute the categories' log-odds and the absence anew.
+
+        `size_prior` has log-likelihoods by category, `departed` is the prior probability that the
+        thing left since it was last seen.
+        """
         s = self.settings
+        self.absent = self.absence.probability(departed) if departed else 0.0
         self.log_odds = {
             category: s.prior
             + self.emptiness
@@ -153,6 +163,7 @@ class Track:
             + sum(one.saturated(s.correlation) for one in held.values())
             for category, held in self.evidence.items()
         }
+        self.peak = max(self.peak, self.existence)
 
     def merge(self, other: Track) -> None:
         """Take over all that is known of `other`, which is the same thing."""
@@ -164,6 +175,7 @@ class Track:
         if total > 0:
             self.p_map = (self.p_map * self.weight + other.p_map * other.weight) / total
         self.weight = min(total, self.settings.most_weight)
+        self.absence.merge(other.absence)
         self.sizes.extend(other.sizes)
         for low, high in zip(other.lows, other.highs, strict=True):
             self.add_box(low, high)
@@ -173,6 +185,12 @@ class Track:
         self.first_seen = min(self.first_seen, other.first_seen)
         self.last_seen = max(self.last_seen, other.last_seen)
         self.last_frame = max(self.last_frame, other.last_frame)
+
+    def becomes(self, old: Track) -> None:
+        """Go on as `old`, the same thing before it moved here."""
+        self.iri, self.written = old.iri, old.written
+        self.first_seen = min(self.first_seen, old.first_seen)
+        self.observations += old.observations
 
     def record(self) -> ObjectRecord:
         """Its record, as perception believes it."""
@@ -210,6 +228,7 @@ def track_of(record: ObjectRecord, settings: ObjectSettings, usual: UsualSize | 
         settings=settings,
         iri=record.iri,
         evidence={record.category: {RECORD: held}},
+        absence=Absence(hits=min(views, KNOWN)),
         views=settings.confirmed_views,
         observations=record.observations,
         weight=min(0.5 * record.observations, settings.most_weight),

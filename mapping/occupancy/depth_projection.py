@@ -38,6 +38,7 @@ class FloorEvidence:
     free: NDArray[np.bool_]  # (n, n)
     hit: NDArray[np.bool_]  # (n, n) obstacle
     tall: NDArray[np.bool_]  # (n, n) obstacle that cannot be looked over
+    viewed: NDArray[np.bool_]  # (2, n / view, n / view) surface in view from close by, and at all
 
 
 def frame_points(
@@ -77,6 +78,8 @@ def floor_evidence(
         on_floor = abs(height) <= level
         obstacle = (height > level + s.clearance) & (height < s.top)
         above_eyes = obstacle & (height > s.eye)
+        in_reach = (height > -level) & (height < s.top)
+        close = in_reach & (points.depth <= s.close)
     corner = np.array([first, second]) * s.span
     xy = (points.xyz[:2] - corner[:, None, None]) / s.cell
     with np.errstate(invalid="ignore"):
@@ -89,7 +92,14 @@ def floor_evidence(
     hit = obstacles >= s.hits
     free = (count(on_floor, np.ones_like(joined)) > 0) & (obstacles == 0)
     tall = hit & (count(above_eyes, joined) >= s.hits)
-    return FloorEvidence((first, second), free, hit, tall)
+    viewed = np.zeros((2, cells // s.view, cells // s.view), np.bool_)
+    with np.errstate(invalid="ignore"):
+        in_reach &= ((xy >= 0) & (xy < cells)).all(axis=0)
+    column, row = (xy[:, in_reach] / s.view).astype(np.intp)
+    viewed[1, column, row] = True
+    near = close[in_reach]
+    viewed[0, column[near], row[near]] = True
+    return FloorEvidence((first, second), free, hit, tall, viewed)
 
 
 def _with_interpolated(xy: Floats, chosen: NDArray[np.bool_], joined: NDArray[np.bool_]) -> Floats:

@@ -10,14 +10,23 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from kg.areas import Area
 from kg.facts.occupancy import tile_iri
 from kg.maps.cache_invalidation import ExternalChanges
 from kg.maps.semantic_map import SemanticMap
-from kg.records import UNKNOWN, FloorTile
+from kg.records import UNKNOWN, FloorTile, PlaceViews
 from mapping.occupancy.depth_projection import FloorEvidence, floor_evidence, frame_points
 from mapping.occupancy.occupancy_settings import OccupancySettings
 from mapping.occupancy.storeys import Storeys
-from mapping.occupancy.tiles import Key, OccupancyTile, States, tile_evidence
+from mapping.occupancy.tiles import (
+    Key,
+    OccupancyTile,
+    States,
+    ViewTimes,
+    no_views,
+    tile_evidence,
+)
+from mapping.occupancy.view_coverage import on_tile, view_coverage
 from perception.frames import Frame
 
 _TileKey = tuple[int, Key]  # storey and tile
@@ -26,12 +35,11 @@ _TileKey = tuple[int, Key]  # storey and tile
 class _CachedTile:
     """One tile: its log-odds, and its states as written to the graph."""
 
-    __slots__ = ("compared", "observed", "tile", "written", "written_at")
+    __slots__ = ("compared", "observed", "tile", "viewed", "written", "written_at")
 
     def __init__(self, settings: OccupancySettings, known: FloorTile | None) -> None:
-        shape = (settings.side, settings.side)
-        self.written: States = np.full(shape, UNKNOWN, np.uint8) if known is None else known.cells
-        self.tile = OccupancyTile(settings, None if known is None else known.cells)
+        self.written, self.viewed = _written(settings, known)
+        self.tile = OccupancyTile(settings, None if known is None else known.cells, self.viewed)
         self.written_at = -np.inf  # [s] stamp of the frame that it was last written with
         self.observed = 0.0  # [s] stamp of the last frame with evidence of it
         self.compared = True  # whether it was compared with what is written since then
@@ -74,13 +82,13 @@ class OccupancyMap:
         self._update(storey, floor_evidence(points, camera, height, self._settings), frame.stamp)
 
     def _update(self, storey: int, observed: FloorEvidence, stamp: float) -> None:
-        for number, free, hit, tall in tile_evidence(observed, self._settings):
+        for number, evidence in tile_evidence(observed, self._settings):
             key = (storey, number)
             cached = self._tiles.pop(key, None)
             if cached is None:
                 cached = _CachedTile(self._settings, self._known(key))
             self._tiles[key] = cached
-            cached.tile.add(free, hit, tall, self._settings)
+            cached.tile.add(evidence, stamp, self._settings)
             cached.observed, cached.compared = stamp, False
             self._unwritten[key] = None
 
@@ -104,17 +112,34 @@ class OccupancyMap:
             for p, cached in unwritten
             if not cached.compared and abs(stamp - cached.written_at) >= s.pause
         ]
-        found = self._states(due, s.enough) + self._states(
-            [p for p in old if p in self._unwritten], 1
+        found = self._states(due) + self._states(
+            [p for p in old if p in self._unwritten], rest=True
         )
         for key in old:
             del self._tiles[key]
             self._unwritten.pop(key, None)
         return found
 
+    def touches(self, area: Area, tiles: Iterable[FloorTile]) -> int | None:
+        """The storey of a tile of `tiles` that an area's bounding rectangle touches, if any."""
+        touching = (tile for tile in tiles if on_tile(area, tile, self._settings.span))
+        return next((tile.storey for tile in touching), None)
+
+    def views(self, area: Area, storey: int) -> PlaceViews | None:
+        """How much of an area was viewed on a storey, by what is in memory or the graph."""
+
+        def times(key: Key) -> ViewTimes | None:
+            cached = self._tiles.get((storey, key))
+            if cached is not None:
+                return cached.tile.viewed
+            known = self._known((storey, key))
+            return None if known is None else _written(self._settings, known)[1]
+
+        return view_coverage(area, times, self._settings)
+
     def take_rest(self) -> tuple[FloorTile, ...]:
         """Tiles with any state that is not written yet."""
-        return self._states(list(self._unwritten), 1)
+        return self._states(list(self._unwritten), rest=True)
 
     def undo(self, tiles: Iterable[FloorTile]) -> None:
         """Mark tiles as unwritten again, that could not be written."""
@@ -124,26 +149,44 @@ class OccupancyMap:
             if cached is None:  # it had left the cache
                 cached = self._tiles[key] = _CachedTile(self._settings, tile)
                 cached.observed = tile.changed
-            known = self._known(key)
-            cached.written = np.full_like(tile.cells, UNKNOWN) if known is None else known.cells
+            cached.written, cached.viewed = _written(self._settings, self._known(key))
             cached.written_at, cached.compared = -np.inf, False
             self._unwritten[key] = None
 
-    def _states(self, keys: Iterable[_TileKey], least: int) -> tuple[FloorTile, ...]:
+    def _states(self, keys: Iterable[_TileKey], *, rest: bool = False) -> tuple[FloorTile, ...]:
+        """The tiles that have changed enough; all that have changed at all for the `rest`."""
         s, found = self._settings, list[FloorTile]()
         for key in keys:
             storey, (column, row) = key
             cached = self._tiles[key]
             cached.compared = True
             states = cached.tile.states(s)
+            viewed = cached.tile.viewed
             differs = int((states != cached.written).sum())
-            if differs < least:
-                if not differs:
-                    del self._unwritten[key]
+            views = viewed != cached.viewed
+            if not differs and not views.any():
+                del self._unwritten[key]
+                continue
+            if not rest and differs < s.enough and not self._viewed_enough(cached, viewed):
                 continue
             height = self._storeys.heights[storey]
-            tile = FloorTile(storey, column, row, height, s.cell, states, cached.observed)
-            cached.written, cached.written_at = states, cached.observed
+            seen = viewed.copy()
+            tile = FloorTile(storey, column, row, height, s.cell, states, cached.observed, seen)
+            cached.written, cached.viewed, cached.written_at = states, seen, cached.observed
             del self._unwritten[key]
             found.append(tile)
         return tuple(found)
+
+    def _viewed_enough(self, cached: _CachedTile, viewed: ViewTimes) -> bool:
+        s, anew = self._settings, int((viewed > 0).sum() - (cached.viewed > 0).sum())
+        before = cached.viewed > 0
+        later = viewed[before].astype(np.int64) - cached.viewed[before]
+        return anew >= s.enough_views or int(later.max(initial=0)) * 60 >= s.refresh
+
+
+def _written(settings: OccupancySettings, known: FloorTile | None) -> tuple[States, ViewTimes]:
+    """States and view times that the graph has of a tile."""
+    if known is None:
+        return np.full((settings.side, settings.side), UNKNOWN, np.uint8), no_views(settings)
+    fits = known.viewed is not None and known.viewed.shape == no_views(settings).shape
+    return known.cells, known.viewed if fits and known.viewed is not None else no_views(settings)

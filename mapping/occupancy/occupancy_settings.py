@@ -36,6 +36,11 @@ class OccupancySettings:
     occupied: int = 80  # from here on a cell is occupied ...
     free: int = -40  # ... and down from here free
 
+    view: int = 4  # cells along a side of the larger cells that views are remembered for: 0.2 m
+    close: float = 2.0  # [m] a view from no further shows small things too
+    enough_views: int = 12  # larger cells of a tile viewed anew before it is written again ...
+    refresh: float = 300.0  # [s] ... or views this much later than what is written
+
     enough: int = 40  # cells of a tile that must have changed before it is written again ...
     pause: float = 2.0  # [s] ... and the time between two writes, by the frames' stamps
     kept: int = 1024  # tiles in memory; older ones are read again from the graph

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -15,17 +16,32 @@ from mapping.occupancy.occupancy_settings import OccupancySettings
 Key = tuple[int, int]  # number of a tile along x and y
 States = NDArray[np.uint8]  # (side, side) cells (x, y): UNKNOWN, FREE, LOW or TALL
 
+ViewTimes = NDArray[np.uint32]  # (2, m, m) [min since 1970] of the last view, close by and at all
+
+_LAST_MINUTE: Final = 2**32 - 1
 _TALLEST: Final = 9  # of the evidence that something is tall
 _TALL_SEEN: Final = 3
 
 
+def no_views(settings: OccupancySettings) -> ViewTimes:
+    """Times of views of a tile that was never viewed."""
+    larger = settings.side // settings.view
+    return np.zeros((2, larger, larger), np.uint32)
+
+
 class OccupancyTile:
-    """Occupancy grid of one square: log-odds of an obstacle, and evidence of its height."""
+    """Occupancy grid of one square: log-odds of an obstacle, its height, and times of views."""
 
-    __slots__ = ("log_odds", "tall")
+    __slots__ = ("log_odds", "tall", "viewed")
 
-    def __init__(self, settings: OccupancySettings, states: States | None = None) -> None:
+    def __init__(
+        self,
+        settings: OccupancySettings,
+        states: States | None = None,
+        viewed: ViewTimes | None = None,
+    ) -> None:
         shape = (settings.side, settings.side)
+        self.viewed = no_views(settings) if viewed is None else viewed.copy()
         self.log_odds = np.zeros(shape, np.int16)
         self.tall = np.zeros(shape, np.int8)
         if states is not None:  # the log-odds behind written states are not kept
@@ -33,14 +49,13 @@ class OccupancyTile:
             self.log_odds[(states == LOW) | (states == TALL)] = settings.occupied + settings.hit
             self.tall[states == TALL] = _TALL_SEEN
 
-    def add(
-        self,
-        free: NDArray[np.bool_],
-        hit: NDArray[np.bool_],
-        tall: NDArray[np.bool_],
-        settings: OccupancySettings,
-    ) -> None:
-        """Add one frame's evidence, (side, side) each."""
+    def add(self, evidence: TileEvidence, stamp: float, settings: OccupancySettings) -> None:
+        """Add one frame's evidence; `stamp` [s since 1970]."""
+        free, hit, tall = evidence.free, evidence.hit, evidence.tall
+        minute = np.uint32(min(max(stamp / 60, 1), _LAST_MINUTE))
+        np.maximum(self.viewed, evidence.viewed * minute, out=self.viewed)
+        if evidence.views_only:
+            return
         self.log_odds += hit * np.int16(settings.hit) - free * np.int16(settings.miss)
         np.clip(self.log_odds, settings.least, settings.most, out=self.log_odds)
         # what reaches above the eyes outweighs a few frames that show its lower part only
@@ -57,15 +72,33 @@ class OccupancyTile:
         return found
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class TileEvidence:
+    """One frame's evidence of one tile."""
+
+    free: NDArray[np.bool_]  # (side, side)
+    hit: NDArray[np.bool_]
+    tall: NDArray[np.bool_]
+    viewed: NDArray[np.bool_]  # (2, side / view, side / view)
+    views_only: bool  # whether there is nothing but views
+
+
 def tile_evidence(
     frame: FloorEvidence, settings: OccupancySettings
-) -> Iterator[tuple[Key, NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]]:
-    """Evidence by tile: key, free, hit and tall of each tile that a frame has any for."""
-    side = settings.side
+) -> Iterator[tuple[Key, TileEvidence]]:
+    """Evidence by tile, of each tile that a frame has any for."""
+    side, larger = settings.side, settings.side // settings.view
     known = frame.free | frame.hit
     count = len(known) // side
-    touched = known.reshape(count, side, count, side).any(axis=(1, 3))
-    for i, j in np.argwhere(touched):
+    touched = np.asarray(known.reshape(count, side, count, side).any(axis=(1, 3)))
+    seen = frame.viewed[1].reshape(count, larger, count, larger).any(axis=(1, 3))
+    for i, j in np.argwhere(touched | seen):
         part = slice(i * side, (i + 1) * side), slice(j * side, (j + 1) * side)
+        rows, columns = slice(i * larger, (i + 1) * larger), slice(j * larger, (j + 1) * larger)
+        viewed = frame.viewed[:, rows, columns]
         key = (frame.tile[0] + int(i), frame.tile[1] + int(j))
-        yield key, frame.free[part], frame.hit[part], frame.tall[part]
+        views_only = not bool(touched[int(i), int(j)])
+        yield (
+            key,
+            TileEvidence(frame.free[part], frame.hit[part], frame.tall[part], viewed, views_only),
+        )

@@ -21,8 +21,8 @@ class PlaceRegistry:
     """All places of a map, those of this run first; a cache that the graph can rebuild.
 
     With a layout its places are this run's places. Without one the run has a single place,
-    labelled with the recording's name, that grows with what is seen; with `recording` None it has
-    no places of its own. Places that the map holds
+    labelled with the recording's name, that grows with what is seen: with `find` until places are
+    found in the floor. With `recording` None it has no places of its own. Places that the map holds
     from other runs stay behind them, with their views and beliefs. All as perception believes them;
     what others wrote is taken over by `refresh`.
 
@@ -35,12 +35,13 @@ class PlaceRegistry:
         layout: Layout | None = None,
         *,
         recording: str | None = "extent",
+        find: bool = False,
     ) -> None:
         self._map = semantic_map
         self._watch = ExternalChanges(semantic_map)
         known = {record.iri: record for record in semantic_map.perceived_places()}
         self.revision = 0  # counts the changes of any area
-        self._recording = recording or ""
+        self._recording, self._find = recording or "", find
         self._growing = (
             None
             if layout or recording is None
@@ -70,9 +71,21 @@ class PlaceRegistry:
         self.revision += 1
 
     def put(self, record: PlaceRecord) -> None:
-        """Store a place's new record."""
+        """Store a place's new record, if it is new."""
+        old = self._places.get(record.iri)
+        if old == record:
+            return
         self._places[record.iri] = record
         self._changed.add(record.iri)
+        if old is None or old.area != record.area:
+            self.revision += 1
+
+    def remove(self, iris: Iterable[str]) -> None:
+        """Forget places that left the map."""
+        for iri in iris:
+            del self._places[iri]
+            self._changed.discard(iri)
+            self.revision += 1
 
     def __getitem__(self, iri: str) -> PlaceRecord:
         return self._places[iri]
@@ -89,7 +102,7 @@ class PlaceRegistry:
 
     def observe(self, points: NDArray[np.float64]) -> None:
         """Extend the growing place, where there is one, by `points` (n, 3) [m] of the map."""
-        if self._growing is None:
+        if self._growing is None or self._holds_found:
             return
         old = self._places.get(self._growing)
         before = old.area if old else None
@@ -103,6 +116,10 @@ class PlaceRegistry:
         self._places = {self._growing: first} | self._places | {self._growing: first}
         self._changed.add(self._growing)
         self.revision += 1
+
+    @property
+    def _holds_found(self) -> bool:
+        return self._find and any(place.from_floor for place in self._places.values())
 
     def owners(self, points: NDArray[np.float64]) -> NDArray[np.intp]:
         """Index into `places()` of the first place that holds each point (n, 2 or more); or -1."""

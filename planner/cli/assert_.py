@@ -13,9 +13,9 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser = subparsers.add_parser(
         "assert",
         help="correct a property of an object or place; it outranks perception until retracted",
-        description="Assert the category, position, existence or label of an object, or the "
-        "category or label of a place. It outranks perception until `hereabouts retract`; "
-        "`hereabouts ask MAP conflicts` lists what perception contradicts.",
+        description="Assert the category, position, existence or label of an object, what it is "
+        "on or inside of, or the category or label of a place. It outranks perception until "
+        "`hereabouts retract`; `hereabouts ask MAP conflicts` lists what perception contradicts.",
         epilog="example: hereabouts assert kitchen.map object/17 category bowl --by ann",
     )
     add_map(parser)
@@ -24,7 +24,8 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "value",
         nargs="+",
         metavar="VALUE",
-        help="a category's name or IRI; X Y Z in metres; present or absent; a label",
+        help="a category's name or IRI; X Y Z in metres; present or absent; a label; another "
+        "object, as in object/3, or nothing",
     )
     parser.add_argument("--by", metavar="NAME", help="author (a server takes the token's holder)")
     add_json(parser)
@@ -36,7 +37,7 @@ def add_what(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("thing", metavar="THING", help="object/17, place/1 or a full IRI")
     parser.add_argument(
         "property",
-        choices=("category", "position", "existence", "label"),
+        choices=("category", "position", "existence", "label", "on", "inside"),
         help="property of the thing",
     )
 

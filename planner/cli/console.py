@@ -11,7 +11,7 @@ from datetime import datetime
 from typing import TYPE_CHECKING, TextIO
 
 from kg.vocabulary import GRAPH, HERE, PREFIXES
-from planner.cli.text_table import text_table
+from planner.cli.text_table import text_blocks, text_table
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -81,25 +81,13 @@ def print_plan(plan: Plan) -> None:
 
 
 def print_looks(plan: ViewPlan, most: int | None = None) -> None:
-    """Looks of a plan as a table, the first `most` of them: from where, what for, and why."""
-    from planner.plans.report import direction, summary
+    """Looks of a plan as a table, the first `most` of them, and below it each reason once."""
+    from planner.plans.report import looks_table, reason_lines
 
-    print_table(
-        ("", "look in", "from", "towards", "p", "seconds", "left", "why"),
-        [
-            (
-                number,
-                step.place_name,
-                f"{step.p_map[0]:.1f}, {step.p_map[1]:.1f}",
-                direction(step),
-                f"{step.probability:.3f}",
-                round(step.seconds),
-                f"{step.left:.2f}",
-                summary(step.why),
-            )
-            for number, step in enumerate(plan.steps[:most], start=1)
-        ],
-    )
+    steps = plan.steps[:most]
+    print_table(*looks_table(steps))
+    for line in reason_lines(steps):
+        write(f"  {line}")
 
 
 def print_table(
@@ -112,7 +100,8 @@ def print_table(
     width = shutil.get_terminal_size().columns if sys.stdout.isatty() else _PIPE_WIDTH
     if title is not None:
         heading(title)
-    write(f"\n{text_table(columns, cells, right, width)}\n")
+    text = text_table(columns, cells, right, width) if width >= 80 else text_blocks(columns, cells)
+    write(f"\n{text}\n")
 
 
 def progress(description: str = "[progress.description]{task.description}") -> Progress:

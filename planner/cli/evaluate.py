@@ -5,10 +5,11 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from planner.cli.arguments import MAP_HELP, add_json, positive
+from planner.cli.arguments import MAP_HELP, add_json, count, positive
 from planner.cli.console import note, print_table, write_json
 from planner.cli.evaluated_maps import EvaluatedMap, Run, evaluated_maps, refuse_wrong_usage
 from planner.cli.evaluation_pictures import (
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from mapping.evaluation.class_scores import MapScore, Truth
     from mapping.evaluation.complete_truth import TrueObject
     from mapping.evaluation.map_evaluation import MapEvaluation, MapScores
+    from mapping.evaluation.session_identity import SessionIdentity
 
     AnyTruth = Truth | tuple[TrueObject, ...]  # of some classes, or complete
 
@@ -88,6 +90,14 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         help=f"map by each mode ({', '.join(MODES)}); the networks run once",
     )
     mapping.add_argument(
+        "--sessions",
+        type=count,
+        default=1,
+        metavar="N",
+        help="each N recordings in a row are sessions of one place: mapped into one map, scored "
+        "after each, and compared by the identity of their things",
+    )
+    mapping.add_argument(
         "--picture",
         metavar="FILE",
         help="draw map and truth from above; of several, each into a file with its name added",
@@ -107,6 +117,8 @@ def run_map(arguments: argparse.Namespace) -> int:
     refuse_wrong_usage(arguments)
     truths = [_load(Path(path)) for path in arguments.truth]
     refuse_impossible_pictures(arguments, truths)
+    if arguments.sessions > 1:
+        _refuse_sessions_by_class(arguments, truths)
     scored = []
     for evaluated in evaluated_maps(arguments):
         scored.append(_score(evaluated, truths[evaluated.number], arguments.near))
@@ -115,13 +127,19 @@ def run_map(arguments: argparse.Namespace) -> int:
     pooled = _pooled(scored) if len(arguments.truth) > 1 else {}
     together = [(Run(_POOLED, mode), scores) for mode, scores in pooled.items()]
     complete = [(one.run, one.evaluation.scores()) for one in scored if one.evaluation]
+    identities = _identities(scored, arguments.sessions)
     if arguments.plot:
         draw_reliability(together or complete, Path(arguments.plot))
     if arguments.json:
         pooled_json = [{"mode": mode} | scores.to_json() for mode, scores in pooled.items()]
-        write_json({"runs": [one.to_json() for one in scored], "pooled": pooled_json})
+        found = [{"sessions": name} | one.to_json() for name, one in identities]
+        write_json(
+            {"runs": [one.to_json() for one in scored], "pooled": pooled_json}
+            | ({"identity": found} if found else {})
+        )
     else:
         _print(scored, complete + together)
+        _print_identities(identities)
     return 0
 
 
@@ -141,7 +159,8 @@ def _score(evaluated: EvaluatedMap, truth: AnyTruth, near: float) -> _Scored:
     semantic_map, T_map_world = evaluated.semantic_map, evaluated.T_map_world
     if isinstance(truth, tuple):
         matcher = TruthMatcher(truth, T_map_world, near)
-        return _Scored(evaluated.run, evaluation=evaluate_map(semantic_map, matcher))
+        evaluation = evaluate_map(semantic_map, matcher, evaluated.since)
+        return _Scored(evaluated.run, evaluation=evaluation)
     label = semantic_map.catalogue.label
     found = [(label(record.category), record.p_map) for record in semantic_map.objects()]
     return _Scored(evaluated.run, by_class=score_map(found, truth, T_map_world))
@@ -158,6 +177,32 @@ def _pooled(scored: Sequence[_Scored]) -> dict[str, MapScores]:
         mode: pooled([one.evaluation for one in scored if one.evaluation and one.run.mode == mode])
         for mode in modes
     }
+
+
+def _refuse_sessions_by_class(arguments: argparse.Namespace, truths: Sequence[AnyTruth]) -> None:
+    for truth, path in zip(truths, arguments.truth, strict=True):
+        if not isinstance(truth, tuple):
+            arguments.usage_error(
+                f"{path} lists some classes only; --sessions needs complete truths"
+            )
+
+
+def _identities(scored: Sequence[_Scored], sessions: int) -> list[tuple[str, SessionIdentity]]:
+    """Identity from each session to the next, and of all of a mode together where several."""
+    from mapping.evaluation.session_identity import pooled_identity, session_identity
+
+    found: list[tuple[str, SessionIdentity]] = []
+    by_mode: dict[str, list[SessionIdentity]] = {}
+    for number, (one, other) in enumerate(pairwise(scored), start=1):
+        if one.evaluation and other.evaluation and number % sessions:
+            ends = [(e.shown, e.matcher) for e in (one.evaluation, other.evaluation)]
+            identity = session_identity(*ends)
+            names = ", ".join((f"{one.run.name} to {other.run.name}", one.run.mode))
+            found.append((names, identity))
+            by_mode.setdefault(one.run.mode, []).append(identity)
+    if len(found) > len(by_mode):
+        found += [(f"{_POOLED}, {mode}", pooled_identity(all_)) for mode, all_ in by_mode.items()]
+    return found
 
 
 def _print(scored: Sequence[_Scored], complete: Sequence[tuple[Run, MapScores]]) -> None:
@@ -206,6 +251,26 @@ def _print_complete(scored: Sequence[tuple[Run, MapScores]]) -> None:
         for run, scores in scored
     ]
     print_table((*names, *columns), rows)
+    relations = ("relation", "true", "stated", "right", "recall", "precision", "ECE")
+    rows = [
+        (*_cells(run, modes), r.kind, r.true, r.stated, r.right, r.recall, r.precision, r.ece)
+        for run, scores in scored
+        for r in scores.relations
+    ]
+    if rows:
+        print_table((*names, *relations), rows)
+
+
+def _print_identities(found: Sequence[tuple[str, SessionIdentity]]) -> None:
+    if not found:
+        return
+    columns = ("things", "objects", "right", "wrong", "recall", "precision", "f1")
+    rows = [
+        (name, kind, *(getattr(score, column) for column in columns))
+        for name, one in found
+        for kind, score in (("all", one.everything), ("moved", one.moved))
+    ]
+    print_table(("identity", "of", *columns), rows)
 
 
 def _cells(run: Run, modes: bool) -> tuple[str, ...]:

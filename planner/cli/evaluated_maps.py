@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -59,6 +59,7 @@ class EvaluatedMap:
     run: Run
     semantic_map: SemanticMap
     T_map_world: NDArray[np.float64]  # (4, 4) how the truth's world sits in the map
+    since: int = 0  # transaction after which the session of that truth began
 
 
 def refuse_wrong_usage(arguments: argparse.Namespace) -> None:
@@ -72,15 +73,22 @@ def refuse_wrong_usage(arguments: argparse.Namespace) -> None:
         arguments.usage_error("each MAP needs a --recording of its own, or none has one")
     if len(truths) != len(maps or recordings):
         arguments.usage_error("each MAP or --recording needs a --truth of its own, in their order")
+    sessions = arguments.sessions
+    if sessions < 1 or (sessions > 1 and (maps or len(recordings) % sessions)):
+        arguments.usage_error(
+            f"--sessions {sessions} needs recordings, N for each place, and N of 1 or more"
+        )
 
 
 def evaluated_maps(arguments: argparse.Namespace) -> Iterator[EvaluatedMap]:
     """Each map in turn, open while it is handled; recordings are mapped first."""
-    maps = arguments.maps or [None] * len(arguments.recording)
-    recordings = arguments.recording or [None] * len(maps)
-    for number, (address, folder) in enumerate(zip(maps, recordings, strict=True)):
-        one = argparse.Namespace(**vars(arguments) | {"recording": folder})
-        yield from _mapped(one, number) if address is None else _given(one, number, address)
+    recordings = arguments.recording or [None] * len(arguments.maps)
+    if not arguments.maps:
+        for number in range(0, len(recordings), arguments.sessions):
+            yield from _mapped(arguments, number, recordings[number : number + arguments.sessions])
+    for number, address in enumerate(arguments.maps):
+        one = argparse.Namespace(**vars(arguments) | {"recording": recordings[number]})
+        yield from _given(one, number, address)
 
 
 def _given(arguments: argparse.Namespace, number: int, address: str) -> Iterator[EvaluatedMap]:
@@ -115,18 +123,27 @@ def _transform(
     )
 
 
-def _mapped(arguments: argparse.Namespace, number: int) -> Iterator[EvaluatedMap]:
-    """Temporary maps of a recording by each mode; its frames go through the networks once."""
-    networks: Inputs | None = None
+def _mapped(
+    arguments: argparse.Namespace, first: int, folders: Sequence[str]
+) -> Iterator[EvaluatedMap]:
+    """Temporary maps by each mode, of the recordings `folders` one after another.
+
+    The first one's truth has the number `first`. Frames go through the networks once.
+    """
+    networks = dict[str, Inputs]()
     for mode in MODES if arguments.compare else (arguments.mode,):
-        inputs = open_inputs(argparse.Namespace(**vars(arguments) | {"mode": mode}))
-        if arguments.compare:
-            networks = networks or _remembering(inputs)
-            inputs = replace(inputs, detector=networks.detector, scene=networks.scene)
         with _temporary_map() as semantic_map:
-            report = map_with_progress(inputs, semantic_map)
-            run = Run(inputs.recording.name, mode, inputs.detector.name, report)
-            yield EvaluatedMap(number, run, semantic_map, inputs.recording.T_map_world)
+            for number, folder in enumerate(folders, start=first):
+                changed = {"recording": folder, "mode": mode}
+                inputs = open_inputs(argparse.Namespace(**vars(arguments) | changed))
+                if arguments.compare:
+                    known = networks.setdefault(folder, _remembering(inputs))
+                    inputs = replace(inputs, detector=known.detector, scene=known.scene)
+                since = semantic_map.sequence
+                report = map_with_progress(inputs, semantic_map)
+                run = Run(inputs.recording.name, mode, inputs.detector.name, report)
+                T_map_world = inputs.recording.T_map_world
+                yield EvaluatedMap(number, run, semantic_map, T_map_world, since)
 
 
 def _remembering(inputs: Inputs) -> Inputs:

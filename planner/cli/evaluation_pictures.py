@@ -33,7 +33,7 @@ def draw_truth(
     evaluated: EvaluatedMap, evaluation: MapEvaluation, arguments: argparse.Namespace
 ) -> None:
     """Draw one map against its truth; of several, each into a file of its own."""
-    from planner.freespace.mapped_floor import mapped_floor
+    from mapping.occupancy.mapped_floor import mapped_floor
     from planner.visualization.truth_plot import plot_truth
 
     robot = evaluated.semantic_map.robot()

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from planner.plans.thesis_rules import Plan
     from planner.plans.view_plan import ViewPlan
 
+_SURE = 0.5  # existence from which on the plan is for the case that an object is not there
+_WORTH_A_LOOK = 0.01  # chance to find from which on a plan is worth printing
 _RULES = ("viewpoints", "nearest-first", "brute-force")
 #: options that only plans of looks take
 _LOOKS_ONLY = ("budget", "turn_rate", "range", "recall", "at", "grid", "explain", "picture")
@@ -117,6 +119,7 @@ def _floor(semantic_map: SemanticMap, grid: Path) -> FreeSpace:
 def _by_viewpoints(
     semantic_map: SemanticMap, state: PlanningState, arguments: argparse.Namespace
 ) -> int:
+    from planner.goals.known_objects import known_json
     from planner.plans.report import plan_json
     from planner.plans.view_plan import plan
 
@@ -128,12 +131,42 @@ def _by_viewpoints(
         path = plot_plan(semantic_map, state, found, Path(arguments.picture))
         note(f"wrote {path}")
     if arguments.json:
-        write_json(plan_json(found))
-    elif not found.steps:
+        write_json({**plan_json(found), "known": known_json(semantic_map, state.targets)})
+        return 0
+    known = _print_known(semantic_map, state, arguments)
+    if not found.steps:
         note(_nothing(found, arguments.budget))
+    elif found.probability < _WORTH_A_LOOK and not arguments.explain:
+        note(
+            f"{', '.join(found.targets)} is on this floor with {found.present:.3f}: no look is "
+            "worth its way (--explain lists them)"
+        )
     else:
+        heading("If it is not there" if known else "Where to look")
         _print(found, explain=arguments.explain)
     return 0
+
+
+def _print_known(
+    semantic_map: SemanticMap, state: PlanningState, arguments: argparse.Namespace
+) -> bool:
+    """Print what the map has of each target; whether all of them are surely known."""
+    from planner.goals.candidate_queries import map_time
+    from planner.goals.known_objects import answer_lines, known_objects
+    from planner.goals.status import status
+
+    now, sure = _moment(arguments.at) or map_time(semantic_map), []
+    for target in state.targets:
+        known = known_objects(semantic_map, target)
+        for line in answer_lines(known, now):
+            write(line)
+        sure.append(bool(known) and known[0].existence >= _SURE)
+        if not known and target.iri is not None:
+            answer = status(semantic_map, target.iri)
+            write(f"no {target.label} is in the map ({answer.value}): {answer.proof}")
+        elif not known:
+            write(f"nothing to {target.label.partition(' to ')[2] or target.label} is in the map")
+    return all(sure)
 
 
 def _robot(semantic_map: SemanticMap) -> tuple[float, float, float]:

@@ -12,7 +12,7 @@ from planner.cli.console import note, write_json
 
 if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
-    from planner.freespace.mapped_floor import MappedFloor
+    from mapping.occupancy.mapped_floor import MappedFloor
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -68,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _grid(semantic_map: SemanticMap, storey: int | None) -> MappedFloor:
-    from planner.freespace.mapped_floor import mapped_floor
+    from mapping.occupancy.mapped_floor import mapped_floor
 
     robot = semantic_map.robot()
     height = None if robot is None else float(robot.p_map[2])

@@ -107,8 +107,11 @@ def _correct_poses(
         inputs.recording,
         open_given_recording(as_mapped),
         semantic_map,
-        lambda recording, apart: map_with_progress(replace(inputs, recording=recording), apart),
+        lambda recording, apart: map_with_progress(
+            replace(inputs, recording=recording, find_places=False), apart
+        ),
         layout=inputs.layout,
+        find_places=inputs.find_places and inputs.floor,
     )
     if arguments.json:
         write_json(report.to_json())
@@ -174,6 +177,7 @@ def map_with_progress(
             inputs.scene,
             mode=inputs.mode,
             layout=inputs.layout,
+            find_places=inputs.find_places,
             settings=inputs.settings,
             on_frame=on_frame,
             on_detections=on_detections,

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 
 #: values of `--mode`, the default first
 MODES: Final[tuple[Mode, ...]] = ("bayes", "reference")
+#: values of `--places` that are no file: the rooms of the mapped floor, and one place
+FOUND: Final = "found"
+ONE: Final = "one"
 #: least score of a detection by mode; the Bayes mapper weighs weak ones
 _THRESHOLDS: Final = {"bayes": 0.2, "reference": 0.4}
 
@@ -31,6 +34,7 @@ class Inputs:
     detector: Detector
     scene: SceneClassifier | None
     layout: Layout | None
+    find_places: bool  # whether rooms of the mapped floor become places
     settings: ReferenceSettings
     mode: Mode
     labels: LabelTable | None
@@ -138,9 +142,10 @@ def _add_network_options(networks: argparse._ArgumentGroup) -> None:
 def _add_mapping_options(places: argparse._ArgumentGroup) -> None:
     places.add_argument(
         "--places",
-        metavar="FILE",
+        metavar="FILE|found|one",
         help="areas of the places: GeoJSON polygons, JSON or CSV rectangles, or a map_server YAML "
-        "file that names one of these (default: one place around what is seen)",
+        "file that names one of these; found: the rooms of the mapped floor; one: a place around "
+        "what is seen (default: found; one in reference mode and without floor)",
     )
     places.add_argument(
         "--mode",
@@ -183,6 +188,8 @@ def open_inputs(arguments: argparse.Namespace) -> Inputs:
     from perception.inference.recorded_detections import RecordedDetector, open_detector
     from perception.inference.scene_classifier import load_scene_classifier
 
+    if arguments.places == FOUND and not arguments.floor:
+        arguments.usage_error("--places found takes the mapped floor; leave out --no-floor")
     recording = open_given_recording(arguments)
     threshold = arguments.threshold or min(_THRESHOLDS.values())
     detector = open_detector(_detector_file(arguments), threshold=threshold)
@@ -195,7 +202,8 @@ def open_inputs(arguments: argparse.Namespace) -> Inputs:
         recording=recording,
         detector=detector,
         scene=None if arguments.scene == "none" else load_scene_classifier(arguments.scene),
-        layout=_layout(arguments.places) if arguments.places else None,
+        layout=None if arguments.places in (None, FOUND, ONE) else _layout(arguments.places),
+        find_places=_finds_places(arguments),
         settings=_settings(arguments),
         mode=arguments.mode,
         labels=load_label_table(Path(arguments.labels_map)) if arguments.labels_map else None,
@@ -205,6 +213,12 @@ def open_inputs(arguments: argparse.Namespace) -> Inputs:
         check=not arguments.no_check,
         corrected=arguments.poses is not None,
     )
+
+
+def _finds_places(arguments: argparse.Namespace) -> bool:
+    if arguments.places is None:
+        return bool(arguments.floor) and arguments.mode != "reference"
+    return bool(arguments.places == FOUND)
 
 
 def _layout(name: str) -> Layout:

@@ -225,6 +225,7 @@ class _Mapper:
             inputs.detector,
             inputs.scene,
             layout=inputs.layout,
+            find_places=inputs.find_places,
             settings=inputs.settings,
             labels=inputs.labels,
             on_frame=on_frame,

@@ -33,6 +33,20 @@ def text_table(
     return "\n".join([*lines[:heading], rule, *lines[heading:]])
 
 
+def text_blocks(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Rows as blocks of lines, ``name  value``, for a terminal too narrow for a table."""
+    width = max((_columns(name) for name in header), default=0)
+    blocks = [
+        "\n".join(
+            f" {_printable(name):{width}}  {_printable(cell)}".rstrip()
+            for name, cell in zip(header, row, strict=True)
+            if cell
+        )
+        for row in rows
+    ]
+    return "\n\n".join(blocks)
+
+
 def _row(
     cells: Sequence[str], widths: Sequence[int], right: Sequence[bool], gap: str
 ) -> Iterator[str]:

@@ -39,7 +39,7 @@ class Reporter:
         self._emit(
             "plan",
             f"next {where}({p.x:.1f}, {p.y:.1f}), {p.seconds:.0f} s, finds it with "
-            f"{percent(p.probability)}, {percent(p.left)} left if not{why}",
+            f"{percent(p.probability)}, {percent(p.left)} likely to be here if not{why}",
             place=p.place,
             x=round(p.x, 2),
             y=round(p.y, 2),
@@ -55,7 +55,8 @@ class Reporter:
         """A look was taken."""
         self._emit(
             "look",
-            f"look {look.number}: {'found' if look.found else 'in vain'}; {percent(left)} left",
+            f"look {look.number}: {'found' if look.found else 'in vain'}; "
+            f"{percent(left)} likely to be here still",
             look=look.iri,
             found=list(look.found),
             left=round(left, 4),

@@ -18,6 +18,8 @@ from typing import Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from mapping.occupancy.connected_components import runs
+
 UNIT: Final = 1000  # of length a cell
 FAR: Final = 1 << 29  # not reachable; twice it still fits an int32
 _BATCH: Final = 128  # sources swept at once: a row of all of them stays in the cache
@@ -56,13 +58,6 @@ class StepLengths:
         flat = passable.reshape(-1)
         kept = tuple(link for link in links if flat[link[0]] and flat[link[1]])
         return StepLengths(passable, steps, tuple(tuple(runs(row)) for row in passable), kept)
-
-
-def runs(row: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
-    """(from, to) of each stretch of True in a row."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], row, [False]]).astype(np.int8)))
-    for a, b in edges.reshape(-1, 2):
-        yield int(a), int(b)
 
 
 def _lengths(

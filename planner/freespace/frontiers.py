@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.records import FREE, UNKNOWN
-from planner.freespace.connected_components import connected_components
+from mapping.occupancy.connected_components import connected_components
 from planner.freespace.grid import NO_ROOM, Cells
-from planner.freespace.mapped_floor import SeenSpace
+from planner.freespace.seen_space import SeenSpace
 
 BEHIND: Final = 2.6  # [m] of floor assumed beyond a frontier
 NARROW: Final = 0.6  # [m] of frontier that a robot does not fit through

@@ -16,7 +16,7 @@ import numpy as np
 from kg.errors import LayoutError
 from kg.export.serialization import write_atomically
 from kg.records import UNKNOWN
-from planner.freespace.mapped_floor import MappedFloor
+from mapping.occupancy.mapped_floor import MappedFloor
 
 #: by UNKNOWN, FREE, LOW, TALL: what one looks over stops a robot all the same
 _SHADES: Final = np.array([205, 254, 0, 0], np.uint8)

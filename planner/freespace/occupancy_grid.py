@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.errors import LayoutError
-from planner.freespace.connected_components import connected_components
+from mapping.occupancy.connected_components import connected_components
 from planner.freespace.grid import CELL, NO_ROOM, FreeSpace, Room
 
 _MOST_CELLS: Final = 4e5  # of a free space; larger buildings get larger cells

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from kg.errors import LayoutError
 from kg.facts.occupancy import tile_iri
 from kg.records import UNKNOWN
+from mapping.occupancy.mapped_floor import MappedFloor
 from planner.freespace.floor_plan import free_space
 from planner.freespace.frontiers import BEHIND, Frontier, with_frontiers
 from planner.freespace.grid import CELL, NO_ROOM, FreeSpace, Room
-from planner.freespace.mapped_floor import MappedFloor, seen_space
 from planner.freespace.places import Place
+from planner.freespace.seen_space import seen_space
 from planner.settings import BeliefSettings
 
 _LEAST: float = 0.3  # [m] side of a rectangle that is floor

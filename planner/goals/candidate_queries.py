@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 from kg.maps.semantic_map import SemanticMap
 from kg.placement.table import PlacementTable
 from kg.query.query_files import Value
+from mapping.persistence import holds, learned_half_life, listed_half_life
 from planner.freespace.places import Place, Row, number
 from planner.freespace.planning_map import PlanningMap, UnexploredArea
-from planner.goals.persistence import holds, learned_half_life, listed_half_life
 from planner.goals.search_goals import seen, times
 from planner.goals.targets import Target
+from planner.goals.whereabouts import whereabouts
 from planner.settings import BeliefSettings
 
 Kind = Literal["known", "nearby", "place", "frontier"]
@@ -115,7 +116,7 @@ class CandidateQueries:
         existence = number(row, "existence")
         half = life[str(row["kind"])]
         kept = holds(half, self._age(row))
-        fact = f"{name(row)} is in the map ({_seen(row, existence)})"
+        fact = f"{self._located(row)} ({_seen(row, existence)})"
         kind_of = str(row["category"])
         article = "an" if kind_of[:1].lower() in "aeiou" else "a"
         stays = f"{article} {kind_of} stays put for {span(half)} as often as not"
@@ -131,6 +132,10 @@ class CandidateQueries:
             existence=existence,
             place=None if row["place"] is None else str(row["place"]),
         )
+
+    def _located(self, row: Row) -> str:
+        where = whereabouts(self._map, str(row["iri"]))
+        return f"{name(row)} is in the map" + f", {where}" * bool(where)
 
     def _nearby(self, number_: int, target: Target) -> Iterator[Candidate]:
         best: dict[str, Candidate] = {}
@@ -158,7 +163,7 @@ class CandidateQueries:
             p_map=_xy(row),
             probability=existence * kept * near,
             facts=(
-                f"{name(row)} is in the map ({_seen(row, existence)})",
+                f"{self._located(row)} ({_seen(row, existence)})",
                 f"{row['wantedLabel']} is found near {row['category']} ({near:.2g}{source})",
             ),
             place=None if row["place"] is None else str(row["place"]),

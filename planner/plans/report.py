@@ -7,6 +7,7 @@ import re
 from collections.abc import Sequence
 from itertools import takewhile
 
+from planner.goals.candidate_queries import Candidate
 from planner.plans.search_state import ViewReason
 from planner.plans.view_plan import ViewPlan, ViewStep, VisitedCandidate
 
@@ -24,8 +25,6 @@ def plan_json(plan: ViewPlan) -> dict[str, object]:
         "start": [round(float(value), 3) for value in plan.start],
         "goals": [_goal(goal) for goal in plan.goals],
         "expected_seconds": _rounded(plan.expected_seconds),
-        "lower_bound": _rounded(plan.lower_bound),
-        "gap": _rounded(plan.gap, 6),
         "probability": round(plan.probability, 6),
         "present": round(plan.present, 6),
         "steps": [_step(step) for step in plan.steps],
@@ -96,17 +95,35 @@ def direction(step: ViewStep) -> str:
     return f"{_WINDS[round(step.heading / (math.pi / 4)) % 8]}"
 
 
-def summary(why: Sequence[ViewReason]) -> str:
-    """The weightiest reason of a look in one line, and how many others there are.
+def purpose(candidate: Candidate) -> str:
+    """What a look is for, in a few words: the object, what it is near, the place."""
+    if candidate.kind == "nearby":
+        return f"near {candidate.label}"
+    return "beyond seen floor" if candidate.kind == "frontier" else candidate.label
 
-    Of what a fact says in brackets the first part stays; `step_lines` has all of it.
-    """
-    if not why:
-        return ""
-    first = why[0].candidate
-    others = len({r.candidate.iri for r in why[1:]} - {first.iri})
-    rest = f"; and {others} more" if others else ""
-    return fact_chain(first.facts[:1] if first.kind == "known" else first.facts) + rest
+
+def looks_table(steps: Sequence[ViewStep]) -> tuple[tuple[str, ...], list[tuple[object, ...]]]:
+    """Header and rows of a plan: where to stand, where to look, chance, time, what is left."""
+    header = ("", "stand at", "in", "look", "for", "chance", "by [s]", "left")
+    return header, [
+        (
+            number,
+            f"{step.p_map[0]:.1f}, {step.p_map[1]:.1f}",
+            step.place_name,
+            direction(step),
+            purpose(step.why[0].candidate) if step.why else "",
+            f"{step.probability:.3f}",
+            round(step.seconds),
+            f"{step.left:.3f}",
+        )
+        for number, step in enumerate(steps, start=1)
+    ]
+
+
+def reason_lines(steps: Sequence[ViewStep]) -> list[str]:
+    """Each weightiest reason of the looks once, with its chain of facts and without sources."""
+    first = {step.why[0].candidate.iri: step.why[0].candidate for step in steps if step.why}
+    return [f"{purpose(one)}: {fact_chain(one.facts)}" for one in first.values()]
 
 
 def fact_chain(facts: Sequence[str]) -> str:
@@ -128,18 +145,19 @@ def without_sources(fact: str) -> str:
 
 
 def plan_lines(plan: ViewPlan) -> list[str]:
-    """Lines below the steps: what to expect, the bound, what is left, other ways to search."""
+    """Lines below the steps: what to expect, what is left, other ways to search."""
     assert plan.expected_seconds is not None, "there are steps"
-    assert plan.lower_bound is not None, "there are steps"
     what = ", ".join(plan.targets)
-    found = f"{plan.probability:.2f}" + (" finds" if len(plan.targets) > 1 else "")
-    lines = [
-        f"expected {plan.expected_seconds:.0f} s until found, if it is found ({found} expected)",
-        f"no plan that finds as much can expect less than {plan.lower_bound:.0f} s "
-        f"(gap {100 * (plan.gap or 0):.0f} %)",
-    ]
     if len(plan.targets) == 1:
-        lines.append(f"{what} is on this floor with {plan.present:.2f}")
+        lines = [
+            f"{what} is on this floor with {plan.present:.2f}; these looks find it with "
+            f"{plan.probability:.2f}, after {plan.expected_seconds:.0f} s on average where they do"
+        ]
+    else:
+        lines = [
+            f"{plan.probability:.2f} finds expected of {len(plan.targets)}, after "
+            f"{plan.expected_seconds:.0f} s on average"
+        ]
     lines += [
         f"{other.name}, instead: {other.expected_seconds:.0f} s expected, where this plan finds as "
         f"much ({other.probability:.2f}) in {other.plan_seconds:.0f} s"
@@ -164,6 +182,6 @@ def step_lines(number: int, step: ViewStep) -> list[str]:
         lines.append(f"   {rest:.3f}  for {len(step.why) - 5} lesser reasons")
     lines.append(
         f"   Takes {step.cost:.0f} s, over at {step.seconds:.0f} s after {step.metres:.1f} m. "
-        f"Finds it here first with {step.probability:.3f}; if not, {step.left:.2f} is left."
+        f"Finds it here first with {step.probability:.3f}, which leaves {step.left:.3f}."
     )
     return lines

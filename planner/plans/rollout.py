@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.plans.search_state import PlanningState
-from planner.plans.time_bound import seconds_times_found
 from planner.viewpoints.next_best_view import RobotState
 
 Floats = NDArray[np.float64]
@@ -123,28 +122,6 @@ class PlanEvaluator:
         """[s] expected, where what is not found costs all the looks."""
         lost = float(self.most.sum() - rollout.gains.sum())
         return float(rollout.arrivals @ rollout.gains + lost * rollout.arrivals[-1])
-
-    def lower_bound(self, rollout: Rollout) -> float:
-        """[s] lower bound for views that find as much of each target."""
-        state, total = self.state, float(rollout.found.sum())
-        if total <= 0:
-            return 0.0
-        left = (
-            state.target_belief.weight
-            * state.unseen
-            / state.target_belief.missed(state.unseen)[:, None]
-        )
-        bounds = (
-            seconds_times_found(
-                state.views,
-                self.at,
-                left[state.target_belief.target == target],
-                float(rollout.found[target]),
-                self._before,
-            )
-            for target in state.wanted
-        )
-        return min(sum(bounds) / total, rollout.expected_seconds)
 
 
 def _varied(order: list[int], rng: np.random.Generator) -> list[int]:

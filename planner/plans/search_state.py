@@ -18,10 +18,10 @@ from numpy.typing import ArrayLike, NDArray
 from kg.facts.occupancy import tiles_of_rows
 from kg.maps.semantic_map import SemanticMap
 from kg.placement.table import placement_table
+from mapping.occupancy.mapped_floor import mapped_floor
 from planner.belief.cell_belief import CellBelief
 from planner.belief.target_belief import TargetBelief, build_target_belief
 from planner.freespace.grid import Cells, FreeSpace
-from planner.freespace.mapped_floor import mapped_floor
 from planner.freespace.places import Place, all_places
 from planner.freespace.planning_map import PlanningMap, planning_map_of, planning_map_on
 from planner.goals.candidate_queries import Candidate, CandidateQueries, map_time
@@ -119,6 +119,11 @@ class PlanningState:
     def left(self) -> float:
         """Probability that anything still wanted is on this floor, after all looks in vain."""
         return self.target_belief.left(self.unseen, self.wanted) if self.wanted else 0.0
+
+    @property
+    def expected_finds(self) -> float:
+        """How many of the targets still wanted are expected on this floor."""
+        return sum(self.target_belief.left(self.unseen, [number]) for number in self.wanted)
 
     def robot_state(self, p_map: ArrayLike, heading: float = 0.0) -> RobotState:
         """Robot state at `p_map` (2,) [m]: the floor cell nearest to it."""

@@ -14,7 +14,7 @@ from planner.goals.candidate_queries import Candidate
 from planner.plans.baselines import Baseline, room_baselines
 from planner.plans.rollout import PlanEvaluator, Rollout
 from planner.plans.search_state import PlanningState, ViewReason
-from planner.settings import ENOUGH, MOST_LOOKS, TRIALS
+from planner.settings import ENOUGH, IDLE, MOST_LOOKS, TRIALS
 from planner.viewpoints.next_best_view import RobotState
 
 
@@ -33,7 +33,7 @@ class ViewStep:
     seconds: float  # [s] since the start of the search when this look is over
     metres: float  # [m] driven until then
     cost: float  # [s] this step takes: the way, the turn, the look
-    left: float  # probability that it is there after all if this look fails too
+    left: float  # probability to be on this floor and not found by then; of several, finds left
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,17 +54,9 @@ class ViewPlan:
     steps: tuple[ViewStep, ...]
     goals: tuple[VisitedCandidate, ...]  # in visiting order
     expected_seconds: float | None  # given that it is found; None where there is no step
-    lower_bound: float | None  # [s] no looks that find as much can expect less
     probability: float  # to find it along the plan; of several targets, finds expected
     present: float  # probability that any of it is on this floor, before the first look
     baselines: tuple[Baseline, ...] = ()
-
-    @property
-    def gap(self) -> float | None:
-        """By how much of the expected time another plan could be faster at most."""
-        if not self.expected_seconds or self.lower_bound is None:
-            return None
-        return 1.0 - self.lower_bound / self.expected_seconds
 
 
 def plan(
@@ -91,7 +83,7 @@ def plan(
     limit = math.inf if budget is None else budget
     order = evaluator.construct(ENOUGH, MOST_LOOKS, limit) if state.wanted else []
     order = evaluator.improve(order, trials, time.monotonic() + time_limit, seed)
-    rollout = evaluator.play(order)
+    rollout = _without_idle_looks(evaluator, evaluator.play(order))
     steps = _steps(state, rollout, before)
     found = float(rollout.gains.sum())
     return ViewPlan(
@@ -100,11 +92,18 @@ def plan(
         steps=steps,
         goals=_visited(state, steps),
         expected_seconds=rollout.expected_seconds if steps else None,
-        lower_bound=evaluator.lower_bound(rollout) if steps else None,
         probability=found,
         present=state.left,
         baselines=room_baselines(evaluator, rollout) if steps and compare else (),
     )
+
+
+def _without_idle_looks(evaluator: PlanEvaluator, rollout: Rollout) -> Rollout:
+    """The rollout without looks that find next to nothing of what all looks find."""
+    worth = rollout.gains >= IDLE * float(rollout.gains.sum())
+    if bool(worth.all()):
+        return rollout
+    return evaluator.play([view for view, kept in zip(rollout.views, worth, strict=True) if kept])
 
 
 def _begin(
@@ -123,6 +122,7 @@ def _steps(state: PlanningState, rollout: Rollout, before: float) -> tuple[ViewS
     views, revisits, steps = state.views, state.revisits, list[ViewStep]()
     trial = revisits.copy()
     previous = 0.0
+    found, all_of_it = np.cumsum(rollout.gains), state.expected_finds
     try:
         state.revisits = trial
         for i, view in enumerate(rollout.views):
@@ -141,7 +141,7 @@ def _steps(state: PlanningState, rollout: Rollout, before: float) -> tuple[ViewS
                     seconds=float(rollout.arrivals[i]),
                     metres=float(rollout.metres[i]) + before,
                     cost=float(rollout.arrivals[i]) - previous,
-                    left=state.target_belief.left(rollout.unseen[i + 1], state.wanted),
+                    left=max(all_of_it - float(found[i]), 0.0),
                 )
             )
             previous = float(rollout.arrivals[i])

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from kg.areas import Ring, signed_area
 from kg.records import FREE, LOW, TALL, ObjectRecord, PlaceRecord, RobotRecord
-from planner.freespace.mapped_floor import MappedFloor
+from mapping.occupancy.mapped_floor import MappedFloor
 from planner.goals.search_goals import Goal
 from planner.visualization.palette import (
     FOUND,

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from kg.maps.semantic_map import SemanticMap
 from kg.records import PlaceRecord
-from planner.freespace.mapped_floor import mapped_floor
+from mapping.occupancy.mapped_floor import mapped_floor
 from planner.goals.search_goals import Goal
 from planner.visualization.drawing import (
     GroundTruth,

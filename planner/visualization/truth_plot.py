@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from mapping.evaluation.identity_switches import SHOWN
 from mapping.evaluation.truth_matching import Matching, Pair, TruthMatcher
-from planner.freespace.mapped_floor import MappedFloor
+from mapping.occupancy.mapped_floor import MappedFloor
 from planner.visualization.drawing import draw_floor, mark
 from planner.visualization.layout import Extent, Sheet
 from planner.visualization.palette import FAINT

@@ -43,6 +43,7 @@ def history_events(log: HistoryLog, iri: NamedNode, base: str) -> Iterator[Histo
             *log.terms.nodes_of(iri),
             *log.terms.nodes_of(NamedNode(observation_of(iri.value, base))),
             *log.terms.nodes_under(iri.value + "/belief/"),
+            *log.terms.nodes_under(iri.value + "/relation/"),
         ]
     if not nodes:
         raise QueryParameterError(
@@ -108,6 +109,8 @@ def _about(subject: Term, base: str) -> str:
     text = short(subject, base)
     if "/belief/" in text:
         return f"belief in {text.rpartition('/')[2]}"
+    if "/relation/" in text:
+        return f"relation {' '.join(text.partition('/relation/')[2].split('/'))}"
     return "best observation" if "observation" in text else ""
 
 

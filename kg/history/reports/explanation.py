@@ -38,6 +38,8 @@ _SAID_OF = {
     **dict.fromkeys((v.X, v.Y, v.Z, v.IN_CELL, v.IN_PLACE), "position"),
     v.EXISTENCE: "existence",
     v.RDFS_LABEL: "label",
+    v.ON: "on",
+    v.INSIDE: "inside",
 }
 _RELATIONS = {v.LOCATED_AT, v.NEAR_BY}
 
@@ -121,9 +123,10 @@ class Explainer:
             return None
         assertions = Assertions(self._base)
         held = assertions.of(self._engine, quad.subject.value).get(prop)
-        if held is None or (prop == "category" and quad.object != NamedNode(held.value)):
+        named = prop in ("category", "on", "inside")
+        if held is None or (named and quad.object != NamedNode(held.value)):
             return None
-        value = short(NamedNode(held.value), self._base) if prop == "category" else held.value
+        value = short(NamedNode(held.value), self._base) if named else held.value
         text = f"{prop} {value}, asserted at {iso(held.stamp)}"
         person = Explanation("person", held.by, agent_iri(self._base, held.by))
         return Explanation("fact", text, assertions.iri(held.subject, prop), (person,))
@@ -360,7 +363,13 @@ class Explainer:
         held = {q.predicate.value: short(q.object, self._base) for q in facts}
         label = f" ({held[v.RDFS_LABEL]})" if v.RDFS_LABEL in held else ""
         where = f" at ({held[v.X]}, {held[v.Y]}) m" if v.X in held and v.Y in held else ""
-        return f"{short(iri, self._base)}{label}{where}"
+        related = "".join(
+            f", {word} {self._text(quad.object, v.RDFS_LABEL)}"
+            for predicate, word in ((v.INSIDE, "inside"), (v.ON, "on"))
+            for quad in facts
+            if quad.predicate.value == predicate and isinstance(quad.object, NamedNode)
+        )
+        return f"{short(iri, self._base)}{label}{where}{related}"
 
 
 def explain_fact(

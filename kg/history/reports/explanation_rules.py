@@ -15,10 +15,16 @@ _POSITION: Final = (
     "depths within the box, taken through the camera's pose (section 3.3.1)"
 )
 _EXTENT: Final = "the box of the points that its latest sightings showed, outliers apart"
+_RELATION: Final = (
+    "computed from the boxes of both objects and their uncertainty, as the more probable of what "
+    "is mapped nearby (docs/explanation/relations.md)"
+)
 _RECTANGLE: Final = "the extent given by the layout, or of all points seen in the recording"
 
 _BELIEF: Final = "mean over all views of the scene model's probability of the category (eq. 3.5)"
 _CAMERA: Final = "the camera's pose in the latest frame"
+
+_FLOOR: Final = "the mapped floor, split into rooms at its doors (docs/explanation/mapping.md)"
 
 RULES: Final[dict[str, str]] = {
     v.RDF_TYPE: "the detector's label, found among the labels of the ontology",
@@ -38,6 +44,8 @@ RULES: Final[dict[str, str]] = {
     v.EXTENT_Y: _EXTENT,
     v.EXTENT_Z: _EXTENT,
     v.DEVIATION: "grows with the size of the thing, which is seen from one side at a time",
+    **dict.fromkeys((v.ON, v.INSIDE, v.BESIDE, v.HAS_RELATION), _RELATION),
+    v.RELATION_PROBABILITY: _RELATION,
     v.FIRST_SEEN: "the time of the frame that registered it",
     v.LAST_SEEN: "the time of the latest frame it was seen in",
     v.EXPLAINED_BY: "the sighting with the highest score so far",
@@ -54,6 +62,10 @@ RULES: Final[dict[str, str]] = {
     v.Y_MIN: _RECTANGLE,
     v.Y_MAX: _RECTANGLE,
     v.OUTLINE: _RECTANGLE,
+    v.FROM_FLOOR: _FLOOR,
+    v.BOT_ADJACENT_ZONE: _FLOOR,
+    v.BOT_INTERFACE_OF: _FLOOR,
+    v.WIDTH: _FLOOR,
     v.HEADING: "the direction of the camera's axis, seen from above",
 }
 

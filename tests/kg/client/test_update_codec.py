@@ -12,6 +12,7 @@ import pytest
 from kg.client.update_codec import update_from_json, update_to_json
 from kg.errors import InvalidFactError
 from kg.records import (
+    DoorRecord,
     Evidence,
     FloorTile,
     LookRecord,
@@ -46,6 +47,8 @@ FULL = MapUpdate(
             {f"{HERE}Kitchen": 0.7},
             (f"{BASE}object/1",),
             (((0.0, 0.0), (1.0, 0.5), (0.5, 2.5)),),
+            True,
+            (f"{BASE}place/2",),
         ),
     ),
     robot=RobotRecord(np.array([1.0, 2.0, 3.0]), -3.1, 1e9),
@@ -65,6 +68,7 @@ FULL = MapUpdate(
         ObstacleRecord(f"{BASE}search/1/obstacle/1", f"{BASE}search/1", 1, 1e9, (0.0, 1.0), "door"),
     ),
     floor=(FloorTile(0, -1, 2, 0.05, 0.05, CELLS, 1e9),),
+    doors=(DoorRecord(f"{BASE}door/1-2", 1.0, 2.0, 0.9, (f"{BASE}place/1", f"{BASE}place/2")),),
 )
 
 

@@ -225,13 +225,94 @@ def test_what_is_behind_the_camera_is_not_missed(room, make_frame):
     assert room.one.existence == before.existence
 
 
-def test_a_thing_that_came_back_is_another_one(room):
-    room.see(CUP, times=4)
-    first = room.one.iri
+# moving
+
+
+def elsewhere(view: int, label: str = "cup") -> tuple[str, float, tuple[float, ...]]:
+    """A detection 0.8 m beside the middle, from that view."""
+    scale = 2 / (2 + 0.3 * view)
+    return label, 0.8, box(32 + 20 * scale, half=3 * scale)
+
+
+def appears(room, *others, label="cup"):
+    for _ in range(3):
+        room.see(*others, elsewhere(room.views % 8, label))
+
+
+def leaves(room):
     for _ in range(CLEAR_VIEWS):
         room.look(FAR_WALL)
+
+
+def test_a_thing_that_came_back_is_the_same_one(room):
+    room.see(CUP, times=4)
+    first = room.one
+    leaves(room)
+    assert room.map.objects() == ()
     room.see(CUP, times=3)
+    assert (room.one.iri, room.one.first_seen) == (first.iri, first.first_seen)
+    assert room.one.observations == first.observations + 3
+
+
+def test_a_thing_that_left_and_appears_elsewhere_is_the_same_one(room):
+    room.see(CUP, times=4)
+    first, where = room.one.iri, room.one.p_map
+    leaves(room)
+    appears(room)
+    assert room.one.iri == first
+    assert np.linalg.norm(room.one.p_map - where) > 0.5
+
+
+def test_a_thing_that_appeared_before_its_old_spot_was_looked_at_is_the_same_one(room, step_back):
+    room.see(CUP, times=4)
+    first = room.one
+    room.map.assert_(first.iri, "label", "Ann's cup", by="ann")
+    later = first.last_seen + 86400
+    for n in range(3):  # the old spot has no depth
+        frame = step_back(n)
+        frame.depth[:, :42] = np.nan
+        room.mapper.add(replace(frame, stamp=later + n), detections(elsewhere(n)))
+    old, new = room.map.objects()
+    assert old.iri == first.iri != new.iri
+    removed = []
+    for n in range(CLEAR_VIEWS):
+        frame = step_back(n)
+        frame.depth[:, :42] = FAR_WALL
+        update = room.mapper.add(replace(frame, stamp=later + 10 + n), detections(elsewhere(n)))
+        removed += update.removed
+    assert removed == [new.iri]
+    assert room.one.iri == first.iri
+    assert np.linalg.norm(room.one.p_map - new.p_map) < 0.3
+    assert [a.value for a in room.map.assertions(first.iri)] == ["Ann's cup"]
+
+
+def test_a_thing_of_another_category_is_another_one(room):
+    room.see(CUP, times=4)
+    first = room.one.iri
+    leaves(room)
+    appears(room, label="bowl")
     assert room.one.iri != first
+
+
+def test_what_people_say_is_there_is_not_found_elsewhere(room):
+    room.see(CUP, times=4)
+    first = room.one.iri
+    room.map.assert_(first, "existence", "present", by="ann")
+    leaves(room)
+    appears(room)
+    assert {o.iri for o in room.map.objects()} > {first}
+
+
+def test_a_move_is_undone_where_the_thing_stands_in_its_old_spot_after_all(room):
+    room.see(CUP, times=4)
+    first, where = room.one.iri, room.one.p_map
+    leaves(room)
+    appears(room)
+    assert room.one.iri == first
+    appears(room, CUP)
+    by_iri = {o.iri: o.p_map for o in room.map.objects()}
+    assert len(by_iri) == 2
+    assert np.linalg.norm(by_iri[first] - where) < 0.2
 
 
 # what people say

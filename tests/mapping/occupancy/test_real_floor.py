@@ -8,10 +8,10 @@ import numpy as np
 
 from kg.opening import in_memory_map
 from kg.records import FREE, LOW, TALL, MapUpdate
+from mapping.occupancy.mapped_floor import MappedFloor, mapped_floor
 from mapping.occupancy.occupancy_map import OccupancyMap
 from mapping.transform_file import load_transform
 from perception.recordings.recording import open_recording
-from planner.freespace.mapped_floor import MappedFloor, mapped_floor
 
 
 def floor_of(shared, sequence: str, every: int) -> tuple[MappedFloor, np.ndarray]:

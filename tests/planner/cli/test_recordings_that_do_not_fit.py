@@ -44,7 +44,7 @@ def first_map(sessions: tuple[Path, Path], tmp_path_factory: pytest.TempPathFact
 
 def _words(recording: Path, into: Path) -> list[str]:
     words = [str(recording), "--into", str(into), "--scene", "none"]
-    return [*words, "--detector", "detections.json"]
+    return [*words, "--detector", "detections.json", "--places", "one"]
 
 
 def _elsewhere(recording: Path, folder: Path) -> tuple[Path, np.ndarray]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from kg.errors import LayoutError
 from kg.opening import in_memory_map
 from kg.records import MapUpdate, PlaceRecord
-from planner.freespace.connected_components import connected_components
+from mapping.occupancy.connected_components import connected_components
 from planner.freespace.geodesic import distance_fields
 from planner.freespace.grid import NO_ROOM, FreeSpace, Room
 from planner.freespace.line_of_sight import visible_cells

@@ -85,8 +85,7 @@ def test_the_plan_reasons_with_what_apples_are_near(report: DemoReport) -> None:
     kinds = {reason.candidate.kind for step in plan.steps for reason in step.why}
     assert kinds == {"nearby", "place"}
     assert any("near banana" in fact for r in plan.steps[0].why for fact in r.candidate.facts)
-    assert plan.expected_seconds is not None and plan.lower_bound is not None
-    assert 0 < plan.lower_bound <= plan.expected_seconds
+    assert plan.expected_seconds is not None
 
 
 def test_the_plan_is_not_slower_than_the_rule_it_replaces(report: DemoReport) -> None:

@@ -11,11 +11,11 @@ from kg.areas import Rectangle
 from kg.maps.semantic_map import SemanticMap
 from kg.opening import in_memory_map
 from kg.records import TALL
+from mapping.occupancy.mapped_floor import mapped_floor
 from mapping.places.layout import Layout, LayoutPlace
 from mapping.recording_mapper import map_recording
 from planner.execution.options import SearchOptions
 from planner.execution.search_loop import search
-from planner.freespace.mapped_floor import mapped_floor
 from planner.plans.search_state import build_search
 from planner.plans.view_plan import plan
 from planner.simulation.camera import SimulatedCamera

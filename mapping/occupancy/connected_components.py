@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
-
-from planner.freespace.fast_sweeping import runs
 
 
 def connected_components(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
@@ -22,6 +22,13 @@ def connected_components(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
     roots = [_root(parent, k) for k in range(len(parent))]
     number = np.unique(roots, return_inverse=True)[1]
     return np.append(number, -1).astype(np.int64)[labels]
+
+
+def runs(row: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
+    """(from, to) of each stretch of True in a row."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], row, [False]]).astype(np.int8)))
+    for a, b in edges.reshape(-1, 2):
+        yield int(a), int(b)
 
 
 def _root(parent: list[int], k: int) -> int:

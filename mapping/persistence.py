@@ -6,10 +6,31 @@ import csv
 from collections.abc import Collection, Iterable
 from functools import cache
 from pathlib import Path
+from types import MappingProxyType
+from typing import Final
 
 import numpy as np
 
-from planner.settings import HALF_LIVES, UNLISTED
+_HOUR: Final = 3600.0
+_DAY: Final = 24 * _HOUR
+
+#: [s] after which half of the objects of a mobility class no longer stand where they were seen.
+#: Orders of magnitude, not measurements; `mapping/mobility.csv` says which class is what.
+HALF_LIVES: Final = MappingProxyType(
+    {
+        "moving": 300.0,  # goes by itself: people, animals, vehicles
+        "in use": 12 * _HOUR,  # picked up many times a day: cups, phones
+        "consumed": 2 * _DAY,  # food
+        "carried": 4 * _DAY,  # bags, books, toys
+        "tool": 30 * _DAY,  # has its spot and returns to it: keyboards, vases
+        "furniture": 365 * _DAY,  # chairs are moved, though mostly within their room
+        "fixed": 3650 * _DAY,  # refrigerators, toilets, sinks
+    }
+)
+#: what is in no line of that file
+UNLISTED: Final = "carried"
+LEAST_DEPARTED: Final = 0.02  # greatest prior probability that a thing left at once, ...
+MOST_DEPARTED: Final = 0.2  # ... and after any time
 
 
 @cache
@@ -26,6 +47,16 @@ def listed_half_life(label: str, above: Collection[str] = ()) -> float:
         return HALF_LIVES[table[label]]
     lives = [HALF_LIVES[table[name]] for name in above if name in table]
     return min(lives, default=HALF_LIVES[UNLISTED])
+
+
+def departed(half_life: float, age: float) -> float:
+    """Prior probability that what was last seen `age` seconds ago stands there no longer.
+
+    Of what was touched most stands where it stood before. At once it is that of a day, within
+    bounds: things are carried away before the camera.
+    """
+    least = min(LEAST_DEPARTED, _DAY / half_life)
+    return least + (MOST_DEPARTED - least) * (1.0 - holds(half_life, age))
 
 
 def learned_half_life(listed: float, stays: Iterable[float]) -> float:

@@ -13,14 +13,15 @@ import pytest
 from kg.maps.semantic_map import SemanticMap
 from kg.opening import create_map, in_memory_map
 from kg.records import FREE, LOW, TALL, UNKNOWN, FloorTile, MapUpdate, PlaceRecord, RobotRecord
+from mapping.occupancy.mapped_floor import mapped_floor
 from planner.cli import main
 from planner.freespace.floor_plan import free_space
 from planner.freespace.frontiers import with_frontiers
 from planner.freespace.geodesic import distance_fields
 from planner.freespace.grid import NO_ROOM, FreeSpace, Room
 from planner.freespace.line_of_sight import visible_cells
-from planner.freespace.mapped_floor import SeenSpace, mapped_floor, seen_space
 from planner.freespace.planning_map import PlanningMap
+from planner.freespace.seen_space import SeenSpace, seen_space
 from planner.plans.report import step_lines
 from planner.plans.search_state import PlanningState, _viewpoints, build_search
 from planner.plans.view_plan import plan

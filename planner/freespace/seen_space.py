@@ -7,125 +7,22 @@ with doors assumed. So planning never fails for lack of depth.
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.records import FREE, LOW, TALL, UNKNOWN, FloorTile
-from planner.freespace.connected_components import connected_components
+from kg.records import FREE, LOW, TALL, UNKNOWN
+from mapping.occupancy.connected_components import connected_components
+from mapping.occupancy.mapped_floor import MappedFloor, States
 from planner.freespace.floor_plan import joined
 from planner.freespace.grid import NO_ROOM, FreeSpace, Passage, Room, room_labels
 
 FEW: Final = 2  # fine cells with something in them that close a cell; fewer are noise
-_HIGHEST_CAMERA: Final = 2.4  # [m] above its floor
-_CELLS: Final = (0.001, 1.0)  # [m] the least and the greatest cell of a floor that is planned on
-_REACH: Final = 4096  # cells from the middle of a floor that are kept: 205 m
-_FURTHEST: Final = 10**9  # number of a tile
 _ISLAND: Final = 1.0  # [m^2] less floor than this, cut off from the rest, is noise
 _WHOLE: Final = 0.5  # share of a room that nothing leads to, and is believed in all the same
-
-States = NDArray[np.uint8]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MappedFloor:
-    """What is known of one storey, cell by cell."""
-
-    origin: NDArray[np.float64]  # (2,) [m] in the map frame: the corner of cell (0, 0)
-    resolution: float  # [m] side of a cell
-    states: States  # (nx, ny) UNKNOWN, FREE, LOW or TALL
-    storey: int = 0
-    span: float = 3.2  # [m] side of a tile
-
-    @property
-    def bounds(self) -> NDArray[np.float64]:
-        """(2, 2) [m] the least and the greatest corner of what is known."""
-        at = np.argwhere(self.states != UNKNOWN)
-        return self.origin + np.array([at.min(axis=0), at.max(axis=0) + 1]) * self.resolution
-
-    @property
-    def areas(self) -> tuple[float, float]:
-        """[m^2] of free and of occupied floor."""
-        cell = self.resolution**2
-        free = int((self.states == FREE).sum()) * cell
-        return free, int(np.isin(self.states, (LOW, TALL)).sum()) * cell
-
-    def tile_at(self, p_map: NDArray[np.float64]) -> tuple[int, int]:
-        """Column and row of the tile that holds `p_map` (2,) [m]."""
-        column, row = (int(n) for n in np.floor(np.asarray(p_map)[:2] / self.span + 1e-9))
-        return column, row
-
-
-def mapped_floor(
-    tiles: Iterable[FloorTile], height: float | None = None, *, storey: int | None = None
-) -> MappedFloor | None:
-    """A `storey`; by default that of a camera at `height` [m], without one that with most floor.
-
-    None where no tile has a free cell there.
-    """
-    tiles = [tile for tile in tiles if storey in (None, tile.storey) and _usable(tile)]
-    storeys: dict[int, list[FloorTile]] = {}
-    for tile in tiles:
-        storeys.setdefault(tile.storey, []).append(tile)
-    area = {n: sum(int((t.cells == FREE).sum()) for t in held) for n, held in storeys.items()}
-    known = [n for n in storeys if area[n]]
-    if not known:
-        return None
-    above = {n: (height or 0.0) - storeys[n][0].height for n in known}
-    near = [n for n in known if height is not None and 0 <= above[n] <= _HIGHEST_CAMERA]
-    chosen = min(near, key=lambda n: (above[n], n)) if near else max(known, key=lambda n: area[n])
-    return _put_together(storeys[chosen])
-
-
-def _put_together(tiles: Sequence[FloorTile]) -> MappedFloor:
-    """One array of the tiles that are cut alike, as most of what is free is.
-
-    A graph may hold a tile anywhere: what lies far from the middle of the others is left out.
-    """
-    free = {id(tile): int((tile.cells == FREE).sum()) for tile in tiles}
-    cuts = Counter[tuple[int, float]]()
-    for tile in tiles:
-        cuts[_cut(tile)] += free[id(tile)]
-    (side, size), _ = cuts.most_common(1)[0]
-    alike = [tile for tile in tiles if _cut(tile) == (side, size)]
-    near = _about_the_middle(alike, [tile for tile in alike if free[id(tile)]], _REACH // side)
-    low = np.min([(t.column, t.row) for t in near], axis=0)
-    high = np.max([(t.column, t.row) for t in near], axis=0)
-    states = np.full(tuple((high - low + 1) * side), UNKNOWN, np.uint8)
-    for tile in near:
-        i, j = (np.array([tile.column, tile.row]) - low) * side
-        states[i : i + side, j : j + side] = tile.cells
-    return MappedFloor(low * side * size, size, states, near[0].storey, side * size)
-
-
-def _cut(tile: FloorTile) -> tuple[int, float]:
-    return len(tile.cells), tile.resolution
-
-
-def _about_the_middle(
-    tiles: Iterable[FloorTile], of: Sequence[FloorTile], reach: int
-) -> list[FloorTile]:
-    """The `tiles` no more than `reach` tiles from the one in the middle `of` these."""
-    x, y = (sorted(numbers)[len(of) // 2] for numbers in zip(*map(_number, of), strict=True))
-    middle = min(of, key=lambda t: (abs(t.column - x) + abs(t.row - y), _number(t)))
-    return [
-        tile
-        for tile in tiles
-        if max(abs(tile.column - middle.column), abs(tile.row - middle.row)) <= reach
-    ]
-
-
-def _number(tile: FloorTile) -> tuple[int, int]:
-    return tile.column, tile.row
-
-
-def _usable(tile: FloorTile) -> bool:
-    near = max(abs(tile.column), abs(tile.row)) <= _FURTHEST
-    return near and _CELLS[0] <= tile.resolution <= _CELLS[1]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

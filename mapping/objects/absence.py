@@ -1,0 +1,55 @@
+"""Absence: how probable it is that a thing has left the spot where it was last seen.
+
+The prior is that of its class for the time since (`mapping.persistence`). Each view since that
+should show the thing and does not counts by the thing's own rate of detection, a Beta-binomial with
+the detector's recall as its mean, so that a run of misses saturates; rays through its volume
+(`mapping.objects.ray_test`) count besides.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+KNOWN: Final = 2.0  # views that the detector's recall counts as, and hits known after a restart
+
+
+@dataclass(slots=True)
+class Absence:
+    """Hits and misses of one thing, each weighted by the novelty of its view."""
+
+    hits: float = 0.0
+    misses: float = 0.0  # between hits
+    run: float = 0.0  # misses since the last hit
+    log_ratio: float = 0.0  # of the views since: absent against present
+
+    def hit(self, weight: float) -> None:
+        """Count a detection, which ends the run of misses."""
+        self.hits += weight
+        self.misses += self.run
+        self.run = self.log_ratio = 0.0
+
+    def miss(self, weight: float, recall: float) -> None:
+        """Count a view without a detection by a detector with that `recall`, below 1."""
+        views = self.hits + self.misses + self.run
+        rate = (self.hits + KNOWN * recall) / (views + KNOWN)
+        self.log_ratio -= weight * math.log(1 - rate)
+        self.run += weight
+
+    def empty(self, weight: float, ratio: float) -> None:
+        """Count a view through the thing's volume, of log-likelihood ratio `ratio`."""
+        self.log_ratio += weight * ratio
+
+    def merge(self, other: Absence) -> None:
+        """Add all views of another track of the same thing, one of which was just seen."""
+        self.hits += other.hits
+        self.misses += other.misses
+        self.log_ratio = min(self.log_ratio, other.log_ratio)
+        self.run = min(self.run, other.run)
+
+    def probability(self, prior: float) -> float:
+        """Probability that the thing has left; 0 without a view that says so."""
+        if self.log_ratio <= 0:
+            return 0.0
+        return 1 / (1 + (1 - prior) / prior * math.exp(-min(self.log_ratio, 50.0)))

@@ -1,0 +1,58 @@
+"""View coverage: how much of an area was viewed, by the view times of floor tiles."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import product
+from typing import Final
+
+import numpy as np
+
+from kg.areas import Area
+from kg.records import FloorTile, PlaceViews
+from mapping.occupancy.occupancy_settings import OccupancySettings
+from mapping.occupancy.tiles import Key, ViewTimes
+
+_MOST_CELLS: Final = 4_000_000  # of an area: 160,000 m2; larger ones are not worked out
+
+
+def on_tile(area: Area, tile: FloorTile, span: float) -> bool:
+    """Whether an area's bounding rectangle has ground in common with a tile of side `span` [m]."""
+    x, y = tile.column * span, tile.row * span
+    return x < area.xmax and x + span > area.xmin and y < area.ymax and y + span > area.ymin
+
+
+def view_coverage(
+    area: Area, views: Callable[[Key], ViewTimes | None], settings: OccupancySettings
+) -> PlaceViews | None:
+    """Views of an area by those of its tiles; None where nothing of it was viewed.
+
+    Shares are of the cells whose centres lie inside.
+    """
+    cell, larger = settings.cell * settings.view, settings.side // settings.view
+    low = np.floor(np.array([area.xmin, area.ymin]) / cell).astype(np.intp)
+    shape = np.ceil(np.array([area.xmax, area.ymax]) / cell).astype(np.intp) - low
+    if int(np.prod(shape)) > _MOST_CELLS:
+        return None
+    times = np.zeros((2, *shape), np.uint32)
+    columns, rows = (
+        range(int(np.floor(start / larger)), int(np.ceil((start + count) / larger)))
+        for start, count in zip(low, shape, strict=True)
+    )
+    for key in product(columns, rows):
+        viewed = views(key)
+        if viewed is None:
+            continue
+        offset = np.array(key) * larger - low  # of the tile on the area's grid
+        first, last = np.maximum(offset, 0), np.minimum(offset + larger, shape)
+        part = [slice(a, b) for a, b in zip(first, last, strict=True)]
+        own = [slice(a, b) for a, b in zip(first - offset, last - offset, strict=True)]
+        times[:, part[0], part[1]] = viewed[:, own[0], own[1]]
+    x, y = (
+        (start + np.arange(count) + 0.5) * cell for start, count in zip(low, shape, strict=True)
+    )
+    inside = times[:, area.contains_each(x[:, None], y[None, :])]
+    if not inside.any():
+        return None
+    close, share = (round(float((grid > 0).mean()), 2) for grid in inside)
+    return PlaceViews(max(close, share), close, float(inside.max()) * 60)

@@ -1,0 +1,1 @@
+"""Spatial relations of objects: what is on, inside and beside what."""

@@ -1,0 +1,182 @@
+"""Relation mapper: which object is on, inside and beside which other, kept up as objects change.
+
+Only objects that changed and what is near them are looked at, so a frame costs by what it shows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from kg.maps.semantic_map import SemanticMap
+from kg.ontology.carriers import carrier_kinds
+from kg.records import ObjectRecord, Relation, RelationKind
+from mapping.objects.object_cache import ObjectCache
+from mapping.objects.object_mapper import ObjectChanges
+from mapping.objects.usual_sizes import usual_sizes
+from mapping.relations.boxes import Box, Boxes, BoxIndex, box_of
+from mapping.relations.probabilities import (
+    Carriers,
+    Floats,
+    RelationSettings,
+    beside_probabilities,
+    support_probabilities,
+)
+
+MOVED: Final = 0.02  # [m] by which a side of a box moves before its relations are computed again
+REACH: Final = 1.0  # [m] between two boxes with a relation, at most
+LEAST: Final = 0.2  # probability from which on a relation is kept
+STEP: Final = 0.05  # by which a probability changes before it is written again
+NEIGHBOURS: Final = 3  # of an object, at most
+
+_Relations = tuple[Relation, ...]
+
+
+class RelationMapper:
+    """Computes the relations of the objects in `objects`; writes nothing itself.
+
+    Geometry is that of believed positions, so an asserted position moves a thing's relations too.
+    """
+
+    def __init__(
+        self,
+        semantic_map: SemanticMap,
+        objects: ObjectCache,
+        settings: RelationSettings | None = None,
+    ) -> None:
+        self._map, self._objects = semantic_map, objects
+        self._settings = settings or RelationSettings()
+        self._boxes = BoxIndex()
+        self._relations: dict[str, _Relations] = {}
+        self._uncomputed = set(objects.perceived)  # since this run began
+        self._read_ontology()
+        for iri, record in objects.perceived.items():
+            self._take(iri, record)
+
+    def update(self, changes: ObjectChanges) -> ObjectChanges:
+        """`changes`, with the relations that follow from them, of other objects too."""
+        if self._catalogue is not self._map.catalogue:
+            self._read_ontology()
+        found, moved = dict[str, _Relations](), list[Box]()
+        for iri in self._objects.take_changed():
+            moved += self._moved(iri)
+            if iri not in self._boxes and self._relations.get(iri):
+                found[iri] = ()
+        if moved:
+            found |= self._computed(moved)
+        written = {record.iri: record for record in changes.updated}
+        perceived = self._objects.perceived
+        for iri, relations in found.items():
+            if {*relations} != {*self._relations.get(iri, ())}:
+                self._relations[iri] = relations
+                record = replace(written.get(iri, perceived[iri]), relations=relations)
+                written[iri] = perceived[iri] = record
+        return replace(changes, updated=tuple(written.values()))
+
+    def _read_ontology(self) -> None:
+        self._catalogue = self._map.catalogue
+        self._kinds = carrier_kinds(self._map.ontology())
+
+    def _take(self, iri: str, record: ObjectRecord) -> None:
+        if record.relations is not None:  # as the map has them
+            self._relations[iri] = record.relations
+        believed = self._objects.believed(record)
+        usual = usual_sizes().get(self._catalogue.label(believed.category))
+        self._boxes.put(iri, box_of(believed, usual.longest if usual else 0.0))
+
+    def _moved(self, iri: str) -> list[Box]:
+        """Former and present box of an object, unless they are much the same."""
+        before, record = self._boxes.get(iri), self._objects.perceived.get(iri)
+        if record is None:
+            self._boxes.put(iri, None)
+            self._relations.pop(iri, None)
+            return [] if before is None else [before]
+        if record.relations is not None and record.relations != self._relations.get(iri):
+            self._uncomputed.add(iri)  # somebody else wrote them
+        self._take(iri, record)
+        now = self._boxes.get(iri)
+        computed = iri not in self._uncomputed
+        self._uncomputed.discard(iri)
+        if computed and before is not None and now is not None and not now.differs(before, MOVED):
+            self._boxes.put(iri, before)  # small steps add up
+            return []
+        return [box for box in (before, now) if box is not None]
+
+    def _computed(self, moved: Sequence[Box]) -> dict[str, _Relations]:
+        """Relations, by IRI, of all objects for which those of the `moved` boxes may matter.
+
+        What is within reach of a box may relate to it; what is within reach of that may lose a
+        nearer neighbour by it.
+        """
+        near = list(self._boxes.within(moved, 3 * REACH))
+        inner = self._boxes.within(moved, 2 * REACH)
+        boxes = [self._boxes[iri] for iri in near]
+        arrays = Boxes.of(boxes)
+        on, inside, carriers = self._carried(near, boxes, arrays)
+        found = {
+            iri: [
+                relation
+                for relation in self._relations.get(iri, ())
+                if relation.kind == "beside"
+                and relation.target in self._boxes
+                and relation.target not in inner
+            ]
+            for iri in near
+            if iri in inner
+        }
+        kinds: tuple[tuple[RelationKind, Floats], ...] = (("on", on), ("inside", inside))
+        for kind, shares in kinds:
+            for row in np.nonzero(shares.max(axis=1, initial=0.0) >= LEAST)[0].tolist():
+                best = int(shares[row].argmax())
+                target = near[carriers[best]]
+                if near[row] in inner:
+                    relation = self._relation(near[row], kind, target, shares[row, best])
+                    found[near[row]].append(relation)
+        carried = np.zeros((len(near), len(near)))
+        carried[:, carriers] = on + inside
+        beside = beside_probabilities(arrays, self._settings) * (1 - carried) * (1 - carried.T)
+        for row, column in _mutual_neighbours(beside):
+            one, other = near[row], near[column]
+            if one in inner and other in inner:
+                found[one].append(self._relation(one, "beside", other, beside[row, column]))
+        return {iri: tuple(relations) for iri, relations in found.items()}
+
+    def _carried(
+        self, near: Sequence[str], boxes: Sequence[Box], arrays: Boxes
+    ) -> tuple[Floats, Floats, list[int]]:
+        """Probabilities (n, m) of on and inside, and which of the n are the m carriers."""
+        kinds = self._kinds
+        carriers = [
+            i
+            for i, box in enumerate(boxes)
+            if box.category in kinds.supports or box.category in kinds.containers
+        ]
+        held = [boxes[i] for i in carriers]
+        given = Carriers(
+            Boxes.of(held),
+            supports=np.array([box.category in kinds.supports for box in held], bool),
+            contains=np.array([box.category in kinds.containers for box in held], bool),
+            back=np.array([kinds.backs.get(box.category, 0.0) for box in held], np.float64),
+        )
+        allowed = np.arange(len(near))[:, None] != np.array(carriers, np.intp)[None, :]
+        on, inside = support_probabilities(arrays, given, allowed, self._settings)
+        return on, inside, carriers
+
+    def _relation(self, iri: str, kind: RelationKind, target: str, share: float) -> Relation:
+        """The relation, with the former probability where it is much the same."""
+        for old in self._relations.get(iri, ()):
+            if (old.kind, old.target) == (kind, target) and abs(old.probability - share) < STEP:
+                return old
+        return Relation(kind, target, round(float(share), 2))
+
+
+def _mutual_neighbours(beside: Floats) -> Iterable[tuple[int, int]]:
+    """(row, column) of pairs that are both among each other's most probable neighbours."""
+    order = np.argsort(-beside, axis=1, kind="stable")[:, :NEIGHBOURS]
+    among = np.zeros(beside.shape, bool)
+    np.put_along_axis(among, order, True, axis=1)
+    rows, columns = np.nonzero(among & among.T & (beside >= LEAST))
+    return zip(rows.tolist(), columns.tolist(), strict=True)

@@ -1,0 +1,56 @@
+"""`hereabouts places`: the places of a map; with `--find`, its rooms become places first."""
+
+from __future__ import annotations
+
+import argparse
+
+from planner.cli.arguments import add_json, add_map
+from planner.cli.console import note, print_table, write_json
+
+_COLUMNS = ("place", "label", "area m2", "adjacent")
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "places",
+        help="list the places of a map; find them in its floor",
+        description="List the places of a map with their areas, and which a door leads to. With "
+        "--find, the mapped floor is split into rooms at its doors; each becomes a place, or the "
+        "new area of the place that it mostly is. Places that were given stay as they are.",
+        epilog="example: hereabouts places kitchen.map --find",
+    )
+    add_map(parser)
+    parser.add_argument(
+        "--find", action="store_true", help="make places of the rooms of the mapped floor"
+    )
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Find the places, where that is asked for, and list them."""
+    from kg.opening import open_map
+    from mapping.places.found_places import find_places
+
+    with open_map(arguments.map, read_only=not arguments.find) as semantic_map:
+        if arguments.find:
+            find_places(semantic_map)
+        labels = {place.iri: place.label for place in semantic_map.places()}
+        base = semantic_map.base
+        rows = [
+            (
+                place.iri.removeprefix(base),
+                place.label,
+                round(place.area.area, 1),
+                ", ".join(labels.get(iri, iri) for iri in place.adjacent),
+            )
+            for place in semantic_map.places()
+        ]
+        doors = len(semantic_map.doors())
+    if arguments.json:
+        write_json([dict(zip(_COLUMNS, row, strict=True)) for row in rows])
+    else:
+        print_table(_COLUMNS, rows)
+        note(f"{len(rows)} places, {doors} doors")
+    return 0

@@ -1,0 +1,112 @@
+"""Known objects: what the map has of a target, the surest first, for an answer before any plan."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kg.maps.semantic_map import SemanticMap
+from kg.records import PlaceRecord
+from planner.goals.candidate_queries import name, span
+from planner.goals.targets import Target
+from planner.goals.whereabouts import whereabouts
+
+_LEAST: Final = 0.05  # existence below which an object is no answer
+_SURE: Final = 0.5  # place belief from which on its category is named
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KnownObject:
+    """An object of the map that is what is searched for."""
+
+    iri: str
+    label: str
+    category: str
+    where: str  # in words: on or inside what, in which place
+    p_map: NDArray[np.float64]  # (2,) [m]
+    existence: float
+    last_seen: datetime | None
+    observations: int
+    frame: str | None  # of its best observation
+
+
+def known_objects(semantic_map: SemanticMap, target: Target) -> tuple[KnownObject, ...]:
+    """Objects of the target's kinds that exist with at least 0.05, the surest first."""
+    places = {place.iri: place for place in semantic_map.places()}
+    found: dict[str, KnownObject] = {}
+    for category in target.queried:
+        for row in semantic_map.ask("goals-remembered", category=category).records():
+            existence, seen = float(str(row["existence"])), row["lastSeen"]
+            if existence < _LEAST or str(row["iri"]) in found:
+                continue
+            found[str(row["iri"])] = KnownObject(
+                iri=str(row["iri"]),
+                label=name(row),
+                category=str(row["category"]),
+                where=whereabouts(semantic_map, str(row["iri"]))
+                + _kind(semantic_map, places.get(str(row["place"]))),
+                p_map=np.array([float(str(row["x"])), float(str(row["y"]))]),
+                existence=existence,
+                last_seen=seen if isinstance(seen, datetime) else None,
+                observations=int(float(str(row["observations"] or 0))),
+                frame=None if row["frame"] is None else str(row["frame"]),
+            )
+    return tuple(sorted(found.values(), key=lambda one: (-one.existence, one.iri)))
+
+
+def _kind(semantic_map: SemanticMap, place: PlaceRecord | None) -> str:
+    """What a place is believed to be, where its label does not say so."""
+    if place is None:
+        return ""
+    top = max(place.beliefs, key=lambda iri: (place.beliefs[iri], iri), default="")
+    kind = semantic_map.catalogue.label(top) if place.beliefs.get(top, 0.0) >= _SURE else ""
+    return f" ({kind})" if kind and kind.casefold() not in place.label.casefold() else ""
+
+
+def answer_lines(known: Sequence[KnownObject], now: float, most: int = 5) -> list[str]:
+    """Known objects in sentences: what, where, when last seen, how sure, by what evidence.
+
+    `now` [s since 1970] is the moment that ages count from.
+    """
+    lines = []
+    for one in known[:most]:
+        x, y = (float(value) for value in one.p_map)
+        text = f"{'' if one.existence >= _SURE else 'perhaps '}{one.label}: {one.where}"
+        text += f" at ({x:.1f}, {y:.1f}), {one.existence:.2f} sure"
+        if one.last_seen is not None:
+            age = max(now - one.last_seen.timestamp(), 0.0)
+            text += f", last seen {span(age)} ago" if age >= 1 else ", seen just now"
+            text += f" ({one.last_seen.astimezone(UTC):%Y-%m-%d %H:%M:%S})"
+        if one.observations:
+            text += f", {one.observations} observation{'s' * (one.observations > 1)}"
+            text += f", the best in {one.frame}" if one.frame else ""
+        lines.append(text)
+    if len(known) > most:
+        lines.append(f"and {len(known) - most} more: `hereabouts ask MAP objects-by-category`")
+    return lines
+
+
+def known_json(semantic_map: SemanticMap, targets: Sequence[Target]) -> list[dict[str, object]]:
+    """Known objects of all targets as plain values; lengths to 1 mm."""
+    return [
+        {
+            "target": target.label,
+            "iri": one.iri,
+            "label": one.label,
+            "category": one.category,
+            "where": one.where,
+            "x": round(float(one.p_map[0]), 3),
+            "y": round(float(one.p_map[1]), 3),
+            "existence": round(one.existence, 6),
+            "last_seen": None if one.last_seen is None else one.last_seen.isoformat(),
+            "observations": one.observations,
+            "frame": one.frame,
+        }
+        for target in targets
+        for one in known_objects(semantic_map, target)
+    ]

@@ -1,0 +1,56 @@
+"""Absence: what hits, misses and rays through a thing's spot say about whether it left."""
+
+from __future__ import annotations
+
+import pytest
+
+from mapping.objects.absence import Absence
+from mapping.persistence import departed, listed_half_life
+
+DAY = 86400.0
+
+
+def seen(hits: int, misses: int = 0) -> Absence:
+    absence = Absence()
+    for _ in range(misses):
+        absence.miss(1.0, 0.6)
+    for _ in range(hits):
+        absence.hit(1.0)
+    return absence
+
+
+def test_without_a_view_nothing_is_known_to_have_left():
+    assert seen(3).probability(0.2) == 0.0
+
+
+def test_misses_of_what_is_seldom_detected_say_less():
+    often, seldom = seen(8), seen(4, misses=8)
+    for absence in (often, seldom):
+        absence.miss(1.0, 0.6)
+        absence.miss(1.0, 0.6)
+    assert often.probability(0.1) > 0.5 > seldom.probability(0.1)
+
+
+def test_a_run_of_misses_saturates():
+    absence = seen(2)
+    steps = []
+    for _ in range(10):
+        before = absence.log_ratio
+        absence.miss(1.0, 0.6)
+        steps.append(absence.log_ratio - before)
+    assert steps == sorted(steps, reverse=True)
+    assert steps[-1] < 0.3 < 1 < steps[0]
+
+
+def test_a_hit_ends_the_doubt():
+    absence = seen(3)
+    absence.empty(1.0, 3.0)
+    absence.miss(1.0, 0.8)
+    absence.hit(1.0)
+    assert absence.probability(0.2) == 0.0
+
+
+def test_what_is_carried_leaves_sooner_than_what_is_fixed():
+    cup, sink = listed_half_life("cup"), listed_half_life("sink")
+    assert departed(sink, 0) < departed(cup, 0) == pytest.approx(0.02)
+    assert departed(sink, DAY) < 0.01 < 0.1 < departed(cup, DAY) < 0.2

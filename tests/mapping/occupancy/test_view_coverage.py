@@ -1,0 +1,132 @@
+"""Views: tiles remember when what lies there was last viewed, and places how much of them was."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from kg.areas import Area, area_of
+from kg.maps.semantic_map import SemanticMap
+from kg.opening import create_map, open_map
+from kg.records import MapUpdate
+from mapping.mapper import Mapper
+from mapping.occupancy.occupancy_map import OccupancyMap
+from mapping.occupancy.occupancy_settings import OccupancySettings
+from mapping.occupancy.tiles import Key, ViewTimes
+from mapping.occupancy.view_coverage import view_coverage
+from mapping.places.layout import Layout, LayoutPlace
+from perception.frames import Detections
+from tests.mapping.occupancy.test_occupancy_map import WALL, look
+
+__all__ = ["look"]  # a fixture
+
+SETTINGS = OccupancySettings()
+NOTHING = Detections(np.zeros((0, 4), np.float32), np.zeros(0, np.float32), ())
+
+
+def times(minutes: dict[Key, int]) -> Callable[[Key], ViewTimes | None]:
+    """Tiles all of which were viewed at a minute, the left half (least x) from close by."""
+
+    def of(key: Key) -> ViewTimes | None:
+        if key not in minutes:
+            return None
+        viewed = np.full((2, 16, 16), minutes[key], np.uint32)
+        viewed[0, 8:] = 0
+        return viewed
+
+    return of
+
+
+def test_shares_are_of_the_area_across_tiles() -> None:
+    area = Area(0.0, 6.4, 0.0, 3.2)
+    found = view_coverage(area, times({(0, 0): 7, (1, 0): 9}), SETTINGS)
+    assert found is not None
+    assert (found.share, found.close_share, found.last) == (1.0, 0.5, 540.0)
+    half = view_coverage(area, times({(1, 0): 9}), SETTINGS)
+    assert half is not None
+    assert (half.share, half.close_share) == (0.5, 0.25)
+    assert view_coverage(area, times({}), SETTINGS) is None
+
+
+def test_an_area_may_lie_anywhere_and_be_of_any_shape() -> None:
+    triangle = area_of([[(-3.2, -3.2), (0.0, -3.2), (-3.2, 0.0)]])
+    found = view_coverage(triangle, times({(-1, -1): 5}), SETTINGS)
+    assert found is not None
+    assert found.share == 1.0
+    assert found.close_share == pytest.approx(0.75, abs=0.03)  # the half beside the right angle
+    assert view_coverage(Area(0.0, 1e9, 0.0, 1e9), times({(0, 0): 5}), SETTINGS) is None
+
+
+def test_a_tile_in_the_graph_has_the_minutes_of_its_views(semantic_map, look) -> None:
+    occupancy = OccupancyMap(semantic_map)
+    for stamp in (6e8, 6e8 + 120):
+        occupancy.add(look(WALL, stamp=stamp))
+    semantic_map.apply(MapUpdate(floor=occupancy.take_rest()))
+    tiles = {(tile.column, tile.row): tile for tile in semantic_map.floor()}
+    viewed = tiles[0, 0].viewed
+    assert viewed is not None
+    assert viewed.shape == (2, 16, 16)
+    assert set(np.unique(viewed)) == {0, 10**7 + 2}
+    assert viewed[1, 9, 1] == 10**7 + 2  # floor at (1.9, 0.3), less than 2 m from the camera ...
+    assert viewed[0, 13, 1] == 0  # ... and at (2.7, 0.3), more than that
+    assert viewed[1, 13, 1] == 10**7 + 2
+    assert viewed[1, 0, 0] == 0  # below the camera
+    again = OccupancyMap(semantic_map)  # another run goes on from there
+    again.add(look(WALL, at=(0.0, 2.0, 1.2), stamp=6e8 + 600))
+    semantic_map.apply(MapUpdate(floor=again.take_rest()))
+    later = {(tile.column, tile.row): tile for tile in semantic_map.floor()}[0, 0].viewed
+    assert later is not None
+    assert {10**7 + 2, 10**7 + 10} <= set(np.unique(later))
+
+
+def test_views_alone_are_not_written_at_each_frame(semantic_map, look) -> None:
+    occupancy = OccupancyMap(semantic_map)
+    occupancy.add(look(WALL, stamp=6e8))
+    assert occupancy.take_changed(6e8)
+    written = []
+    for seconds in range(3, 600, 3):
+        occupancy.add(look(WALL, stamp=6e8 + seconds))
+        if occupancy.take_changed(6e8 + seconds):
+            written.append(seconds)
+    assert len(written) <= 4
+
+
+def test_a_place_knows_how_much_of_it_was_viewed(tmp_path, look) -> None:
+    near, far = Area(0.0, 3.0, -1.0, 1.0), Area(20.0, 23.0, -1.0, 1.0)
+    layout = Layout((LayoutPlace(1, "near", near), LayoutPlace(2, "far", far)))
+    path = tmp_path / "views.map"
+    with create_map(path) as semantic_map, Mapper(semantic_map, layout=layout) as mapper:
+        mapper.add(look(WALL, stamp=6e8), NOTHING)
+        mapper.add(look(WALL, at=(0.5, 0.5, 1.2), stamp=6e8 + 60), NOTHING)
+    with open_map(path, read_only=True) as semantic_map:
+        one, other = semantic_map.places()
+        assert one.viewed is not None
+        assert 0.3 < one.viewed.share < 0.9
+        assert 0 < one.viewed.close_share < one.viewed.share
+        assert one.viewed.last == 6e8 + 60
+        assert other.viewed is None
+        (row,) = semantic_map.ask("status", category="cup", viewed=0.3).records()[:1]
+        assert (row["placeLabel"], row["status"]) == ("near", "gone")
+        values = {
+            str(r["placeLabel"]): r["status"]
+            for r in semantic_map.ask("status", category="cup", viewed=0.95).records()
+        }
+        assert values == {"near": "hidden", "far": "never looked"}
+
+
+def test_the_map_of_then_has_the_views_of_then(semantic_map: SemanticMap, look) -> None:
+    layout = Layout((LayoutPlace(1, "near", Area(0.0, 3.0, -1.0, 1.0)),))
+    with Mapper(semantic_map, layout=layout) as mapper:
+        mapper.add(look(WALL, stamp=6e8), NOTHING)
+        mapper.flush()
+        before = semantic_map.sequence
+        mapper.add(look(WALL, at=(0.5, 0.5, 1.2), stamp=6e8 + 3600), NOTHING)
+    with semantic_map.at(before) as then:
+        (place,) = then.places()
+        assert place.viewed is not None
+        assert place.viewed.last == 6e8
+    (place,) = semantic_map.places()
+    assert place.viewed is not None
+    assert place.viewed.last == 6e8 + 3600
