@@ -34,6 +34,7 @@ Floats = NDArray[np.float64]
 
 GATE: Final = 0.75  # [m] between an object where its frame puts it and its new mapping
 OTHERS: Final = 0.5  # [m] within which an object that another recording brought is the same
+STAYS: Final = 0.1  # [m] that an object of several recordings moves without being mapped again
 SAME_BOX: Final = 0.5  # IoU of two boxes of one frame that show one thing
 
 
@@ -189,13 +190,20 @@ class _Correction:
                 written.append(replace(record, iri=self._iris[record.iri]))
                 self._new += 1
         left = [row for row in range(len(own)) if row not in pairs]
-        written += [moved[row] for row in left if own[row].iri in asserted]
-        return written, tuple(own[row].iri for row in left if own[row].iri not in asserted)
+        stays = {
+            row for row in left if own[row].iri in asserted or self._stays(own[row], moved[row])
+        }
+        written += [moved[row] for row in left if row in stays]
+        return written, tuple(own[row].iri for row in left if row not in stays)
+
+    def _stays(self, old: ObjectRecord, moved: ObjectRecord) -> bool:
+        """Whether an object not mapped again stays: others may have seen it where it is."""
+        return not self._alone and float(np.linalg.norm(moved.p_map - old.p_map)) < STAYS
 
     def _related(self, record: ObjectRecord) -> ObjectRecord:
         """The object with relations to objects of the map, where it was mapped anew."""
         if record.iri not in self._iris.values():
-            return replace(record, relations=())
+            return replace(record, relations=None)
         kept = [r for r in record.relations or () if r.target in self._iris]
         return replace(
             record, relations=tuple(replace(r, target=self._iris[r.target]) for r in kept)
