@@ -290,6 +290,7 @@ class Mapper:
         with self.timer.stage("floor"):
             self._found = self._found.followed_by(self._rooms.update())
             moved = objects_elsewhere(self._map, self._places)
+            self._view_places(self._map.floor())
         places = self._places.take_changed()
         removed, doors = self._found.removed, self._found.doors
         return ObjectChanges(), MapUpdate(moved, removed, places, None, self._progress, doors=doors)

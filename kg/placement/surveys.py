@@ -30,6 +30,9 @@ from kg.placement.settings import SurveyWeights
 
 TABLE: Final = Path(__file__).with_name("tables") / "room_statistics.csv"
 
+#: the survey of whole homes
+HOMES: Final = "BEHAVIOR-1K homes"
+
 Matrix = NDArray[np.float64]
 
 _PRIOR_ROOMS: Final = 4.0  # strength of a survey's mean rate for one kind of place [rooms]
@@ -132,6 +135,22 @@ def _features(
         rooms=d * rooms,
         rooms_with=d * held,
     )
+
+
+def room_frequencies(places: Sequence[str], catalogue: Catalogue) -> NDArray[np.float64]:
+    """(m,) how likely a room of a home is of each category, by IRI; adds up to 1.
+
+    From the shipped survey of whole homes, whose rooms nobody chose; each category counts a room
+    more. A kind of room counts for one category, not for those above or beside it.
+    """
+    homes = _surveys()[HOMES]
+    counts = np.ones(len(places))
+    column = {iri: n for n, iri in enumerate(places)}
+    for label, rooms in zip(homes.places, homes.rooms.max(axis=0), strict=True):
+        at = column.get(_kind(label, catalogue).iri)
+        if at is not None:
+            counts[at] += rooms
+    return np.asarray(counts / counts.sum(), np.float64)
 
 
 def logit(p: ArrayLike) -> Matrix:

@@ -24,6 +24,7 @@ from kg.placement.map_counts import MapCounts, map_counts
 from kg.placement.model import BASE, CONCEPTNET, LISTED, log_odds_terms, posterior_belief
 from kg.placement.posterior import posterior
 from kg.placement.settings import FITTED, STATEMENT_STRENGTH, PlacementParameters
+from kg.placement.surveys import room_frequencies
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,6 +120,12 @@ class PlacementTable:
     def places(self) -> tuple[str, ...]:
         """IRIs of the place categories in the table."""
         return tuple(iri for iri in self._known.places if iri != v.PLACE)
+
+    @property
+    def room_frequencies(self) -> Mapping[str, float]:
+        """How likely a room of a home is of each place category, by IRI; adds up to 1."""
+        shares = room_frequencies(self.places, self._catalogue)
+        return dict(zip(self.places, map(float, shares), strict=True))
 
     def probability(self, object_iri: str, place_iri: str) -> float:
         """Probability that a place of that category holds at least one such object."""

@@ -32,7 +32,13 @@ from kg.errors import QueryError, QueryParameterError, UnknownQueryError, did_yo
 from kg.query.evaluation import Table, TripleTable, Value, evaluate
 from kg.rdf.grid_cells import cells_of_box, cells_of_disc
 from kg.resources import QUERIES
-from kg.sparql.parameters import Term, insert_into_pattern, parameters_in, substitute
+from kg.sparql.parameters import (
+    Term,
+    insert_into_pattern,
+    parameters_in,
+    substitute,
+    variables_in,
+)
 
 __all__ = [
     "Parameter",
@@ -138,7 +144,12 @@ class ParameterizedQuery:
             if name not in known:
                 raise QueryParameterError(self._unknown(name))
         terms = {name: self._term(known[name], values, resolve) for name in known}
-        return insert_into_pattern(substitute(self.sparql, terms), self._cell_values(terms))
+        dollars = parameters_in(self.sparql)
+        rows = "".join(  # a parameter written ?name is a variable with one value
+            f" VALUES ?{name} {{ {term} }}" for name, term in terms.items() if name not in dollars
+        )
+        text = substitute(self.sparql, terms)
+        return insert_into_pattern(text, rows + self._cell_values(terms))
 
     def check(self, answer: Table) -> Table:
         """`answer` itself; raises QueryError where its columns are not those of the header."""
@@ -216,7 +227,8 @@ def parse_query_file(text: str, name: str) -> ParameterizedQuery:
 def inline_query(sparql: str, values: Mapping[str, object]) -> ParameterizedQuery:
     """The question in a text that may lack a header; types of parameters then follow the values.
 
-    Text that starts like ``http://`` or ``urn:`` is an IRI, other text a string.
+    Text that starts like ``http://``, ``urn:`` or a prefix such as ``here:`` is an IRI, other text
+    a string.
     """
     if any(line.startswith("#+") for line in sparql.splitlines()):
         return parse_query_file(sparql, "query")
@@ -277,7 +289,8 @@ def _type_of(value: object) -> str:
         return "integer"
     if isinstance(value, float):
         return "double"
-    return "iri" if LIKE_AN_IRI.match(str(value)) else "string"
+    prefix = str(value).partition(":")[0]
+    return "iri" if LIKE_AN_IRI.match(str(value)) or prefix in v.PREFIXES else "string"
 
 
 def _parameter(question: str, match: re.Match[str]) -> Parameter:
@@ -299,8 +312,11 @@ def _reject_mismatch(question: ParameterizedQuery) -> None:
             f"{question.name}: ${name} has neither a value nor a line under '#+ parameters:'; "
             f"write ?{name} for a variable"
         )
-    for name in sorted(declared - used):
-        raise QueryError(f"{question.name}: the parameter {name} is declared but ${name} not used")
+    for name in sorted(declared - used - variables_in(question.sparql)):
+        raise QueryError(
+            f"{question.name}: the parameter {name} is declared but neither ${name} nor ?{name} is "
+            "used"
+        )
     if question.answer not in ("", *ANSWERS):
         raise QueryError(
             f"{question.name}: an answer is a {', a '.join(ANSWERS[:-1])} or a {ANSWERS[-1]}, "

@@ -24,6 +24,11 @@ def parameters_in(sparql: str) -> frozenset[str]:
     return frozenset(token.text[1:] for token in tokens_of(sparql) if token.kind == "parameter")
 
 
+def variables_in(sparql: str) -> frozenset[str]:
+    """Names of the `?variables` of a query text."""
+    return frozenset(token.text[1:] for token in tokens_of(sparql) if token.kind == "variable")
+
+
 def substitute(sparql: str, terms: Mapping[str, Term]) -> str:
     """The text with each `$name` of `terms` replaced by its RDF term, on the same line."""
 

@@ -2,8 +2,8 @@
 
 A relation counts where its object is matched to an entry whose relations the truth knows. It is
 right if the object that it points at is matched to the true one. What a thing truly stands on is
-in the truth; what is truly beside it follows from the true boxes: by the limits of
-`mapping.relations.probabilities`, without noise.
+in the truth; what is truly beside it stands on the same, and has its box within the limits of
+`mapping.relations.probabilities`.
 """
 
 from __future__ import annotations
@@ -119,7 +119,8 @@ def _beside(truth: Sequence[TrueObject], matcher: TruthMatcher) -> set[tuple[int
     return {
         (known[a], known[b])
         for a, b in pairs
-        if (known[a], known[b]) not in carried and (known[b], known[a]) not in carried
+        if truth[known[a]].on == truth[known[b]].on
+        and not carried & {(known[a], known[b]), (known[b], known[a])}
     }
 
 

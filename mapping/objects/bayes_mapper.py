@@ -62,6 +62,7 @@ class BayesObjectMapper:
         self._settings = settings or ObjectSettings()
         self._recording, self._model = recording, model
         self._objects = ObjectCache(semantic_map)
+        self._catalogue = semantic_map.catalogue
         self.labels = LabelResolver(
             semantic_map, "object", table=labels, unknown=unknown_labels, model=model
         )
@@ -149,7 +150,8 @@ class BayesObjectMapper:
             self._finish(track, sighting, stamp, frame)
             if not known:
                 self._tracks.append(track)
-        return self._changes(list(touched.values()), [], ())
+        seen = list(touched.values())
+        return self._changes(seen, [], self._merge(seen))
 
     def decay(self, iri: str, times: int = 1) -> ObjectChanges:
         """Count `times` looks that should have shown the object and did not."""
@@ -179,6 +181,8 @@ class BayesObjectMapper:
         """Read again what others changed since the last call; cheap where nothing was."""
         if self._places is not None:
             self._places.refresh()
+        if self._map.catalogue is not self._catalogue:
+            self._forget_categories()
         touched = self._objects.refresh()
         if not touched:
             return
@@ -195,6 +199,20 @@ class BayesObjectMapper:
         self._tracks = kept + [
             self._track(held[iri]) for iri in touched if iri in held and iri not in known
         ]
+
+    def _forget_categories(self) -> None:
+        """Forget what speaks for categories that the ontology no longer has, and such things."""
+        self._catalogue = self._map.catalogue
+        for track in [*self._tracks, *self._departures.tracks]:
+            unknown = [c for c in track.evidence if self._catalogue.by_iri(c) is None]
+            for category in unknown:
+                del track.evidence[category]
+            if unknown and track.evidence:
+                self._assess(track)
+        gone = [track.iri for track in self._tracks if track.iri and not track.evidence]
+        self._objects.remove(iri for iri in gone if iri in self._objects.perceived)
+        self._tracks = [track for track in self._tracks if track.evidence]
+        self._departures.forget_unknown()
 
     # one frame
 

@@ -42,6 +42,16 @@ class Departures:
         """Forget objects that are in the map again."""
         self._left = [track for track in self._left if track.iri not in iris]
 
+    @property
+    def tracks(self) -> list[Track]:
+        """All that is remembered of what left."""
+        return [*self._left, *(move.old for move in self._moves)]
+
+    def forget_unknown(self) -> None:
+        """Forget objects of which no evidence is left."""
+        self._left = [track for track in self._left if track.evidence]
+        self._moves = [move for move in self._moves if move.old.evidence]
+
     def found(
         self,
         absent: Sequence[Absentee],

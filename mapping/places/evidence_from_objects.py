@@ -29,6 +29,7 @@ class ObjectEvidence:
         self._map, self._places, self._settings = semantic_map, places, settings
         self._catalogue = semantic_map.catalogue
         self._table: PlacementTable = table_of(semantic_map.ontology())
+        self._frequencies = self._table.room_frequencies
         self._done: dict[str, tuple[_Presence, _Presence, tuple[str, ...]]] = {}
 
     def update(self, objects: Iterable[ObjectRecord]) -> None:
@@ -63,21 +64,35 @@ class ObjectEvidence:
             present: probability that the place holds an object of each category.
             views: belief from the views; empty where there are none.
         """
-        trust = self._settings.scene_trust
-        total = sum(views.values())
-        prior = None
-        if total > 0:  # a network has few place categories; objects may be evidence of others
-            share = (1 - trust) / len(self._table.places)
-            prior = {c: trust * views.get(c, 0.0) / total + share for c in self._table.places}
+        prior = self.prior(views)
         weight = self._settings.objects_weight
         weighed = {category: weight * chance for category, chance in present.items()}
         posterior = self._table.place_posterior(weighed, prior=prior)
         return {c: p for c, p in posterior.items() if p >= self._settings.least_belief}
 
+    def prior(self, views: Mapping[str, float]) -> dict[str, float]:
+        """What the views and the usual frequencies of rooms say, by IRI; adds up to 1.
+
+        Without views the frequencies alone. With them, a share of the views' belief is left to the
+        frequencies, since a network has few place categories, and the rest is weighed by them.
+        """
+        s, frequency = self._settings, self._frequencies
+        total = sum(views.values())
+        if total <= 0:
+            return dict(frequency)
+        weighed = {
+            c: (s.scene_trust * views.get(c, 0.0) / total + (1 - s.scene_trust) * f)
+            * f**s.frequency_weight
+            for c, f in frequency.items()
+        }
+        whole = sum(weighed.values())
+        return {c: p / whole for c, p in weighed.items()}
+
     def _refresh_ontology(self) -> None:
         if self._catalogue is not self._map.catalogue:
             self._catalogue = self._map.catalogue
             self._table = table_of(self._map.ontology())
+            self._frequencies = self._table.room_frequencies
             self._done.clear()
 
 

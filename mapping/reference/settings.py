@@ -94,7 +94,8 @@ class ReferenceSettings:
     # place categories inferred from the objects in them (ours)
     places_from_objects: bool = False
     objects_weight: float = 0.5  # share of its log-likelihood that an object counts for
-    scene_trust: float = 0.9  # share of the prior that is the views'; the rest is uniform
+    scene_trust: float = 0.9  # share of the prior that is the views'; the rest is frequencies'
+    frequency_weight: float = 0.5  # exponent of the frequencies of rooms that weigh the views
 
     # scoring against hand-made truth (ours)
     match_distance: float = 0.5  # [m]

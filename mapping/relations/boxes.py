@@ -112,11 +112,14 @@ def box_of(record: ObjectRecord, usual: float) -> Box | None:
     """
     if record.existence < SHOWN or record.extent is None:
         return None
+    deviation = record.deviation or 0.0
+    if not np.isfinite([*record.p_map, *record.extent, deviation]).all():
+        return None  # as somebody wrote it
     half = record.extent / 2
     return Box(
         low=record.p_map - half,
         high=record.p_map + half,
-        deviation=record.deviation or 0.0,
+        deviation=deviation,
         category=record.category,
         length=max(float(record.extent.max()), usual, 0.02),
     )

@@ -25,7 +25,11 @@ _LEAST: Final = 1e-9  # probabilities below count as this
 
 @dataclass(frozen=True, slots=True)
 class RelationSettings:
-    """Numbers of the formulas, fitted to simulated houses (`python -m benchmarks.relations`)."""
+    """Numbers of the formulas.
+
+    Those of supports maximise the likelihood of what stands on what in simulated houses, and are
+    rounded; those of containers and neighbours are chosen (`docs/explanation/relations.md`).
+    """
 
     constant: float = 2.0  # of a candidate's utility
     over: float = 2.4  # weight of the log-probability that its centre lies over the footprint
@@ -35,7 +39,7 @@ class RelationSettings:
     height: float = 0.15  # [m] standard deviation of an underside over a surface
     clutter: float = 0.10  # [m] that things on a surface raise the top of its box
     backless: float = 0.6  # share of things to sit or lie on whose box ends at the surface
-    enclosed: float = 6.0  # utility of a container that encloses the centre; not fitted
+    enclosed: float = 6.0  # utility of a container that encloses the centre
     rim: float = 0.03  # [m] standard deviation of bottom and top of a container
     roomier: float = 1.25  # ratio of lengths from which on a thing fits into a container
     gap: float = 0.30  # [m] between the footprints of two things beside one another, at most
@@ -129,7 +133,7 @@ def _between(value: Floats, low: Floats | float, high: Floats | float, noise: Fl
 
 def _peak(x: Floats) -> Floats:
     """Density of the standard normal distribution, 1 at its mode."""
-    return np.exp(-0.5 * x * x)
+    return np.exp(-0.5 * np.clip(x, -8.0, 8.0) ** 2)
 
 
 def _log(probability: Floats) -> Floats:
@@ -141,4 +145,5 @@ def _normal(x: Floats) -> Floats:
 
     Bowling et al., A logistic approximation to the cumulative normal distribution, 2009.
     """
-    return 1 / (1 + np.exp(-np.clip(1.5976 * x + 0.07056 * x**3, -50.0, 50.0)))
+    x = np.clip(x, -8.0, 8.0)
+    return 1 / (1 + np.exp(-1.5976 * x - 0.07056 * x**3))

@@ -26,7 +26,7 @@ from mapping.relations.probabilities import (
     support_probabilities,
 )
 
-MOVED: Final = 0.02  # [m] by which a side of a box moves before its relations are computed again
+MOVED: Final = 0.03  # of its length, or 2 cm, by which a box changes before it is looked at again
 REACH: Final = 1.0  # [m] between two boxes with a relation, at most
 LEAST: Final = 0.2  # probability from which on a relation is kept
 STEP: Final = 0.05  # by which a probability changes before it is written again
@@ -100,7 +100,8 @@ class RelationMapper:
         now = self._boxes.get(iri)
         computed = iri not in self._uncomputed
         self._uncomputed.discard(iri)
-        if computed and before is not None and now is not None and not now.differs(before, MOVED):
+        much = max(MOVED * now.length, 0.02) if now is not None else 0.0
+        if computed and before is not None and now is not None and not now.differs(before, much):
             self._boxes.put(iri, before)  # small steps add up
             return []
         return [box for box in (before, now) if box is not None]
@@ -111,7 +112,7 @@ class RelationMapper:
         What is within reach of a box may relate to it; what is within reach of that may lose a
         nearer neighbour by it.
         """
-        near = list(self._boxes.within(moved, 3 * REACH))
+        near = list(self._boxes.within(moved, 4 * REACH))
         inner = self._boxes.within(moved, 2 * REACH)
         boxes = [self._boxes[iri] for iri in near]
         arrays = Boxes.of(boxes)
@@ -137,7 +138,10 @@ class RelationMapper:
                     found[near[row]].append(relation)
         carried = np.zeros((len(near), len(near)))
         carried[:, carriers] = on + inside
-        beside = beside_probabilities(arrays, self._settings) * (1 - carried) * (1 - carried.T)
+        alone = 1 - carried.sum(axis=1)
+        together = carried @ carried.T + np.outer(alone, alone)  # on or in the same, or on nothing
+        apart = (1 - carried) * (1 - carried.T)
+        beside = beside_probabilities(arrays, self._settings) * together * apart
         for row, column in _mutual_neighbours(beside):
             one, other = near[row], near[column]
             if one in inner and other in inner:

@@ -11,8 +11,10 @@ import importlib
 import os
 import sys
 from collections.abc import Iterable, Sequence
+from itertools import chain
+from pathlib import Path
 
-from kg.errors import HereaboutsError
+from kg.errors import HereaboutsError, MapNotFoundError
 from planner.cli.arguments import join_signed
 
 #: command modules, in the order `hereabouts --help` lists them
@@ -74,7 +76,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         return int(arguments.run(arguments))
     except HereaboutsError as error:
-        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)  # noqa: T201
+        text = " ".join(str(error).split())
+        print(f"error: {text}{_swapped(arguments, error)}", file=sys.stderr)  # noqa: T201
         return 1
     except BrokenPipeError:
         # the reader of our stdout left (| head): nobody to tell, and Python must not try to flush
@@ -83,6 +86,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("interrupted: whole frames so far are kept", file=sys.stderr)  # noqa: T201
         return 130
+
+
+def _swapped(arguments: argparse.Namespace, error: HereaboutsError) -> str:
+    """A hint where the map was given after what is asked of it."""
+    if not isinstance(error, MapNotFoundError):
+        return ""
+    values = (v if isinstance(v, list) else [v] for v in vars(arguments).values())
+    for word in chain.from_iterable(values):
+        is_map = isinstance(word, str) and word != getattr(arguments, "map", None)
+        if is_map and (Path(word) / "store").is_dir():
+            return f"; the map comes first: hereabouts {arguments.command} {word} ..."
+    return ""
 
 
 def _modules_for(words: Sequence[str]) -> Sequence[str]:

@@ -102,6 +102,7 @@ def _ask(
 ) -> Table:
     """The answer; text that did not come with hereabouts is evaluated in an isolated process."""
     from kg.query.query_files import find_query, inline_query, load_query
+    from kg.query.undeclared_terms import undeclared_terms
     from kg.store.sparql_client import is_url
 
     if arguments.execute is not None:
@@ -113,6 +114,9 @@ def _ask(
         question = find_query(arguments.question)
     if arguments.all and any(parameter.name == "least" for parameter in question.parameters):
         parameters = {"least": "0", **parameters}
+    if not question.shipped:
+        for line in undeclared_terms(question.sparql, semantic_map.ontology()):
+            note(line)
     if not question.shipped and not is_url(arguments.map or ""):
         from kg.workers.local_evaluation import query_isolated  # which shipped queries do not need
 

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from planner.plans.thesis_rules import Plan
     from planner.plans.view_plan import ViewPlan
 
-_SURE = 0.5  # existence from which on the plan is for the case that an object is not there
 _WORTH_A_LOOK = 0.01  # chance to find from which on a plan is worth printing
 _RULES = ("viewpoints", "nearest-first", "brute-force")
 #: options that only plans of looks take
@@ -160,7 +159,7 @@ def _print_known(
         known = known_objects(semantic_map, target)
         for line in answer_lines(known, now):
             write(line)
-        sure.append(bool(known) and known[0].existence >= _SURE)
+        sure.append(bool(known) and known[0].sure)
         if not known and target.iri is not None:
             answer = status(semantic_map, target.iri)
             write(f"no {target.label} is in the map ({answer.value}): {answer.proof}")

@@ -13,6 +13,7 @@ from mapping.label_resolver import LabelResolver
 from mapping.objects.bayes_mapper import BayesObjectMapper
 from mapping.objects.object_mapper import ObjectChanges
 from mapping.places.place_registry import PlaceRegistry
+from mapping.relations.relation_mapper import RelationMapper
 from mapping.sighting import Sighting as MappedSighting
 from planner.execution.protocol import Detected
 
@@ -41,6 +42,7 @@ class ObjectUpdates:
     def __init__(self, semantic_map: SemanticMap) -> None:
         places = PlaceRegistry(semantic_map, recording=None)
         self._mapper = BayesObjectMapper(semantic_map, places=places)
+        self._relations = RelationMapper(semantic_map, self._mapper.cache)
         self._labels = LabelResolver(semantic_map, "object")
 
     def add(self, things: Sequence[Detected], stamp: float) -> DetectionUpdate:
@@ -51,7 +53,9 @@ class ObjectUpdates:
             for thing, category in named
             if category is not None
         ]
-        changes = self._mapper.add_sightings([sighting for _, sighting in sightings], stamp)
+        changes = self._relations.update(
+            self._mapper.add_sightings([sighting for _, sighting in sightings], stamp)
+        )
         detections = tuple(self._associated(thing, sighting) for thing, sighting in sightings)
         unknown = dict.fromkeys(thing.label for thing, category in named if category is None)
         return DetectionUpdate(changes.updated, detections, tuple(unknown))
@@ -63,7 +67,7 @@ class ObjectUpdates:
 
     def decay(self, iri: str, times: int = 1) -> ObjectChanges:
         """Changes after `times` looks that should have shown the object and did not."""
-        return self._mapper.decay(iri, times)
+        return self._relations.update(self._mapper.decay(iri, times))
 
     def _associated(self, thing: Detected, sighting: MappedSighting) -> AssociatedDetection:
         iri = self._mapper.object_of(sighting)

@@ -421,7 +421,7 @@ class _Run:
         Applied once the search is over: until then the planning state holds it.
         """
         kinds = {kind for target in self._targets for kind in target.kinds}
-        kept, gone = list[ObjectRecord](), list[str]()
+        kept, gone = dict[str, ObjectRecord](), list[str]()
         for record in self._objects.of(kinds):
             times = sum(
                 self._adapter.shows(look, record.p_map)
@@ -430,9 +430,9 @@ class _Run:
             )
             if times and record.iri not in self._log.record.found:
                 changes = self._objects.decay(record.iri, times)
-                kept += changes.updated
+                kept |= {changed.iri: changed for changed in changes.updated}
                 gone += changes.removed
-        return tuple(kept), tuple(gone)
+        return tuple(r for iri, r in kept.items() if iri not in gone), tuple(gone)
 
     def _note_progress(self) -> None:
         left = self._adapter.left if self._wanted() else 0.0

@@ -116,7 +116,8 @@ class CandidateQueries:
         existence = number(row, "existence")
         half = life[str(row["kind"])]
         kept = holds(half, self._age(row))
-        fact = f"{self._located(row)} ({_seen(row, existence)})"
+        where = whereabouts(self._map, str(row["iri"]))
+        fact = f"{name(row)} is in the map, {where} ({_seen(row, existence)})"
         kind_of = str(row["category"])
         article = "an" if kind_of[:1].lower() in "aeiou" else "a"
         stays = f"{article} {kind_of} stays put for {span(half)} as often as not"
@@ -132,10 +133,6 @@ class CandidateQueries:
             existence=existence,
             place=None if row["place"] is None else str(row["place"]),
         )
-
-    def _located(self, row: Row) -> str:
-        where = whereabouts(self._map, str(row["iri"]))
-        return f"{name(row)} is in the map" + f", {where}" * bool(where)
 
     def _nearby(self, number_: int, target: Target) -> Iterator[Candidate]:
         best: dict[str, Candidate] = {}
@@ -163,7 +160,7 @@ class CandidateQueries:
             p_map=_xy(row),
             probability=existence * kept * near,
             facts=(
-                f"{self._located(row)} ({_seen(row, existence)})",
+                f"{name(row)} is in the map ({_seen(row, existence)})",
                 f"{row['wantedLabel']} is found near {row['category']} ({near:.2g}{source})",
             ),
             place=None if row["place"] is None else str(row["place"]),
@@ -240,9 +237,8 @@ class _Rooms:
             kind = str(row["kind"])
             if kind not in self._rows or _product(row) > _product(self._rows[kind]):
                 self._rows[kind] = row
-        kinds = table.places
-        #: p(any kind of place holds it)
-        self.mean = float(np.mean([self._in(kind) for kind in kinds])) if kinds else 0.0
+        #: p(any kind of place holds it), by how frequent rooms of each kind are in homes
+        self.mean = sum(self._in(kind) * p for kind, p in table.room_frequencies.items())
 
     def _in(self, kind: str) -> float:
         if kind not in self._of_kind:

@@ -33,6 +33,12 @@ class KnownObject:
     last_seen: datetime | None
     observations: int
     frame: str | None  # of its best observation
+    found_by: str | None  # IRI of a search that found it
+
+    @property
+    def sure(self) -> bool:
+        """Whether it is there rather than not, or a search found it."""
+        return self.existence >= _SURE or self.found_by is not None
 
 
 def known_objects(semantic_map: SemanticMap, target: Target) -> tuple[KnownObject, ...]:
@@ -55,8 +61,9 @@ def known_objects(semantic_map: SemanticMap, target: Target) -> tuple[KnownObjec
                 last_seen=seen if isinstance(seen, datetime) else None,
                 observations=int(float(str(row["observations"] or 0))),
                 frame=None if row["frame"] is None else str(row["frame"]),
+                found_by=None if row["foundBy"] is None else str(row["foundBy"]),
             )
-    return tuple(sorted(found.values(), key=lambda one: (-one.existence, one.iri)))
+    return tuple(sorted(found.values(), key=lambda one: (not one.sure, -one.existence, one.iri)))
 
 
 def _kind(semantic_map: SemanticMap, place: PlaceRecord | None) -> str:
@@ -76,8 +83,10 @@ def answer_lines(known: Sequence[KnownObject], now: float, most: int = 5) -> lis
     lines = []
     for one in known[:most]:
         x, y = (float(value) for value in one.p_map)
-        text = f"{'' if one.existence >= _SURE else 'perhaps '}{one.label}: {one.where}"
+        text = f"{'' if one.sure else 'perhaps '}{one.label}: {one.where}"
         text += f" at ({x:.1f}, {y:.1f}), {one.existence:.2f} sure"
+        if one.found_by is not None:
+            text += f", found by search/{one.found_by.rpartition('/')[2]}"
         if one.last_seen is not None:
             age = max(now - one.last_seen.timestamp(), 0.0)
             text += f", last seen {span(age)} ago" if age >= 1 else ", seen just now"
@@ -106,6 +115,7 @@ def known_json(semantic_map: SemanticMap, targets: Sequence[Target]) -> list[dic
             "last_seen": None if one.last_seen is None else one.last_seen.isoformat(),
             "observations": one.observations,
             "frame": one.frame,
+            "found_by": one.found_by,
         }
         for target in targets
         for one in known_objects(semantic_map, target)

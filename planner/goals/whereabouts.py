@@ -16,7 +16,9 @@ def whereabouts(semantic_map: SemanticMap, iri: str) -> str:
     place either. "" for what is no object of the map.
     """
     words, place, at, following = list[str](), "", "", iri
-    for _ in range(_LONGEST):
+    named = set[str]()
+    while len(named) < _LONGEST and following not in named:
+        named.add(following)
         rows = semantic_map.ask("whereabouts", object=following).records()
         if not rows:
             break

@@ -248,3 +248,36 @@ def test_shapes_that_do_not_parse_are_named(folder: Path) -> None:
     (folder / "shapes.ttl").write_text("these are no shapes")
     with pytest.raises(OntologyError, match=r"shapes\.ttl"):
         check_ontologies(folder)
+
+
+RELATED = """
+<object/2> a here:Bowl ; rdfs:label "bowl 2" ; here:x 1.2e0 ; here:y -0.4e0 ; here:z 0.8e0 ;
+    here:inCell <https://w3id.org/hereabouts/cell/0_-1> ; here:confidence 1e0 ;
+    here:existence 0.8e0 ; here:observationCount 4 ;
+    here:firstSeen "2024-05-01T10:00:00Z"^^xsd:dateTime ;
+    here:lastSeen "2024-05-01T10:00:09Z"^^xsd:dateTime .
+<object/1> here:inside <object/2> ; here:hasRelation <object/1/relation/inside/2> .
+<object/1/relation/inside/2> a here:SpatialRelation ; here:ofRelation here:inside ;
+    here:relatedTo <object/2> ; here:relationProbability 0.9e0 .
+"""
+
+
+def test_a_sound_relation_has_no_findings() -> None:
+    assert check_map(with_facts(RELATED)) == []
+
+
+@pytest.mark.parametrize(
+    ("good", "bad", "focus", "message"),
+    [
+        ("here:inside <object/2>", "here:inside <place/1>", "object/1", "one object of the map"),
+        ("here:inside <object/2>", "here:on <object/2> , <object/1>", "object/1", "at most one"),
+        ("here:ofRelation here:inside", "here:ofRelation here:nearBy", "", "exactly one here:ofR"),
+        ("relatedTo <object/2>", "relatedTo <object/7>", "", "an object of the map"),
+        ("0.9e0 .", "9e0 .", "", "between 0 and 1"),
+    ],
+)
+def test_one_bad_fact_of_a_relation_is_found(good: str, bad: str, focus: str, message: str) -> None:
+    assert good in RELATED
+    findings = check_map(with_facts(RELATED.replace(good, bad, 1)))
+    wanted = BASE + (focus or "object/1/relation/inside/2")
+    assert [f for f in findings if f.focus == wanted and message in f.message], findings

@@ -317,7 +317,7 @@ def test_a_query_file_of_ones_own(tmp_path: Path) -> None:
     ("text", "reason"),
     [
         ("#+ summary: x\nSELECT ?s WHERE { ?s ?p $o }", r"\$o has neither"),
-        ("#+ parameters:\n#+   o (iri): x\nSELECT ?s WHERE { ?s ?p ?o }", "declared but"),
+        ("#+ parameters:\n#+   q (iri): x\nSELECT ?s WHERE { ?s ?p ?o }", "declared but"),
         ("#+ parameters:\n#+   o (number): x\nSELECT ?s WHERE { ?s ?p $o }", "no type 'number'"),
         ("#+ nonsense\nSELECT ?s WHERE { ?s ?p ?o }", "line 1 is no header line"),
         ("#+ answer: quick\nSELECT ?s WHERE { ?s ?p ?o }", "a lookup, a listing or a survey"),

@@ -496,3 +496,27 @@ def test_an_object_with_assertions_is_merged_into_no_other(room, asserted):
     room.mapper = Mapper(room.map, objects=ObjectSettings(separation=100.0))
     room.see(("cup", 0.9, box(16)))
     assert (other.iri in {record.iri for record in room.map.objects()}) == asserted
+
+
+def test_a_category_that_is_deleted_breaks_no_write(semantic_map):
+    cup, bowl = (semantic_map.catalogue.find(name).iri for name in ("cup", "bowl"))
+    mapper = Mapper(semantic_map)
+    seen = [Sighting(cup, 0.9, np.zeros(3)), Sighting(bowl, 0.9, np.array([3.0, 0, 0]))]
+    for n in range(3):
+        mapper.add_sightings(seen, 1e9 + n)
+    everything = f"DELETE WHERE {{ GRAPH graph:ontology {{ <{cup}> ?p ?o }} }}"
+    semantic_map.update(everything, by="ann", allow=("ontology",))
+    found = [Sighting(bowl, 0.9, at) for at in (np.array([0.0, 0.02, 0]), np.array([3.0, 0, 0]))]
+    mapper.add_sightings(found, 1e9 + 9)
+    assert [o.category for o in semantic_map.objects()] == [bowl, bowl]
+
+
+def test_sightings_with_positions_merge_as_frames_do(semantic_map):
+    table = semantic_map.catalogue.find("dining table").iri
+    mapper = Mapper(semantic_map)
+    ends = [Sighting(table, 0.9, np.array([x, 0.0, 0.7])) for x in (0.0, 1.3)]
+    mapper.add_sightings(ends, 1e9)
+    assert len(semantic_map.objects()) == 2
+    for n, x in enumerate((0.5, 0.9, 0.5, 0.9, 0.5, 0.9)):  # what is nearest draws each nearer
+        mapper.add_sightings([Sighting(table, 0.9, np.array([x, 0.0, 0.7]))], 1e9 + n)
+    assert len(semantic_map.objects()) == 1

@@ -72,7 +72,7 @@ def test_a_place_without_views_is_told_by_its_objects_alone(semantic_map, drive,
     map_recording(drive(), semantic_map, kitchen_things, layout=ROOM, settings=SETTINGS)
     beliefs = believed(semantic_map)
     assert beliefs["kitchen"] == max(beliefs.values())
-    assert beliefs["kitchen"] > 4 * beliefs["office"]
+    assert beliefs["kitchen"] > 4 * beliefs.get("office", 0.0)
     assert len(semantic_map.places("kitchen")) + len(semantic_map.places("kitchenette")) == 1
 
 
@@ -165,3 +165,13 @@ def test_an_object_that_leaves_the_map_tells_no_longer(
     first = semantic_map.objects()[0].iri
     semantic_map.apply(MapUpdate(removed=(first,)))
     assert first not in semantic_map.places()[0].told_by
+
+
+def test_unseen_rooms_are_what_rooms_of_homes_are(semantic_map):
+    evidence = ObjectEvidence(semantic_map, PlaceRegistry(semantic_map), SETTINGS)
+    prior = evidence.prior({})
+    kind = {name: semantic_map.catalogue.find(name, "place").iri for name in ("bedroom", "office")}
+    assert sum(prior.values()) == pytest.approx(1)
+    assert prior[kind["bedroom"]] > 5 * prior[kind["office"]] > 0
+    views = evidence.prior({kind["office"]: 0.9, kind["bedroom"]: 0.1})
+    assert views[kind["office"]] > views[kind["bedroom"]]  # what was seen outweighs what is usual

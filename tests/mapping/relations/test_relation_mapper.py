@@ -130,6 +130,33 @@ def test_beside_is_symmetric_and_bounded(room: Room) -> None:
     assert room.related(far, "beside") == room.related(low, "beside") == []
 
 
+def test_a_chair_at_a_table_is_not_beside_a_cup_on_it(room: Room) -> None:
+    room.put(*TABLE)
+    cup = room.put("cup", (0.3, 0.35, 0.85), (0.1, 0.1, 0.1))
+    other = room.put("cup", (0.1, 0.35, 0.85), (0.1, 0.1, 0.1))
+    room.put("chair", (0.3, 0.65, 0.8), (0.35, 0.2, 0.2))
+    assert room.related(cup, "beside") == [other]
+
+
+@pytest.mark.parametrize("extent", [(np.nan, 1.0, 1.0), (np.inf, 1.0, 1.0), (1e300, 1e300, 1e300)])
+def test_boxes_that_cannot_be_do_no_harm(room: Room, extent: tuple[float, ...]) -> None:
+    room.put(*TABLE)
+    strange = ObjectRecord(
+        iri=room.map.new_object_iri(),
+        category=room.map.catalogue.find("bed").iri,
+        p_map=np.zeros(3),
+        confidence=1.0,
+        existence=1.0,
+        observations=1,
+        first_seen=10.0,
+        last_seen=10.0,
+        extent=np.array(extent),
+    )
+    room.cache.update({strange.iri: strange})
+    room.write(room.relations.update(ObjectChanges()))
+    assert len(room.related(room.put(*CUP), "on")) == 1
+
+
 def test_each_change_gives_what_a_fresh_start_gives(room: Room) -> None:
     random = np.random.default_rng(4)
     iris = [room.put(*TABLE)]

@@ -15,6 +15,8 @@ from kg.records import MapUpdate, ObjectRecord, PlaceRecord, RecordingRecord, Ro
 from planner.cli import main
 from planner.execution.options import SearchOptions
 from planner.execution.search_loop import search
+from planner.goals.known_objects import known_objects
+from planner.goals.targets import resolve
 from planner.simulation.demo_search import plan_for
 from planner.simulation.house import House, furnished_house
 from planner.simulation.house_demo import HIDDEN, layout_of
@@ -68,6 +70,8 @@ def test_the_apple_is_found_within_a_few_looks() -> None:
         (apple,) = semantic_map.objects("apple")
         assert outcome.found == (apple.iri,)
         assert float(np.linalg.norm(apple.p_map - HIDDEN.centre())) < 0.5
+        (known, *_) = known_objects(semantic_map, resolve(semantic_map, ["apple"])[0])
+        assert (known.iri, known.found_by, known.sure) == (apple.iri, outcome.search, True)
         robot_now = semantic_map.robot()
         assert robot_now is not None
         assert robot_now.p_map[2] == 1.25  # the protocol tells no height: it stays
