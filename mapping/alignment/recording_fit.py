@@ -91,7 +91,7 @@ def aligned(
     known = [record.name for record in semantic_map.recordings() if record.frames_applied]
     if not known or recording.name in known:
         return recording, ""
-    frames = list(_spread(recording, SEARCHED))
+    frames = list(spread(recording, SEARCHED))
     with map_apart(semantic_map) as apart:
         with Mapper(apart, labels=labels, occupancy=False, check_poses=False) as mapper:
             for frame in frames:
@@ -145,9 +145,10 @@ def _floor_match(recording: FolderRecording, semantic_map: SemanticMap) -> Match
     tiles = semantic_map.floor()
     cell = tiles[0].resolution if tiles else OccupancySettings().cell
     field = floor_field(floor_of_map(tiles), cell)
-    return None if field is None else field.match(floor_of_frames(_spread(recording, CHECKED)))
+    return None if field is None else field.match(floor_of_frames(spread(recording, CHECKED)))
 
 
-def _spread(recording: FolderRecording, count: int) -> Iterator[Frame]:
+def spread(recording: FolderRecording, count: int) -> Iterator[Frame]:
+    """`count` frames, spread evenly over the recording."""
     for index in np.unique(np.linspace(0, len(recording) - 1, count).astype(int)):
         yield recording.frame(int(index))
