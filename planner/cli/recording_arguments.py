@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from mapping.mapper import Mode
     from mapping.places.layout import Layout
     from mapping.reference.settings import ReferenceSettings
-    from perception.frames import Detector, Recording, SceneClassifier
+    from perception.frames import Detector, SceneClassifier
+    from perception.recordings.recording import FolderRecording
 
 #: values of `--mode`, the default first
 MODES: Final[tuple[Mode, ...]] = ("bayes", "reference")
@@ -29,7 +30,7 @@ _THRESHOLDS: Final = {"bayes": 0.2, "reference": 0.4}
 class Inputs:
     """Everything a mapping run reads, opened and checked before the map is touched."""
 
-    recording: Recording
+    recording: FolderRecording
     detector: Detector
     scene: SceneClassifier | None
     layout: Layout | None
@@ -66,7 +67,8 @@ def _add_camera_options(camera: argparse._ArgumentGroup) -> None:
     camera.add_argument(
         "--poses",
         metavar="FILE",
-        help="trajectory in TUM format instead of the recording's own poses",
+        help="trajectory in TUM format instead of the recording's own poses; what a map has of the "
+        "recording already moves with it",
     )
     camera.add_argument(
         "--pose-convention",
@@ -242,7 +244,7 @@ def _detector_file(arguments: argparse.Namespace) -> str:
     return str(inside) if found else name
 
 
-def open_given_recording(arguments: argparse.Namespace) -> Recording:
+def open_given_recording(arguments: argparse.Namespace) -> FolderRecording:
     """Open the recording that the options of the group "recording" describe."""
     from mapping.transform_file import load_transform
     from perception.camera.intrinsics import load_intrinsics
