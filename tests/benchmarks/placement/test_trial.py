@@ -25,7 +25,6 @@ def sources(shared: Shared) -> Sources:
         shared("data/homes"),
         shared("data/homes/hm3d_room_object_counts.csv"),
         shared("data/s3dis/rooms_objects.csv"),
-        shared("data/conceptnet/object_room_scores.json"),
     )
 
 
