@@ -40,7 +40,18 @@ PARAMETERS = {
     v.LOCATED_AT: LOCATED,
     v.NEAR_BY: NEAR,
 }
-_BINS = ((0, 0.01), (0.01, 1), (1, 1.01), (1.01, 2), (2, 2.01), (2.01, 3), (3, 4), (4, 6), (6, 9), (9, math.inf))
+_BINS = (
+    (0, 0.01),
+    (0.01, 1),
+    (1, 1.01),
+    (1.01, 2),
+    (2, 2.01),
+    (2.01, 3),
+    (3, 4),
+    (4, 6),
+    (6, 9),
+    (9, math.inf),
+)
 
 
 def table_6_1(graph: Path) -> str:
@@ -197,13 +208,12 @@ is the text's). Both are on ConceptNet 5's scale: 2 sqrt(n - 1) for n votes.
 _FOOT = """The import also reads what has, and is part of, a place, what is near it, spellings and
 lemmas ("live room"), doubtful names ("notebook") and kinds (fruit, food), as
 docs/how-to/statistics.md describes.
-It leaves out what too few say, and what is said of another meaning: of the mouse in attic, basement
-and closet nothing is left; 60 % of "mouse in kitchen" is, wrongly, because electronics (stoves)
-are in kitchens much more often than animals are. ConceptNet 4 is older than the
-service that the thesis asked: weights differ where people have voted since. Of wine glasses it says
-only that they are at dinner and in cupboards, and that one is a dish (one vote); neither rooms nor
-a kind with two votes, so no rule brings them to a kitchen or a living room. This page includes data
-from ConceptNet 5, compiled by the Commonsense Computing Initiative (CC BY-SA 4.0, conceptnet.io).
+It leaves out what too few say, and what is said of another meaning: a mouse is part of computers,
+so it is where computers are, and nothing is left of it in kitchen, attic and closet. ConceptNet 4
+is older than the service that the thesis asked: weights differ where people have voted since. Of
+wine glasses it says only that they are at dinner and in cupboards, and that one is a dish (one vote
+each): too few to pass on the places of cupboards or dishes. This page includes data from ConceptNet
+5, compiled by the Commonsense Computing Initiative (CC BY-SA 4.0, conceptnet.io).
 """
 
 

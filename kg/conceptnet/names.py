@@ -43,7 +43,7 @@ _PLURALS: Final = (
 )
 
 
-@lru_cache(maxsize=50_000)
+@lru_cache(maxsize=20_000)
 def reduced(term: str) -> str:
     """Normalised words of a term, for comparison; empty where nothing is left."""
     words = [_singular(word) for word in _words(term) if word not in _STOP_WORDS]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Final
@@ -19,9 +19,10 @@ DOUBTFUL_SHARE: Final = 0.5
 INHERITED_SHARE: Final = 0.25
 #: Weight of evidence about what a category without a place is in, shared by its places.
 INDIRECT_SHARE: Final = 0.5
-#: Minimum votes of a relation, of one of a category without a place, of a kind that others inherit from, and of a subclass.
+#: Minimum votes of a relation, and of one of a category without a place.
 MIN_VOTES: Final = 1.0
 MIN_INDIRECT_VOTES: Final = 0.5
+#: Minimum votes of a kind that others inherit from, or of another link, and of a subclass.
 MIN_VOTES_OF_KIND: Final = 2.0
 MIN_VOTES_OF_SUBCLASS: Final = 2.0
 #: Maximum votes against a subclass, as a share of those for it.
@@ -130,9 +131,7 @@ def _located(
     return tallies
 
 
-def _direct(
-    collection: EdgeCollection, senses: SenseFilter, iri: str, keys: list[Key]
-) -> _Tallies:
+def _direct(collection: EdgeCollection, senses: SenseFilter, iri: str, keys: list[Key]) -> _Tallies:
     tallies: _Tallies = defaultdict(_Tally)
     weighed = [(key, 1.0) for key in keys]
     weighed += [(key, DOUBTFUL_SHARE) for key in _doubtful(collection, iri, keys)]
@@ -180,7 +179,8 @@ def _links(
     collection: EdgeCollection, senses: SenseFilter, iri: str, keys: list[Key]
 ) -> list[tuple[Key, float]]:
     """What a category is in, part of, or, another one, a kind of, with the votes; sorted."""
-    own, votes = senses.group(iri), Counter[Key]()
+    own = senses.group(iri)
+    votes: dict[Key, float] = defaultdict(float)
     for key in keys:
         links = [*collection.part_of.get(key, {}).items()]
         if not senses.rivals(key, iri):
@@ -216,8 +216,8 @@ def _parents(
     for key in keys:
         rivals, own = senses.rivals(key, iri), senses.group(iri)
         for parent, fact in collection.is_a.get(key, {}).items():
-            group = senses.group_of(parent)
-            same_sense = group == own if own else group not in rivals
+            meant = senses.group_of(parent)
+            same_sense = meant == own if own else meant not in rivals
             if same_sense and parent not in collection.naming and fact.net >= MIN_VOTES_OF_KIND:
                 found.add(parent)
     for group in collection.names.groups["supercategory"]:

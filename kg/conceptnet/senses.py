@@ -76,8 +76,9 @@ class SenseFilter:
     def near(self, key: Key, category: str, other: str) -> float:
         """Probability, 0..1, that "`key` is near `other`" is about the category.
 
-        It is 0 where the other is of a rival's group or an animal (what is at a bear is in it), 1 where it is of the category's own, unless
-        the term is part of something: what is at a computer is not at a refrigerator.
+        It is 0 where the other is of a rival's group or an animal (what is at a bear is in it), 1
+        where it is of the category's own, unless the term is part of something: what is at a
+        computer is not at a refrigerator.
         """
         priors, own, others = self._priors(key, category), self.group(category), self.group(other)
         if others != own and "animal" in self._labels.get(others, ()):

@@ -41,7 +41,7 @@ def test_the_shipped_numbers_are_as_likely_as_those_fitted(data: TrialData) -> N
         replace(FITTED, knowledge=replace(FITTED.knowledge, base=-3.0)),
         replace(FITTED, knowledge=replace(FITTED.knowledge, conceptnet=1.5)),
         replace(FITTED, kappa=1.0),
-        replace(FITTED, kappa=100.0),
+        replace(FITTED, kappa=300.0),
         replace(FITTED, tau=1.0),
         replace(FITTED, tau=30.0),
     ):
