@@ -22,6 +22,8 @@ Floats = NDArray[np.float64]
 
 STEP: Final = 0.1  # [m] between two frames, or ...
 STEP_TURN: Final = np.radians(5.0)  # ... so much turned, that may be a jump
+JUMP: Final = 0.15  # [m] by which the depth must show another motion, or ...
+JUMP_TURN: Final = np.radians(8.0)  # ... turn
 LEAST: Final = 200  # points that both images show, to conclude anything
 POOR: Final = 0.7  # share of agreeing points that is a contradiction
 GOOD: Final = 0.85  # share that says two images show one scene
@@ -32,7 +34,7 @@ AWAY: Final = 8  # key frames between two views of one place
 NEAR: Final = 1.0  # [m] between the cameras of two such views ...
 NEAR_TURN: Final = np.radians(30.0)
 DRIFT: Final = 0.15  # [m] that surfaces may be off
-TIMES: Final = 3  # views that are off, before it is said
+TIMES: Final = 2  # views that are off, before it is said
 
 _log = logging.getLogger(__name__)
 
@@ -86,7 +88,7 @@ class PoseMonitor:
         for start in (np.eye(4), self._motion, motion):
             found = register(a, b, start)
             off = np.linalg.inv(found.T_a_b) @ motion
-            if found.after.share >= GOOD and _moved(off, STEP, STEP_TURN):
+            if found.after.share >= GOOD and _moved(off, JUMP, JUMP_TURN):
                 self._keys.clear()  # what was before is off by the jump
                 self._tell(
                     "jump",

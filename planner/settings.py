@@ -29,6 +29,8 @@ BELIEF: Final = BeliefSettings()
 ENOUGH: Final = 0.97
 #: a look that finds less than this share of what its plan finds is left out
 IDLE: Final = 0.005
+#: ... and one that finds with less than this
+LEAST_CHANCE: Final = 0.002
 #: looks of a plan, at most
 MOST_LOOKS: Final = 80
 #: rooms that are planned for, at most; the others count as left over

@@ -44,8 +44,9 @@ class Match:
     """How one floor lies on another."""
 
     score: float  # sum of the worth of all cells
-    near: int  # cells with an obstacle that lie near an obstacle of the map
-    through: int  # cells with an obstacle that lie on free floor
+    known: float  # sum of the worth of those where the map knows the floor
+    near: int  # cells with an obstacle that lie on an obstacle of the map, or free floor beside it
+    through: int  # cells with an obstacle that lie on other free floor
     cells: int  # with an obstacle, all
 
     @property
@@ -60,11 +61,8 @@ class Match:
 
     @property
     def quality(self) -> float:
-        """Worth of a judged obstacle, with the free floor's: above 0.9 where floors are one.
-
-        Unrelated floors that happen to overlap have 0.8 in one of a hundred placements at most.
-        """
-        return self.score / self.judged if self.judged else 0.0
+        """Worth of a judged obstacle, with the free floor's: above 0.9 where floors are one."""
+        return self.known / self.judged if self.judged else 0.0
 
     def enough(self) -> bool:
         """Whether enough is judged to conclude anything."""
@@ -79,15 +77,18 @@ class FloorField:
     cell: float  # [m]
     obstacle: Floats  # (nx, ny)
     free: Floats  # (nx, ny)
+    known: NDArray[np.bool_]  # (nx, ny) cells that are not unknown
 
     def match(self, points: FloorPoints) -> Match:
         """How `points` lie upon it."""
         worth = self._at(self.obstacle, points.obstacles)
-        near, through = int((worth > 0).sum()), int((worth < 0).sum())
-        score = float(worth.sum() + self._at(self.free, points.free).sum())
-        return Match(score, near, through, len(points.obstacles))
+        known = self._at(self.known, points.obstacles) > 0
+        near, through = int((known & (worth > 0)).sum()), int((worth < 0).sum())
+        free = float(self._at(self.free, points.free).sum())
+        sums = float(worth.sum()) + free, float(worth[known].sum()) + free
+        return Match(*sums, near, through, len(points.obstacles))
 
-    def _at(self, field: Floats, xy: Floats) -> Floats:
+    def _at(self, field: Floats | NDArray[np.bool_], xy: Floats) -> Floats:
         cells = np.floor((xy - self.origin) / self.cell).astype(np.intp)
         inside = ((cells >= 0) & (cells < field.shape)).all(axis=1)
         found = np.zeros(len(xy))
@@ -95,10 +96,10 @@ class FloorField:
         return found
 
 
-def floor_of_frames(
+def floor_tiles(
     frames: Iterable[Frame], settings: OccupancySettings | None = None
-) -> FloorPoints:
-    """Floor at height 0 that `frames` show."""
+) -> dict[Key, States]:
+    """Tiles of the floor at height 0 that `frames` show."""
     s = settings or OccupancySettings()
     tiles = dict[Key, OccupancyTile]()
     for frame in frames:
@@ -106,7 +107,12 @@ def floor_of_frames(
         observed = floor_evidence(points, frame.T_map_cam[:3, 3], 0.0, s)
         for key, evidence in tile_evidence(observed, s):
             tiles.setdefault(key, OccupancyTile(s)).add(evidence, frame.stamp, s)
-    return _points({key: tile.states(s) for key, tile in tiles.items()}, s.cell)
+    return {key: tile.states(s) for key, tile in tiles.items()}
+
+
+def floor_of_frames(frames: Iterable[Frame]) -> FloorPoints:
+    """Floor at height 0 that `frames` show."""
+    return _points(floor_tiles(frames), OccupancySettings().cell)
 
 
 def floor_of_map(tiles: Iterable[FloorTile], storey: int = 0) -> FloorPoints:
@@ -128,13 +134,15 @@ def floor_field(points: FloorPoints, cell: float) -> FloorField | None:
     for mask, xy in ((free, points.free), (solid, points.obstacles)):
         at = np.floor((xy - origin) / cell).astype(int)
         mask[at[:, 0], at[:, 1]] = True
+    known = free | solid
     free &= ~solid
     obstacle = np.where(free, _THROUGH, 0.0)
     reached = solid
     for worth in _NEAR:
         obstacle[reached & (obstacle <= 0)] = worth
         reached = _grown(reached)
-    return FloorField(origin, cell, obstacle, np.where(free, _AGREED, np.where(solid, _BLOCKED, 0)))
+    of_free = np.where(free, _AGREED, np.where(solid, _BLOCKED, 0.0))
+    return FloorField(origin, cell, obstacle, of_free, known)
 
 
 def _grown(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -16,8 +16,8 @@ import numpy as np
 
 from kg.errors import LayoutError
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import in_memory_map
 from mapping.alignment.floor_match import Match, floor_field, floor_of_frames, floor_of_map
+from mapping.alignment.map_apart import map_apart
 from mapping.alignment.object_match import landmarks
 from mapping.alignment.search import Alignment, AlignmentSearch
 from mapping.label_table import LabelTable
@@ -26,7 +26,7 @@ from mapping.occupancy.occupancy_settings import OccupancySettings
 from perception.frames import Detector, Frame, Recording
 from perception.recordings.recording import FolderRecording
 
-FITS: Final = 0.8  # `Match.quality` of a floor that is taken for the map's
+FITS: Final = 0.9  # `Match.quality` of a floor that is taken for the map's
 ALIGNED: Final = 0.6  # ... of one whose place was searched, and ...
 RIVAL: Final = 0.8  # ... share of its score that any other place may have
 CONTRADICTS: Final = 0.0  # `Match.quality` of a floor that is not where it is said to be
@@ -63,7 +63,7 @@ def check_fit(recording: Recording, semantic_map: SemanticMap, *, same_frame: bo
                 found,
             )
         problem = f"its floor does not fit the map's as it is (only {found})"
-        if match.share > FITS:
+        if match.share > 0.8:
             problem = "its floor fits the map's too loosely to tell"
     else:
         problem = "its floor and the map's hardly overlap as it is"
@@ -76,12 +76,12 @@ def check_fit(recording: Recording, semantic_map: SemanticMap, *, same_frame: bo
 
 
 def aligned(
-    recording: Recording,
+    recording: FolderRecording,
     semantic_map: SemanticMap,
     detector: Detector,
     *,
     labels: LabelTable | None = None,
-) -> tuple[Recording, str]:
+) -> tuple[FolderRecording, str]:
     """A recording new to the map by the transform that lays it on the map, and what was found.
 
     Its floor and objects, of a sample of frames mapped apart, are laid on the map's
@@ -89,10 +89,10 @@ def aligned(
     first. Raises LayoutError where no transform fits, or several do.
     """
     known = [record.name for record in semantic_map.recordings() if record.frames_applied]
-    if not isinstance(recording, FolderRecording) or not known or recording.name in known:
+    if not known or recording.name in known:
         return recording, ""
-    frames = list(_spread(recording, SEARCHED))
-    with in_memory_map() as apart:
+    frames = list(spread(recording, SEARCHED))
+    with map_apart(semantic_map) as apart:
         with Mapper(apart, labels=labels, occupancy=False, check_poses=False) as mapper:
             for frame in frames:
                 mapper.add(frame, detector.detect(frame))
@@ -145,9 +145,10 @@ def _floor_match(recording: FolderRecording, semantic_map: SemanticMap) -> Match
     tiles = semantic_map.floor()
     cell = tiles[0].resolution if tiles else OccupancySettings().cell
     field = floor_field(floor_of_map(tiles), cell)
-    return None if field is None else field.match(floor_of_frames(_spread(recording, CHECKED)))
+    return None if field is None else field.match(floor_of_frames(spread(recording, CHECKED)))
 
 
-def _spread(recording: FolderRecording, count: int) -> Iterator[Frame]:
+def spread(recording: FolderRecording, count: int) -> Iterator[Frame]:
+    """`count` frames, spread evenly over the recording."""
     for index in np.unique(np.linspace(0, len(recording) - 1, count).astype(int)):
         yield recording.frame(int(index))

@@ -78,7 +78,7 @@ class AlignmentSearch:
         score, T = refined[0]
         rival = max((other for other, elsewhere in refined if not _same(T, elsewhere)), default=0.0)
         moved = self._floor.moved(T)
-        floor = Match(0.0, 0, 0, 0) if self._fine is None else self._fine.match(moved)
+        floor = Match(0.0, 0.0, 0, 0, 0) if self._fine is None else self._fine.match(moved)
         return Alignment(T, floor, len(self._objects.pairs(T)[0]), score, rival)
 
     def _score(self, T: Floats, field: FloorField | None) -> float:

@@ -207,6 +207,7 @@ class BayesObjectMapper:
             unknown = [c for c in track.evidence if self._catalogue.by_iri(c) is None]
             for category in unknown:
                 del track.evidence[category]
+                track.log_odds.pop(category, None)
             if unknown and track.evidence:
                 self._assess(track)
         gone = [track.iri for track in self._tracks if track.iri and not track.evidence]

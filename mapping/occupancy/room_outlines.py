@@ -54,7 +54,7 @@ def _area(mask: NDArray[np.bool_], corner: NDArray[np.float64], cell: float, noi
     holes = [r for r in traced[1:] if abs(signed_area(r)) * cell**2 >= _LEAST_HOLE]
     for tolerance in (noise, noise / 3, 0.0):
         outline = [
-            [(float(corner[0] + x * cell), float(corner[1] + y * cell)) for x, y in ring]
+            [tuple(np.round(corner + np.array(at) * cell, 2).tolist()) for at in ring]
             for ring in (_simplified(ring, tolerance / cell) for ring in (traced[0], *holes))
         ]
         try:

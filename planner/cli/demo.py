@@ -128,7 +128,10 @@ def _tell_search(report: DemoReport) -> None:
     note(f"hereabouts search {report.map_path} {TARGET} --robot sim")
     print_table(
         ("seconds", "what happens"),
-        [(round(event.data["seconds"]), in_short(event)) for event in run.events],
+        [
+            (round(event.data["seconds"]), line)
+            for event, line in zip(run.events, in_short(run.events), strict=True)
+        ],
     )
     if report.position_error is None:
         write(f"The robot gave up after {run.outcome.seconds:.0f} s: {run.outcome.reason}.")

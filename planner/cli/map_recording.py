@@ -7,10 +7,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from kg.errors import GraphError, MapNotFoundError, RecordingError
+from kg.errors import GraphError, LayoutError, MapNotFoundError, RecordingError
 from planner.cli.arguments import MAP_HELP, add_json, add_keep, keep_seconds, title_for
 from planner.cli.console import note, print_table, progress, write_json
-from planner.cli.recording_arguments import Inputs, add_recording_options, open_inputs
+from planner.cli.recording_arguments import (
+    Inputs,
+    add_recording_options,
+    open_given_recording,
+    open_inputs,
+)
 
 if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
@@ -68,6 +73,8 @@ def run(arguments: argparse.Namespace) -> int:
         _refuse_other_base(semantic_map, arguments)
         if keep is not None:
             semantic_map.retain(keep)
+        if inputs.corrected and _correct_poses(inputs, semantic_map, arguments):
+            return 0
         if inputs.align:
             inputs = align_with_map(inputs, semantic_map)
         with settled():
@@ -84,6 +91,49 @@ def _refuse_other_base(semantic_map: SemanticMap, arguments: argparse.Namespace)
     if given is not None and semantic_map.base not in (given, f"{given}/"):
         raise GraphError(
             f"{arguments.into} has the base {semantic_map.base}; another one needs another map"
+        )
+
+
+def _correct_poses(
+    inputs: Inputs, semantic_map: SemanticMap, arguments: argparse.Namespace
+) -> bool:
+    """Move what the map has of the recording to its corrected poses; whether it has anything."""
+    from mapping.alignment.pose_correction import correct_poses, is_mapped
+
+    if not is_mapped(inputs.recording, semantic_map):
+        return False
+    as_mapped = argparse.Namespace(**vars(arguments) | {"poses": None, "no_check": True})
+    report = correct_poses(
+        inputs.recording,
+        open_given_recording(as_mapped),
+        semantic_map,
+        lambda recording, apart: map_with_progress(
+            replace(inputs, recording=recording, find_places=False), apart
+        ),
+        layout=inputs.layout,
+        find_places=inputs.find_places and inputs.floor,
+    )
+    if arguments.json:
+        write_json(report.to_json())
+        return True
+    summary = semantic_map.ask("summary")
+    print_table(summary.columns, summary.rows)
+    note(
+        f"{report.recording} by its corrected poses: {report.kept} objects moved by "
+        f"{report.distance:.2f} m (median), {report.new} new, {report.removed} gone, "
+        f"{report.tiles} floor tiles changed"
+    )
+    return True
+
+
+def refuse_mapped(inputs: Inputs, semantic_map: SemanticMap) -> None:
+    """Refuse corrected poses of a recording that the map holds, where they would move nothing."""
+    from mapping.alignment.pose_correction import is_mapped
+
+    if is_mapped(inputs.recording, semantic_map):
+        raise LayoutError(
+            f"{inputs.recording.name!r} is in this map already; "
+            "`hereabouts map ... --into MAP --poses FILE` moves it to its corrected poses"
         )
 
 

@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from mapping.mapper import Mode
     from mapping.places.layout import Layout
     from mapping.reference.settings import ReferenceSettings
-    from perception.frames import Detector, Recording, SceneClassifier
+    from perception.frames import Detector, SceneClassifier
+    from perception.recordings.recording import FolderRecording
 
 #: values of `--mode`, the default first
 MODES: Final[tuple[Mode, ...]] = ("bayes", "reference")
@@ -29,7 +30,7 @@ _THRESHOLDS: Final = {"bayes": 0.2, "reference": 0.4}
 class Inputs:
     """Everything a mapping run reads, opened and checked before the map is touched."""
 
-    recording: Recording
+    recording: FolderRecording
     detector: Detector
     scene: SceneClassifier | None
     layout: Layout | None
@@ -66,7 +67,8 @@ def _add_camera_options(camera: argparse._ArgumentGroup) -> None:
     camera.add_argument(
         "--poses",
         metavar="FILE",
-        help="trajectory in TUM format instead of the recording's own poses",
+        help="trajectory in TUM format instead of the recording's own poses; what a map has of the "
+        "recording already moves with it",
     )
     camera.add_argument(
         "--pose-convention",
@@ -168,8 +170,9 @@ def _add_mapping_options(places: argparse._ArgumentGroup) -> None:
     )
     places.add_argument(
         "--places-from-objects",
-        action="store_true",
-        help="objects count in what a place is believed to be, beside the scene classifier",
+        action=argparse.BooleanOptionalAction,
+        help="objects, and how frequent kinds of rooms are, count in what a place is believed to "
+        "be, beside the scene classifier (default: yes, not in reference mode)",
     )
     places.add_argument(
         "--floor",
@@ -213,6 +216,11 @@ def open_inputs(arguments: argparse.Namespace) -> Inputs:
     )
 
 
+def _weighs_objects(arguments: argparse.Namespace) -> bool:
+    given = arguments.places_from_objects
+    return arguments.mode != "reference" if given is None else bool(given)
+
+
 def _finds_places(arguments: argparse.Namespace) -> bool:
     if arguments.places is None:
         return bool(arguments.floor) and arguments.mode != "reference"
@@ -236,7 +244,7 @@ def _detector_file(arguments: argparse.Namespace) -> str:
     return str(inside) if found else name
 
 
-def open_given_recording(arguments: argparse.Namespace) -> Recording:
+def open_given_recording(arguments: argparse.Namespace) -> FolderRecording:
     """Open the recording that the options of the group "recording" describe."""
     from mapping.transform_file import load_transform
     from perception.camera.intrinsics import load_intrinsics
@@ -273,5 +281,5 @@ def _settings(arguments: argparse.Namespace) -> ReferenceSettings:
         belief_filter=arguments.filter,
         indoor_prior=arguments.prior,
         unknown_labels=arguments.unknown_labels,
-        places_from_objects=arguments.places_from_objects,
+        places_from_objects=_weighs_objects(arguments),
     )

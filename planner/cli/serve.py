@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from kg.errors import HereaboutsError
 from planner.cli.arguments import add_keep, add_map, keep_seconds, positive
 from planner.cli.console import note
-from planner.cli.map_recording import align_with_map
+from planner.cli.map_recording import align_with_map, refuse_mapped
 from planner.cli.recording_arguments import Inputs, add_recording_options, open_inputs
 
 if TYPE_CHECKING:
@@ -207,6 +207,8 @@ class _Mapper:
     def _map_one(self, inputs: Inputs) -> None:
         from mapping.recording_mapper import map_recording
 
+        if inputs.corrected:
+            refuse_mapped(inputs, self._map)
         if inputs.align:
             inputs = align_with_map(inputs, self._map)
 

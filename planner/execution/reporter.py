@@ -18,6 +18,7 @@ class Reporter:
 
     def __init__(self, on_event: EventSink, seconds: Callable[[], float]) -> None:
         self._to, self._seconds = on_event, seconds
+        self._reason = ""  # of the last plan, which the next one need not repeat
 
     def begin(self, name: str, record: SearchRecord, left: float, looks: int) -> None:
         """A search begins or is resumed."""
@@ -35,7 +36,9 @@ class Reporter:
     def plan(self, p: NextView) -> None:
         """The next look, and why."""
         where = f"{p.place} " if p.place else ""
-        why = f": {p.why[0]}" if p.why else ""
+        first = p.why[0] if p.why else ""
+        why = f": {first}" if first and first != self._reason else ""
+        self._reason = first
         self._emit(
             "plan",
             f"next {where}({p.x:.1f}, {p.y:.1f}), {p.seconds:.0f} s, finds it with "
@@ -55,8 +58,8 @@ class Reporter:
         """A look was taken."""
         self._emit(
             "look",
-            f"look {look.number}: {'found' if look.found else 'in vain'}; "
-            f"{percent(left)} likely to be here still",
+            f"look {look.number}: "
+            + ("found" if look.found else f"in vain; {percent(left)} likely to be here still"),
             look=look.iri,
             found=list(look.found),
             left=round(left, 4),

@@ -14,7 +14,7 @@ from planner.goals.candidate_queries import Candidate
 from planner.plans.baselines import Baseline, room_baselines
 from planner.plans.rollout import PlanEvaluator, Rollout
 from planner.plans.search_state import PlanningState, ViewReason
-from planner.settings import ENOUGH, IDLE, MOST_LOOKS, TRIALS
+from planner.settings import ENOUGH, IDLE, LEAST_CHANCE, MOST_LOOKS, TRIALS
 from planner.viewpoints.next_best_view import RobotState
 
 
@@ -100,8 +100,8 @@ def plan(
 
 def _without_idle_looks(evaluator: PlanEvaluator, rollout: Rollout) -> Rollout:
     """The rollout without looks that find next to nothing of what all looks find."""
-    worth = rollout.gains >= IDLE * float(rollout.gains.sum())
-    if bool(worth.all()):
+    worth = rollout.gains >= max(IDLE * float(rollout.gains.sum()), LEAST_CHANCE)
+    if bool(worth.all()) or not worth.any():
         return rollout
     return evaluator.play([view for view, kept in zip(rollout.views, worth, strict=True) if kept])
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -122,12 +122,17 @@ def carry_out(
     return DrivenSearch(outcome, tuple(events), robot.driven, p_found)
 
 
-def in_short(event: Event) -> str:
-    """Line of an event; of a plan only the weightiest reason, without its sources."""
-    if event.kind != "plan" or not event.data["why"]:
-        return event.text
-    reason, data = without_sources(event.data["why"][0]).partition(": ")[2], event.data
-    return (
-        f"to {data['place']} ({data['x']:.1f}, {data['y']:.1f}), finds it with "
-        f"{percent(data['probability'])}: {fact_chain(reason.split('; '))}"
-    )
+def in_short(events: Iterable[Event]) -> Iterator[str]:
+    """Lines of events; of a plan the weightiest reason, once and without its sources."""
+    before = ""
+    for event in events:
+        if event.kind != "plan" or not event.data["why"]:
+            yield event.text
+            continue
+        reason, data = without_sources(event.data["why"][0]).partition(": ")[2], event.data
+        why = f": {fact_chain(reason.split('; '))}" if reason != before else ""
+        before = reason
+        yield (
+            f"to {data['place']} ({data['x']:.1f}, {data['y']:.1f}), finds it with "
+            f"{percent(data['probability'])}{why}"
+        )

@@ -502,13 +502,13 @@ def test_a_category_that_is_deleted_breaks_no_write(semantic_map):
     cup, bowl = (semantic_map.catalogue.find(name).iri for name in ("cup", "bowl"))
     mapper = Mapper(semantic_map)
     seen = [Sighting(cup, 0.9, np.zeros(3)), Sighting(bowl, 0.9, np.array([3.0, 0, 0]))]
+    seen += [Sighting(cup, 0.9, np.array([6.0, 0, 0])), Sighting(bowl, 0.5, np.array([6.0, 0, 0]))]
     for n in range(3):
         mapper.add_sightings(seen, 1e9 + n)
     everything = f"DELETE WHERE {{ GRAPH graph:ontology {{ <{cup}> ?p ?o }} }}"
     semantic_map.update(everything, by="ann", allow=("ontology",))
-    found = [Sighting(bowl, 0.9, at) for at in (np.array([0.0, 0.02, 0]), np.array([3.0, 0, 0]))]
-    mapper.add_sightings(found, 1e9 + 9)
-    assert [o.category for o in semantic_map.objects()] == [bowl, bowl]
+    mapper.add_sightings([Sighting(bowl, 0.9, np.array([x, 0.02, 0])) for x in (0, 3, 6)], 1e9 + 9)
+    assert [o.category for o in semantic_map.objects()] == [bowl] * 3
 
 
 def test_sightings_with_positions_merge_as_frames_do(semantic_map):

@@ -25,7 +25,14 @@ def sessions(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     folder = tmp_path_factory.mktemp("fit") / "house"
     words = ["simulate", "house", "--seed", "2", "--size", "80x60", "--sessions", "2"]
     assert main([*words, "-o", str(folder)]) == 0
-    return folder / "session-1", folder / "session-2"
+    return _thinned(folder / "session-1"), _thinned(folder / "session-2")
+
+
+def _thinned(recording: Path) -> Path:
+    """The recording, with every third of its frames."""
+    listed = recording / "rgb.txt"
+    listed.write_text("\n".join(listed.read_text().splitlines()[::3]) + "\n")
+    return recording
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +44,7 @@ def first_map(sessions: tuple[Path, Path], tmp_path_factory: pytest.TempPathFact
 
 def _words(recording: Path, into: Path) -> list[str]:
     words = [str(recording), "--into", str(into), "--scene", "none"]
-    return [*words, "--detector", "detections.json"]
+    return [*words, "--detector", "detections.json", "--places", "one"]
 
 
 def _elsewhere(recording: Path, folder: Path) -> tuple[Path, np.ndarray]:
@@ -104,6 +111,7 @@ def test_another_house_is_not_aligned(
     into = shutil.copytree(first_map, tmp_path / "house.map")
     other = tmp_path / "other"
     prints("simulate", "house", "--seed", "5", "--size", "80x60", "-o", other)
+    _thinned(other)
     before = _state(into)
     assert "'other' cannot be aligned" in fails("map", *_words(other, into), "--align")
     assert _state(into) == before
@@ -117,3 +125,82 @@ def test_align_and_transform_exclude_each_other(
         with pytest.raises(SystemExit) as stop:
             main(["map", *words, "--align", *other])
         assert stop.value.code == 2
+
+
+@pytest.fixture(scope="module")
+def drifted(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("fit") / "drifted"
+    words = ["simulate", "house", "--seed", "2", "--size", "80x60", "--odometry-noise", "0.03"]
+    assert main([*words, "-o", str(folder)]) == 0
+    return _thinned(folder)
+
+
+def _positions(address: Path) -> dict[str, np.ndarray]:
+    with open_map(address, read_only=True) as semantic_map:
+        return {o.iri.rsplit("/", 1)[1]: o.p_map for o in semantic_map.perceived_objects()}
+
+
+def test_corrected_poses_move_what_was_mapped(
+    drifted: Path, tmp_path: Path, prints: Prints
+) -> None:
+    into, direct = tmp_path / "house.map", tmp_path / "direct.map"
+    poses = ["--poses", str(drifted / "true_poses.txt")]
+    prints("map", *_words(drifted, into))
+    prints("map", *_words(drifted, direct), *poses)
+    before = _positions(into)
+    asserted = f"object/{next(iter(before))}"
+    prints("assert", into, asserted, "category", "banana", "--by", "ann")
+    sequence, _ = _state(into)
+    report = json.loads(prints("map", *_words(drifted, into), *poses, "--json"))
+    after, wanted = _positions(into), _positions(direct)
+    assert _state(into)[0] == sequence + 1  # one transaction
+    assert report["kept"] > len(before) / 2
+    assert sum(iri in before for iri in after) >= report["kept"]
+    for (
+        p_map
+    ) in wanted.values():  # what a map by these poses has, and nothing else but the asserted
+        assert min(np.linalg.norm(p_map - q) for q in after.values()) < 0.02
+    assert len(after) <= len(wanted) + 1
+    with open_map(into, read_only=True) as corrected, open_map(direct, read_only=True) as other:
+        assert [a.value for a in corrected.assertions()] == [
+            corrected.catalogue.find("banana", kind="object").iri
+        ]
+        (ours,), (theirs,) = corrected.places(), other.places()
+        assert ours.area == theirs.area
+        floors = [
+            {(t.column, t.row): t.cells for t in m.floor() if t.cells.any()}
+            for m in (corrected, other)
+        ]
+        assert floors[0].keys() == floors[1].keys()
+        assert all(np.array_equal(cells, floors[1][key]) for key, cells in floors[0].items())
+    again = json.loads(prints("map", *_words(drifted, into), *poses, "--json"))
+    assert (again["new"], again["removed"], again["median_distance"]) == (0, 0, 0)
+
+
+def test_other_recordings_stay_where_poses_are_corrected(
+    sessions: tuple[Path, Path], first_map: Path, tmp_path: Path, prints: Prints
+) -> None:
+    into = shutil.copytree(first_map, tmp_path / "house.map")
+    poses = read_trajectory(sessions[1] / "groundtruth.txt")
+    wrong = tmp_path / "session-2"
+    shutil.copytree(sessions[1], wrong)
+    shift = np.eye(4)
+    shift[0, 3] = 0.8
+    lines = [pose_line(stamp, shift @ poses.at(stamp, 0.0)) for stamp in poses.stamp]
+    (wrong / "groundtruth.txt").write_text("\n".join(lines) + "\n")
+    prints("map", *_words(wrong, into), "--same-frame")
+    with open_map(into, read_only=True) as semantic_map:
+        places = {p.label: p.area for p in semantic_map.places()}
+        first = {
+            o.iri: o.p_map
+            for o in semantic_map.perceived_objects()
+            if o.evidence is not None and o.evidence.recording == "session-1"
+        }
+    right = sessions[1] / "groundtruth.txt"
+    prints("map", *_words(wrong, into), "--same-frame", "--poses", right)
+    with open_map(into, read_only=True) as semantic_map:
+        held = {o.iri: o.p_map for o in semantic_map.perceived_objects()}
+        assert all(np.array_equal(held[iri], p_map) for iri, p_map in first.items())
+        now = {p.label: p.area for p in semantic_map.places()}
+    assert now["session-1"] == places["session-1"]
+    assert now["session-2"] != places["session-2"]

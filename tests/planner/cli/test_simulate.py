@@ -56,3 +56,30 @@ def test_detections_of_another_recording_leave_no_map(house: Path, tmp_path: Pat
     words = ["map", str(house), "--into", str(into), "--detector", str(other), "--scene", "none"]
     assert main(words) == 1
     assert not into.exists()
+
+
+def test_identity_between_two_sessions_is_scored(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "house"
+    size = ["--size", "80x60", "--sessions", "2"]
+    assert main(["simulate", "house", "--seed", "2", *size, "-o", str(folder)]) == 0
+    capsys.readouterr()
+    words = ["--sessions", "2", "--same-frame", "--scene", "none", "--no-floor", "--json"]
+    for session in ("session-1", "session-2"):
+        place = folder / session
+        words += ["--recording", str(place), "--truth", str(place / "objects_full_gt.json")]
+    assert main(["evaluate", "map", "--detector", "detections.json", *words]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert [run["name"] for run in answer["runs"]] == ["session-1", "session-2"]
+    (identity,) = answer["identity"]
+    assert identity["all"]["things"] >= identity["all"]["right"] > 0
+    assert identity["moved"]["things"] < identity["all"]["things"]
+
+
+@pytest.mark.parametrize("sessions", ["0", "2"])
+def test_sessions_need_as_many_recordings(sessions: str, house: Path) -> None:
+    words = ["--recording", str(house), "--truth", str(house / "objects_full_gt.json")]
+    with pytest.raises(SystemExit) as stop:
+        main(["evaluate", "map", *words, "--sessions", sessions])
+    assert stop.value.code == 2
