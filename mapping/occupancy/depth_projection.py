@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 
 from mapping.occupancy.occupancy_settings import OccupancySettings
 
+_LEVEL: Final = 0.25  # slope up to which a surface is level; walls by noise alone reach far more
+_MIDDLE: Final = 0.25  # of a larger cell: it counts as viewed when this much about its middle is
 _INTERPOLATED: Final = np.arange(1, 4)[:, None] / 4  # shares of the way between two neighbours
 
 Floats = NDArray[np.float64]
@@ -78,7 +80,7 @@ def floor_evidence(
         on_floor = abs(height) <= level
         obstacle = (height > level + s.clearance) & (height < s.top)
         above_eyes = obstacle & (height > s.eye)
-        in_reach = (height > -level) & (height < s.top)
+        in_reach = (height > -level) & (height < s.top) & _level(points)
         close = in_reach & (points.depth <= s.close)
     corner = np.array([first, second]) * s.span
     xy = (points.xyz[:2] - corner[:, None, None]) / s.cell
@@ -95,11 +97,23 @@ def floor_evidence(
     viewed = np.zeros((2, cells // s.view, cells // s.view), np.bool_)
     with np.errstate(invalid="ignore"):
         in_reach &= ((xy >= 0) & (xy < cells)).all(axis=0)
+        in_reach &= (abs(xy / s.view % 1 - 0.5) <= _MIDDLE).all(axis=0)
     column, row = (xy[:, in_reach] / s.view).astype(np.intp)
     viewed[1, column, row] = True
     near = close[in_reach]
     viewed[0, column[near], row[near]] = True
     return FloorEvidence((first, second), free, hit, tall, viewed)
+
+
+def _level(points: FramePoints) -> NDArray[np.bool_]:
+    """(rows, columns) whether a point lies on a level surface, by its neighbour above it.
+
+    Floors and tops are level. Walls and fronts are not: they show nothing of what is behind them.
+    """
+    with np.errstate(invalid="ignore"):
+        step = np.diff(points.xyz, axis=1)
+        flat = abs(step[2]) < _LEVEL * np.hypot(step[0], step[1])
+    return np.concatenate([np.zeros_like(flat[:1]), flat])
 
 
 def _with_interpolated(xy: Floats, chosen: NDArray[np.bool_], joined: NDArray[np.bool_]) -> Floats:

@@ -13,6 +13,7 @@ from kg.records import FloorTile, PlaceViews
 from mapping.occupancy.occupancy_settings import OccupancySettings
 from mapping.occupancy.tiles import Key, ViewTimes
 
+_HALF: Final = 0.499  # of a cell: sides of areas may lie on those of cells
 _MOST_CELLS: Final = 4_000_000  # of an area: 160,000 m2; larger ones are not worked out
 
 
@@ -27,7 +28,8 @@ def view_coverage(
 ) -> PlaceViews | None:
     """Views of an area by those of its tiles; None where nothing of it was viewed.
 
-    Shares are of the cells whose centres lie inside.
+    Shares are of the cells that lie inside altogether: in those on its border, what is beyond the
+    wall is in view as well.
     """
     cell, larger = settings.cell * settings.view, settings.side // settings.view
     low = np.floor(np.array([area.xmin, area.ymin]) / cell).astype(np.intp)
@@ -51,7 +53,10 @@ def view_coverage(
     x, y = (
         (start + np.arange(count) + 0.5) * cell for start, count in zip(low, shape, strict=True)
     )
-    inside = times[:, area.contains_each(x[:, None], y[None, :])]
+    within = np.ones(tuple(shape), np.bool_)
+    for dx, dy in product((-_HALF * cell, _HALF * cell), repeat=2):
+        within &= area.contains_each(x[:, None] + dx, y[None, :] + dy)
+    inside = times[:, within]
     if not inside.any():
         return None
     close, share = (round(float((grid > 0).mean()), 2) for grid in inside)

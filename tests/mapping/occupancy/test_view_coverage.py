@@ -9,7 +9,7 @@ import pytest
 
 from kg.areas import Area, area_of
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import create_map, open_map
+from kg.opening import create_map, in_memory_map, open_map
 from kg.records import MapUpdate
 from mapping.mapper import Mapper
 from mapping.occupancy.occupancy_map import OccupancyMap
@@ -50,6 +50,11 @@ def test_shares_are_of_the_area_across_tiles() -> None:
     assert view_coverage(area, times({}), SETTINGS) is None
 
 
+def test_cells_on_the_border_of_an_area_do_not_count() -> None:
+    """What is beyond the wall is in view in them as well."""
+    assert view_coverage(Area(-3.0, 0.1, 0.0, 3.2), times({(0, 0): 5}), SETTINGS) is None
+
+
 def test_an_area_may_lie_anywhere_and_be_of_any_shape() -> None:
     triangle = area_of([[(-3.2, -3.2), (0.0, -3.2), (-3.2, 0.0)]])
     found = view_coverage(triangle, times({(-1, -1): 5}), SETTINGS)
@@ -79,6 +84,18 @@ def test_a_tile_in_the_graph_has_the_minutes_of_its_views(semantic_map, look) ->
     later = {(tile.column, tile.row): tile for tile in semantic_map.floor()}[0, 0].viewed
     assert later is not None
     assert {10**7 + 2, 10**7 + 10} <= set(np.unique(later))
+
+
+def test_floors_and_tops_are_viewed_but_no_fronts(look) -> None:
+    front = ((2.252, 3.0), (-1.0, 1.0), (0.0, 2.5))
+    for box, viewed in ((front, False), (((2.2, 3.0), (-1.0, 1.0), (0.0, 0.7)), True)):
+        with in_memory_map() as semantic_map:
+            occupancy = OccupancyMap(semantic_map)
+            occupancy.add(look(box, stamp=6e8))
+            tiles = {(tile.column, tile.row): tile.viewed for tile in occupancy.take_rest()}
+        assert tiles[0, 0] is not None
+        assert bool(tiles[0, 0][1, 9, 1])  # floor at (1.9, 0.3)
+        assert bool(tiles[0, 0][1, 11, 1]) == viewed  # the box at (2.3, 0.3)
 
 
 def test_views_alone_are_not_written_at_each_frame(semantic_map, look) -> None:

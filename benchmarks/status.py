@@ -1,0 +1,284 @@
+"""`hereabouts status` on simulated houses with truth: `python -m benchmarks.status`.
+
+Only the first part of each tour is mapped, so that some rooms are never looked at; with a second
+session, from another half of the rooms, small things have moved in between. Each house is asked
+`queries/status.rq` for every category that houses hold, place by place, and the answers are
+counted beside the truth of the simulation.
+
+What is true of a (category, place) pair:
+
+- *present*: a thing of the category was seen well in three frames or more and still stands there,
+  as far as was seen: it was not looked at since in vain.
+- otherwise the floor and the tops of furniture decide, sampled every 0.1 m and looked at by ray
+  casting from the true poses, from within 4 m: *never looked* where less than 5 % of them were
+  viewed, *gone* where 90 % or more were and no thing of the category stands there, else *hidden*.
+- pairs count neither way where what stands there was seen, but well in fewer than three frames, or
+  has several right names (a desk is a dining table to COCO).
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kg.maps.semantic_map import SemanticMap
+from kg.opening import in_memory_map
+from mapping.recording_mapper import map_recording
+from perception.frames import Frame
+from planner.cli.console import print_table
+from planner.goals.status import Value, status
+from planner.simulation.camera import CameraModel, SimulatedCamera, View
+from planner.simulation.depth_sensor import KINECT
+from planner.simulation.furniture import OBJECTS
+from planner.simulation.house import House, HouseRoom
+from planner.simulation.house_changes import changed_house
+from planner.simulation.house_demo import layout_of
+from planner.simulation.mapping_tour import START, SimulatedTour
+from planner.simulation.object_truth import LEAST_FRAMES, VisibilityRecord, object_truth
+from planner.simulation.random_house import random_house
+from planner.simulation.sensors import SENSES, SimulatedDetector
+from planner.simulation.simulated_recording import DAY
+
+VALUES: Final[tuple[Value, ...]] = ("present", "gone", "hidden", "never looked")
+SPACING: Final = 0.1  # [m] between samples of floor and tops
+REACH: Final = (0.4, 4.0)  # [m] depth from which on, and up to which, a sample is viewed
+TOLERANCE: Final = 0.1  # [m] of depth, by which what is seen may be before a sample
+HIGHEST: Final = 1.2  # [m] top that the camera, 1.25 m high, looks onto
+WALL: Final = 0.05  # [m] half of a wall's thickness
+LITTLE, MOST = 0.05, 0.9  # shares of a place: never looked below, gone from here on
+SHOWN: Final = 16  # pixels from which on a thing was seen at all
+
+Floats = NDArray[np.float64]
+
+
+def surfaces(house: House) -> Floats:
+    """(n, 3) [m] samples of each room as seen from above: floor, or the top of what stands there.
+
+    Tops that are out of the camera's sight are left out.
+    """
+    parts = []
+    for room in house.rooms:
+        sides = (room.xmin, room.xmax), (room.ymin, room.ymax)
+        x, y = (np.arange(low + WALL + SPACING / 2, high - WALL, SPACING) for low, high in sides)
+        parts.append(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
+    xy = np.concatenate(parts)
+    z = np.zeros(len(xy))
+    for item in (*house.furnishings, *house.objects):
+        for solid in item.solids():
+            z[_in_any([(solid.lo, solid.hi)], xy) & (z < solid.hi[2])] = solid.hi[2]
+    return np.column_stack([xy, z])[z < HIGHEST]
+
+
+def _in_any(boxes: Iterable[tuple[Floats, Floats]], points: Floats) -> NDArray[np.bool_]:
+    """(n,) whether points (n, k) lie in any box of corners (k or more,), cut to k dimensions."""
+    found, k = np.zeros(len(points), np.bool_), points.shape[1]
+    for lo, hi in boxes:
+        found |= np.all((points > lo[:k]) & (points < hi[:k]), axis=1)
+    return found
+
+
+class Session:
+    """The first part of a tour through a house, and what it truly shows; a `Recording`."""
+
+    T_map_world = np.eye(4)
+
+    def __init__(self, camera: SimulatedCamera, tour: SimulatedTour, part: float, points: Floats):
+        self.name, self._tour, self.camera = tour.name, tour, camera
+        self._length = max(1, round(part * len(tour)))
+        self.points = points  # (n, 3) [m]
+        self.frames_of = np.zeros(len(points), np.intp)  # frames that show each point
+        self._well = VisibilityRecord(camera.house, camera.model)
+        self.shown: set[str] = set()  # names of things seen at all
+
+    def __len__(self) -> int:
+        return self._length
+
+    def frames(self, start: int = 0) -> Iterator[Frame]:
+        """Frames of the part; each is looked at as it is read."""
+        for _, frame in zip(range(start, len(self)), self._tour.frames(start), strict=False):
+            view = self.camera.view(frame.T_map_cam, frame.stamp)
+            self._well.add(frame.id, view)
+            self.frames_of[self._in_view(view)] += 1
+            numbers, pixels = np.unique(view.instance, return_counts=True)
+            things = numbers[(pixels >= SHOWN) & (numbers >= 0)]
+            self.shown |= {self.camera.house.objects[i].name for i in things}
+            yield frame
+
+    def _in_view(self, view: View) -> NDArray[np.intp]:
+        """Numbers of the points that a view shows."""
+        T, model = view.T_map_cam, self.camera.model
+        p_cam = (self.points - T[:3, 3]) @ T[:3, :3]
+        z = p_cam[:, 2]
+        at = np.flatnonzero((z >= REACH[0]) & (z <= REACH[1]))
+        u, v = (np.rint(p_cam[at, k] / z[at] * model.focal + model.K[k, 2]) for k in (0, 1))
+        inside = (u >= 0) & (u < model.width) & (v >= 0) & (v < model.height)
+        at, u, v = at[inside], u[inside].astype(np.intp), v[inside].astype(np.intp)
+        return at[view.depth[v, u] >= z[at] - TOLERANCE]
+
+    def truth(self) -> dict[str, dict[str, Any]]:
+        """Entries of the things' truth, by name (`planner.simulation.object_truth`)."""
+        found = object_truth(self.camera.house, self._well.frames, sorted(OBJECTS))["objects"]
+        return {name: entry | {"shown": name in self.shown} for name, entry in found.items()}
+
+
+class HouseTruth:
+    """What is true of each category in each place after sessions in a house."""
+
+    def __init__(self) -> None:
+        self.known: dict[str, dict[str, Any]] = {}  # seen well and there since, as far as was seen
+        self.doubtful = list[dict[str, Any]]()
+        self.now: dict[str, dict[str, Any]] = {}
+        self._viewed = np.zeros(0, np.bool_)
+        self._points: Floats = np.empty((0, 3))
+
+    def add(self, session: Session, surface_points: int) -> None:
+        """Count a session; its points after the first ones are the spots of what was `known`."""
+        viewed = session.frames_of[:surface_points] > 0
+        self._points = session.points[:surface_points]
+        self._viewed = viewed if not len(self._viewed) else self._viewed | viewed
+        self.now = session.truth()
+        spots = zip(tuple(self.known), session.frames_of[surface_points:], strict=True)
+        self.doubtful = []
+        for name, frames in spots:
+            there = self.now.get(name, {}).get("position") == self.known[name]["position"]
+            if frames and not there:
+                gone = self.known.pop(name)
+                self.doubtful += [gone] if frames < LEAST_FRAMES else []
+        for name, entry in self.now.items():
+            if not entry["ignore"]:
+                self.known[name] = entry
+            elif name not in self.known and entry.get("shown", True):
+                self.doubtful.append(entry)
+
+    def spots(self) -> Floats:
+        """(n, 3) [m] where what is known was."""
+        return np.array([e["position"] for e in self.known.values()], np.float64).reshape(-1, 3)
+
+    def share(self, room: HouseRoom) -> float:
+        """Share of a room's floor and tops that was viewed."""
+        corners = np.array([[room.xmin, room.ymin], [room.xmax, room.ymax]])
+        inside = _in_any([(corners[0], corners[1])], self._points[:, :2])
+        return float(self._viewed[inside].mean()) if inside.any() else 0.0
+
+    def value(self, category: str, room: HouseRoom) -> Value | None:
+        """The truth of one pair; None where it counts neither way."""
+        if _any_is(self.known.values(), category, room):
+            return "present"
+        if _any_is(self.doubtful, category, room, also=True):
+            return None
+        share = self.share(room)
+        if share < LITTLE:
+            return "never looked"
+        there = _any_is(self.now.values(), category, room)
+        return "gone" if share >= MOST and not there else "hidden"
+
+
+def _any_is(
+    entries: Iterable[dict[str, Any]], category: str, room: HouseRoom, *, also: bool = False
+) -> bool:
+    return any(
+        (e["cls"] == category or (also and category in e["also"]))
+        and room.contains(*e["position"][:2])
+        for e in entries
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """One pair, as it is and as `status` has it."""
+
+    seed: int
+    category: str
+    place: str
+    truth: Value
+    answer: Value
+    viewed: tuple[float, float]  # share of the place, true and as the map has it
+
+
+def answers(seed: int, part: float, sessions: int, senses: str) -> tuple[list[Answer], int]:
+    """Answers for the house of `seed`, and how many pairs count neither way."""
+    house, random, truth = random_house(seed), np.random.default_rng([seed, 29]), HouseTruth()
+    points = surfaces(house)
+    with in_memory_map() as semantic_map:
+        for number in range(sessions):
+            if number:  # the rooms in reverse order, small things moved, vanished and come
+                house = changed_house(house, random).house
+            camera = SimulatedCamera(house, CameraModel(depth=KINECT), 1000 * seed + number)
+            start = START + number * DAY
+            tour = SimulatedTour(camera, name=f"session-{number + 1}", start=start)
+            session = Session(camera, tour, part, np.concatenate([points, truth.spots()]))
+            detector = SimulatedDetector(camera, SENSES[senses])
+            layout = layout_of(random_house(seed))
+            map_recording(session, semantic_map, detector, layout=layout, same_frame=True)
+            truth.add(session, len(points))
+        return _compared(seed, semantic_map, truth, random_house(seed).rooms)
+
+
+def _compared(
+    seed: int, semantic_map: SemanticMap, truth: HouseTruth, rooms: Sequence[HouseRoom]
+) -> tuple[list[Answer], int]:
+    found, doubtful = list[Answer](), 0
+    labels = {f"place {number}": room for number, room in enumerate(rooms, start=1)}
+    for category in sorted(OBJECTS):
+        given = {one.place_label: one for one in reversed(status(semantic_map, category).places)}
+        for name, room in labels.items():
+            value = truth.value(category, room)
+            if value is None:
+                doubtful += 1
+                continue
+            one = given[name]
+            shares = truth.share(room), one.viewed_share
+            found.append(Answer(seed, category, name, value, one.value, shares))
+    return found, doubtful
+
+
+def report(found: Sequence[Answer], doubtful: int) -> None:
+    """Print the confusion matrix, how many are right, and the mean over the four values."""
+    counts = Counter((one.truth, one.answer) for one in found)
+    rows, recalls = list[tuple[object, ...]](), list[float]()
+    for truth in VALUES:
+        row = [counts[truth, answer] for answer in VALUES]
+        right = counts[truth, truth] / sum(row) if sum(row) else float("nan")
+        recalls += [right] if sum(row) else []
+        rows.append((truth, *row, f"{right:.3f}"))
+    print_table(("truth", *VALUES, "right"), rows)
+    right = sum(one.truth == one.answer for one in found)
+    print(  # noqa: T201
+        f"{right} of {len(found)} right: {right / len(found):.3f}; mean over the values "
+        f"{np.mean(recalls):.3f}; {doubtful} pairs count neither way"
+    )
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Map, ask, print."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.status", description=__doc__)
+    parser.add_argument("--seeds", type=int, nargs="+", default=list(range(300, 310)))
+    parser.add_argument("--sessions", type=int, default=1, choices=(1, 2))
+    parser.add_argument("--part", type=float, default=0.5, help="share of each tour that is mapped")
+    parser.add_argument("--senses", choices=sorted(SENSES), default="demo")
+    parser.add_argument("--wrong", action="store_true", help="also list what is wrong")
+    arguments = parser.parse_args(argv)
+    found, doubtful = list[Answer](), 0
+    for seed in arguments.seeds:
+        more, left_out = answers(seed, arguments.part, arguments.sessions, arguments.senses)
+        found, doubtful = found + more, doubtful + left_out
+    report(found, doubtful)
+    for one in found if arguments.wrong else ():
+        if one.truth != one.answer:
+            viewed = f"viewed {one.viewed[0]:.2f}, in the map {one.viewed[1]:.2f}"
+            print(  # noqa: T201
+                f"house {one.seed}, {one.category} in {one.place} ({viewed}): "
+                f"{one.answer}, truly {one.truth}"
+            )
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
