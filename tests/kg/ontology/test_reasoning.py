@@ -14,7 +14,10 @@ from kg.ontology.reasoning import inconsistent_classes, load_world
 
 QUADS = load_ontologies().quads
 OWL = v.PREFIXES["owl"]
-DATATYPES = {v.XSD + name for name in ("string", "double", "integer", "dateTime", "base64Binary")}
+DATATYPES = {
+    v.XSD + name
+    for name in (*("string", "boolean", "double", "integer", "dateTime", "base64Binary"),)
+}
 
 
 def test_owlready2_sees_every_category() -> None:
