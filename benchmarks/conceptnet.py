@@ -28,7 +28,7 @@ import numpy as np
 from kg import vocabulary as v
 from kg.conceptnet.importing import import_conceptnet
 from kg.conceptnet.relate import ImportedRelation
-from kg.conceptnet.strength import HALF, NEAR_HALF, NEAR_STEEPNESS, STEEPNESS, probability_of
+from kg.conceptnet.strength import LOCATED, NEAR, probability_of
 from kg.ontology.catalogue import Catalogue
 from kg.ontology.loading import load_ontologies
 from kg.placement.shipped_conceptnet import table_text
@@ -37,10 +37,21 @@ TABLE = Path(__file__).parent / "thesis" / "table_6_1.csv"
 #: Room labels of the homes that are another name than ours, as in docs/explanation/ontology.md.
 ROOMS = {"office": "home office"}
 PARAMETERS = {
-    v.LOCATED_AT: {"half": HALF, "steepness": STEEPNESS},
-    v.NEAR_BY: {"half": NEAR_HALF, "steepness": NEAR_STEEPNESS},
+    v.LOCATED_AT: LOCATED,
+    v.NEAR_BY: NEAR,
 }
-_BINS = ((1, 1.01), (1.01, 2), (2, 2.01), (2.01, 3), (3, 4), (4, 6), (6, 9), (9, math.inf))
+_BINS = (
+    (0, 0.01),
+    (0.01, 1),
+    (1, 1.01),
+    (1.01, 2),
+    (2, 2.01),
+    (2.01, 3),
+    (3, 4),
+    (4, 6),
+    (6, 9),
+    (9, math.inf),
+)
 
 
 def table_6_1(graph: Path) -> str:
@@ -88,23 +99,26 @@ def _weight(found: ImportedRelation | None) -> str:
 
 
 def fit(graph: Path, homes: Path) -> Iterator[str]:
-    """The logistic regression of presence on log weight, over rooms of homes."""
+    """The logistic regression of presence on ln(1 + weight), over rooms of homes.
+
+    Over all pairs of a room and an object that the homes' annotators named anywhere: an object
+    they never named was not looked for.
+    """
     found = import_conceptnet(graph).found
     for kind in (v.LOCATED_AT, v.NEAR_BY):
         weight, present = _pairs(found, kind, homes)
-        X = np.column_stack([np.ones(len(weight)), np.log(weight)])
+        X = np.column_stack([np.ones(len(weight)), np.log1p(weight)])
         beta = np.zeros(2)
         for _ in range(50):
             p = 1 / (1 + np.exp(-X @ beta))
             beta += np.linalg.solve(X.T @ (X * (p * (1 - p))[:, None]), X.T @ (present - p))
-        half = math.exp(-beta[0] / beta[1])
         name = kind.removeprefix(v.HERE)
         yield f"{name}: {len(weight)} pairs, {present.mean():.3f} present; "
-        yield f"half {half:.3g}, steepness {beta[1]:.3g}\n"
+        yield f"base {beta[0]:.2f}, slope {beta[1]:.2f}\n"
         for low, high in _BINS:
             within = (weight >= low - 1e-9) & (weight < high - 1e-9)
             if within.any():
-                given = np.mean([probability_of(w, **PARAMETERS[kind]) for w in weight[within]])
+                given = np.mean([probability_of(w, PARAMETERS[kind]) for w in weight[within]])
                 yield f"  weight {low:g} to {high:g}: {within.sum()} pairs, "
                 yield f"{present[within].mean():.3f} present, {given:.3f} given\n"
 
@@ -112,24 +126,31 @@ def fit(graph: Path, homes: Path) -> Iterator[str]:
 def _pairs(
     found: tuple[ImportedRelation, ...], kind: str, homes: Path
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Net weight, and 1 where the object is there, for each relation in each room it speaks of."""
+    """Net weight, 0 of unrelated pairs, and 1 where the object is in the room, for each pair."""
     catalogue = Catalogue.from_quads(load_ontologies().quads)
+    net = {
+        (catalogue.label(f.subject), catalogue.label(f.target)): f.weight - f.weight_against
+        for f in found
+        if f.kind == kind
+    }
     rooms = [
         (catalogue.get(ROOMS.get(room["label"], room["label"]), "place"), room["coco"])
         for home in sorted(homes.glob("*.json"))
         for room in json.loads(home.read_text())["rooms"]
     ]
+    named = sorted({thing for _, coco in rooms for thing in coco if coco[thing] > 0})
     pairs = []
-    for relation in (f for f in found if f.kind == kind):
-        thing, target = catalogue.label(relation.subject), catalogue.label(relation.target)
-        for place, coco in rooms:
-            at_place = kind == v.LOCATED_AT and place and place.iri == relation.target
-            near = kind == v.NEAR_BY and coco.get(target, 0) > 0
-            if at_place or near:
-                net = relation.weight - relation.weight_against
-                pairs.append((net, coco.get(thing, 0) > 0))
-    weight, present = zip(*pairs, strict=True)
-    return np.array(weight), np.array(present, dtype=float)
+    for place, coco in rooms:
+        present = [thing for thing in named if coco.get(thing, 0) > 0]
+        targets = present if kind == v.NEAR_BY else [place.label] if place else []
+        pairs += [
+            (net.get((thing, target), 0.0), thing in present)
+            for target in targets
+            for thing in named
+            if thing != target
+        ]
+    weight, held = zip(*pairs, strict=True)
+    return np.array(weight), np.array(held, dtype=float)
 
 
 def cost(path: Path, lines: int | None) -> str:
@@ -187,13 +208,12 @@ is the text's). Both are on ConceptNet 5's scale: 2 sqrt(n - 1) for n votes.
 _FOOT = """The import also reads what has, and is part of, a place, what is near it, spellings and
 lemmas ("live room"), doubtful names ("notebook") and kinds (fruit, food), as
 docs/how-to/statistics.md describes.
-It leaves out what too few say, and what is said of another meaning: of the mouse in attic, basement
-and closet nothing is left; 60 % of "mouse in kitchen" is, wrongly, because electronics (stoves)
-are in kitchens much more often than animals are. ConceptNet 4 is older than the
-service that the thesis asked: weights differ where people have voted since. Of wine glasses it says
-only that they are at dinner and in cupboards, and that one is a dish (one vote); neither rooms nor
-a kind with two votes, so no rule brings them to a kitchen or a living room. This page includes data
-from ConceptNet 5, compiled by the Commonsense Computing Initiative (CC BY-SA 4.0, conceptnet.io).
+It leaves out what too few say, and what is said of another meaning: a mouse is part of computers,
+so it is where computers are, and nothing is left of it in kitchen, attic and closet. ConceptNet 4
+is older than the service that the thesis asked: weights differ where people have voted since. Of
+wine glasses it says only that they are at dinner and in cupboards, and that one is a dish (one vote
+each): too few to pass on the places of cupboards or dishes. This page includes data from ConceptNet
+5, compiled by the Commonsense Computing Initiative (CC BY-SA 4.0, conceptnet.io).
 """
 
 

@@ -20,7 +20,7 @@ class BeliefSettings:
     outside: float = 1.5  # [m] of floor assumed around an object that is in no place
     frontier: float = 0.3  # chance that a room begins where seen floor ends at unseen floor
     give_up: float = 0.005  # a look that finds less than this share of all is worth no way
-    rest: float = 0.0005  # chance that all looks missed a thing, at which to give up
+    rest: float = 0.01  # chance that all looks missed a thing, at which to give up
     stale: float = 0.5  # a look that shows less than this share of its worth has become stale
 
 

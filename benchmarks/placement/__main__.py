@@ -33,12 +33,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--s3dis", metavar="CSV", help="rooms of office areas")
     parser.add_argument(
-        "--conceptnet",
-        metavar="JSON",
-        help="scores by object and place (default: ../conceptnet/object_room_scores.json beside "
-        "the homes, where it is)",
-    )
-    parser.add_argument(
         "--apart", action="store_true", help="the statistics do not count these homes"
     )
     parser.add_argument(
@@ -63,18 +57,13 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.bootstrap < 0 or arguments.seed < 0:
         arguments.usage_error("--bootstrap and --seed must be 0 or more")
     homes = Path(arguments.homes)
-    beside = homes.resolve().parent / "conceptnet" / "object_room_scores.json"
-    given = arguments.conceptnet or (beside if beside.is_file() else None)
     sources = Sources(
         homes=homes,
         statistics=Path(arguments.statistics or homes / "hm3d_room_object_counts.csv"),
         s3dis=Path(arguments.s3dis) if arguments.s3dis else None,
-        conceptnet=Path(given) if given else None,
         counted=False if arguments.apart else None,
     )
     data = load(sources)
-    if given is None:
-        note("no ConceptNet scores: that method, and the model, do without")
     note(
         "the homes' own rooms are taken out of the statistics"
         if data.counted

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +13,6 @@ from numpy.typing import NDArray
 from benchmarks.placement.buildings import TrialBuilding, load_homes, load_s3dis
 from benchmarks.placement.fitting import Sample
 from kg import vocabulary as v
-from kg.conceptnet.strength import weight_of
-from kg.errors import InvalidFactError
 from kg.ontology.catalogue import Catalogue
 from kg.ontology.loading import load_ontologies
 from kg.placement.evidence import PlacementEvidence, placement_evidence, room_counts
@@ -34,7 +31,6 @@ class Sources:
     homes: Path  # folder of homes
     statistics: Path  # CSV of rooms
     s3dis: Path | None = None  # CSV of rooms of office buildings
-    conceptnet: Path | None = None  # JSON {object: {place: score}}
     counted: bool | None = None  # whether the statistics count the homes too; None: if they can
 
 
@@ -60,9 +56,7 @@ def load(sources: Sources) -> TrialData:
     table = read_rooms(sources.statistics, shipped, "statistics")
     areas = load_s3dis(sources.s3dis, shipped) if sources.s3dis else ()
     quads.extend(room_type_quads({*table.new_types, *_new_types((*homes, *areas), shipped)}))
-    known = placement_evidence(quads, Catalogue.from_quads(quads), shipped=False)
-    scores = read_conceptnet(sources.conceptnet) if sources.conceptnet else {}
-    known = replace(known, evidence=_with_weights(known, scores, shipped))
+    known = placement_evidence(quads, Catalogue.from_quads(quads))
     rooms, held = room_counts(table.statistics, known.objects, known.places)
     return _assemble(known, (*homes, *areas), len(homes), (rooms, held), sources.counted)
 
@@ -74,40 +68,6 @@ def _counts(term: object) -> bool:
 def _new_types(buildings: tuple[TrialBuilding, ...], catalogue: Catalogue) -> set[RoomType]:
     names = {room.name for building in buildings for room in building.rooms}
     return {kind for name in names for kind in room_types(name, catalogue) if kind.below}
-
-
-def read_conceptnet(path: Path) -> dict[str, dict[str, float]]:
-    """Scores of AtLocation by object and place, as ``{"book": {"library": 14}}``.
-
-    Raises InvalidFactError where the file is not of this form.
-    """
-    try:
-        read: Any = json.loads(path.read_text(encoding="utf-8"))
-        scores = {
-            str(a): {str(b): float(n) for b, n in places.items()} for a, places in read.items()
-        }
-    except (OSError, ValueError, AttributeError, TypeError, RecursionError) as error:
-        raise InvalidFactError(
-            f"{path} has no scores by object and place ({type(error).__name__}: {error})"
-        ) from error
-    return scores
-
-
-def _with_weights(
-    known: PlacementEvidence, scores: Mapping[str, Mapping[str, float]], catalogue: Catalogue
-) -> EvidenceArrays:
-    weight = known.evidence.weight.copy()
-    for name, places in scores.items():
-        thing = catalogue.get(name.replace("_", " "), "object")
-        for place_name, score in places.items():
-            place = catalogue.get(place_name.replace("_", " "), "place")
-            if thing is None or place is None:
-                continue
-            row = known.objects[thing.iri]
-            for iri, column in known.places.items():
-                if place.iri in known.above.get(iri, ()):
-                    weight[row, column] = max(weight[row, column], weight_of(score))
-    return replace(known.evidence, weight=weight)
 
 
 def _assemble(

@@ -2,8 +2,8 @@
 
     python benchmarks/placement/fit.py ../shared/data
 
-Deterministic. What it prints belongs into `kg/placement/settings.py` (FITTED). Reads homes/ and
-conceptnet/ of the folder; needs numpy only.
+Deterministic. What it prints belongs into `kg/placement/settings.py` (FITTED). Reads homes/ of
+the folder; needs numpy only.
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ def main(folder: Path) -> None:
         Sources(
             homes=folder / "homes",
             statistics=folder / "homes" / "hm3d_room_object_counts.csv",
-            conceptnet=folder / "conceptnet" / "object_room_scores.json",
         )
     )
     found = fit(data.sample)

@@ -67,7 +67,7 @@ def viewed(truth: int, kinds: int, right: float, random: np.random.Generator) ->
 def main(folder: Path) -> None:
     """Print accuracy and log loss without objects and with them, at the weight others chose."""
     statistics = folder / "hm3d_room_object_counts.csv"
-    data = load(Sources(folder, statistics, conceptnet=conceptnet(folder)))
+    data = load(Sources(folder, statistics))
     print("| table | views right | accuracy without | with | gain (95 %) ", end="")  # noqa: T201
     print("| log loss without | with | weights |")  # noqa: T201
     print("|---|---|---|---|---|---|---|---|")  # noqa: T201
@@ -94,11 +94,6 @@ def row(homes: list[np.ndarray]) -> str:
         f"| {before[0]:.3f} | {after[0]:.3f} | {low:+.3f} to {high:+.3f} "
         f"| {before[1]:.3f} | {after[1]:.3f} | {used} |"
     )
-
-
-def conceptnet(folder: Path) -> Path:
-    """Where the shared data have ConceptNet's scores."""
-    return folder.resolve().parent / "conceptnet" / "object_room_scores.json"
 
 
 if __name__ == "__main__":

@@ -61,7 +61,8 @@ class EdgeCollection:
     """Evidence collected from edges, by the term they start from.
 
     It has the places of every term (needed to disambiguate senses and for inheritance from
-    parents), and for terms of objects what they are near, their parents and synonyms.
+    parents), and for terms of objects what they are near, in and part of, their parents and
+    synonyms.
     """
 
     def __init__(self, names: TermMatcher) -> None:
@@ -70,17 +71,19 @@ class EdgeCollection:
         self.near: Facts = defaultdict(dict)  # an object's term -> IRI of an object category
         self.is_a: dict[Key, dict[Key, TermRelation]] = defaultdict(dict)  # any term -> its parents
         self.same_as: dict[Key, dict[Key, TermRelation]] = defaultdict(dict)
+        self.inside: dict[Key, dict[Key, TermRelation]] = defaultdict(dict)  # object's -> container
+        self.part_of: dict[Key, dict[Key, TermRelation]] = defaultdict(dict)  # object's -> whole
         self.naming: dict[Key, str] = {}  # terms that name an object category -> its IRI
 
     def accepts(self, relation: str, start: str, end: str) -> bool:
         """Whether an assertion between these terms may be relevant; may overestimate."""
         thing, place = self._object, self._place
         if relation == "AtLocation":
-            return place(end) or (thing(start) and thing(end))
+            return place(end) or thing(start)
         if relation == "PartOf":
-            return place(end)
+            return place(end) or thing(start)
         if relation == "HasA":
-            return place(start)
+            return place(start) or thing(end)
         if relation == "IsA":
             return thing(start) or self._group(end)
         return thing(start) or thing(end)
@@ -98,12 +101,15 @@ class EdgeCollection:
     def _take_atlocation(self, assertion: Edge, start: Key, end: Key) -> None:
         self._is_at(assertion, start, assertion.end)
         self._is_near(assertion, start, assertion.end)
+        self._is_in(self.inside, assertion, start, end)
 
     def _take_partof(self, assertion: Edge, start: Key, end: Key) -> None:
         self._is_at(assertion, start, assertion.end)
+        self._is_in(self.part_of, assertion, start, end)
 
     def _take_hasa(self, assertion: Edge, start: Key, end: Key) -> None:
         self._is_at(assertion, end, assertion.start)
+        self._is_in(self.part_of, assertion, end, start)
 
     def _take_locatednear(self, assertion: Edge, start: Key, end: Key) -> None:
         self._is_near(assertion, start, assertion.end)
@@ -128,6 +134,13 @@ class EdgeCollection:
         if other and start in self.naming and self.naming[start] != other:
             fact = self.near[start].setdefault(other, TermRelation())
             fact.add(assertion, NEAR_SHARES[assertion.relation])
+
+    def _is_in(
+        self, links: dict[Key, dict[Key, TermRelation]], assertion: Edge, start: Key, end: Key
+    ) -> None:
+        if start in self.naming and start != end and not self._place(assertion.end.term):
+            link = links[start].setdefault(end, TermRelation())
+            link.add(assertion, PLACE_SHARES[assertion.relation])
 
     def _key(self, node: Node) -> Key | None:
         """Key of a node, registered if its term names an object; None unless it is a noun."""

@@ -43,7 +43,7 @@ _PLURALS: Final = (
 )
 
 
-@lru_cache(maxsize=50_000)
+@lru_cache(maxsize=20_000)
 def reduced(term: str) -> str:
     """Normalised words of a term, for comparison; empty where nothing is left."""
     words = [_singular(word) for word in _words(term) if word not in _STOP_WORDS]
@@ -89,6 +89,16 @@ class TermMatcher:
         }
         self._index = {kind: _index(group) for kind, group in self.groups.items()}
         self._doubtful = _doubtful(self._index["object"])
+        names = {c.iri: {" ".join(_words(n)) for n in _names(c)} for c in self.groups["place"]}
+        #: Places whose name ends in -room.
+        self.rooms = frozenset(p for p in names if any(n.endswith("room") for n in names[p]))
+        #: "X outdoor" that is called X too -> the place "X indoor" or "X room", None without one.
+        self.indoors = {
+            place.iri: self.get(f"{bare} indoor", "place") or self.get(f"{bare} room", "place")
+            for place in self.groups["place"]
+            if (bare := place.label.removesuffix(" outdoor")) != place.label
+            and bare in names[place.iri]
+        }
 
     def get(self, term: str, kind: str) -> str | None:
         """IRI of the category of that kind which the term names, or None."""

@@ -11,19 +11,18 @@ from kg import vocabulary as v
 from kg.conceptnet.collecting import EdgeCollection, Key, TermRelation
 from kg.conceptnet.names import reduced
 from kg.conceptnet.senses import PLAIN, SenseFilter
-from kg.conceptnet.strength import (
-    NEAR_HALF,
-    NEAR_STEEPNESS,
-    probability_of,
-    weight_of,
-)
+from kg.conceptnet.strength import LOCATED, NEAR, probability_of, weight_of
 
 #: Weight of an ambiguous name (a synonym, "notebook") relative to a category's own name.
 DOUBTFUL_SHARE: Final = 0.5
 #: Weight of evidence about a kind (fruit) relative to evidence about the object (banana).
 INHERITED_SHARE: Final = 0.25
-#: Minimum votes of a relation, of a kind that others inherit from, and of a subclass.
+#: Weight of evidence about what a category without a place is in, shared by its places.
+INDIRECT_SHARE: Final = 0.5
+#: Minimum votes of a relation, and of one of a category without a place.
 MIN_VOTES: Final = 1.0
+MIN_INDIRECT_VOTES: Final = 0.5
+#: Minimum votes of a kind that others inherit from, or of another link, and of a subclass.
 MIN_VOTES_OF_KIND: Final = 2.0
 MIN_VOTES_OF_SUBCLASS: Final = 2.0
 #: Maximum votes against a subclass, as a share of those for it.
@@ -54,6 +53,7 @@ class _Tally:
     votes: float = 0.0
     against: float = 0.0
     evidence: dict[str, tuple[float, str, str]] = field(default_factory=dict)
+    least: float = MIN_VOTES
 
     def add(self, fact: TermRelation, share: float) -> None:
         self.votes += fact.votes() * share
@@ -61,6 +61,11 @@ class _Tally:
         for (source, _), entry in fact.evidence.items():
             weighed = (entry.votes * share, entry.surface, entry.license)
             self.evidence[source] = max(self.evidence.get(source, (0.0, "", "")), weighed)
+
+    def merge(self, other: _Tally) -> None:
+        self.votes += other.votes
+        self.against += other.against
+        self.evidence |= other.evidence
 
 
 _Tallies = dict[str, _Tally]
@@ -111,13 +116,7 @@ def _located(
     keys: list[Key],
     supercategories: Iterable[str],
 ) -> _Tallies:
-    tallies: _Tallies = defaultdict(_Tally)
-    for key in keys:
-        for place, fact in sorted(collection.at_place.get(key, {}).items()):
-            tallies[place].add(fact, senses.at_place(key, iri, place))
-    for key in _doubtful(collection, iri, keys):
-        for place, fact in sorted(collection.at_place.get(key, {}).items()):
-            tallies[place].add(fact, DOUBTFUL_SHARE * senses.at_place(key, iri, place))
+    tallies = _direct(collection, senses, iri, keys)
     parents = _parents(collection, senses, iri, keys, supercategories)
     strongest: dict[str, TermRelation] = {}
     for parent in parents:
@@ -126,7 +125,73 @@ def _located(
                 strongest[place] = fact
     for place, fact in strongest.items():
         tallies[place].add(fact, INHERITED_SHARE)
+    _move_indoors(collection, tallies)
+    if not any(_enough(v.LOCATED_AT, tally) for tally in tallies.values()):
+        return _indirect(collection, senses, iri, keys)
     return tallies
+
+
+def _direct(collection: EdgeCollection, senses: SenseFilter, iri: str, keys: list[Key]) -> _Tallies:
+    tallies: _Tallies = defaultdict(_Tally)
+    weighed = [(key, 1.0) for key in keys]
+    weighed += [(key, DOUBTFUL_SHARE) for key in _doubtful(collection, iri, keys)]
+    for key, share in weighed:
+        for place, fact in sorted(collection.at_place.get(key, {}).items()):
+            tallies[place].add(fact, share * senses.at_place(key, iri, place))
+    return tallies
+
+
+def _move_indoors(collection: EdgeCollection, tallies: _Tallies) -> None:
+    """What is found in rooms and in a hotel is found inside it, not at "hotel outdoor"."""
+    rooms = [tally for place, tally in tallies.items() if place in collection.names.rooms]
+    if not any(_enough(v.LOCATED_AT, tally) for tally in rooms):
+        return
+    for outdoor, indoor in collection.names.indoors.items():
+        tally = tallies.pop(outdoor, None)
+        if tally is not None and indoor is not None:
+            tallies[indoor].merge(tally)
+
+
+def _indirect(
+    collection: EdgeCollection, senses: SenseFilter, iri: str, keys: list[Key]
+) -> _Tallies:
+    """Places of a category that has none: those of what it is in, part of, or a kind of.
+
+    A vase is on a table, and tables are in kitchens and dining rooms: each place takes its share
+    of the votes for the link.
+    """
+    tallies = _direct(collection, senses, iri, keys)
+    for other, votes in _links(collection, senses, iri, keys):
+        facts = {
+            place: fact
+            for place, fact in sorted(collection.at_place.get(other, {}).items())
+            if fact.net >= MIN_VOTES_OF_KIND
+        }
+        total = sum(fact.net for fact in facts.values())
+        for place, fact in facts.items():
+            tallies[place].add(fact, INDIRECT_SHARE * votes / total)
+    for tally in tallies.values():
+        tally.least = MIN_INDIRECT_VOTES
+    return tallies
+
+
+def _links(
+    collection: EdgeCollection, senses: SenseFilter, iri: str, keys: list[Key]
+) -> list[tuple[Key, float]]:
+    """What a category is in, part of, or, another one, a kind of, with the votes; sorted."""
+    own = senses.group(iri)
+    votes: dict[Key, float] = defaultdict(float)
+    for key in keys:
+        links = [*collection.part_of.get(key, {}).items()]
+        if not senses.rivals(key, iri):
+            links += collection.inside.get(key, {}).items()
+        for parent, fact in collection.is_a.get(key, {}).items():
+            category = collection.naming.get(parent)
+            if category and category != iri and own == senses.group(category) != PLAIN:
+                links.append((parent, fact))
+        for other, fact in links:
+            votes[other] += fact.net
+    return sorted((other, n) for other, n in votes.items() if n >= MIN_VOTES_OF_KIND)
 
 
 def _doubtful(collection: EdgeCollection, iri: str, keys: list[Key]) -> list[Key]:
@@ -149,10 +214,11 @@ def _parents(
     """Parents of the category, by its terms and the ontology; without those of rival senses."""
     found: set[Key] = set()
     for key in keys:
-        rivals = senses.rivals(key, iri)
+        rivals, own = senses.rivals(key, iri), senses.group(iri)
         for parent, fact in collection.is_a.get(key, {}).items():
-            same_sense = parent not in collection.naming and senses.group_of(parent) not in rivals
-            if same_sense and fact.net >= MIN_VOTES_OF_KIND:
+            meant = senses.group_of(parent)
+            same_sense = meant == own if own else meant not in rivals
+            if same_sense and parent not in collection.naming and fact.net >= MIN_VOTES_OF_KIND:
                 found.add(parent)
     for group in collection.names.groups["supercategory"]:
         if group.iri in supercategories:
@@ -184,7 +250,7 @@ def _enough(kind: str, tally: _Tally) -> bool:
     if kind == v.RDFS_SUB_CLASS_OF:  # a subclass has no probability, so it must not be disputed
         disputed = tally.against > MAX_DISPUTE * tally.votes
         return tally.votes >= MIN_VOTES_OF_SUBCLASS and not disputed
-    return tally.votes - tally.against >= MIN_VOTES
+    return tally.votes - tally.against >= tally.least
 
 
 def _found(kind: str, subject: str, target: str, tally: _Tally) -> ImportedRelation:
@@ -207,8 +273,7 @@ def _found(kind: str, subject: str, target: str, tally: _Tally) -> ImportedRelat
 def _probability(kind: str, net: float) -> float | None:
     if kind == v.RDFS_SUB_CLASS_OF:
         return None
-    near = {"half": NEAR_HALF, "steepness": NEAR_STEEPNESS} if kind == v.NEAR_BY else {}
-    return round(probability_of(net, **near), 3)
+    return round(probability_of(net, NEAR if kind == v.NEAR_BY else LOCATED), 3)
 
 
 def _weight(votes: float) -> float:

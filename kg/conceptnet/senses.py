@@ -8,7 +8,8 @@ each group in that place then gives, by Bayes' rule, the probability of each sen
     share = prior(own) p(place | own) / sum over meanings g of prior(g) p(place | g)
 
 with the prior from the votes of the parents and p(place | g) from the votes for group g in that
-place, both with additive smoothing.
+place, both with additive smoothing. Where a term is part of something (a mouse of a computer), the
+places of that whole are p(place | own).
 """
 
 from __future__ import annotations
@@ -66,20 +67,27 @@ class SenseFilter:
             group: prior * self._usage(group, place)
             for group, prior in self._priors(key, category).items()
         }
-        return weights[self.group(category)] / sum(weights.values())
+        own = self.group(category)
+        if len(weights) > 1 and (counts := self._of_wholes(key)):
+            share = counts.get(place, 0.0) / sum(counts.values())
+            weights[own] = self._priors(key, category)[own] * share
+        return weights[own] / sum(weights.values())
 
     def near(self, key: Key, category: str, other: str) -> float:
         """Probability, 0..1, that "`key` is near `other`" is about the category.
 
-        It is 1 where the other is of the category's group, 0 where it is of a rival's.
+        It is 0 where the other is of a rival's group or an animal (what is at a bear is in it), 1
+        where it is of the category's own, unless the term is part of something: what is at a
+        computer is not at a refrigerator.
         """
-        priors = self._priors(key, category)
-        other_group = self.group(other)
-        if other_group == self.group(category) or len(priors) == 1:
-            return 1.0
-        if other_group in priors and other_group != PLAIN:
+        priors, own, others = self._priors(key, category), self.group(category), self.group(other)
+        if others != own and "animal" in self._labels.get(others, ()):
             return 0.0
-        return priors[self.group(category)] / sum(priors.values())
+        if others == own and not self._of_wholes(key):
+            return 1.0
+        if others in priors and others not in (own, PLAIN):
+            return 0.0
+        return priors[own] / sum(priors.values())
 
     def rivals(self, key: Key, category: str) -> frozenset[str]:
         """Groups of the rival senses of a term."""
@@ -115,6 +123,16 @@ class SenseFilter:
                 votes[group] += fact.net
         rivals = {g: n for g, n in votes.items() if g != own and n >= MIN_RIVAL_VOTES}
         return {own: votes[own] + PARENT_PRIOR, **rivals}
+
+    def _of_wholes(self, key: Key) -> dict[str, float]:
+        """Place -> votes of what the term is part of, by enough votes."""
+        counts: dict[str, float] = defaultdict(float)
+        for whole, link in self._collection.part_of.get(key, {}).items():
+            if link.net >= MIN_RIVAL_VOTES:
+                for place, fact in self._collection.at_place.get(whole, {}).items():
+                    if fact.net >= MIN_RIVAL_VOTES:
+                        counts[place] += fact.net
+        return counts
 
     def _usage(self, group: str, place: str) -> float:
         counts = self._counts[group]

@@ -5,13 +5,10 @@ from __future__ import annotations
 import math
 from typing import Final
 
-#: The weight at which a place of the category is as likely to hold the object as not, and how
-#: steeply probability rises with weight there; fitted as docs/how-to/statistics.md describes.
-HALF: Final = 5.5
-STEEPNESS: Final = 2.3
-#: The same for things near others. Nearly flat, about 0.16: in homes it hardly rises with weight.
-NEAR_HALF: Final = 3e7
-NEAR_STEEPNESS: Final = 0.1
+#: Log-odds without evidence, and for each unit of ln(1 + weight): of an object in a place of the
+#: category, and near another object; fitted as docs/how-to/statistics.md describes.
+LOCATED: Final = (-3.65, 2.10)
+NEAR: Final = (-2.10, 1.32)
 
 
 def weight_of(votes: float) -> float:
@@ -24,14 +21,12 @@ def votes_of(weight: float) -> float:
     return weight if weight <= 2 else (weight / 2) ** 2 + 1
 
 
-def probability_of(weight: float, *, half: float = HALF, steepness: float = STEEPNESS) -> float:
-    """p = w^s / (w^s + h^s): logistic in log w, 0 at weight 0, rising towards 1.
+def probability_of(weight: float, log_odds: tuple[float, float] = LOCATED) -> float:
+    """p = 1 / (1 + exp(-base - slope ln(1 + w))): the base rate at weight 0, rising towards 1.
 
     Args:
         weight: total weight for, less the weight against; below 0 counts as 0.
-        half: h, the weight at which p is 0.5.
-        steepness: s, the slope of the log-odds over log w.
+        log_odds: base and slope.
     """
-    if weight <= 0:
-        return 0.0
-    return 1 / (1 + math.pow(half / weight, steepness))
+    base, slope = log_odds
+    return 1 / (1 + math.exp(-base - slope * math.log1p(max(weight, 0.0))))

@@ -25,7 +25,6 @@ def sources(shared: Shared) -> Sources:
         shared("data/homes"),
         shared("data/homes/hm3d_room_object_counts.csv"),
         shared("data/s3dis/rooms_objects.csv"),
-        shared("data/conceptnet/object_room_scores.json"),
     )
 
 
@@ -42,7 +41,7 @@ def test_the_shipped_numbers_are_as_likely_as_those_fitted(data: TrialData) -> N
         replace(FITTED, knowledge=replace(FITTED.knowledge, base=-3.0)),
         replace(FITTED, knowledge=replace(FITTED.knowledge, conceptnet=1.5)),
         replace(FITTED, kappa=1.0),
-        replace(FITTED, kappa=100.0),
+        replace(FITTED, kappa=300.0),
         replace(FITTED, tau=1.0),
         replace(FITTED, tau=30.0),
     ):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -139,6 +140,74 @@ def test_the_animal_in_the_attic_is_not_the_mouse_on_the_desk(tmp_path: Path) ->
     assert one(imported, "Mouse", "Attic"), "nothing says that a mouse may be an animal"
 
 
+def test_a_mouse_is_where_computers_are(tmp_path: Path) -> None:
+    path = graph4(
+        tmp_path / "g",
+        *(line for line in ANIMALS if line[2] != "office"),
+        *(("stove", "IsA", "appliance", 5), ("stove", "AtLocation", "kitchen", 9)),
+        *(("mouse", "AtLocation", "kitchen", 6), ("mouse", "AtLocation", "fridge", 6)),
+        *(("mouse", "PartOf", "computer", 9), ("computer", "AtLocation", "office", 9)),
+    )
+    imported = import_conceptnet(path)
+    assert one(imported, "Mouse", "Kitchen") is None
+    assert one(imported, "Mouse", "Refrigerator", v.NEAR_BY) is None
+    found = one(imported, "Mouse", "Office")
+    assert found is not None
+    assert found.weight == pytest.approx(weight_of(0.5 * 4.5), abs=1e-3)
+
+
+def test_what_is_in_rooms_and_in_a_hotel_is_inside_it(tmp_path: Path) -> None:
+    path = graph4(
+        tmp_path / "g",
+        *(("bed", "AtLocation", "hotel", 3), ("bed", "AtLocation", "hotel room", 2)),
+        *(("bed", "AtLocation", "bedroom", 9), ("bed", "AtLocation", "church", 3)),
+        *(("bench", "AtLocation", "church", 3), ("bench", "AtLocation", "hotel", 3)),
+    )
+    imported = import_conceptnet(path)
+    found = one(imported, "Bed", "HotelRoom")
+    assert found is not None
+    assert found.weight == pytest.approx(weight_of(5), abs=1e-3)
+    assert len(found.sources) == 2
+    assert one(imported, "Bed", "HotelOutdoor") is None
+    assert one(imported, "Bed", "ChurchOutdoor") is None, "no category is the inside of a church"
+    assert one(imported, "Bench", "HotelOutdoor"), "nothing says that benches are in rooms"
+    assert one(imported, "Bench", "ChurchOutdoor")
+
+
+def test_a_category_without_a_place_has_those_of_what_it_is_on_or_a_kind_of(
+    tmp_path: Path,
+) -> None:
+    lines = [
+        *(("vase", "AtLocation", "shelf", 4), ("shelf", "AtLocation", "closet", 6)),
+        *(("shelf", "AtLocation", "pantry", 2), ("shelf", "AtLocation", "attic", 1)),
+        *(("vase", "AtLocation", "windowsill", 1), ("windowsill", "AtLocation", "bedroom", 9)),
+        *(("truck", "IsA", "car", 4), ("car", "AtLocation", "parking lot", 8)),
+        *(("truck", "IsA", "shelf", 4), ("ball", "AtLocation", "bear", 8)),
+    ]
+    imported = import_conceptnet(graph4(tmp_path / "g", *lines))
+    found = {(f.subject, f.target): f.weight for f in imported.found}
+    assert found == {
+        (v.HERE + "Vase", v.HERE + "Closet"): weight_of(0.5 * 4 * 6 / 8),
+        (v.HERE + "Vase", v.HERE + "Pantry"): weight_of(0.5 * 4 * 2 / 8),
+        (v.HERE + "Truck", v.HERE + "ParkingLot"): 2.0,
+        (v.HERE + "Car", v.HERE + "ParkingLot"): round(weight_of(8), 3),
+    }
+    known = graph4(tmp_path / "g", *lines, ("vase", "AtLocation", "kitchen", 1))
+    places = [f.target for f in import_conceptnet(known).found if f.subject == v.HERE + "Vase"]
+    assert places == [v.HERE + "Kitchen"], "what is said of the vase itself is enough"
+
+
+def test_what_is_said_of_another_group_is_not_inherited(tmp_path: Path) -> None:
+    path = graph4(
+        tmp_path / "g",
+        *(("boat", "IsA", "water", 17), ("boat", "IsA", "ship", 4), ("ship", "IsA", "vehicle", 3)),
+        *(("water", "AtLocation", "dam", 9), ("ship", "AtLocation", "harbor", 9)),
+    )
+    imported = import_conceptnet(path)
+    assert one(imported, "Boat", "Dam") is None
+    assert one(imported, "Boat", "Harbor")
+
+
 def test_conceptnet_5_names_the_sense(tmp_path: Path) -> None:
     path = tsv5(
         tmp_path / "t",
@@ -158,7 +227,7 @@ def test_conceptnet_5_names_the_sense(tmp_path: Path) -> None:
 def test_what_is_said_of_fruit_counts_a_quarter_for_a_banana(tmp_path: Path) -> None:
     path = graph4(
         tmp_path / "g",
-        ("banana", "IsA", "fruit", 5),
+        *(("banana", "IsA", "fruit", 5), ("fruit", "IsA", "food", 2)),
         ("fruit", "AtLocation", "pantry", 8),
         ("food", "AtLocation", "kitchen", 8),  # the ontology says that a banana is food
         ("apple", "IsA", "fruit", 1),  # one vote passes nothing on
@@ -221,9 +290,10 @@ def test_probability_rises_with_weight_and_weight_with_votes(one: float, other: 
     assert votes_of(weight_of(low)) == pytest.approx(low)
 
 
-def test_no_weight_is_no_probability() -> None:
-    assert probability_of(0) == probability_of(-3) == 0
-    assert probability_of(4, half=4, steepness=1) == 0.5
+def test_one_vote_is_weak_evidence_and_none_is_the_base_rate() -> None:
+    assert probability_of(0) == probability_of(-3) == pytest.approx(0.025, abs=1e-3)
+    assert probability_of(1) == pytest.approx(0.1, abs=5e-3)
+    assert probability_of(math.e - 1, (-1, 1)) == 0.5
 
 
 def test_the_real_graph_puts_things_where_they_belong(shared: Shared) -> None:
@@ -233,9 +303,13 @@ def test_the_real_graph_puts_things_where_they_belong(shared: Shared) -> None:
     for subject, target in [
         *(("Bed", "Bedroom"), ("Tv", "LivingRoom"), ("Laptop", "Office"), ("Sink", "Kitchen")),
         *(("Toilet", "Shower"), ("Chair", "Office"), ("Banana", "Pantry"), ("Knife", "Kitchen")),
+        *(("Mouse", "Office"), ("Vase", "DiningRoom"), ("TeddyBear", "Bedroom")),
     ]:
         assert one(imported, subject, target), (subject, target)
-    for subject, target in [("Mouse", "Attic"), ("Tv", "Kitchen"), ("Kite", "Attic")]:
+    for subject, target in [
+        *(("Mouse", "Attic"), ("Mouse", "Kitchen"), ("Tv", "Kitchen"), ("Kite", "Attic")),
+        *(("Boat", "Dam"), ("Bed", "HotelOutdoor"), ("Toilet", "ChurchOutdoor")),
+    ]:
         assert one(imported, subject, target) is None, (subject, target)
 
 
