@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,7 @@ from planner.settings import BELIEF
 
 if TYPE_CHECKING:
     from benchmarks.search.scores import Score
-    from benchmarks.search.trial import TrialSettings
+    from benchmarks.search.trial import Searched, TrialSettings
 
 _FURTHEST = 100.0  # [m] that a camera may see
 
@@ -54,6 +55,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--robustness", action="store_true", help="also with beliefs that mislead")
     parser.add_argument(
+        "--calibration",
+        action="store_true",
+        help="instead: chances of being found that plans predict beside the realised ones",
+    )
+    parser.add_argument(
         "--processes", type=count, default=2, metavar="N", help="homes at a time (default: 2)"
     )
     add_json(parser)
@@ -73,6 +79,9 @@ def run(arguments: argparse.Namespace) -> int:
             settings,
             lambda home, done, of: bar.update(task, completed=done, total=of, status=home),
         )
+    if settings.calibration:
+        _print_calibration(searched, as_json=arguments.json)
+        return 0
     told = report(searched, settings)
     if arguments.json:
         write_json(told.to_json())
@@ -108,9 +117,26 @@ def _settings(arguments: argparse.Namespace) -> TrialSettings:
         seed=arguments.seed,
         queries=arguments.queries,
         robustness=arguments.robustness,
+        calibration=arguments.calibration,
         give_up_at=arguments.give_up_at,
         processes=arguments.processes,
     )
+
+
+def _print_calibration(searched: Sequence[Searched], *, as_json: bool) -> None:
+    from benchmarks.search.plan_calibration import PARTS, reliability
+
+    told = reliability([one.planned for one in searched if one.planned is not None])
+    if as_json:
+        write_json({"parts": PARTS, **{name: asdict(one) for name, one in told.items()}})
+        return
+    for name, one in told.items():
+        heading(f"{name}: {one.plans} plans")
+        rows = zip(PARTS, one.predicted, one.found, strict=True)
+        print_table(
+            ("part of the plan", "predicted", "found"),
+            [(f"{part:.0%}", f"{chance:.3f}", f"{found:.3f}") for part, chance, found in rows],
+        )
 
 
 def _print(scores: Mapping[str, Score]) -> None:

@@ -16,6 +16,7 @@ from benchmarks.search.corrupted_priors import CORRUPTED
 from benchmarks.search.ground_truth import HiddenObject
 from benchmarks.search.home_space import HomeSpace
 from benchmarks.search.homes import Home, read_homes
+from benchmarks.search.plan_calibration import PlanOutcome, planned
 from benchmarks.search.priors import Prior, PriorKnowledge
 from benchmarks.search.robot import TrialOutcome
 from benchmarks.search.room_policies import brute_force, oracle, thesis_rule
@@ -49,6 +50,7 @@ class TrialSettings:
     queries: int | None = None  # at most so many, evenly over all
     give_up_at: float = BELIEF.rest  # chance that ours missed a thing, at which it gives up
     robustness: bool = False  # also with beliefs that mislead
+    calibration: bool = False  # only plans, carried out as they are
     processes: int = 2
 
 
@@ -59,6 +61,7 @@ class Searched:
     home: str
     kind: str
     outcomes: Mapping[str, TrialOutcome]
+    planned: PlanOutcome | None = None  # with `TrialSettings.calibration`
 
     def shortest(self, name: str) -> TrialOutcome:
         """The search of one that knows where it is that `name` was hidden."""
@@ -118,20 +121,39 @@ def search_home(task: _Task) -> tuple[int, tuple[Searched, ...]]:
     number, home, kinds, settings = task
     building = HomeSpace(home, settings.sensor, settings.motion)
     priors = PriorKnowledge([home], settings.rooms, apart=settings.apart).priors(home)
-    return number, tuple(
-        Searched(home.name, kind, _search(building, kind, priors[kind], settings, kind == kinds[0]))
-        for kind in kinds
-    )
+    found = list[Searched]()
+    for kind in kinds:
+        name, start, hidden = _query(building, kind, settings)
+        if settings.calibration:
+            outcome = planned(building, start, hidden, priors[kind].chances)
+            found.append(Searched(home.name, kind, {}, outcome))
+        else:
+            first = kind == kinds[0]
+            outcomes = _search(building, name, start, hidden, priors[kind], settings, first)
+            found.append(Searched(home.name, kind, outcomes))
+    return number, tuple(found)
 
 
-def _search(
-    building: HomeSpace, kind: str, prior: Prior, settings: TrialSettings, first: bool
-) -> dict[str, TrialOutcome]:
+def _query(
+    building: HomeSpace, kind: str, settings: TrialSettings
+) -> tuple[str, int, HiddenObject]:
+    """Name of a query, the cell it starts at, and what is hidden."""
     name = f"{settings.seed} {building.home.name} {kind}"
     rng = _generator(name)
     cells = _hiding_places(building, kind, rng)
     start = int(rng.choice(building.space.floor()))
-    hidden = HiddenObject(building.space, settings.sensor, cells, name)
+    return name, start, HiddenObject(building.space, settings.sensor, cells, name)
+
+
+def _search(
+    building: HomeSpace,
+    name: str,
+    start: int,
+    hidden: HiddenObject,
+    prior: Prior,
+    settings: TrialSettings,
+    first: bool,
+) -> dict[str, TrialOutcome]:
     plain = Ablation(give_up_at=settings.give_up_at)
     found = {
         "ours": ours(building, start, hidden, prior.chances, plain),

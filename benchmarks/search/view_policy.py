@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from benchmarks.search.ground_truth import HiddenObject
 from benchmarks.search.home_space import HomeSpace
 from benchmarks.search.robot import TrialOutcome
-from planner.belief.cell_belief import CellBelief, belief_from, room_weights
+from planner.belief.cell_belief import belief_from, room_weights
 from planner.belief.target_belief import TargetBelief
 from planner.freespace.planning_map import PlanningMap
 from planner.goals.targets import Target
@@ -92,18 +92,17 @@ def ours(
     views = building.whole_turns if manner.whole_turns else building.views
     weights = room_weights(views.space, views.cells, chances)
     belief = belief_from(views.cells, weights, 1 - PRESENT, everywhere=manner.everywhere)
-    return ViewPolicy(building, start, _state(building, views, belief, manner), manner).search(
-        hidden
-    )
+    state = initial_state(building, views, belief.weight[np.newaxis], manner)
+    return ViewPolicy(building, start, state, manner).search(hidden)
 
 
-def _state(
-    building: HomeSpace, views: CandidateViews, belief: CellBelief, manner: Ablation
+def initial_state(
+    building: HomeSpace, views: CandidateViews, weight: NDArray[np.float64], manner: Ablation
 ) -> PlanningState:
-    """A hunt for one thing that lies where `belief` has it."""
+    """A search for a kind of thing, of which instances lie in cells by `weight` (k, c)."""
     thing = Target("it", "it", None, {}, {})
     nameless = ("",) * (int(views.space.room.max()) + 1)
-    known = TargetBelief(views.cells, belief.weight[np.newaxis], np.zeros(1, np.intp), ())
+    known = TargetBelief(views.cells, weight, np.zeros(len(weight), np.intp), ())
     ground = PlanningMap(views.space, nameless, nameless)
     settings = replace(BELIEF, rest=manner.give_up_at)
     return PlanningState((thing,), ground, views, (), known, settings, building.fresh)

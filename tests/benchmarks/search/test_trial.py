@@ -15,6 +15,7 @@ from benchmarks.search.corrupted_priors import CORRUPTED
 from benchmarks.search.ground_truth import HiddenObject
 from benchmarks.search.home_space import HomeSpace
 from benchmarks.search.homes import Home, HomeRoom, read_homes
+from benchmarks.search.plan_calibration import planned, reliability
 from benchmarks.search.priors import PriorKnowledge
 from benchmarks.search.robot import TrialOutcome
 from benchmarks.search.room_policies import brute_force, oracle, thesis_rule
@@ -215,6 +216,36 @@ def test_the_command_searches_real_homes_and_repeats_itself(
     assert told["clairvoyant"]["success"] == 1
     assert told["ours"]["success"] == 1
     assert told["clairvoyant"]["mean_seconds"] <= told["ours"]["mean_seconds"]
+
+
+def test_plans_find_with_the_chance_they_predict_where_the_belief_is_the_truth() -> None:
+    """One room holds it for certain, anywhere on its floor."""
+    place, rng = building(0.7), np.random.default_rng(3)
+    floor = place.space.floor(0)
+    outcomes = []
+    for number in range(60):
+        cells, start = [int(rng.choice(floor))], int(rng.choice(place.space.floor()))
+        thing = HiddenObject(place.space, place.sensor, cells, f"plan {number}")
+        outcomes.append(planned(place, start, thing, {0: 1.0}))
+    told = reliability(outcomes)["one instance"]
+    assert told.plans == 60
+    assert list(told.predicted) == sorted(told.predicted)
+    assert told.found[-1] == pytest.approx(told.predicted[-1], abs=0.15)
+    assert told.found[2] == pytest.approx(told.predicted[2], abs=0.2)
+
+
+def test_the_command_prints_what_plans_predict_and_what_came_true(
+    shared: Shared, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    home = shared("data/homes/00245-741Fdj7NLF9.json")
+    (tmp_path / home.name).symlink_to(home)
+    command = ["--homes", str(tmp_path), "--queries", "2", "--processes", "1", "--calibration"]
+    assert main([*command, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["all"]["plans"] == 2
+    assert len(told["all"]["predicted"]) == len(told["parts"]) == len(told["all"]["found"])
+    assert main(command) == 0
+    assert "predicted" in capsys.readouterr().out
 
 
 def test_beliefs_that_mislead_and_what_is_not_there_are_rows_of_their_own(
