@@ -18,6 +18,7 @@ Ring = tuple[tuple[float, float], ...]
 Outline = tuple[Ring, ...]  # () stands for the rectangle itself
 
 MOST_CORNERS: Final = 2000  # of an outline
+FARTHEST: Final = 1e6  # [m] from the origin to a corner
 _LEAST_AREA: Final = 1e-12  # [m^2]
 
 
@@ -166,6 +167,9 @@ def _problem(rings: Outline) -> str | None:
         return f"an outline of {count} corners; up to {MOST_CORNERS} would work"
     if not np.isfinite([*chain.from_iterable(rings)]).all():
         return "an outline with a corner that is not finite; metres would work"
+    corners = chain.from_iterable(chain.from_iterable(rings))
+    if max(map(abs, corners), default=0.0) > FARTHEST:
+        return f"an outline with a corner beyond {FARTHEST:g} m; metres of the map would work"
     for ring in rings:
         if len(ring) < 3 or abs(signed_area(ring)) < _LEAST_AREA:
             return "an outline that encloses nothing; three corners or more around it would work"

@@ -14,7 +14,8 @@ from mapping.occupancy.occupancy_settings import OccupancySettings
 from mapping.occupancy.tiles import Key, ViewTimes
 
 _HALF: Final = 0.499  # of a cell: sides of areas may lie on those of cells
-_MOST_CELLS: Final = 4_000_000  # of an area: 160,000 m2; larger ones are not worked out
+_MOST_CELLS: Final = 4_000_000  # of an area: 160,000 m2; larger ones are not worked out ...
+_FARTHEST: Final = 10**9  # ... nor those with a corner this many cells from the origin
 
 
 def on_tile(area: Area, tile: FloorTile, span: float) -> bool:
@@ -32,10 +33,12 @@ def view_coverage(
     wall is in view as well.
     """
     cell, larger = settings.cell * settings.view, settings.side // settings.view
-    low = np.floor(np.array([area.xmin, area.ymin]) / cell).astype(np.intp)
-    shape = np.ceil(np.array([area.xmax, area.ymax]) / cell).astype(np.intp) - low
-    if int(np.prod(shape)) > _MOST_CELLS:
+    corners = np.array([[area.xmin, area.ymin], [area.xmax, area.ymax]]) / cell
+    width, depth = (corners[1] - corners[0]).tolist()
+    if width * depth > _MOST_CELLS or float(np.abs(corners).max()) > _FARTHEST:
         return None
+    low = np.floor(corners[0]).astype(np.intp)
+    shape = np.ceil(corners[1]).astype(np.intp) - low
     times = np.zeros((2, *shape), np.uint32)
     columns, rows = (
         range(int(np.floor(start / larger)), int(np.ceil((start + count) / larger)))

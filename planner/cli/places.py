@@ -52,5 +52,5 @@ def run(arguments: argparse.Namespace) -> int:
         write_json([dict(zip(_COLUMNS, row, strict=True)) for row in rows])
     else:
         print_table(_COLUMNS, rows)
-        note(f"{len(rows)} places, {doors} doors")
+        note(f"{len(rows)} place{'s' * (len(rows) != 1)}, {doors} door{'s' * (doors != 1)}")
     return 0

@@ -61,6 +61,7 @@ def test_four_corners_along_the_axes_are_a_rectangle():
         ([[]], "encloses nothing"),
         ([[(0, 0), (1, 1), (2, 2)]], "encloses nothing"),
         ([[(0, 0), (4, 4), (4, 0), (0, 3)]], "crosses itself"),
+        ([[(0, 0), (1e300, 0), (1e300, 1e300)]], "beyond 1e\\+06 m"),
         ([[(0, 0), (1, 0), (float("nan"), 1)]], "not finite"),
         ([[(k, k * k) for k in range(3000)]], "3000 corners"),
         ([L_SHAPE, [(1, 1), (1.5, 9), (1.5, 1)]], "crosses itself"),

@@ -53,6 +53,7 @@ def test_the_thesis_building_is_a_layout(shared):
         ([ROOM | {"xmin": None}], "None"),
         ('[{"xmin": NaN, "xmax": 1, "ymin": 0, "ymax": 1}]', "not finite"),
         ('[{"xmin": 0, "xmax": Infinity, "ymin": 0, "ymax": 1}]', "not finite"),
+        ('[{"xmin": 0, "xmax": 1e300, "ymin": 0, "ymax": 1}]', "beyond 1e+06 m"),
         ([{"xmin": 0, "xmax": 1, "ymin": 0}], "no ymax"),
         ([ROOM | {"id": 1}, ROOM | {"id": 1}], "share the id 1"),
         ([ROOM | {"id": "front"}], "'front'"),
