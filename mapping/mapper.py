@@ -21,6 +21,7 @@ from mapping.objects.bayes_mapper import BayesObjectMapper
 from mapping.objects.object_mapper import ObjectChanges, ObjectMapper
 from mapping.objects.settings import ObjectSettings
 from mapping.occupancy.occupancy_map import OccupancyMap
+from mapping.occupancy.room_segmentation import SegmentationSettings
 from mapping.places.evidence_from_objects import ObjectEvidence
 from mapping.places.found_places import FoundChanges, FoundPlaces, objects_elsewhere
 from mapping.places.layout import Layout
@@ -37,6 +38,7 @@ from perception.frames import Detections, Frame, SceneScores
 Mode = Literal["bayes", "reference"]
 ROOMS_PAUSE: Final = 10.0  # [s] between two segmentations of the floor, by the frames' stamps
 TRIES: Final = 10  # of a transaction that conflicts with other writers
+_WALLS: Final = SegmentationSettings().walls  # [m] that outlines of found rooms reach into walls
 
 _Change = tuple[ObjectChanges, MapUpdate]
 
@@ -272,7 +274,8 @@ class Mapper:
             return
         for place in self._places.places():
             storey = self._occupancy.touches(place.area, floor)
-            viewed = None if storey is None else self._occupancy.views(place.area, storey)
+            walls = _WALLS if place.from_floor else 0.0
+            viewed = None if storey is None else self._occupancy.views(place.area, storey, walls)
             if viewed is not None and viewed != place.viewed:
                 self._places.put(replace(place, viewed=viewed))
 

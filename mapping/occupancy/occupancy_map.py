@@ -125,8 +125,11 @@ class OccupancyMap:
         touching = (tile for tile in tiles if on_tile(area, tile, self._settings.span))
         return next((tile.storey for tile in touching), None)
 
-    def views(self, area: Area, storey: int) -> PlaceViews | None:
-        """How much of an area was viewed on a storey, by what is in memory or the graph."""
+    def views(self, area: Area, storey: int, margin: float = 0.0) -> PlaceViews | None:
+        """How much of an area was viewed on a storey, by what is in memory or the graph.
+
+        What is nearer than `margin` [m] to the area's border does not count.
+        """
 
         def times(key: Key) -> ViewTimes | None:
             cached = self._tiles.get((storey, key))
@@ -135,7 +138,7 @@ class OccupancyMap:
             known = self._known((storey, key))
             return None if known is None else _written(self._settings, known)[1]
 
-        return view_coverage(area, times, self._settings)
+        return view_coverage(area, times, self._settings, margin)
 
     def take_rest(self) -> tuple[FloorTile, ...]:
         """Tiles with any state that is not written yet."""

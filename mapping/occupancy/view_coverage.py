@@ -7,9 +7,11 @@ from itertools import product
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kg.areas import Area
 from kg.records import FloorTile, PlaceViews
+from mapping.occupancy.depth_projection import Floats
 from mapping.occupancy.occupancy_settings import OccupancySettings
 from mapping.occupancy.tiles import Key, ViewTimes
 
@@ -25,12 +27,15 @@ def on_tile(area: Area, tile: FloorTile, span: float) -> bool:
 
 
 def view_coverage(
-    area: Area, views: Callable[[Key], ViewTimes | None], settings: OccupancySettings
+    area: Area,
+    views: Callable[[Key], ViewTimes | None],
+    settings: OccupancySettings,
+    margin: float = 0.0,
 ) -> PlaceViews | None:
     """Views of an area by those of its tiles; None where nothing of it was viewed.
 
-    Shares are of the cells that lie inside altogether: in those on its border, what is beyond the
-    wall is in view as well.
+    Shares are of the cells that lie inside altogether, `margin` [m] from its border: nearer, what
+    is beyond the wall is in view as well, or there is nothing but wall.
     """
     cell, larger = settings.cell * settings.view, settings.side // settings.view
     corners = np.array([[area.xmin, area.ymin], [area.xmax, area.ymax]]) / cell
@@ -56,11 +61,19 @@ def view_coverage(
     x, y = (
         (start + np.arange(count) + 0.5) * cell for start, count in zip(low, shape, strict=True)
     )
-    within = np.ones(tuple(shape), np.bool_)
-    for dx, dy in product((-_HALF * cell, _HALF * cell), repeat=2):
-        within &= area.contains_each(x[:, None] + dx, y[None, :] + dy)
+    within = _within(area, x, y, max(margin, _HALF * cell))
+    if margin and not within.any():
+        within = _within(area, x, y, _HALF * cell)
     inside = times[:, within]
     if not inside.any():
         return None
     close, share = (round(float((grid > 0).mean()), 2) for grid in inside)
     return PlaceViews(max(close, share), close, float(inside.max()) * 60)
+
+
+def _within(area: Area, x: Floats, y: Floats, margin: float) -> NDArray[np.bool_]:
+    """(nx, ny) points whose square of half side `margin` [m] has all corners in the area."""
+    found = np.ones((len(x), len(y)), np.bool_)
+    for dx, dy in product((-margin, margin), repeat=2):
+        found &= area.contains_each(x[:, None] + dx, y[None, :] + dy)
+    return found
