@@ -21,6 +21,9 @@ ROOM: Final = 0.45  # [inch^2] an object and its label would like to have
 LEAST_WIDTH: Final = 6.5  # [inch] so that title and legend have room
 LEAST_EXTENT: Final = 3.0  # [m] around a lone object
 FLATTEST: Final = 0.42  # shorter side over longer side
+_MARGIN: Final = 0.3  # [inch] of the page
+_SCALE_TEXT: Final = 0.6  # [inch] of the scale bar's length in metres
+_MARK: Final = 1.0  # [inch] of a mark of the legend with its name
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,15 +95,18 @@ class Sheet:
         )
 
     def draw_legend(self, marks: Sequence[Line2D]) -> None:
-        """Marks with their names, below the drawing on the right."""
+        """Marks with their names, below the drawing on the right, clear of the scale bar."""
         if not marks:
             return
+        page, width = float(self.figure.get_size_inches()[0]), self._extent.width * self._scale
+        beside = (page - width) / 2 - _MARGIN  # [inch] of paper right of a narrow drawing
+        room = width * 5 / 6 + beside - _SCALE_TEXT
         self.axes.legend(
             handles=list(marks),
             loc="upper right",
-            bbox_to_anchor=(1.0, -0.012),
+            bbox_to_anchor=(1.0 + beside / width, -0.012),
             frameon=False,
-            ncols=min(len(marks), 7),
+            ncols=min(len(marks), max(int(room / _MARK), 2), 7),
             fontsize=8.5,
             handletextpad=0.4,
             columnspacing=1.4,
