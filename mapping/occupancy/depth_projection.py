@@ -95,12 +95,14 @@ def floor_evidence(
     free = (count(on_floor, np.ones_like(joined)) > 0) & (obstacles == 0)
     tall = hit & (count(above_eyes, joined) >= s.hits)
     viewed = np.zeros((2, cells // s.view, cells // s.view), np.bool_)
-    with np.errstate(invalid="ignore"):
-        in_reach &= ((xy >= 0) & (xy < cells)).all(axis=0)
-        in_reach &= (abs(xy / s.view % 1 - 0.5) <= _MIDDLE).all(axis=0)
-    column, row = (xy[:, in_reach] / s.view).astype(np.intp)
+    at = xy[:, in_reach] / s.view
+    larger = np.floor(at)
+    inside = ((larger >= 0) & (larger < len(viewed[0])) & (abs(at - larger - 0.5) <= _MIDDLE)).all(
+        0
+    )
+    column, row = larger[:, inside].astype(np.intp)
     viewed[1, column, row] = True
-    near = close[in_reach]
+    near = close[in_reach][inside]
     viewed[0, column[near], row[near]] = True
     return FloorEvidence((first, second), free, hit, tall, viewed)
 
@@ -112,7 +114,7 @@ def _level(points: FramePoints) -> NDArray[np.bool_]:
     """
     with np.errstate(invalid="ignore"):
         step = np.diff(points.xyz, axis=1)
-        flat = abs(step[2]) < _LEVEL * np.hypot(step[0], step[1])
+        flat = step[2] ** 2 < _LEVEL**2 * (step[0] ** 2 + step[1] ** 2)
     return np.concatenate([np.zeros_like(flat[:1]), flat])
 
 
