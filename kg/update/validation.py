@@ -9,7 +9,6 @@ What was wrong before an update is not held against it.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Collection, Iterable, Iterator
 from functools import cached_property
 from itertools import islice
@@ -18,7 +17,8 @@ from typing import Final
 from pyoxigraph import BlankNode, NamedNode, Quad, Triple
 
 from kg import vocabulary as v
-from kg.errors import ProtectedError, ShapeError, did_you_mean
+from kg.errors import ProtectedError, ShapeError
+from kg.ontology.declared_terms import declared_terms, undeclared
 from kg.ontology.loading import SHAPES_FILE, superclasses
 from kg.rdf.findings import Finding
 from kg.resources import ONTOLOGIES
@@ -91,15 +91,8 @@ class UpdateValidator:
                     self._refuse_unknown(term.value, quad)
 
     def _refuse_unknown(self, iri: str, quad: Quad) -> None:
-        if iri in self._declared or quad.graph_name == _ONTOLOGY:
-            return
-        names = {
-            _short(known).lower(): _short(known) for known in self._declared if known != v.HERE
-        }
-        close = re.sub(
-            r"here:[\w-]+", lambda m: names[m[0]], did_you_mean(_short(iri).lower(), names)
-        )
-        raise ShapeError(f"the update is refused: no ontology declares {_short(iri)}{close}")
+        if iri not in self._declared and quad.graph_name != _ONTOLOGY:
+            raise ShapeError(f"the update is refused: {undeclared(iri, self._declared)}")
 
     def _findings(
         self, focus: dict[Subject, None], pending: ChangeDraft, *, after: bool
@@ -147,10 +140,7 @@ class UpdateValidator:
 
     @cached_property
     def _declared(self) -> set[str]:
-        ours = {value for value in vars(v).values() if isinstance(value, str)}
-        quads = self._store.engine.quads_for_pattern(None, _TYPE, None, _ONTOLOGY)
-        declared = {q.subject.value for q in quads if isinstance(q.subject, NamedNode)}
-        return {iri for iri in ours | declared if iri.startswith(v.HERE)} | {v.HERE}
+        return declared_terms(self._store.engine)
 
 
 def _focus(pending: ChangeDraft) -> Iterator[Subject]:

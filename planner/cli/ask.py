@@ -115,7 +115,7 @@ def _ask(
     if arguments.all and any(parameter.name == "least" for parameter in question.parameters):
         parameters = {"least": "0", **parameters}
     if not question.shipped:
-        for line in undeclared_terms(question.sparql, semantic_map.ontology()):
+        for line in undeclared_terms(question.sparql, semantic_map.engine):
             note(line)
     if not question.shipped and not is_url(arguments.map or ""):
         from kg.workers.local_evaluation import query_isolated  # which shipped queries do not need

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from kg.ontology.loading import load_ontologies
+from kg.opening import in_memory_map
 from kg.query.undeclared_terms import undeclared_terms
 from planner.cli import main
-
-ONTOLOGY = tuple(load_ontologies().quads)
 
 
 @pytest.mark.parametrize(
@@ -25,7 +23,8 @@ ONTOLOGY = tuple(load_ontologies().quads)
     ],
 )
 def test_what_no_ontology_declares_is_named(query: str, lines: tuple[str, ...]) -> None:
-    found = undeclared_terms(query, ONTOLOGY)
+    with in_memory_map() as semantic_map:
+        found = undeclared_terms(query, semantic_map.engine)
     assert len(found) == len(lines)
     for line, start in zip(found, lines, strict=True):
         assert start in line

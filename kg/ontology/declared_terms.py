@@ -1,0 +1,34 @@
+"""Declared terms: which ``here:`` names the vocabulary and a map's ontology have."""
+
+from __future__ import annotations
+
+import re
+
+from pyoxigraph import NamedNode
+
+from kg import vocabulary as v
+from kg.errors import did_you_mean
+from kg.rdf.quad_store import QuadStore
+
+_TYPE = NamedNode(v.RDF_TYPE)
+_ONTOLOGY = NamedNode(v.ONTOLOGY_GRAPH)
+
+
+def declared_terms(engine: QuadStore) -> set[str]:
+    """IRIs of the vocabulary's own terms, and of all that the ontology types; in ``here:``."""
+    ours = {value for value in vars(v).values() if isinstance(value, str)}
+    quads = engine.quads_for_pattern(None, _TYPE, None, _ONTOLOGY)
+    declared = {q.subject.value for q in quads if isinstance(q.subject, NamedNode)}
+    return {iri for iri in ours | declared if iri.startswith(v.HERE)} | {v.HERE}
+
+
+def undeclared(iri: str, declared: set[str]) -> str:
+    """That no ontology declares a ``here:`` term, with declared ones of a close spelling."""
+    names = {_short(known).lower(): _short(known) for known in declared if known != v.HERE}
+    close = did_you_mean(_short(iri).lower(), names)
+    spelt = re.sub(r"here:[\w-]+", lambda match: names[match[0]], close)
+    return f"no ontology declares {_short(iri)}{spelt}"
+
+
+def _short(iri: str) -> str:
+    return "here:" + iri.removeprefix(v.HERE)
