@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime
 from typing import Final
 
 import numpy as np
@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
 from kg.records import PlaceRecord
+from planner.freespace.places import number
 from planner.goals.candidate_queries import name, span
+from planner.goals.status import stamp
 from planner.goals.targets import Target
 from planner.goals.whereabouts import whereabouts
 
@@ -47,7 +49,7 @@ def known_objects(semantic_map: SemanticMap, target: Target) -> tuple[KnownObjec
     found: dict[str, KnownObject] = {}
     for category in target.queried:
         for row in semantic_map.ask("goals-remembered", category=category).records():
-            existence, seen = float(str(row["existence"])), row["lastSeen"]
+            existence, seen = number(row, "existence"), row["lastSeen"]
             if existence < _LEAST or str(row["iri"]) in found:
                 continue
             found[str(row["iri"])] = KnownObject(
@@ -56,10 +58,10 @@ def known_objects(semantic_map: SemanticMap, target: Target) -> tuple[KnownObjec
                 category=str(row["category"]),
                 where=whereabouts(semantic_map, str(row["iri"]))
                 + _kind(semantic_map, places.get(str(row["place"]))),
-                p_map=np.array([float(str(row["x"])), float(str(row["y"]))]),
+                p_map=np.array([number(row, "x"), number(row, "y")]),
                 existence=existence,
                 last_seen=seen if isinstance(seen, datetime) else None,
-                observations=int(float(str(row["observations"] or 0))),
+                observations=0 if row["observations"] is None else int(number(row, "observations")),
                 frame=None if row["frame"] is None else str(row["frame"]),
                 found_by=None if row["foundBy"] is None else str(row["foundBy"]),
             )
@@ -90,7 +92,7 @@ def answer_lines(known: Sequence[KnownObject], now: float, most: int = 5) -> lis
         if one.last_seen is not None:
             age = max(now - one.last_seen.timestamp(), 0.0)
             text += f", last seen {span(age)} ago" if age >= 1 else ", seen just now"
-            text += f" ({one.last_seen.astimezone(UTC):%Y-%m-%d %H:%M:%S})"
+            text += f" ({stamp(one.last_seen)})"
         if one.observations:
             text += f", {one.observations} observation{'s' * (one.observations > 1)}"
             text += f", the best in {one.frame}" if one.frame else ""

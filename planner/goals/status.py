@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Final, Literal
+from typing import Final, Literal, cast
 
 from kg.errors import QueryParameterError
 from kg.maps.semantic_map import SemanticMap
-from planner.freespace.places import Row
+from planner.freespace.places import Row, number
 from planner.goals.search_goals import resolve_target
 
 Value = Literal["present", "gone", "hidden", "never looked"]
@@ -76,29 +76,22 @@ def _place_named(semantic_map: SemanticMap, text: str) -> str:
 
 
 def _place(row: Row) -> PlaceStatus:
-    values: dict[str, Value] = {
-        "present": "present",
-        "gone": "gone",
-        "hidden": "hidden",
-        "never looked": "never looked",
-    }
     return PlaceStatus(
-        value=values[str(row["status"])],
+        value=cast(Value, row["status"]),
         place=None if row["place"] is None else str(row["place"]),
         place_label=str(row["placeLabel"] or "no place"),
         object=None if row["object"] is None else str(row["object"]),
         label=str(row["label"] or ""),
-        existence=_number(row, "existence"),
+        existence=None if row["existence"] is None else number(row, "existence"),
         last_seen=_time(row, "lastSeen"),
-        viewed_share=_number(row, "viewedShare") or 0.0,
-        closely_viewed_share=_number(row, "closelyViewedShare") or 0.0,
+        viewed_share=_share(row, "viewedShare"),
+        closely_viewed_share=_share(row, "closelyViewedShare"),
         last_viewed=_time(row, "lastViewed"),
     )
 
 
-def _number(row: Row, column: str) -> float | None:
-    value = row[column]
-    return float(value) if isinstance(value, int | float) else None
+def _share(row: Row, column: str) -> float:
+    return 0.0 if row[column] is None else number(row, column)
 
 
 def _time(row: Row, column: str) -> datetime | None:
