@@ -139,8 +139,9 @@ def _shortest_link(
     space: FreeSpace, heights: Sequence[float], inside: NDArray[np.intp], outside: NDArray[np.intp]
 ) -> Passage:
     best, rated = None, np.inf
+    inside = _border(space, inside)
     p_in = space.centres(inside)
-    for cell in outside:
+    for cell in _border(space, outside):
         metres = np.linalg.norm(p_in - space.centres([cell]), axis=1)
         i = int(np.argmin(metres))
         if metres[i] < rated:
@@ -148,3 +149,12 @@ def _shortest_link(
     assert best is not None, "there is a cell on both sides"
     a, b = (heights[int(space.room.reshape(-1)[cell])] for cell in best)
     return Passage(*best, min(rated, 5.0) + CLIMB * abs(a - b))
+
+
+def _border(space: FreeSpace, cells: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Those of `cells` with a neighbour along an axis that is none of them."""
+    held = np.zeros(np.add(space.shape, 2), np.bool_)
+    inner = held[1:-1, 1:-1]
+    inner[np.unravel_index(cells, space.shape)] = True
+    enclosed = held[:-2, 1:-1] & held[2:, 1:-1] & held[1:-1, :-2] & held[1:-1, 2:]
+    return np.asarray(cells[~enclosed.reshape(-1)[cells]])
