@@ -37,7 +37,6 @@ Matrix = NDArray[np.float64]
 
 _PRIOR_ROOMS: Final = 4.0  # strength of a survey's mean rate for one kind of place [rooms]
 _RATE_BOUNDS: Final = (0.003, 0.97)
-_TEXT: Final = ("name", "license")
 _CENTRE: Final = 2.0  # log-odds of rates are about -2 on average
 
 
@@ -46,7 +45,6 @@ class SurveyFeatures:
     """Features of n objects in m places, and the counts they come from."""
 
     name: str
-    license: str
     covers_object: Matrix  # c (n, m)
     object_rate: Matrix  # rate (n, m)
     covers_place: Matrix  # d (n, m)
@@ -57,15 +55,8 @@ class SurveyFeatures:
     def cut(self, rows: ArrayLike, columns: ArrayLike) -> SurveyFeatures:
         """The features of some objects in some places, by number."""
         cells = np.ix_(np.asarray(rows), np.asarray(columns))
-        return SurveyFeatures(
-            self.name,
-            self.license,
-            *(
-                getattr(self, name)[cells]
-                for name in self.__dataclass_fields__
-                if name not in _TEXT
-            ),
-        )
+        arrays = [name for name in self.__dataclass_fields__ if name != "name"]
+        return SurveyFeatures(self.name, *(getattr(self, name)[cells] for name in arrays))
 
     def log_odds(self, weights: SurveyWeights) -> Matrix:
         """(n, m) what the survey adds to the log-odds of a pair."""
@@ -81,7 +72,6 @@ class SurveyFeatures:
 class _Survey:
     """Counts (objects, places) by label."""
 
-    license: str
     objects: tuple[str, ...]
     places: tuple[str, ...]
     rooms: Matrix
@@ -127,7 +117,6 @@ def _features(
     rate = (held + _PRIOR_ROOMS * mean) / (rooms + _PRIOR_ROOMS)
     return SurveyFeatures(
         name=name,
-        license=survey.license,
         covers_object=c,
         object_rate=c * (logit(mean) + _CENTRE),
         covers_place=d,
@@ -210,4 +199,4 @@ def _survey(rows: Sequence[Mapping[str, str]]) -> _Survey:
     for row in rows:
         cell = objects.index(row["object"]), places.index(row["place"])
         rooms[cell], held[cell] = float(row["rooms"]), float(row["rooms_with"])
-    return _Survey(rows[0]["licence"], objects, places, rooms, held)
+    return _Survey(objects, places, rooms, held)

@@ -24,7 +24,6 @@ class Rollout:
     metres: Floats  # (n,) [m] driven until then
     gains: Floats  # (n,) targets first found at each look, expected; of one target a probability
     unseen: Floats  # (n + 1, c) chance that a thing in a cell was missed, before look i
-    found: Floats  # (targets,) probability that each target is found
 
     @property
     def expected_seconds(self) -> float:
@@ -72,7 +71,7 @@ class PlanEvaluator:
             found.append(self._still(unseen[i + 1]))
         gains = np.diff([float(one.sum()) for one in found])
         arrivals = self._before + np.cumsum(seconds)
-        return Rollout(tuple(order), arrivals, np.cumsum(metres), gains, unseen, found[-1])
+        return Rollout(tuple(order), arrivals, np.cumsum(metres), gains, unseen)
 
     def cost(self, at: RobotState, view: int) -> float:
         """[s] to drive, turn and look."""

@@ -15,7 +15,6 @@ from kg.history.storage.row_codec import INTERNED, decode_delta
 from kg.history.storage.term_dictionary import KEPT
 
 _ROWS_AT_ONCE: Final = 500
-_DROPPED_AT_ONCE: Final = 500
 
 
 class Pruning:
