@@ -87,12 +87,11 @@ class BayesObjectMapper:
 
     def objects(self) -> tuple[ObjectRecord, ...]:
         """All objects, with assertions applied."""
-        return tuple(self._objects.believed(r) for r in self._objects.perceived.values())
+        return self._objects.objects()
 
     def get(self, iri: str) -> ObjectRecord | None:
         """Object with that IRI, with assertions applied; None where there is none."""
-        record = self._objects.perceived.get(iri)
-        return None if record is None else self._objects.believed(record)
+        return self._objects.get(iri)
 
     def object_of(self, sighting: Sighting) -> str | None:
         """IRI of the object that `sighting` is associated with at present, or None."""

@@ -26,6 +26,15 @@ class ObjectCache:
         asserted = self._assertions.get(record.iri)
         return record if asserted is None else believed_object(record, asserted)
 
+    def objects(self) -> tuple[ObjectRecord, ...]:
+        """All objects, with assertions applied."""
+        return tuple(self.believed(record) for record in self.perceived.values())
+
+    def get(self, iri: str) -> ObjectRecord | None:
+        """Object with that IRI, with assertions applied; None where there is none."""
+        record = self.perceived.get(iri)
+        return None if record is None else self.believed(record)
+
     def candidates(self) -> Iterator[ObjectRecord]:
         """Objects as detections may show them: as perceived, and as asserted where that differs."""
         for record in self.perceived.values():
