@@ -110,6 +110,7 @@ def _tell(
         write_json(facts | {"streams": [stream.to_json() for stream in streams]})
     else:
         _print_streams(arguments, streams)
+        write("")
         width = max(map(len, facts))
         for name, value in facts.items():
             write(f" {name:{width}}  {value}")
@@ -139,7 +140,7 @@ def _judged(findings: DepthFindings) -> dict[str, Any]:
     facts = {
         "depth and poses": too_few
         if share is None
-        else f"{share:.0%} of points agree (85 % and more is sound)",
+        else f"{100 * share:.0f} % of points agree (85 % and more is sound)",
         "depth edges": too_few
         if edges is None
         else f"{edges.pixels:.0f} px of 640 from colour's (6 and less is registered)",

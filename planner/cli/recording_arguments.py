@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from kg.errors import HistoryError
 from planner.cli.arguments import positive, whole
 
 if TYPE_CHECKING:
@@ -112,6 +113,12 @@ def _add_frame_options(camera: argparse._ArgumentGroup) -> None:
     )
     camera.add_argument("--limit", type=whole, metavar="N", help="read N frames at most")
     camera.add_argument(
+        "--started",
+        type=_moment,
+        metavar="TIME",
+        help="when it was recorded, ISO 8601, if its stamps count from zero (default: now)",
+    )
+    camera.add_argument(
         "--from",
         dest="start",
         type=float,
@@ -125,6 +132,16 @@ def _add_frame_options(camera: argparse._ArgumentGroup) -> None:
         metavar="SECONDS",
         help="leave out what comes later after the recording's first frame",
     )
+
+
+def _moment(text: str) -> float:
+    """Seconds since 1970 of ISO 8601 text."""
+    from kg.history.timestamps import moment
+
+    try:
+        return moment(text)
+    except HistoryError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def _add_stream_options(camera: argparse._ArgumentGroup) -> None:
@@ -336,6 +353,7 @@ def open_given_recording(
         poses=Path(arguments.poses) if arguments.poses else None,
         pose_convention=arguments.pose_convention,
         check=check and not arguments.no_check,
+        start_time=arguments.started,
         streams=given_streams(arguments),
         selection=Selection(arguments.every, arguments.limit, arguments.start, arguments.stop),
         listing=listing,
