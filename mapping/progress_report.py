@@ -34,7 +34,7 @@ class MappingReport:
     frames: int  # mapped by this run
     skipped: int  # already in the map
     seconds: float  # [s] wall clock
-    stage_seconds: Mapping[str, float]  # stage -> [s]
+    stage_seconds: Mapping[str, float]  # stage -> [s]; reading, detection and the rest overlap
     objects: int  # in the map at the end
     places: int
     views: int  # frames that were used for a place
@@ -89,9 +89,12 @@ class StageTimer:
         try:
             yield
         finally:
-            spent = time.perf_counter() - before
-            self.frame[name] += spent
-            self.run[name] += spent
+            self.count(name, time.perf_counter() - before)
+
+    def count(self, name: str, seconds: float) -> None:
+        """Count time that was spent on stage `name`, by this or another thread."""
+        self.frame[name] += seconds
+        self.run[name] += seconds
 
     def next_frame(self) -> None:
         """Begin a new frame."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from dataclasses import dataclass
 
 from kg.errors import RecordingError
@@ -12,6 +14,7 @@ from mapping.label_table import LabelTable
 from mapping.mapper import Mapper, Mode
 from mapping.places.layout import Layout
 from mapping.progress_report import FrameReport, MappingReport
+from mapping.read_ahead import read_ahead
 from mapping.reference.settings import ReferenceSettings
 from mapping.resumption import resumed
 from perception.frames import (
@@ -47,8 +50,10 @@ def map_recording(
 ) -> MappingReport:
     """Map the frames of `recording` that `semantic_map` does not hold yet; all of them if `again`.
 
-    Each frame is one transaction: a run that ends early, by an error or by being killed, leaves
-    whole frames, and the same call continues after them. `on_frame` is called after each frame is
+    Frames are read, detected in and mapped by three threads side by side, each in the recording's
+    order, so that the map is the same as by one after the other. Each frame is one transaction: a
+    run that ends early, by an error or by being killed, leaves whole frames, and the same call
+    continues after them. `on_frame` is called after each frame is
     written; `on_detections` with each frame, its detections and, where the scene classifier was
     run, its scores. `same_frame` says that the recording's world is the map's. The other arguments
     are `Mapper`'s.
@@ -81,17 +86,28 @@ def map_recording(
     start = 0 if again else min(mapper.frames_applied, len(recording))
     run = _Run(mapper, recording, detector, scene, fit)
     try:
-        for index, frame in run.read(start):
-            report, detections, scores = run.map(index, frame)
-            if on_detections is not None:
-                on_detections(frame, detections, scores)
-            if on_frame is not None:
-                on_frame(report)
+        with closing(read_ahead(run.detect(start))) as detected:
+            for index, one in enumerate(detected, start):
+                report, scores = run.map(index, one)
+                if on_detections is not None:
+                    on_detections(one.frame, one.detections, scores)
+                if on_frame is not None:
+                    on_frame(report)
     except RecordingError:
         mapper.flush()
         raise
     mapper.flush()
     return run.report(start)
+
+
+@dataclass(frozen=True, slots=True)
+class _DetectedFrame:
+    """A frame with its detections, and how long both took."""
+
+    frame: Frame
+    detections: Detections
+    read: float  # [s]
+    detect: float  # [s]
 
 
 @dataclass(slots=True)
@@ -106,24 +122,28 @@ class _Run:
     frames: int = 0
     views: int = 0  # frames that counted for a place
 
-    def read(self, start: int) -> Iterator[tuple[int, Frame]]:
-        """Frames from `start` on with their index."""
-        timer, frames = self.mapper.timer, self.recording.frames(start)
-        index = start
-        while True:
-            timer.next_frame()
-            with timer.stage("read"):
-                frame = next(frames, None)
-            if frame is None:
-                return
-            yield index, frame
-            index += 1
+    def read(self, start: int) -> Iterator[tuple[Frame, float]]:
+        """Frames from `start` on, each with the seconds that reading it took."""
+        frames = self.recording.frames(start)
+        before = time.perf_counter()
+        for frame in frames:
+            yield frame, time.perf_counter() - before
+            before = time.perf_counter()
 
-    def map(self, index: int, frame: Frame) -> tuple[FrameReport, Detections, SceneScores | None]:
-        """Run the networks on one frame and map it."""
-        timer = self.mapper.timer
-        with timer.stage("detect"):
-            detections = self.detector.detect(frame)
+    def detect(self, start: int) -> Iterator[_DetectedFrame]:
+        """Frames from `start` on with their detections."""
+        with closing(read_ahead(self.read(start))) as frames:
+            for frame, read in frames:
+                before = time.perf_counter()
+                detections = self.detector.detect(frame)
+                yield _DetectedFrame(frame, detections, read, time.perf_counter() - before)
+
+    def map(self, index: int, detected: _DetectedFrame) -> tuple[FrameReport, SceneScores | None]:
+        """Run the scene classifier on one frame where it counts, and map it."""
+        timer, frame, detections = self.mapper.timer, detected.frame, detected.detections
+        timer.next_frame()
+        timer.count("read", detected.read)
+        timer.count("detect", detected.detect)
         place, scores = None, None
         if self.scene is not None:
             place = self.mapper.viewed_place(frame)
@@ -144,7 +164,7 @@ class _Run:
             seconds=timer.frame,
             frames_per_second=self.frames / timer.elapsed(),
         )
-        return report, detections, scores
+        return report, scores
 
     def report(self, skipped: int) -> MappingReport:
         """Report of the whole run."""

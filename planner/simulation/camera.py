@@ -5,6 +5,8 @@ from __future__ import annotations
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +20,7 @@ from planner.simulation.ray_casting import FAR, Window, hit, rays_of
 from planner.simulation.shading import Shader
 
 NOTHING = -1  # instance of walls, floor and furnishings
+KEPT_VIEWS: Final = 8  # as many as frames may be between reading and mapping
 NEAREST = 0.05  # [m] depth of the plane that cuts what reaches behind the camera
 _CORNERS = np.array(np.meshgrid([False, True], [False, True], [False, True])).reshape(3, 8).T
 #: pairs of corners that an edge of a box joins
@@ -92,7 +95,8 @@ class SimulatedCamera:
         self._returns = np.array([s.depth_return for s in self._solids] + [True])
         self._painter = Shader(house, self._solids)
         self._direction_cam = self._directions()
-        self._last: tuple[View, float] | None = None
+        # frames are read while detectors still look at earlier ones
+        self._views = lru_cache(KEPT_VIEWS)(self._render)
 
     def frame(self, frame_id: str, T_map_cam: NDArray[np.float64], stamp: float) -> Frame:
         """One frame as a real sensor would give it."""
@@ -103,14 +107,8 @@ class SimulatedCamera:
         return Frame(frame_id, view.rgb, depth, self.model.K, T_map_cam.copy(), stamp)
 
     def view(self, T_map_cam: NDArray[np.float64], stamp: float = 0.0) -> View:
-        """What is truly seen from a pose; the last one is kept, for the senses look at it again."""
-        if (
-            self._last is None
-            or not np.array_equal(self._last[0].T_map_cam, T_map_cam)
-            or (self._carries and self._last[1] != stamp)
-        ):
-            self._last = self._render(T_map_cam, stamp), stamp
-        return self._last[0]
+        """What is truly seen from a pose; the last few are kept, for the senses look at them."""
+        return self._views(T_map_cam.tobytes(), stamp if self._carries else 0.0)
 
     def random(self, frame_id: str, purpose: str) -> np.random.Generator:
         """Randomness that depends on seed, frame and purpose alone, not on the order."""
@@ -131,7 +129,9 @@ class SimulatedCamera:
             for solid, i in zip(self._solids, self._instance, strict=False)
         ]
 
-    def _render(self, T_map_cam: NDArray[np.float64], stamp: float) -> View:
+    def _render(self, pose: bytes, stamp: float) -> View:
+        """The view from `pose`, the bytes of T_map_cam (4, 4)."""
+        T_map_cam = np.frombuffer(pose).reshape(4, 4)
         solids = self._solids_at(stamp) if self._carries else self._solids
         boxes = self._projected(solids, T_map_cam)
         rays = rays_of(self._direction_cam, T_map_cam)

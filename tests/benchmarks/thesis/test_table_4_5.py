@@ -80,6 +80,13 @@ def test_times_and_ratios_come_close_to_the_published_ones(table: ThesisTable) -
     assert summary.ratio_of_means == pytest.approx(2.51, abs=0.005)  # published 2.480
 
 
+def test_as_printed_the_rows_agree_in_14_and_10_by_poses_and_in_17_and_13_by_places(
+    table: ThesisTable,
+) -> None:
+    assert [(one.n_r, one.n_b) for one in table.uncorrected] == [(14, 10), (17, 13)]
+    assert "six rows corrected" in table.to_markdown()
+
+
 def test_the_document_is_what_the_module_prints(table: ThesisTable) -> None:
     document = (ROOT / "docs" / "research" / "table_4_5.md").read_text(encoding="utf-8")
     assert document == table.to_markdown()
