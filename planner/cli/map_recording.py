@@ -72,11 +72,11 @@ def run(arguments: argparse.Namespace) -> int:
         _refuse_unknown_categories(inputs.labels, arguments.into)
     title = title_for(arguments.into)
     with (
-        open_viewers(arguments, title) as viewers,
+        open_viewers(arguments, title) as viewer,
         open_or_create_map(
             arguments.into, title=title, base=arguments.base, power_safe=arguments.power_safe
         ) as semantic_map,
-        _watched(semantic_map, viewers, arguments) as on_detections,
+        _watched(semantic_map, viewer, arguments) as on_detections,
     ):
         _refuse_other_base(semantic_map, arguments)
         if keep is not None:
@@ -213,18 +213,18 @@ def _refuse_unknown_categories(labels: LabelTable, address: str) -> None:
 
 @contextmanager
 def _watched(
-    semantic_map: SemanticMap, viewers: list[Viewer], arguments: argparse.Namespace
+    semantic_map: SemanticMap, viewer: Viewer | None, arguments: argparse.Namespace
 ) -> Iterator[OnDetections | None]:
-    """What is called with each mapped frame: pictures are saved, viewers are fed."""
+    """What is called with each mapped frame: pictures are saved, a viewer is fed."""
     called: list[OnDetections] = []
     if arguments.pictures:
         called.append(_picture_saver(Path(arguments.pictures)))
-    if not viewers:
+    if viewer is None:
         yield called[0] if called else None
         return
     from planner.viewers.feed import MappingFeed
 
-    feed = MappingFeed(semantic_map, viewers)
+    feed = MappingFeed(semantic_map, viewer)
     called.append(feed.on_detections)
 
     def on_detections(frame: Frame, detections: Detections, scene: SceneScores | None) -> None:

@@ -25,6 +25,7 @@ from planner.viewers.viewer import refuse_unusable
 _FLUSHED: Final = 5.0  # [s] of a file that a kill may lose
 _STEP: Final = 0.1  # [m] between points of the trail
 _POINTS: Final = 500  # of the trail; of a longer one every second is left out
+_BACKLOG: Final = 128  # messages that wait for a slow client; then the oldest are dropped
 
 _CHANNELS: Final[dict[str, Any]] = {
     "/camera/image": channels.CompressedImageChannel,
@@ -185,6 +186,7 @@ class FoxgloveServer(FoxgloveViewer):
                 capabilities=[],
                 server_listener=_Listener(self),
                 context=self.context,
+                message_backlog_size=_BACKLOG,
             )
         except (OSError, RuntimeError, ValueError, OverflowError) as error:
             raise ServerError(f"cannot serve Foxglove at {host}:{port}: {error}") from error

@@ -26,7 +26,7 @@ from planner.viewers.scene import (
     ScenePlan,
     triangles,
 )
-from planner.viewers.viewer import MARKER, SURFACE, heading_quaternion, refuse_unusable
+from planner.viewers.viewer import MARKER, SURFACE, TINT, heading_quaternion, refuse_unusable
 from planner.visualization.palette import FURNITURE, INK, ROUTE, WALL
 
 _TIME: Final = "time"
@@ -145,14 +145,14 @@ class RerunViewer:
         self._log.log("map/places", rr.Clear(recursive=True))
         for place in places:
             x, y, z = place.centre
-            low = z - SURFACE
-            rings = [[(*corner, low) for corner in (*ring, ring[0])] for ring in place.outline]
+            above = z + SURFACE / 2
+            rings = [[(*corner, above) for corner in (*ring, ring[0])] for ring in place.outline]
             path = f"map/places/{rr.escape_entity_path_part(place.name)}"
             self._lines(f"{path}/outline", rings)
             corners = triangles(place.outline).reshape(-1, 2)
             if place.colour is not None and len(corners):
-                vertices = np.column_stack([corners, np.full(len(corners), low)])
-                mesh = rr.Mesh3D(vertex_positions=vertices, albedo_factor=_rgba(place.colour))
+                vertices = np.column_stack([corners, np.full(len(corners), above)])
+                mesh = rr.Mesh3D(vertex_positions=vertices, albedo_factor=_rgba(place.colour, TINT))
                 self._log.log(f"{path}/floor", mesh)
             name = rr.Points3D([(x, y, z)], labels=[place.text], radii=[0.02], show_labels=True)
             self._log.log(f"{path}/name", name)
@@ -165,7 +165,7 @@ class RerunViewer:
         arrows = rr.Arrows3D(
             origins=[(*stop.p_map, z) for stop in stops],
             vectors=[[0.4 * math.cos(s.heading), 0.4 * math.sin(s.heading), 0] for s in stops],
-            labels=[f"{number}. {stop.text}" for number, stop in enumerate(stops, start=1)],
+            labels=[stop.text for stop in stops],
             colors=[_rgba(to_rgb(ROUTE))] * len(stops),
         )
         self._log.log("map/plan/stops", arrows)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Final, Protocol
 
@@ -20,8 +21,12 @@ ROBOT: Final = "robot"
 CAMERA: Final = "camera"
 #: [m] side of an object's marker
 MARKER: Final = 0.12
+#: [m] height of text
+TEXT: Final = 0.16
 #: [m] between surfaces that would lie in one another
 SURFACE: Final = 0.02
+#: opacity of the floors of places, which lie on the occupancy floor
+TINT: Final = 0.55
 
 
 class Viewer(Protocol):
@@ -41,6 +46,46 @@ class Viewer(Protocol):
 
     def close(self) -> None:
         """Write what is left. Closing twice is fine."""
+
+
+class ViewerGroup:
+    """Several viewers as one. One that fails is left out from then on; `close` raises its error."""
+
+    def __init__(self, viewers: Iterable[Viewer]) -> None:
+        self._viewers = list(viewers)
+        self._failure: PictureError | None = None
+
+    def show(self, scene: Scene, stamp: float) -> None:
+        """As `Viewer`."""
+        self._each(lambda viewer: viewer.show(scene, stamp))
+
+    def frame(self, frame: Frame, detections: Detections) -> None:
+        """As `Viewer`."""
+        self._each(lambda viewer: viewer.frame(frame, detections))
+
+    def robot(self, robot: RobotRecord) -> None:
+        """As `Viewer`."""
+        self._each(lambda viewer: viewer.robot(robot))
+
+    def remark(self, text: str, stamp: float) -> None:
+        """As `Viewer`."""
+        self._each(lambda viewer: viewer.remark(text, stamp))
+
+    def close(self) -> None:
+        """Close all; raises PictureError where one failed, now or before."""
+        self._each(lambda viewer: viewer.close())
+        self._viewers.clear()
+        failure, self._failure = self._failure, None
+        if failure is not None:
+            raise failure
+
+    def _each(self, call: Callable[[Viewer], None]) -> None:
+        for viewer in tuple(self._viewers):
+            try:
+                call(viewer)
+            except PictureError as error:
+                self._viewers.remove(viewer)
+                self._failure = self._failure or error
 
 
 def require(module: str, extra: str) -> None:
