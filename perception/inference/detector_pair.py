@@ -56,6 +56,7 @@ def joined(found: list[tuple[str, Detections]]) -> Detections:
     score = np.concatenate([one.score for _, one in found])
     label = [text for _, one in found for text in one.label]
     source = [text for name, one in found for text in one.source or (name,) * len(one)]
+    masks = [mask for _, one in found for mask in one.mask or (None,) * len(one)]
     order = np.argsort(-score, kind="stable")
     return Detections(
         xyxy[order],
@@ -63,4 +64,5 @@ def joined(found: list[tuple[str, Detections]]) -> Detections:
         tuple(label[int(i)] for i in order),
         tuple(source[int(i)] for i in order),
         tuple(text for name, one in found for text in one.detectors or (name,)),
+        tuple(masks[int(i)] for i in order) if any(one.mask for _, one in found) else (),
     )
