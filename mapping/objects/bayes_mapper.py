@@ -531,7 +531,7 @@ class BayesObjectMapper:
     # helpers
 
     def _track(self, record: ObjectRecord) -> Track:
-        return track_of(record, self._settings, self._usual_size(record.category))
+        return track_of(record, self._settings, self._usual_size)
 
     def _positions(self) -> NDArray[np.float64]:
         """(n, 3) [m] of all tracks."""

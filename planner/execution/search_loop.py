@@ -233,8 +233,10 @@ class _Run:
         wanted = self._wanted()
         sightings, records = self._add_detections(things)
         found = self._confirm(sightings)
-        for x, y, towards in self._passing_views:
-            self._adapter.missed_view(x, y, towards)
+        across, in_view = self._adapter.field_of_view, self._adapter.in_view
+        viewed = [in_view(*picture, across) for picture in self._passing_views]
+        for picture in self._passing_views:
+            self._adapter.missed_view(*picture)
         self._adapter.missed(pose, heading, extent)
         self._note_progress()
         look = self._log.look(
@@ -245,6 +247,7 @@ class _Run:
             found=found,
             objects=records,
             glimpses=self._passing_views,
+            viewed=[*viewed, in_view(pose.x, pose.y, heading, extent)],
         )
         self._passing_views = []
         self._reporter.look(look, things, self._adapter.left)
