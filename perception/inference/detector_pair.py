@@ -30,6 +30,11 @@ class DetectorPair:
         """Names of both."""
         return f"{self._first.name} and {self._second.name}"
 
+    @property
+    def device(self) -> str:
+        """What the first runs on: "cpu", "cuda", ...; "" where it is no network."""
+        return str(getattr(self._first, "device", ""))
+
     def detect(self, frame: Frame) -> Detections:
         """Detections of the first network, and of the second where the point of view is new."""
         found = [(self._first.name, self._first.detect(frame))]

@@ -46,17 +46,22 @@ class RecordedDetector:
         return found.chosen(np.nonzero(found.score > self.threshold)[0])
 
 
-def open_detector(name_or_path: str | Path, *, threshold: float = 0.25) -> Detector:
+def open_detector(
+    name_or_path: str | Path, *, threshold: float = 0.25, device: str = "cpu"
+) -> Detector:
     """A detector by name, from an ONNX file, or from a JSON file of recorded detections.
 
-    "default" is the bundled pair. Raises ModelError for anything else.
+    "default" is the bundled pair. `device`: see `load_detector`. Raises ModelError for anything
+    else.
     """
     if name_or_path == "default":
-        first, second = (load_detector(name, threshold=threshold) for name in bundled_pair())
+        first, second = (
+            load_detector(name, threshold=threshold, device=device) for name in bundled_pair()
+        )
         return DetectorPair(first, second)
     if Path(name_or_path).suffix == ".json":
         return load_recorded_detections(Path(name_or_path), threshold=threshold)
-    return load_detector(name_or_path, threshold=threshold)
+    return load_detector(name_or_path, threshold=threshold, device=device)
 
 
 def load_recorded_detections(path: Path, *, threshold: float = 0.0) -> RecordedDetector:

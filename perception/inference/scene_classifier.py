@@ -34,6 +34,12 @@ class OnnxSceneClassifier:
     resize: str
     values: str
 
+    @property
+    def device(self) -> str:
+        """What the network runs on: "cpu", "cuda", ..."""
+        device: str = self.session.device
+        return device
+
     def classify(self, frame: Frame) -> SceneScores:
         """Probability of each scene category for `frame`."""
         return self.classify_image(frame.rgb)
@@ -73,15 +79,17 @@ def load_scene_classifier(
     *,
     labels: Sequence[str] | Path | None = None,
     threads: int | None = None,
+    device: str = "cpu",
 ) -> OnnxSceneClassifier:
     """Open a scene classifier: "default", a known name (see perception.inference.model_zoo), or an
     ONNX file.
 
     `labels` (a list, or a file with one a line) override what the network or its card says.
-    Raises ModelError for anything that is no image classifier.
+    `device`: see `perception.inference.detector.load_detector`. Raises ModelError for anything that
+    is no image classifier.
     """
     path, card = resolve(name_or_path, "scene")
-    session = Session(path, threads)
+    session = Session(path, threads, device)
     output, classes = _interface(session)
     return OnnxSceneClassifier(
         name=card.name if card is not None else path.stem,
