@@ -46,22 +46,26 @@ class OnnxSceneClassifier:
 
     def classify_image(self, rgb: NDArray[np.uint8]) -> SceneScores:
         """Probability of each scene category for an image (H, W, 3)."""
-        probability = _probabilities(self._run(rgb, self.output))
+        probability = _probabilities(self._run(rgb, self.output)[0])
         pairs = zip(self.labels, probability.tolist(), strict=True)
         return SceneScores(dict(pairs))
 
-    def features(self, frame: Frame) -> NDArray[np.float32]:
-        """(F,) description of the image; raises ModelError where the network gives none."""
+    def described(self, rgb: NDArray[np.uint8]) -> tuple[SceneScores, NDArray[np.float32]]:
+        """Scene scores and (F,) features of an image (H, W, 3), in one run of the network.
+
+        Raises ModelError where the network gives no features.
+        """
         if "features" not in self.session.outputs:
             raise ModelError(f"{self.name} has no output 'features': {self.session.interface()}")
-        return self._run(frame.rgb, "features")
+        scores, features = self._run(rgb, self.output, "features")
+        pairs = zip(self.labels, _probabilities(scores).tolist(), strict=True)
+        return SceneScores(dict(pairs)), features
 
-    def _run(self, rgb: NDArray[np.uint8], output: str) -> NDArray[np.float32]:
+    def _run(self, rgb: NDArray[np.uint8], *outputs: str) -> list[NDArray[np.float32]]:
         name = next(iter(self.session.inputs))
         fitted = fit(rgb, self.session.image_size(name), self.resize, self.values)
-        answer: NDArray[np.generic] = self.session.run((output,), {name: fitted.tensor})[0]
-        first: NDArray[np.float32] = answer.astype(np.float32)[0]
-        return first
+        answers = self.session.run(outputs, {name: fitted.tensor})
+        return [answer.astype(np.float32)[0] for answer in answers]
 
 
 def _probabilities(scores: NDArray[np.float32]) -> NDArray[np.float64]:

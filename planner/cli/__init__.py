@@ -45,6 +45,7 @@ COMMANDS = (
     "check",
     "ontology",
     "models",
+    "teach",
     "evaluate",
     "simulate",
 )

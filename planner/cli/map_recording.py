@@ -16,6 +16,7 @@ from planner.cli.recording_arguments import (
     open_given_recording,
     open_inputs,
 )
+from planner.cli.teach import with_taught_rooms
 
 if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
@@ -75,6 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
             semantic_map.retain(keep)
         if inputs.corrected and _correct_poses(inputs, semantic_map, arguments):
             return 0
+        inputs = replace(inputs, scene=with_taught_rooms(inputs.scene, arguments.into))
         if inputs.align:
             inputs = align_with_map(inputs, semantic_map)
         with settled():

@@ -87,10 +87,11 @@ def _fetch(model: ModelCard) -> Path:
     """Download a network under a progress bar; its file."""
     from perception.inference.model_zoo import fetch_model
 
-    note(f"{model.name}: licence {model.licence}")
     with progress() as bar:
         task = bar.add_task(model.name, total=model.size or None, status="bytes")
-        return fetch_model(model.name, on_progress=lambda n: bar.update(task, completed=n))
+        path = fetch_model(model.name, on_progress=lambda n: bar.update(task, completed=n))
+    note(f"{model.name}: licence {model.licence}")
+    return path
 
 
 def run_path(arguments: argparse.Namespace) -> int:

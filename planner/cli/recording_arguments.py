@@ -56,12 +56,13 @@ class Inputs:
 def add_recording_options(parser: argparse.ArgumentParser) -> None:
     """Declare the options that `open_inputs` reads."""
     parser.set_defaults(usage_error=parser.error)
-    _add_camera_options(parser.add_argument_group("recording"))
+    add_camera_options(parser.add_argument_group("recording"))
     _add_network_options(parser.add_argument_group("networks"))
     _add_mapping_options(parser.add_argument_group("mapping"))
 
 
-def _add_camera_options(camera: argparse._ArgumentGroup) -> None:
+def add_camera_options(camera: argparse._ArgumentGroup) -> None:
+    """Declare the options that `open_given_recording` reads, beside the recording itself."""
     camera.add_argument(
         "--format",
         default="auto",
