@@ -56,6 +56,8 @@ class ObjectRecord:
     extent: NDArray[np.float64] | None = None  # (3,) [m] of its box along the map's axes
     deviation: float | None = None  # [m] standard deviation of each coordinate of `p_map`
     relations: tuple[Relation, ...] | None = None  # None, when written: the map's stay
+    #: what else it may be: category IRI -> probability that a thing of it is there
+    labels: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def covariance(self) -> NDArray[np.float64] | None:

@@ -39,6 +39,7 @@ ROBOT: Final = HERE + "Robot"
 SEMANTIC_MAP: Final = HERE + "SemanticMap"
 RECORDING: Final = HERE + "Recording"
 PLACE_BELIEF: Final = HERE + "PlaceBelief"
+LABEL_BELIEF: Final = HERE + "LabelBelief"
 LOCATED_AT_RELATION: Final = HERE + "LocatedAtRelation"
 NEAR_BY_RELATION: Final = HERE + "NearByRelation"
 
@@ -109,6 +110,10 @@ EXISTENCE: Final = HERE + "existence"
 OBSERVATION_COUNT: Final = HERE + "observationCount"
 FIRST_SEEN: Final = HERE + "firstSeen"
 LAST_SEEN: Final = HERE + "lastSeen"
+
+# individuals: what else they may be
+HAS_LABEL_BELIEF: Final = HERE + "hasLabelBelief"
+LABEL_PROBABILITY: Final = HERE + "labelProbability"
 
 # places
 HAS_BELIEF: Final = HERE + "hasBelief"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from types import TracebackType
 from typing import Final, Literal, Self
 
@@ -21,12 +20,12 @@ from mapping.objects.bayes_mapper import BayesObjectMapper
 from mapping.objects.object_mapper import ObjectChanges, ObjectMapper
 from mapping.objects.settings import ObjectSettings
 from mapping.occupancy.occupancy_map import OccupancyMap
-from mapping.occupancy.room_segmentation import SegmentationSettings
 from mapping.places.evidence_from_objects import ObjectEvidence
 from mapping.places.found_places import FoundChanges, FoundPlaces, objects_elsewhere
 from mapping.places.layout import Layout
 from mapping.places.place_mapper import PlaceMapper
 from mapping.places.place_registry import PlaceRegistry
+from mapping.places.place_views import update_place_views
 from mapping.pose_monitor import PoseMonitor
 from mapping.progress_report import StageTimer
 from mapping.projection import map_points
@@ -38,7 +37,6 @@ from perception.frames import Detections, Frame, SceneScores
 Mode = Literal["bayes", "reference"]
 ROOMS_PAUSE: Final = 10.0  # [s] between two segmentations of the floor, by the frames' stamps
 TRIES: Final = 10  # of a transaction that conflicts with other writers
-_WALLS: Final = SegmentationSettings().walls  # [m] that outlines of found rooms reach into walls
 
 _Change = tuple[ObjectChanges, MapUpdate]
 
@@ -269,15 +267,8 @@ class Mapper:
         )
 
     def _view_places(self, floor: Sequence[FloorTile]) -> None:
-        """Update how much was viewed of the places that changed tiles lie in."""
-        if self._occupancy is None or not floor:
-            return
-        for place in self._places.places():
-            storey = self._occupancy.touches(place.area, floor)
-            walls = _WALLS if place.from_floor else 0.0
-            viewed = None if storey is None else self._occupancy.views(place.area, storey, walls)
-            if viewed is not None and viewed != place.viewed:
-                self._places.put(replace(place, viewed=viewed))
+        if self._occupancy is not None:
+            update_place_views(self._places, self._occupancy, floor)
 
     def _rest_of_occupancy(self) -> _Change | None:
         rest = () if self._occupancy is None else self._occupancy.take_rest()

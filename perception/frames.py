@@ -6,6 +6,7 @@ Pixels are (column, row) with the origin at the centre of the top left pixel; th
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Protocol
@@ -47,9 +48,13 @@ class Detections:
     label: tuple[str, ...]  # (n,) the network's own label
     source: tuple[str, ...] = ()  # (n,) name of each one's detector; (): there is only one
     detectors: tuple[str, ...] = ()  # names of all that looked at the image; (): there is only one
+    # (n,) the thing's pixels in its box, (h, w) as `box_pixels` counts; None: no mask; (): of none
+    mask: tuple[NDArray[np.bool_] | None, ...] = ()
 
     def __post_init__(self) -> None:
         n = len(self.label)
+        if self.mask and len(self.mask) != n:
+            raise ValueError(f"mask must be ({n},), got ({len(self.mask)},)")
         if self.source and len(self.source) != n:
             raise ValueError(f"source must be ({n},), got ({len(self.source)},)")
         if self.xyxy.shape != (n, 4) or self.score.shape != (n,):
@@ -57,6 +62,33 @@ class Detections:
 
     def __len__(self) -> int:
         return len(self.label)
+
+    def chosen(self, indices: NDArray[np.integer]) -> Detections:
+        """Those at `indices`, in that order."""
+        at = [int(index) for index in indices]
+        return Detections(
+            self.xyxy[at],
+            self.score[at],
+            tuple(self.label[i] for i in at),
+            tuple(self.source[i] for i in at) if self.source else (),
+            self.detectors,
+            tuple(self.mask[i] for i in at) if self.mask else (),
+        )
+
+
+def box_pixels(
+    box: NDArray[np.floating], shape: tuple[int, int]
+) -> tuple[int, int, int, int] | None:
+    """Pixel range of a box: first and one past the last row and column with centres in it, or None.
+
+    `box` is xyxy [px], `shape` (height, width); the result is (top, bottom, left, right).
+    """
+    x1, y1, x2, y2 = (float(v) for v in box)
+    if not all(math.isfinite(v) for v in (x1, y1, x2, y2)):
+        return None
+    left, right = math.ceil(max(x1, 0)), math.floor(min(x2, shape[1] - 1)) + 1
+    top, bottom = math.ceil(max(y1, 0)), math.floor(min(y2, shape[0] - 1)) + 1
+    return (top, bottom, left, right) if left < right and top < bottom else None
 
 
 @dataclass(frozen=True, slots=True)

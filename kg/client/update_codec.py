@@ -218,6 +218,7 @@ _OBJECT = _record(
         "extent": _optional(_array(3)),
         "deviation": _optional(_NUMBER),
         "relations": _optional(_list(_RELATION)),
+        "labels": _SHARES,
     },
 )
 _VIEWS = _record(PlaceViews, {"share": _NUMBER, "close_share": _NUMBER, "last": _NUMBER})

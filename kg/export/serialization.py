@@ -207,8 +207,11 @@ def _number(subject: Subject) -> tuple[object, ...]:
     return isinstance(subject, BlankNode), kind if last.isdigit() else name, len(name), name
 
 
+_BY_LENGTH: Final = (v.HAS_BELIEF, v.HAS_RELATION, v.HAS_LABEL_BELIEF)
+
+
 def _rank(predicate: str, value: str) -> tuple[object, ...]:
-    length = len(value) if predicate in (v.HAS_BELIEF, v.HAS_RELATION) else 0
+    length = len(value) if predicate in _BY_LENGTH else 0
     return _FIRST.get(predicate, 2), predicate, length, value
 
 

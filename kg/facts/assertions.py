@@ -186,11 +186,14 @@ def is_unicode(text: str) -> bool:
 def believed_object(record: ObjectRecord, assertions: PropertyAssertions) -> ObjectRecord:
     """The object with its assertions applied over what perception estimates."""
     if (category := assertions.get("category")) is not None:
-        record = replace(record, category=category.value)
+        record = replace(record, category=category.value, labels={})
     if (position := assertions.get("position")) is not None:
         record = replace(record, p_map=point(position.value))
     if (existence := assertions.get("existence")) is not None:
-        record = replace(record, existence=1.0 if existence.value == "present" else 0.0)
+        if existence.value == "present":
+            record = replace(record, existence=1.0)
+        else:
+            record = replace(record, existence=0.0, labels={})
     for kind in SINGLE:
         if (relation := assertions.get(kind)) is not None:
             record = _related(record, kind, relation.value, 1.0)

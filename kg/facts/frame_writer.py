@@ -26,6 +26,8 @@ from kg.facts.assertions import (
 )
 from kg.facts.doors import OWN as OWN_OF_DOORS
 from kg.facts.doors import facts_of_door
+from kg.facts.label_beliefs import OWN as OWN_OF_LABELS
+from kg.facts.label_beliefs import label_nodes
 from kg.facts.objects_and_places import RecordCodec
 from kg.facts.occupancy import OWN as OWN_OF_TILES
 from kg.facts.occupancy import facts_of_tile, iri_of
@@ -44,11 +46,11 @@ _DATASET = NamedNode(v.DATASET_GRAPH)
 _TYPE = NamedNode(v.RDF_TYPE)
 _LABEL = NamedNode(v.RDFS_LABEL)
 _HAS_BELIEF = NamedNode(v.HAS_BELIEF)
-_HAS_RELATION = NamedNode(v.HAS_RELATION)
+_LINKS = (NamedNode(v.HAS_RELATION), NamedNode(v.HAS_LABEL_BELIEF))  # to parts of an object
 _NEXT = NamedNode(v.NEXT_OBJECT)
 _STRUCTURAL = {
     *(v.PLACE, v.BOT_SPACE, v.ROBOT, v.PLACE_BELIEF, v.SOSA_OBSERVATION, v.RECORDING),
-    *(v.FLOOR_TILE, v.DOOR, v.SPATIAL_RELATION),
+    *(v.FLOOR_TILE, v.DOOR, v.SPATIAL_RELATION, v.LABEL_BELIEF),
 }
 _OWN = {
     *(v.RDF_TYPE, v.RDFS_LABEL, v.X, v.Y, v.Z, v.HEADING, v.IN_CELL, v.IN_PLACE),
@@ -61,6 +63,7 @@ _OWN = {
     *(v.SOSA_FEATURE, v.SOSA_RESULT_TIME, v.FRAME, v.FROM_RECORDING, v.BOX, v.SCORE, v.MODEL),
     *(v.FRAMES_APPLIED, v.LAST_FRAME, v.TRANSFORM, v.SCENE_MODEL),
     *(v.STOREY, v.CELL_SIZE, v.FLOOR_CELLS, v.VIEW_TIMES, *OF_OBJECT, *OF_NODE),
+    *OWN_OF_LABELS,
 }
 
 
@@ -203,7 +206,7 @@ class FrameWriter:
         believed = believed_object(record, assertions)
         facts = self._facts.of_object(believed)
         node = NamedNode(record.iri)
-        before = self._with_relations(node, record)
+        before = self._with_parts(node, record)
         labels = {quad for quad in before if quad.predicate == _LABEL}
         if (label := _asserted_label(assertions, previous)) is not None:
             facts = [q for q in facts if q.predicate != _LABEL]
@@ -248,13 +251,13 @@ class FrameWriter:
                 about = about_place(assertion, record, time.time())
                 _put(wanted, self._assertions.quads(about))
 
-    def _with_relations(self, node: NamedNode, record: ObjectRecord) -> _Quads:
-        """Stored facts of an object that `record` replaces, those of its relations included."""
+    def _with_parts(self, node: NamedNode, record: ObjectRecord) -> _Quads:
+        """Stored facts that `record` replaces: of an object, its relations and alternatives."""
         before = self._recent.of(node)
         if record.relations is None:
-            return {quad: None for quad in before if quad.predicate.value not in OF_OBJECT}
+            before = {quad: None for quad in before if quad.predicate.value not in OF_OBJECT}
         for quad in tuple(before):
-            if quad.predicate == _HAS_RELATION and isinstance(quad.object, NamedNode):
+            if quad.predicate in _LINKS and isinstance(quad.object, NamedNode):
                 before = before | self._recent.of(quad.object)
         return before
 
@@ -281,6 +284,8 @@ class FrameWriter:
 
     def _everything_of(self, iri: str) -> Iterator[Quad]:
         engine = self._store.engine
+        for node in label_nodes(engine, iri):
+            yield from engine.quads_for_pattern(node, None, None, _MAP)
         for subject in (iri, self._facts.observation_iri(iri), *relation_nodes(engine, iri)):
             yield from engine.quads_for_pattern(_node(subject), None, None, _MAP)
             yield from engine.quads_for_pattern(None, None, _node(subject), _MAP)

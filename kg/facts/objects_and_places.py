@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from urllib.parse import quote, unquote
 
 import numpy as np
@@ -17,6 +18,7 @@ from pyoxigraph import Literal, NamedNode, Quad
 from kg import vocabulary as v
 from kg.areas import Area, Outline, area_of
 from kg.errors import InvalidFactError
+from kg.facts.label_beliefs import label_quads, labels_of
 from kg.facts.literals import (
     Properties,
     by_subject,
@@ -38,7 +40,7 @@ from kg.ontology.catalogue import Catalogue
 from kg.rdf.grid_cells import cell_of
 from kg.rdf.quad_store import QuadStore
 from kg.rdf.wkt import area_of_polygon, polygon_text
-from kg.records import Evidence, ObjectRecord, PlaceRecord, RecordingRecord, Relation, RobotRecord
+from kg.records import Evidence, ObjectRecord, PlaceRecord, RecordingRecord, RobotRecord
 from kg.store.sparql_backend import reading_ahead
 from kg.store.writer_priority import in_pieces
 
@@ -77,7 +79,7 @@ class RecordCodec:
         return f"{self.base}recording/{quote(name, safe='')}"
 
     def of_object(self, record: ObjectRecord) -> list[Quad]:
-        """Facts of an object, of its observation and of its relations.
+        """Facts of an object, of its observation, its relations and what else it may be.
 
         Raises InvalidFactError for numbers that are not finite or out of range, and for a category
         the ontology does not know.
@@ -106,13 +108,16 @@ class RecordCodec:
         if record.place is not None:
             facts.append((v.IN_PLACE, iri_node(record.place, f"{what}: place")))
         facts += _extent(record, what)
-        relations = relation_quads(record.iri, record.relations or ())
+        for category in record.labels:
+            self._known(category, what, "object")
+        parts = relation_quads(record.iri, record.relations or ())
+        parts += label_quads(record.iri, record.labels)
         if record.evidence is None:
-            return _quads(record.iri, facts) + relations
+            return _quads(record.iri, facts) + parts
         observation = self.observation_iri(record.iri)
         facts.append((v.EXPLAINED_BY, NamedNode(observation)))
         evidence = self._of_evidence(record, record.evidence, observation)
-        return _quads(record.iri, facts) + evidence + relations
+        return _quads(record.iri, facts) + evidence + parts
 
     def of_place(self, record: PlaceRecord) -> list[Quad]:
         """Facts of a place and of its beliefs; raises InvalidFactError as `of_object` does."""
@@ -225,7 +230,8 @@ class RecordCodec:
         parts = {
             part
             for held in subjects.values()
-            for part in (*held.get(v.EXPLAINED_BY, ()), *held.get(v.HAS_RELATION, ()))
+            for link in (v.EXPLAINED_BY, v.HAS_RELATION, v.HAS_LABEL_BELIEF)
+            for part in held.get(link, ())
         }
         with reading_ahead(store, map(NamedNode, parts)):
             subjects.update(
@@ -240,8 +246,10 @@ class RecordCodec:
             if category is None or v.X not in properties or v.Y not in properties:
                 continue
             observation = subjects.get(first(properties, v.EXPLAINED_BY, ""))
+            record = self._object(iri, category, properties, observation)
             relations = relations_of(properties, subjects)
-            found.append(self._object(iri, category, properties, observation, relations))
+            labels = labels_of(properties, subjects)
+            found.append(replace(record, relations=relations, labels=labels))
         return tuple(sorted(found, key=lambda record: iri_order(record.iri)))
 
     def places(self, store: QuadStore) -> tuple[PlaceRecord, ...]:
@@ -355,7 +363,6 @@ class RecordCodec:
         category: str,
         properties: Properties,
         observation: Properties | None,
-        relations: tuple[Relation, ...],
     ) -> ObjectRecord:
         deviation = first(properties, v.DEVIATION, "")
         return ObjectRecord(
@@ -371,7 +378,6 @@ class RecordCodec:
             evidence=None if observation is None else self._evidence(observation),
             extent=_extent_of(properties),
             deviation=float(deviation) if deviation else None,
-            relations=relations,
         )
 
     def _evidence(self, properties: Properties) -> Evidence:

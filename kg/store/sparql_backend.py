@@ -25,7 +25,7 @@ from kg.store.virtuoso import loads
 
 ROOT_STEPS = 24  # of Newton's method: exact to a double above 1e-6, within 1e-7 below
 
-_PARTS = (NamedNode(v.HAS_BELIEF), NamedNode(v.HAS_RELATION))
+_PARTS = tuple(map(NamedNode, (v.HAS_BELIEF, v.HAS_RELATION, v.HAS_LABEL_BELIEF)))
 _UNION = ("union-default-graph", "true")
 #: The named graphs of a map.
 GRAPHS = (

@@ -75,7 +75,7 @@ def _remove_dependents(pending: ChangeDraft, facts: RecordCodec, removed: NamedN
         quad.object.value
         for quad in pending.removed
         if quad.subject == removed
-        and quad.predicate.value == v.HAS_BELIEF
+        and quad.predicate.value in (v.HAS_BELIEF, v.HAS_LABEL_BELIEF)
         and isinstance(quad.object, NamedNode)
     )
     nodes = relation_nodes(pending.engine, removed.value)

@@ -18,6 +18,7 @@ from kg.update.change_draft import ChangeDraft
 _MAP: Final = NamedNode(v.MAP_GRAPH)
 _TYPE: Final = NamedNode(v.RDF_TYPE)
 _HAS_BELIEF: Final = NamedNode(v.HAS_BELIEF)
+_HAS_LABEL_BELIEF: Final = NamedNode(v.HAS_LABEL_BELIEF)
 
 Read = Callable[..., Iterator[Quad]]
 
@@ -86,6 +87,7 @@ def _category(
         strength = float(_one(pending.before, subject, v.EXISTENCE) or 0)
         made = replace(made, perceived=min(before), strength=strength)
         _relabel(pending, facts, subject, min(before), value)
+        _remove_linked(pending, subject, _HAS_LABEL_BELIEF)
     else:
         beliefs = _beliefs(pending, subject)
         top = max(beliefs, key=lambda c: (beliefs[c], c), default=None)
@@ -142,12 +144,18 @@ def _give_back(
 def _set_beliefs(
     pending: ChangeDraft, facts: RecordCodec, subject: NamedNode, beliefs: Mapping[str, float]
 ) -> None:
-    old = list(pending.after(subject, _HAS_BELIEF, None, _MAP))
+    _remove_linked(pending, subject, _HAS_BELIEF)
+    record = PlaceRecord(subject.value, "", 0.0, 0.0, 0.0, 0.0, beliefs=beliefs)
+    pending.change((), facts.of_beliefs(record))
+
+
+def _remove_linked(pending: ChangeDraft, subject: NamedNode, link: NamedNode) -> None:
+    """Remove the nodes that a property of `subject` points at, and the property."""
+    old = list(pending.after(subject, link, None, _MAP))
     for quad in tuple(old):
         if isinstance(quad.object, NamedNode):
             old += pending.after(quad.object, None, None, _MAP)
-    record = PlaceRecord(subject.value, "", 0.0, 0.0, 0.0, 0.0, beliefs=beliefs)
-    pending.change(old, facts.of_beliefs(record))
+    pending.change(old, ())
 
 
 def _beliefs(pending: ChangeDraft, subject: NamedNode) -> dict[str, float]:

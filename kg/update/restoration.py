@@ -167,7 +167,7 @@ class Restoration:
         if iri.startswith(observation):
             return f"{self._facts.base}object/{iri.removeprefix(observation)}"
         iri = iri.removesuffix("/observation").partition("/belief/")[0]
-        return iri.partition("/relation/")[0]
+        return iri.partition("/relation/")[0].partition("/label/")[0]
 
     def _add_agents(self) -> None:
         """Describe whoever made an assertion that is back."""

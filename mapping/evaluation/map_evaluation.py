@@ -9,7 +9,7 @@ from typing import Any
 from kg.errors import HistoryError
 from kg.maps.semantic_map import SemanticMap
 from kg.records import ObjectRecord
-from mapping.evaluation.existence_calibration import Calibration, calibration
+from mapping.evaluation.existence_calibration import calibration
 from mapping.evaluation.existence_scores import (
     THRESHOLDS,
     ExistenceScore,
@@ -25,6 +25,7 @@ from mapping.evaluation.relation_scores import (
     relation_outcomes,
 )
 from mapping.evaluation.truth_matching import MappedObject, Matching, TruthMatcher
+from perception.evaluation.calibration import Calibration
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,10 +16,10 @@ import numpy as np
 
 from kg.records import ObjectRecord, Relation, RelationKind
 from mapping.evaluation.complete_truth import TrueObject
-from mapping.evaluation.existence_calibration import reliability
 from mapping.evaluation.truth_matching import TruthMatcher
 from mapping.relations.boxes import Box, Boxes
 from mapping.relations.probabilities import RelationSettings, truly_beside
+from perception.evaluation.calibration import reliability
 
 SCORED: Final[tuple[RelationKind, ...]] = ("on", "beside")  # inside: no truth says it
 STATED: Final = 0.5  # probability from which on a relation is stated

@@ -152,16 +152,20 @@ class BayesObjectMapper:
         seen = list(touched.values())
         return self._changes(seen, [], self._merge(seen))
 
-    def decay(self, iri: str, times: int = 1) -> ObjectChanges:
-        """Count `times` looks that should have shown the object and did not."""
+    def decay(self, iri: str, times: int = 1, recall: float | None = None) -> ObjectChanges:
+        """Count `times` looks that should have shown the object and did not.
+
+        Each would have with probability `recall`; by default that of what fills the image.
+        """
         self.refresh()
         self._frame += 1
         track = next((track for track in self._tracks if track.iri == iri), None)
         if track is None or times < 1:
             return ObjectChanges()
-        for held in track.evidence.values():
-            for evidence in held.values():
-                evidence.add(self._rate("").miss(1.0), times)
+        rates = self._rate("")
+        ratio = rates.miss_with(rates.recall_of(1.0) if recall is None else recall)
+        for category in track.evidence:
+            track.add_evidence(category, "", ratio, times)
         self._assess(track)
         return self._changes([], [track], ())
 
@@ -531,7 +535,7 @@ class BayesObjectMapper:
     # helpers
 
     def _track(self, record: ObjectRecord) -> Track:
-        return track_of(record, self._settings, self._usual_size(record.category))
+        return track_of(record, self._settings, self._usual_size)
 
     def _positions(self) -> NDArray[np.float64]:
         """(n, 3) [m] of all tracks."""

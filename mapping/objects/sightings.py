@@ -12,9 +12,9 @@ from mapping.label_resolver import LabelResolver
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.usual_sizes import UNUSUAL, SizeOf
 from mapping.projection import back_project, to_map
-from mapping.reference.depth_histogram import clip_box, fullest_bin
+from mapping.reference.depth_histogram import fullest_bin
 from mapping.sighting import Sighting
-from perception.frames import Detections, Frame
+from perception.frames import Detections, Frame, box_pixels
 
 Floats = NDArray[np.float64]
 Box = tuple[float, float, float, float]  # xyxy [px]
@@ -174,7 +174,7 @@ def _visible_points(frame: Frame, box: Box) -> Floats | None:
     Those of the fullest bin of the depth histogram; of a box that has hardly any depth (a lit
     screen, glass) one point at the median depth of the ring around it.
     """
-    clipped = clip_box(np.array(box), frame.depth.shape)
+    clipped = box_pixels(np.array(box), frame.depth.shape)
     if clipped is None:
         return None
     top, bottom, left, right = clipped

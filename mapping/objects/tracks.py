@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -9,17 +10,19 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from kg.facts.label_beliefs import STEP
 from kg.records import Evidence, ObjectRecord
 from mapping.objects.absence import KNOWN, Absence
-from mapping.objects.existence import ViewEvidence, category_probabilities, logit
+from mapping.objects.existence import ViewEvidence, category_probabilities
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.sightings import ThingSighting
-from mapping.objects.usual_sizes import UNUSUAL, UsualSize
+from mapping.objects.usual_sizes import UNUSUAL, SizeOf, size_log_likelihood
 
 Floats = NDArray[np.float64]
 Viewpoint = tuple[Floats, Floats]  # position (3,) [m] of the camera, direction (3,) to the thing
 _VIEWPOINTS = 64  # remembered of each track
 RECORD = "record"  # stands for the detectors whose evidence is only known by its result
+_SAME_LABEL = 0.04  # change of an alternative's probability up to which it is not written again
 
 
 @dataclass(eq=False, slots=True)
@@ -146,7 +149,9 @@ class Track:
     def add_evidence(self, category: str, detector: str, ratio: float, weight: float) -> None:
         """Add a view's log-likelihood ratio for one of the categories."""
         held = self.evidence.setdefault(category, {})
-        held.setdefault(detector, ViewEvidence()).add(ratio, weight)
+        if detector not in held:  # the first detector after a restart continues the record's views
+            held[detector] = held.pop(RECORD) if RECORD in held else ViewEvidence()
+        held[detector].add(ratio, weight)
 
     def assess(self, size_prior: Mapping[str, float], departed: float = 0.0) -> None:
         """Compute the categories' log-odds and the absence anew.
@@ -164,6 +169,17 @@ class Track:
             for category, held in self.evidence.items()
         }
         self.peak = max(self.peak, self.existence)
+
+    @property
+    def alternatives(self) -> dict[str, float]:
+        """Probability that a thing of each other category is there, as written where still so."""
+        before = {} if self.written is None else self.written.labels
+        found = dict[str, float]()
+        for category, p in category_probabilities(self.log_odds).items():
+            p, old = p * (1 - self.absent), before.get(category, 0.0)
+            if category != self.category and max(p, old) >= STEP:
+                found[category] = old if abs(p - old) < _SAME_LABEL else p
+        return found
 
     def merge(self, other: Track) -> None:
         """Take over all that is known of `other`, which is the same thing."""
@@ -209,25 +225,36 @@ class Track:
             evidence=self.best,
             deviation=self.deviation,
             extent=self.high - self.low,
+            labels=self.alternatives,
         )
 
 
-def track_of(record: ObjectRecord, settings: ObjectSettings, usual: UsualSize | None) -> Track:
+def track_of(record: ObjectRecord, settings: ObjectSettings, usual_size: SizeOf) -> Track:
     """Track of an object of the map, with what its record tells of the evidence.
 
-    `usual` is the size of a thing whose record has no extent.
+    A thing whose record has no extent is of its category's usual size.
     """
-    extent = record.extent if record.extent is not None else np.full(3, (usual or UNUSUAL).longest)
+    extent, size = record.extent, 0.0
+    if extent is None:
+        extent = np.full(3, (usual_size(record.category) or UNUSUAL).longest)
+    else:
+        size = float(extent.max())
+    prior = {
+        category: size_log_likelihood(size, usual_size(category))
+        for category in (record.category, *record.labels)
+    }
     views = float(min(record.observations, 20))
-    held = ViewEvidence(views)
-    odds = logit(record.existence) - settings.prior
-    held.total = odds * (1 + (views - 1) * settings.correlation)
+    evidence = dict[str, dict[str, ViewEvidence]]()
+    for category, odds in _log_odds(record).items():
+        ratio = odds - settings.prior - prior[category]
+        total = ratio * (1 + (views - 1) * settings.correlation)
+        evidence[category] = {RECORD: ViewEvidence(views, total)}
     track = Track(
         p_map=record.p_map,
         size=max(float(extent.max()), 0.05),
         settings=settings,
         iri=record.iri,
-        evidence={record.category: {RECORD: held}},
+        evidence=evidence,
         absence=Absence(hits=min(views, KNOWN)),
         views=settings.confirmed_views,
         observations=record.observations,
@@ -242,5 +269,17 @@ def track_of(record: ObjectRecord, settings: ObjectSettings, usual: UsualSize | 
     for _ in range(min(record.observations, settings.voices)):
         track.lows.append(track.low)
         track.highs.append(track.high)
-    track.assess({})
+    if size > 0:
+        track.sizes.extend([size] * min(record.observations, 15))
+    track.assess(prior)
     return track
+
+
+def _log_odds(record: ObjectRecord) -> dict[str, float]:
+    """Log-odds of a record's category and its alternatives, against there being nothing.
+
+    The inverse of `category_probabilities`; probabilities are kept within 0.005..0.995.
+    """
+    believed = {**record.labels, record.category: record.existence}
+    nothing = max(1 - sum(believed.values()), 0.005)
+    return {c: math.log(min(max(p, 0.005), 0.995) / nothing) for c, p in believed.items()}

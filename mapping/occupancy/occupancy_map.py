@@ -9,22 +9,26 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kg.areas import Area
 from kg.facts.occupancy import tile_iri
 from kg.maps.cache_invalidation import ExternalChanges
 from kg.maps.semantic_map import SemanticMap
 from kg.records import UNKNOWN, FloorTile, PlaceViews
-from mapping.occupancy.depth_projection import FloorEvidence, floor_evidence, frame_points
+from mapping.occupancy.depth_projection import Floats, FloorEvidence, floor_evidence, frame_points
 from mapping.occupancy.occupancy_settings import OccupancySettings
 from mapping.occupancy.storeys import Storeys
 from mapping.occupancy.tiles import (
     Key,
     OccupancyTile,
     States,
+    TileEvidence,
     ViewTimes,
     no_views,
     tile_evidence,
+    view_evidence,
+    views_of_known,
 )
 from mapping.occupancy.view_coverage import on_tile, view_coverage
 from perception.frames import Frame
@@ -83,14 +87,42 @@ class OccupancyMap:
 
     def _update(self, storey: int, observed: FloorEvidence, stamp: float) -> None:
         for number, evidence in tile_evidence(observed, self._settings):
+            self._add_to_tile((storey, number), evidence, stamp)
+
+    def add_views(
+        self, p_map: Floats, close: NDArray[np.bool_], height: float, stamp: float
+    ) -> None:
+        """Update the times of views where a look without depth had the floor in view.
+
+        `p_map` (n, 2) [m] are points no further apart than the larger cells, `close` (n,) says
+        which were viewed from close by, `height` [m] is that of the camera or of its robot. Only
+        what depth has shown before counts: elsewhere it is not known what is in view.
+        """
+        storey = self._storeys.under(height, -self._settings.lowest_camera)
+        if storey is None:
+            return
+        for number, viewed in view_evidence(p_map, close, self._settings):
             key = (storey, number)
-            cached = self._tiles.pop(key, None)
-            if cached is None:
-                cached = _CachedTile(self._settings, self._known(key))
-            self._tiles[key] = cached
-            cached.tile.add(evidence, stamp, self._settings)
-            cached.observed, cached.compared = stamp, False
-            self._unwritten[key] = None
+            states = self._states_of(key)
+            if states is not None:
+                self._add_to_tile(key, views_of_known(viewed, states, self._settings), stamp)
+
+    def _states_of(self, key: _TileKey) -> States | None:
+        """States of a tile, in memory or in the graph; None where there is none."""
+        cached = self._tiles.get(key)
+        if cached is not None:
+            return cached.tile.states(self._settings)
+        known = self._known(key)
+        return None if known is None else known.cells
+
+    def _add_to_tile(self, key: _TileKey, evidence: TileEvidence, stamp: float) -> None:
+        cached = self._tiles.pop(key, None)
+        if cached is None:
+            cached = _CachedTile(self._settings, self._known(key))
+        self._tiles[key] = cached
+        cached.tile.add(evidence, stamp, self._settings)
+        cached.observed, cached.compared = stamp, False
+        self._unwritten[key] = None
 
     def _known(self, key: _TileKey) -> FloorTile | None:
         """Tile as the graph has it, where its cells have this size."""

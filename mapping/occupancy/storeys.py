@@ -29,16 +29,21 @@ class Storeys:
         None where neither is the case: on stairs, say.
         """
         s, z = self._settings, float(camera[2])
-        near = {n: z - h for n, h in self.heights.items() if s.lowest_camera <= z - h}
-        near = {n: above for n, above in near.items() if above <= s.highest_camera}
-        if near:
-            return min(near, key=lambda n: (near[n], n))
+        known = self.under(z, s.lowest_camera)
+        if known is not None:
+            return known
         height = self._level_below(z, points)
         if height is None or any(abs(height - h) < s.storey for h in self.heights.values()):
             return None
         number = max(self.heights) + 1
         self.heights[number] = round(height, 2)
         return number
+
+    def under(self, z: float, lowest: float) -> int | None:
+        """Storey, of those known, that `z` [m] lies at least `lowest` [m] above; None for none."""
+        highest = self._settings.highest_camera
+        near = {n: z - h for n, h in self.heights.items() if lowest <= z - h <= highest}
+        return min(near, key=lambda n: (near[n], n)) if near else None
 
     def _level_below(self, z: float, points: FramePoints) -> float | None:
         """Height [m] that a good part of the points below the camera share."""

@@ -102,3 +102,35 @@ def tile_evidence(
             key,
             TileEvidence(frame.free[part], frame.hit[part], frame.tall[part], viewed, views_only),
         )
+
+
+def view_evidence(
+    p_map: NDArray[np.float64], close: NDArray[np.bool_], settings: OccupancySettings
+) -> Iterator[tuple[Key, NDArray[np.bool_]]]:
+    """Larger cells in view by tile, (2, m, m) as `TileEvidence.viewed`.
+
+    Of points `p_map` (n, 2) [m] on the floor, some viewed from `close` by (n,).
+    """
+    larger = settings.side // settings.view
+    cells = np.floor(p_map / (settings.cell * settings.view)).astype(np.intp)
+    tiles, within = np.divmod(cells, larger)
+    first = tiles.min(axis=0, initial=0)
+    shape = tiles.max(axis=0, initial=0) - first + 1
+    viewed = np.zeros((*shape, 2, larger, larger), np.bool_)
+    tile, cell = tuple((tiles - first).T), tuple(within.T)
+    viewed[(*tile, 1, *cell)] = True
+    tile, cell = tuple((tiles - first)[close].T), tuple(within[close].T)
+    viewed[(*tile, 0, *cell)] = True
+    for i, j in np.argwhere(viewed.any(axis=(2, 3, 4))):
+        yield (int(first[0] + i), int(first[1] + j)), viewed[i, j]
+
+
+def views_of_known(
+    viewed: NDArray[np.bool_], states: States, settings: OccupancySettings
+) -> TileEvidence:
+    """Evidence of nothing but views (2, m, m), of larger cells that are known to some part."""
+    side, view = settings.side, settings.view
+    larger = side // view
+    known = (states != UNKNOWN).reshape(larger, view, larger, view).any(axis=(1, 3))
+    nothing = np.zeros_like(states, np.bool_)
+    return TileEvidence(nothing, nothing, nothing, viewed & known, views_only=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 from itertools import product
 from typing import Final
 
@@ -38,12 +39,11 @@ def view_coverage(
     is beyond the wall is in view as well, or there is nothing but wall.
     """
     cell, larger = settings.cell * settings.view, settings.side // settings.view
-    corners = np.array([[area.xmin, area.ymin], [area.xmax, area.ymax]]) / cell
+    corners = _corners(area, cell)
     width, depth = (corners[1] - corners[0]).tolist()
     if width * depth > _MOST_CELLS or float(np.abs(corners).max()) > _FARTHEST:
         return None
-    low = np.floor(corners[0]).astype(np.intp)
-    shape = np.ceil(corners[1]).astype(np.intp) - low
+    low, shape = _grid(corners)
     times = np.zeros((2, *shape), np.uint32)
     columns, rows = (
         range(int(np.floor(start / larger)), int(np.ceil((start + count) / larger)))
@@ -58,17 +58,35 @@ def view_coverage(
         part = [slice(a, b) for a, b in zip(first, last, strict=True)]
         own = [slice(a, b) for a, b in zip(first - offset, last - offset, strict=True)]
         times[:, part[0], part[1]] = viewed[:, own[0], own[1]]
+    inside = times[:, _cells_within(area, cell, margin)]
+    if not inside.any():
+        return None
+    close, share = (round(float((grid > 0).mean()), 2) for grid in inside)
+    return PlaceViews(max(close, share), close, float(inside.max()) * 60)
+
+
+def _corners(area: Area, cell: float) -> Floats:
+    """(2, 2) [cells] of an area's bounding rectangle."""
+    return np.array([[area.xmin, area.ymin], [area.xmax, area.ymax]]) / cell
+
+
+def _grid(corners: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """First cell and shape (2,) of the cells of `corners` (2, 2) [cells]."""
+    low = np.floor(corners[0]).astype(np.intp)
+    return low, np.ceil(corners[1]).astype(np.intp) - low
+
+
+@lru_cache(maxsize=32)
+def _cells_within(area: Area, cell: float, margin: float) -> NDArray[np.bool_]:
+    """(nx, ny) cells of an area's grid that lie inside it, `margin` [m] from its border."""
+    low, shape = _grid(_corners(area, cell))
     x, y = (
         (start + np.arange(count) + 0.5) * cell for start, count in zip(low, shape, strict=True)
     )
     within = _within(area, x, y, max(margin, _HALF * cell))
     if margin and not within.any():
         within = _within(area, x, y, _HALF * cell)
-    inside = times[:, within]
-    if not inside.any():
-        return None
-    close, share = (round(float((grid > 0).mean()), 2) for grid in inside)
-    return PlaceViews(max(close, share), close, float(inside.max()) * 60)
+    return within
 
 
 def _within(area: Area, x: Floats, y: Floats, margin: float) -> NDArray[np.bool_]:

@@ -9,22 +9,9 @@ from numpy.typing import NDArray
 
 from mapping.projection import back_project
 from mapping.reference.settings import Estimator, ReferenceSettings
-from perception.frames import Frame
+from perception.frames import Frame, box_pixels
 
 Points = NDArray[np.float64]
-
-
-def clip_box(box: NDArray[np.floating], shape: tuple[int, int]) -> tuple[int, int, int, int] | None:
-    """Pixel range of a box: first and one past the last row and column with centres in it, or None.
-
-    `box` is xyxy [px], `shape` (height, width); the result is (top, bottom, left, right).
-    """
-    x1, y1, x2, y2 = (float(v) for v in box)
-    if not all(math.isfinite(v) for v in (x1, y1, x2, y2)):
-        return None
-    left, right = math.ceil(max(x1, 0)), math.floor(min(x2, shape[1] - 1)) + 1
-    top, bottom = math.ceil(max(y1, 0)), math.floor(min(y2, shape[0] - 1)) + 1
-    return (top, bottom, left, right) if left < right and top < bottom else None
 
 
 def bin_width(depths: Points, estimator: Estimator) -> float:
@@ -65,7 +52,7 @@ def localise(frame: Frame, box: NDArray[np.floating], settings: ReferenceSetting
     None where the box holds no pixel of the image, or too little depth. The reference's known
     weakness is part of it: a box that holds more wall than object is localised on the wall.
     """
-    clipped = clip_box(box, frame.depth.shape)
+    clipped = box_pixels(box, frame.depth.shape)
     if clipped is None:
         return None
     top, bottom, left, right = clipped

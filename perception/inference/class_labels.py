@@ -10,6 +10,9 @@ from pathlib import Path
 from kg.errors import ModelError
 from perception.inference.model_zoo import NETWORKS, ModelCard
 
+NO_OBJECT = "n/a"
+COCO_IDS = 91  # classes of networks that answer COCO's published ids
+_UNUSED_IDS = (0, 12, 26, 29, 30, 45, 66, 68, 69, 71, 83)
 METADATA_KEYS = ("names", "labels", "classes", "class_names")
 
 
@@ -90,7 +93,20 @@ def _by_count(model: Path, classes: int | None) -> _Found:
             return found, path.name
     if classes in (80, None):
         return read_labels(NETWORKS / "labels_coco80.txt"), "COCO has"
+    if classes == COCO_IDS:
+        return coco_by_id(), "COCO has"
     return None, ""
+
+
+def coco_by_id() -> tuple[str, ...]:
+    """COCO's 80 labels at their published ids, 1 to 90; the others are NO_OBJECT."""
+    labels = iter(read_labels(NETWORKS / "labels_coco80.txt"))
+    return tuple(NO_OBJECT if i in _UNUSED_IDS else next(labels) for i in range(COCO_IDS))
+
+
+def is_object(label: str) -> bool:
+    """Whether a class is one of things, and not what lists have for "nothing there"."""
+    return label.strip("_ ").lower() not in (NO_OBJECT, "", "background", "no object")
 
 
 def _from_metadata(text: str) -> tuple[str, ...]:

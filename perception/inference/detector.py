@@ -1,47 +1,33 @@
-"""Find objects in a frame with an ONNX network of one of three interfaces.
+"""Find objects in a frame with an ONNX network.
 
-set prediction  `images` [N, 3, H, W] and `orig_target_sizes` [N, 2] (width, height) -> `labels`,
-                `boxes` (xyxy in image pixels), `scores`: exports of RT-DETR, D-FINE and DEIM
-boxes + scores  one image input [1, 3, H, W] -> `boxes` [1, N, 4] (xyxy in input pixels) and
-                `scores` [1, N, C]; suppression of overlapping boxes is done here
-YOLOX head      one image input [1, 3, H, W] -> one output [1, N, 5 + C], decoded (yolox.py)
-
-A network without a card gets stretched images in 0..1 for the first interface, letterboxed ones in
-0..255 for the second, and the same in BGR for the third.
+What a network's outputs mean is recognised by its signature (`perception.inference.heads`). How it
+wants its images is the first of: its card (`perception.inference.model_zoo`), its own metadata
+`resize` and `values`, and what networks with such a head usually want.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kg.errors import ModelError
 from perception.frames import Detections, Frame
-from perception.inference.class_labels import labels_for
-from perception.inference.model_zoo import resolve
-from perception.inference.preprocessing import fit
+from perception.inference.class_labels import COCO_IDS, is_object, labels_for
+from perception.inference.heads.candidates import Head, suppress
+from perception.inference.heads.listed import QueryHead, RegionHead
+from perception.inference.heads.masks import MaskGrid
+from perception.inference.heads.signature import head_of
+from perception.inference.model_zoo import ModelCard, resolve
+from perception.inference.preprocessing import RESIZES, VALUES, fit
 from perception.inference.session import Session
-from perception.inference.yolox_head import BOX, cells, decode
 
-OVERLAP = 0.6  # IoU above which the weaker of two boxes of one class is dropped
-MOST_DETECTIONS = 100  # an image, as COCO's evaluation counts
-
-SET_PREDICTION = "set prediction"
-BOXES_AND_SCORES = "boxes and scores"
-YOLOX_HEAD = "YOLOX head"
-#: resize and values of images for a network without a card
-IMAGES_AS = {
-    SET_PREDICTION: ("stretch", "0..1"),
-    BOXES_AND_SCORES: ("letterbox", "0..255"),
-    YOLOX_HEAD: ("letterbox", "0..255 bgr"),
-}
-
-_Boxes = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]
+OVERLAP: Final = 0.6  # IoU above which the weaker of two boxes of one class is dropped
+MOST_DETECTIONS: Final = 100  # of a class in an image, as COCO's evaluation counts
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,78 +37,49 @@ class OnnxDetector:
     name: str
     session: Session
     labels: tuple[str, ...]
-    interface: str  # one of IMAGES_AS
-    image_input: str
+    head: Head
     resize: str
     values: str
     threshold: float  # least score, 0..1
+
+    @property
+    def device(self) -> str:
+        """What the network runs on: "cpu", "cuda", ..."""
+        device: str = self.session.device
+        return device
 
     def detect(self, frame: Frame) -> Detections:
         """All objects of `frame` with a score above the threshold, best first."""
         return self.detect_image(frame.rgb)
 
     def detect_image(self, rgb: NDArray[np.uint8]) -> Detections:
-        """All objects of an image (H, W, 3) with a score above the threshold, best first."""
-        xyxy, score, label = (
-            self._predict(rgb) if self.interface == SET_PREDICTION else self._dense(rgb)
-        )
+        """All objects of an image (H, W, 3) with a score above the threshold, best first.
+
+        A box comes once for each class that the network gives it; of a class at most 100.
+        """
         height, width = rgb.shape[:2]
-        xyxy = np.clip(xyxy, 0, np.array([width, height, width, height], np.float32))
-        real = np.isfinite(xyxy).all(1) & (xyxy[:, 2] > xyxy[:, 0]) & (xyxy[:, 3] > xyxy[:, 1])
-        order = np.argsort(-score[real], kind="stable")[:MOST_DETECTIONS]
-        return Detections(
-            xyxy[real][order].astype(np.float32),
-            score[real][order].astype(np.float32),
-            tuple(self._label(int(i)) for i in label[real][order]),
-        )
-
-    def _predict(self, rgb: NDArray[np.uint8]) -> _Boxes:
-        size = self.session.image_size(self.image_input)
-        tensor = fit(rgb, size, self.resize, self.values).tensor
-        original = np.array([[rgb.shape[1], rgb.shape[0]]], np.int64)
-        labels, boxes, scores = self.session.run(
-            ("labels", "boxes", "scores"), {self.image_input: tensor, "orig_target_sizes": original}
-        )
-        self._refuse_unequal(boxes[0], scores[0], labels[0])
-        good = scores[0] > self.threshold
-        return (
-            boxes[0][good].astype(np.float32),
-            scores[0][good].astype(np.float32),
-            labels[0][good].astype(np.int64),
-        )
-
-    def _dense(self, rgb: NDArray[np.uint8]) -> _Boxes:
-        size = self.session.image_size(self.image_input)
+        size = self.session.image_size(self.head.image_input)
         fitted = fit(rgb, size, self.resize, self.values)
-        boxes, scores = self._boxes_and_scores(fitted.tensor, size)
-        label = scores.argmax(1)
-        best = scores.max(1)
-        # a box that is not finite would suppress every other: nan compares as overlapping
-        good = (best > self.threshold) & np.isfinite(boxes).all(1)
-        xyxy, best, label = fitted.to_image(boxes[good]), best[good], label[good]
-        kept = suppress(xyxy, best, label)
-        return xyxy[kept], best[kept], label[kept].astype(np.int64)
-
-    def _boxes_and_scores(
-        self, tensor: NDArray[np.float32], size: tuple[int, int]
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Boxes (n, 4) xyxy [px of the input] and scores (n, C), not suppressed yet."""
-        inputs = {self.image_input: tensor}
-        if self.interface == YOLOX_HEAD:
-            raw = self.session.run(tuple(self.session.outputs), inputs)[0][0]
-            return decode(raw.astype(np.float32), *size)
-        boxes, scores = self.session.run(("boxes", "scores"), inputs)
-        self._refuse_unequal(boxes[0], scores[0])
-        return boxes[0].astype(np.float32), scores[0].astype(np.float32)
-
-    def _refuse_unequal(self, boxes: NDArray[Any], *others: NDArray[Any]) -> None:
-        """Raises ModelError where an output has not one row for each box (n, 4)."""
-        shapes = [boxes.shape, *(other.shape for other in others)]
-        if boxes.ndim != 2 or any(not s or s[0] != len(boxes) for s in shapes) or shapes[0][1] != 4:
-            raise ModelError(
-                f"{self.name} gives outputs of shapes {', '.join(map(str, shapes))}; "
-                "boxes (n, 4) and as many scores and labels would work"
-            )
+        answer = self.session.run(self.head.outputs, self.head.inputs(fitted, (height, width)))
+        try:
+            found = self.head.candidates(answer, fitted, self.threshold)
+        except ModelError as error:
+            raise ModelError(f"{self.name}: {error}") from error
+        xyxy = np.clip(found.xyxy, 0, np.array([width, height, width, height], np.float32))
+        sides = xyxy[:, 2:] - xyxy[:, :2]
+        real = np.nonzero(np.isfinite(xyxy).all(1) & (sides > 0).all(1))[0]
+        real = real[[is_object(self._label(int(i))) for i in found.label[real]]]
+        overlap = OVERLAP if self.head.overlapping else 1.0
+        chosen = (found.xyxy[real], found.score[real], found.label[real])
+        kept = real[suppress(*chosen, overlap, MOST_DETECTIONS)]
+        return Detections(
+            xyxy[kept].astype(np.float32),
+            found.score[kept].astype(np.float32),
+            tuple(self._label(int(i)) for i in found.label[kept]),
+            mask=()
+            if found.mask is None
+            else tuple(_mask(found.mask(int(i)), xyxy[i], (height, width)) for i in kept),
+        )
 
     def _label(self, index: int) -> str:
         if 0 <= index < len(self.labels):
@@ -133,22 +90,12 @@ class OnnxDetector:
         )
 
 
-def suppress(
-    xyxy: NDArray[np.float32], score: NDArray[np.float32], label: NDArray[np.int64]
-) -> NDArray[np.int64]:
-    """Indices of the boxes (n, 4) that no better box of their class overlaps, best first."""
-    order = np.argsort(-score, kind="stable")
-    area = (xyxy[:, 2] - xyxy[:, 0]) * (xyxy[:, 3] - xyxy[:, 1])
-    kept: list[int] = []
-    while len(order):
-        first, rest = order[0], order[1:]
-        kept.append(int(first))
-        low = np.maximum(xyxy[first, :2], xyxy[rest, :2])
-        high = np.minimum(xyxy[first, 2:], xyxy[rest, 2:])
-        shared = np.clip(high - low, 0, None).prod(1)
-        union = np.maximum(area[first] + area[rest] - shared, 1e-9)
-        order = rest[(shared / union <= OVERLAP) | (label[rest] != label[first])]
-    return np.array(kept, np.int64)
+def _mask(
+    grid: MaskGrid, box: NDArray[np.float32], shape: tuple[int, int]
+) -> NDArray[np.bool_] | None:
+    """The pixels of a box that show its thing; None where the network found none."""
+    inside = grid.within(box, shape)
+    return inside if inside.any() else None
 
 
 def load_detector(
@@ -157,51 +104,67 @@ def load_detector(
     threshold: float = 0.25,
     labels: Sequence[str] | Path | None = None,
     threads: int | None = None,
+    device: str = "cpu",
 ) -> OnnxDetector:
     """Open a detector: "default", a known name (see perception.inference.model_zoo), or an ONNX
     file.
 
     `labels` (a list, or a file with one a line) override what the network or its card says.
-    Raises ModelError for anything that is no detector of a known interface.
+    `device` is "auto", "cpu", "cuda", ... Raises ModelError for anything that is no detector of a
+    known interface, and for a device that is not there.
     """
     if not 0 <= threshold < 1:
         raise ModelError(f"a score threshold lies in 0..1, got {threshold}")
     path, card = resolve(name_or_path, "detector")
-    session = Session(path, threads)
-    interface, image_input, classes = _interface(session)
-    session.image_size(image_input)
-    resize, values = (card.resize, card.values) if card is not None else IMAGES_AS[interface]
+    session = Session(path, threads, device)
+    head = head_of(session)
+    session.image_size(head.image_input)
+    head, known = _labelled(head, session, labels, card)
+    resize, values = _preparation(head, session, card)
     return OnnxDetector(
         name=card.name if card is not None else path.stem,
         session=session,
-        labels=labels_for(path, classes, given=labels, metadata=session.metadata, card=card),
-        interface=interface,
-        image_input=image_input,
+        labels=known,
+        head=head,
         resize=resize,
         values=values,
         threshold=threshold,
     )
 
 
-def _interface(session: Session) -> tuple[str, str, int | None]:
-    """(interface, image input, number of classes if it says); raises ModelError for another one."""
-    inputs, outputs = session.inputs, session.outputs
-    first = next(iter(inputs))
-    if set(inputs) == {"images", "orig_target_sizes"} and {"labels", "boxes", "scores"} <= set(
-        outputs
-    ):
-        return SET_PREDICTION, "images", None
-    if len(inputs) == 1 and {"boxes", "scores"} <= set(outputs):
-        boxes, scores = outputs["boxes"], outputs["scores"]
-        if len(boxes) == len(scores) == 3 and boxes[2] == 4 and isinstance(scores[2], int):
-            return BOXES_AND_SCORES, first, scores[2]
-    if len(inputs) == len(outputs) == 1:
-        shape = next(iter(outputs.values()))
-        known = len(shape) == 3 and isinstance(shape[1], int) and isinstance(shape[2], int)
-        if known and shape[1] == cells(*session.image_size(first)) and shape[2] > BOX:
-            return YOLOX_HEAD, first, shape[2] - BOX
-    raise ModelError(
-        f"{session.path.name} is no detector of a known interface ({session.interface()}); known: "
-        "images, orig_target_sizes -> labels, boxes, scores; image -> boxes [1, N, 4], "
-        "scores [1, N, C]; image -> YOLOX head [1, N, 5 + C]"
-    )
+def _labelled(
+    head: Head, session: Session, given: Sequence[str] | Path | None, card: ModelCard | None
+) -> tuple[Head, tuple[str, ...]]:
+    """The labels of the classes, and the head, whose last class they may show to be none."""
+
+    def labels(classes: int | None) -> tuple[str, ...]:
+        path, metadata = session.path, session.metadata
+        return labels_for(path, classes, given=given, metadata=metadata, card=card)
+
+    if isinstance(head, RegionHead) and given is None and card is None:
+        try:
+            return head, labels(COCO_IDS)
+        except ModelError:
+            return head, labels(None)
+    try:
+        return head, labels(head.classes)
+    except ModelError:
+        if not isinstance(head, QueryHead) or head.classes is None:
+            raise
+        known = labels(head.classes - 1)
+        values = "imagenet"  # as DETR itself was trained
+        return replace(head, no_object=True, values=values), known
+
+
+def _preparation(head: Head, session: Session, card: ModelCard | None) -> tuple[str, str]:
+    """How images are resized, and their values."""
+    if card is not None:
+        return card.resize, card.values
+    resize = session.metadata.get("resize", head.resize)
+    values = session.metadata.get("values", head.values)
+    for name, value, known in (("resize", resize, RESIZES), ("values", values, VALUES)):
+        if value not in known:
+            raise ModelError(
+                f"{session.path.name}: metadata {name} is {value!r}; known: {', '.join(known)}"
+            )
+    return resize, values

@@ -12,6 +12,8 @@ PAD = 114  # grey that letterboxed networks were trained with
 CROP_MARGIN = 256 / 224  # shorter side over crop, as classifiers are evaluated
 IMAGENET_MEAN = np.array([0.485, 0.456, 0.406], np.float32) * 255
 IMAGENET_SCALE = np.array([0.229, 0.224, 0.225], np.float32) * 255
+RESIZES = ("stretch", "letterbox", "crop")
+VALUES = ("0..255", "0..1", "imagenet", "0..255 bgr", "0..1 bgr", "imagenet bgr")
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,8 +34,8 @@ def fit(rgb: NDArray[np.uint8], size: tuple[int, int], resize: str, values: str)
     """`rgb` (H, W, 3) as a network of input `size` (height, width) wants it.
 
     `resize`: "stretch" to the size, "letterbox" (aspect kept, grey below and right), "crop" (the
-    centre, after shrinking the shorter side). `values`: "0..255", "0..255 bgr", "0..1" or
-    "imagenet".
+    centre, after shrinking the shorter side). `values`: "0..255", "0..1" or "imagenet" (mean and
+    deviation), and " bgr" behind it where blue comes first.
     """
     height, width = size
     old_height, old_width = rgb.shape[:2]
@@ -42,7 +44,7 @@ def fit(rgb: NDArray[np.uint8], size: tuple[int, int], resize: str, values: str)
         return Fitted(_tensor(_resized(rgb, width, height), values), scale, (0.0, 0.0))
     ratios = (width / old_width, height / old_height)
     factor = min(ratios) if resize == "letterbox" else max(ratios) * CROP_MARGIN
-    small = _resized(rgb, round(old_width * factor), round(old_height * factor))
+    small = _resized(rgb, max(round(old_width * factor), 1), max(round(old_height * factor), 1))
     if resize == "letterbox":
         canvas = np.full((height, width, 3), PAD, np.uint8)
         canvas[: small.shape[0], : small.shape[1]] = small
@@ -61,10 +63,11 @@ def _resized(rgb: NDArray[np.uint8], width: int, height: int) -> NDArray[np.uint
 
 def _tensor(rgb: NDArray[np.uint8], values: str) -> NDArray[np.float32]:
     pixels = rgb.astype(np.float32)
-    if values == "0..255 bgr":
-        pixels = pixels[:, :, ::-1]
-    if values == "0..1":
+    scale, _, order = values.partition(" ")
+    if scale == "0..1":
         pixels /= 255
-    elif values == "imagenet":
+    elif scale == "imagenet":
         pixels = (pixels - IMAGENET_MEAN) / IMAGENET_SCALE
+    if order == "bgr":
+        pixels = pixels[:, :, ::-1]
     return np.ascontiguousarray(pixels.transpose(2, 0, 1)[None])

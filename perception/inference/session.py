@@ -1,7 +1,8 @@
-"""Open a network with onnxruntime, with threads chosen on purpose."""
+"""Open a network with onnxruntime, with threads and device chosen on purpose."""
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -30,6 +31,13 @@ _FAILURES = (
 )
 THREADS_VARIABLE = "HEREABOUTS_THREADS"
 MOST_THREADS = 4
+#: [px] of a network's input where it takes any size and does not say which it was made for, ...
+USUAL_SIZE = 640
+LARGEST_SIZE = 4096  # ... and the largest side of any
+_SUFFIX = "ExecutionProvider"
+#: devices that "auto" takes, best first; TensorRT builds its plans for minutes
+_PREFERRED = ("cuda", "migraphx", "rocm", "dml", "cpu")
+_NO_DEVICES = ("azure",)  # a provider that sends images away
 
 
 def thread_count() -> int:
@@ -47,28 +55,67 @@ def thread_count() -> int:
     return min(int(given), processors)
 
 
-class Session:
-    """A network ready to run, and what it says of its inputs and outputs."""
+def available_devices() -> tuple[str, ...]:
+    """Devices that this onnxruntime was built for: "cpu", "cuda", ..., in its order."""
+    names = (name.removesuffix(_SUFFIX).lower() for name in ort.get_available_providers())
+    return tuple(name for name in names if name not in _NO_DEVICES)
 
-    def __init__(self, path: Path, threads: int | None = None) -> None:
+
+def provider_of(device: str) -> str:
+    """onnxruntime's name of the provider of `device`; "auto" is the best one there is.
+
+    Raises ModelError, with the devices available, for any other.
+    """
+    available = available_devices()
+    wanted = device.lower()
+    if wanted == "auto":
+        wanted = next(name for name in (*_PREFERRED, *available) if name in available)
+    for name in ort.get_available_providers():
+        if wanted in available and name.removesuffix(_SUFFIX).lower() == wanted:
+            return str(name)
+    raise ModelError(
+        f"no device {device!r} for networks; this onnxruntime has: {', '.join(available)}"
+        + ("" if "cuda" in available else " (pip install onnxruntime-gpu adds cuda)")
+    )
+
+
+class Session:
+    """A network ready to run, and what it says of its inputs and outputs.
+
+    `device`: "auto", or one of `available_devices`. Raises ModelError for a file that is no
+    network, and where a device that is named does not work.
+    """
+
+    def __init__(self, path: Path, threads: int | None = None, device: str = "cpu") -> None:
         options = ort.SessionOptions()
         options.intra_op_num_threads = threads or thread_count()
         options.inter_op_num_threads = 1
         # a thread that spins while it waits takes the processor from whoever it waits for
         options.add_session_config_entry("session.intra_op.allow_spinning", "0")
         options.log_severity_level = 3
+        provider = provider_of(device)
+        providers = list(dict.fromkeys((provider, f"CPU{_SUFFIX}")))
         try:
-            self._session = ort.InferenceSession(
-                str(path), options, providers=["CPUExecutionProvider"]
-            )
+            self._session = ort.InferenceSession(str(path), options, providers=providers)
         except _FAILURES as error:
             reason = str(error).splitlines()[0]
             raise ModelError(f"{path} is no ONNX network that can be run: {reason}") from error
         self.path = path
+        taken = self._session.get_providers()[0]
+        self.device = taken.removesuffix(_SUFFIX).lower()  # the one that was taken
+        if taken != provider and device.lower() != "auto":
+            raise ModelError(
+                f"device {device!r} does not work here, its libraries are missing; "
+                f"--device {self.device} does"
+            )
         self.metadata: dict[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
         self.inputs: dict[str, list[Any]] = {i.name: i.shape for i in self._session.get_inputs()}
         self.input_types: dict[str, str] = {i.name: i.type for i in self._session.get_inputs()}
-        self.outputs: dict[str, list[Any]] = {o.name: o.shape for o in self._session.get_outputs()}
+        outputs = self._session.get_outputs()
+        self.outputs: dict[str, list[Any]] = {o.name: o.shape for o in outputs}
+        self.output_types: dict[str, str] = {o.name: o.type for o in outputs}
+        if not self.inputs or not self.outputs:
+            raise ModelError(f"{path} has no inputs or no outputs")
 
     def run(
         self, outputs: Sequence[str], inputs: dict[str, NDArray[Any]]
@@ -82,17 +129,38 @@ class Session:
         return found
 
     def image_size(self, name: str) -> tuple[int, int]:
-        """(height, width) of image input `name`; raises ModelError unless it is [N, 3, H, W]."""
-        shape = self.inputs[name]
-        if len(shape) != 4 or shape[1] != 3 or not all(isinstance(x, int) for x in shape[2:]):
+        """(height, width) of image input `name`, [N, 3, H, W] or [3, H, W].
+
+        One that takes any size gets that of the metadata `imgsz`, else 640 x 640. Raises ModelError
+        for an input that is no such image.
+        """
+        shape = self.inputs[name][-3:]
+        if len(self.inputs[name]) not in (3, 4) or (isinstance(shape[0], int) and shape[0] != 3):
             raise ModelError(
-                f"{self.path.name}: input {name} must be [N, 3, H, W] of fixed size, got {shape}"
+                f"{self.path.name}: input {name} must be [N, 3, H, W], got {self.inputs[name]}"
             )
         if self.input_types[name] != "tensor(float)":
             raise ModelError(
                 f"{self.path.name}: input {name} must be float32, got {self.input_types[name]}"
             )
-        return int(shape[2]), int(shape[3])
+        height, width = (
+            side if isinstance(side, int) else usual
+            for side, usual in zip(shape[1:], self._usual_size(), strict=True)
+        )
+        if not 0 < min(height, width) <= max(height, width) <= LARGEST_SIZE:
+            raise ModelError(
+                f"{self.path.name}: input {name} is {width} x {height}; "
+                f"up to {LARGEST_SIZE} a side would work"
+            )
+        return int(height), int(width)
+
+    def _usual_size(self) -> tuple[int, int]:
+        """(height, width) of the metadata's `imgsz`, as exporters write it: [640, 640]."""
+        try:
+            height, width = json.loads(self.metadata.get("imgsz", ""))
+            return int(height), int(width)
+        except (ValueError, TypeError):
+            return USUAL_SIZE, USUAL_SIZE
 
     def interface(self) -> str:
         """Inputs and outputs in one line, for messages."""

@@ -1,4 +1,4 @@
-"""`hereabouts evaluate`: maps scored against ground truth of one's own recordings."""
+"""`hereabouts evaluate`: maps and networks scored against ground truth of one's own."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from planner.cli.arguments import MAP_HELP, add_json, count, positive
 from planner.cli.console import note, print_table, write_json
+from planner.cli.evaluate_networks import add_detector, add_scene
 from planner.cli.evaluated_maps import EvaluatedMap, Run, evaluated_maps, refuse_wrong_usage
 from planner.cli.evaluation_pictures import (
     draw_reliability,
@@ -50,7 +51,7 @@ class _Scored:
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Declare the command."""
     parser = subparsers.add_parser(
-        "evaluate", help="score a map against ground truth", description=__doc__
+        "evaluate", help="score maps and networks against ground truth", description=__doc__
     )
     subjects = parser.add_subparsers(dest="subject", metavar="SUBJECT", required=True)
     mapping = subjects.add_parser(
@@ -110,6 +111,8 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     add_json(mapping)
     add_recording_options(mapping)
     mapping.set_defaults(run=run_map)
+    add_detector(subjects)
+    add_scene(subjects)
 
 
 def run_map(arguments: argparse.Namespace) -> int:

@@ -23,6 +23,7 @@ from kg.records import (
     SearchState,
 )
 from kg.transactions import Cause
+from mapping.places.viewed_floor import FloorView, ViewedFloor
 from planner.execution.protocol import RobotPose
 
 TRIES: Final = 10  # to write what others get in the way of
@@ -40,6 +41,7 @@ class SearchLog:
         self._clock = clock
         robot = semantic_map.robot()
         self._height = 0.0 if robot is None else float(robot.p_map[2])  # the protocol tells none
+        self._floor = ViewedFloor(semantic_map)
         self.record = record
         self.looks = list(semantic_map.looks(record.iri))
         self.obstacles = list(semantic_map.obstacles(record.iri))
@@ -95,8 +97,12 @@ class SearchLog:
         found: Sequence[str] = (),
         objects: Sequence[ObjectRecord] = (),
         glimpses: Sequence[tuple[float, float, float]] = (),
+        viewed: Sequence[FloorView] = (),
     ) -> LookRecord:
-        """Write a look: what it was for, the IRIs it found, and all the objects it showed."""
+        """Write a look: what it was for, the IRIs it found, all the objects it showed, and floor.
+
+        Floor `viewed` and what that makes of places is written once it has changed enough, or ends.
+        """
         number = max((look.number for look in self.looks), default=0) + 1
         record = LookRecord(
             iri=f"{self.record.iri}/look/{number}",
@@ -112,13 +118,17 @@ class SearchLog:
         )
         outcome = "found" if found else "in vain"
         self._found(found)
+        self._floor.add(viewed, self._height, record.stamp)
+        floor, places = self._floor.take_changed(record.stamp)
         self._write(
             f"look {number}: {outcome}",
             MapUpdate(
                 objects=tuple(objects),
+                places=places,
                 robot=self._robot(pose),
                 search=self.record,
                 looks=(record,),
+                floor=floor,
             ),
         )
         self.looks.append(record)
@@ -157,7 +167,10 @@ class SearchLog:
         """Write how the search, or this run of it, ended."""
         self.record = replace(self.record, state=state, ended=self._clock())
         robot = None if pose is None else self._robot(pose)
-        update = MapUpdate(tuple(objects), tuple(removed), (), robot, search=self.record)
+        floor, places = self._floor.take_rest()
+        update = MapUpdate(
+            tuple(objects), tuple(removed), places, robot, search=self.record, floor=floor
+        )
         self._write(state, update, shown=False)
 
     def _found(self, iris: Sequence[str]) -> None:
@@ -170,7 +183,8 @@ class SearchLog:
     def _write(self, note: str, update: MapUpdate, *, shown: bool = True) -> None:
         """Apply `update`; where others changed its objects meanwhile, the later word counts.
 
-        That is the robot's where the objects were `shown` to it, else the others'.
+        That is the robot's where the objects were `shown` to it, else the others'. Floor and places
+        are worked out anew for the next look.
         """
         for _ in range(TRIES):
             try:
@@ -178,6 +192,8 @@ class SearchLog:
                 return
             except ConflictError as conflict:
                 self._map.catch_up()
+                self._floor.undo(update)
+                update = replace(update, floor=(), places=())
                 update = update if shown else _without(update, conflict.things)
         raise GraphError(f"others change what {self.name} writes, {TRIES} times on end; stop them")
 

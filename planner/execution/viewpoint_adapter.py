@@ -11,10 +11,12 @@ import numpy as np
 from kg.errors import LayoutError
 from kg.maps.semantic_map import SemanticMap
 from kg.records import LookRecord, ObstacleRecord
+from mapping.places.viewed_floor import FloorView
 from planner.execution.protocol import Hello, RobotPose
 from planner.goals.candidate_queries import Candidate
 from planner.plans.search_state import PlanningState, build_search
 from planner.settings import BELIEF
+from planner.viewpoints.candidate_views import floor_in_view
 from planner.viewpoints.sensor import Motion, Sensor, angle_between
 
 NEAR: float = 0.5  # [m] a look from this near to a planned one, and ...
@@ -73,6 +75,11 @@ class ViewpointAdapter:
         """[rad] what one picture shows, across."""
         return self._sensor.field_of_view
 
+    @property
+    def recall(self) -> float:
+        """Chance that a picture shows what is in its view."""
+        return self._sensor.recall
+
     def next(self, pose: RobotPose) -> NextView | None:
         """The look to take next; None where none is worth the way."""
         state = self._state
@@ -115,6 +122,11 @@ class ViewpointAdapter:
     def missed_view(self, x: float, y: float, heading: float) -> None:
         """Learn that one picture showed nothing of what is wanted."""
         self._state.missed_picture(self._state.space.nearest((x, y)), heading)
+
+    def in_view(self, x: float, y: float, heading: float, extent: float) -> FloorView:
+        """The floor that a look shows."""
+        space = self._state.space
+        return floor_in_view(space, self._sensor, space.nearest((x, y)), heading, extent)
 
     def found(self, target: str, p_map: np.ndarray) -> None:
         """Learn where `target` (its text) is."""

@@ -30,6 +30,7 @@ def _lines(cells: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     return offsets, between
 
 
+@lru_cache(maxsize=8)  # a picture is asked about for the belief, and for what was viewed
 def visible_cells(space: FreeSpace, cell: int, reach: float) -> tuple[Cells, NDArray[np.float64]]:
     """Cells seen from the middle of `cell` within `reach` metres, and the offsets to them.
 

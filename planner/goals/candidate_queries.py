@@ -105,7 +105,7 @@ class CandidateQueries:
         stays: dict[str, list[float]] = {kind: [] for kind in target.kinds}
         for row in rows:
             first, last = row["firstSeen"], row["lastSeen"]
-            if isinstance(first, datetime) and isinstance(last, datetime):
+            if isinstance(first, datetime) and isinstance(last, datetime) and row["own"] is None:
                 stays[str(row["kind"])].append((last - first).total_seconds())
         return {
             kind: learned_half_life(listed_half_life(label, target.above[kind]), stays[kind])
@@ -118,9 +118,11 @@ class CandidateQueries:
         kept = holds(half, self._age(row))
         where = whereabouts(self._map, str(row["iri"]))
         fact = f"{name(row)} is in the map, {where} ({_seen(row, existence)})"
+        if row["own"] is not None:
+            may_be = f"may be {with_article(str(row['category']))} ({existence:.2f})"
+            fact = f"{name(row)} {may_be}, {where}{seen(row, 'placeLabel')}"
         kind_of = str(row["category"])
-        article = "an" if kind_of[:1].lower() in "aeiou" else "a"
-        stays = f"{article} {kind_of} stays put for {span(half)} as often as not"
+        stays = f"{with_article(kind_of)} stays put for {span(half)} as often as not"
         after = f": {kept:.2f} after {span(self._age(row))}" if self._age(row) >= 1 else ""
         return Candidate(
             target=target,
@@ -316,6 +318,11 @@ def _each(rows: Iterable[Row]) -> Iterator[Row]:
 def name(row: Row) -> str:
     """What people call the thing of a row."""
     return str(row["label"] or row["category"])
+
+
+def with_article(noun: str) -> str:
+    """As in ``an apple``."""
+    return f"{'an' if noun[:1].lower() in 'aeiou' else 'a'} {noun}"
 
 
 def _xy(row: Row) -> NDArray[np.float64]:

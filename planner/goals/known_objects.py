@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from kg.maps.semantic_map import SemanticMap
 from kg.records import PlaceRecord
 from planner.freespace.places import number
-from planner.goals.candidate_queries import name, span
+from planner.goals.candidate_queries import name, span, with_article
 from planner.goals.status import stamp
 from planner.goals.targets import Target
 from planner.goals.whereabouts import whereabouts
@@ -36,6 +36,8 @@ class KnownObject:
     observations: int
     frame: str | None  # of its best observation
     found_by: str | None  # IRI of a search that found it
+    own: str | None = None  # category that it more probably is of
+    may_be: tuple[tuple[str, float], ...] = ()  # other categories, with their probabilities
 
     @property
     def sure(self) -> bool:
@@ -46,6 +48,10 @@ class KnownObject:
 def known_objects(semantic_map: SemanticMap, target: Target) -> tuple[KnownObject, ...]:
     """Objects of the target's kinds that exist with at least 0.05, the surest first."""
     places = {place.iri: place for place in semantic_map.places()}
+    others = dict[str, list[tuple[str, float]]]()
+    for row in semantic_map.ask("may-be").records():
+        alternative = str(row["other"]), number(row, "probability")
+        others.setdefault(str(row["object"]), []).append(alternative)
     found: dict[str, KnownObject] = {}
     for category in target.queried:
         for row in semantic_map.ask("goals-remembered", category=category).records():
@@ -64,6 +70,8 @@ def known_objects(semantic_map: SemanticMap, target: Target) -> tuple[KnownObjec
                 observations=0 if row["observations"] is None else int(number(row, "observations")),
                 frame=None if row["frame"] is None else str(row["frame"]),
                 found_by=None if row["foundBy"] is None else str(row["foundBy"]),
+                own=None if row["own"] is None else str(row["own"]),
+                may_be=tuple(others.get(str(row["iri"]), ())),
             )
     return tuple(sorted(found.values(), key=lambda one: (not one.sure, -one.existence, one.iri)))
 
@@ -85,8 +93,13 @@ def answer_lines(known: Sequence[KnownObject], now: float, most: int = 5) -> lis
     lines = []
     for one in known[:most]:
         x, y = (float(value) for value in one.p_map)
-        text = f"{'' if one.sure else 'perhaps '}{one.label}: {one.where}"
-        text += f" at ({x:.1f}, {y:.1f}), {one.existence:.2f} sure"
+        text = f"{'' if one.sure else 'perhaps '}{one.label}"
+        if one.own is not None:
+            text += f", which may be {with_article(one.category)}"
+        text += f": {one.where} at ({x:.1f}, {y:.1f}), {one.existence:.2f} sure"
+        if one.own is None and one.may_be:
+            may_be = (f"{with_article(other)} ({p:.2f})" for other, p in one.may_be)
+            text += f", may also be {' or '.join(may_be)}"
         if one.found_by is not None:
             text += f", found by search/{one.found_by.rpartition('/')[2]}"
         if one.last_seen is not None:
@@ -113,7 +126,9 @@ def known_json(semantic_map: SemanticMap, targets: Sequence[Target]) -> list[dic
             "where": one.where,
             "x": round(float(one.p_map[0]), 3),
             "y": round(float(one.p_map[1]), 3),
+            "own_category": one.own or one.category,
             "existence": round(one.existence, 6),
+            "may_be": [{"category": other, "probability": p} for other, p in one.may_be],
             "last_seen": None if one.last_seen is None else one.last_seen.isoformat(),
             "observations": one.observations,
             "frame": one.frame,

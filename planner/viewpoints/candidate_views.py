@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mapping.places.viewed_floor import FloorView
 from planner.freespace.geodesic import distance_fields
 from planner.freespace.grid import Cells, FreeSpace
 from planner.freespace.line_of_sight import visible_cells
@@ -202,6 +203,17 @@ def _fill(
     for row, (heading, extent) in zip(rows, kinds, strict=True):
         inside = angle_between(bearing, heading) <= extent / 2 + 1e-9
         row[at[inside]] = chance[inside]
+
+
+def floor_in_view(
+    space: FreeSpace, sensor: Sensor, cell: int, heading: float, extent: float
+) -> FloorView:
+    """Every cell, of belief or not, that a sweep of `extent` [rad] about `heading` shows."""
+    seen, offset = visible_cells(space, cell, sensor.far)
+    metres = np.hypot(offset[:, 0], offset[:, 1])
+    bearing = np.arctan2(offset[:, 1], offset[:, 0])
+    shown = (metres >= sensor.near) & (angle_between(bearing, heading) <= extent / 2 + 1e-9)
+    return FloorView(space.centres(seen[shown]), metres[shown], space.cell)
 
 
 def picture(views: CandidateViews, cell: int, heading: float) -> NDArray[np.float32]:

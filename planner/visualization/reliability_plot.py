@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from mapping.evaluation.existence_calibration import BINS, Calibration
+from perception.evaluation.calibration import BINS, Calibration
 from planner.visualization.layout import DPI
 from planner.visualization.palette import FAINT, INK, OUTLINE
 from planner.visualization.picture_file import STYLE, checked_ending, save_picture
@@ -73,8 +73,8 @@ def _draw(above: Axes, below: Axes, name: str, found: Calibration, place: tuple[
     number, of = place
     colour = _COLOURS[number % len(_COLOURS)]
     predicted, true = [b.predicted for b in found.bins], [b.true for b in found.bins]
-    counts = np.array([b.objects for b in found.bins], np.float64)
-    error = "no objects" if found.ece is None else f"ECE {found.ece:.3f}, {found.objects} objects"
+    counts = np.array([b.cases for b in found.bins], np.float64)
+    error = "no objects" if found.ece is None else f"ECE {found.ece:.3f}, {found.cases} objects"
     label = f"{name}: {error}"
     above.plot(predicted, true, color=colour, lw=1.2, alpha=0.4, zorder=2)
     diameters = np.clip(_DOT[0] * np.sqrt(counts), *_DOT)

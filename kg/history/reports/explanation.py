@@ -82,6 +82,7 @@ class Explainer:
         types = [q for q in facts if q.predicate.value == v.RDF_TYPE]
         reasons = [self.fact(q) for q in types if _is_informative(q)]
         reasons += [self.fact(q) for q in facts if q.graph_name == _ASSERTIONS and q not in types]
+        reasons += self._alternatives(facts)
         if not any(step.kind == "observation" for r in reasons for _, step in r.walk()):
             reasons += self._observation(iri)
         if not reasons:
@@ -89,6 +90,15 @@ class Explainer:
         return Explanation(
             "thing", self._name(iri, facts), iri.value, (*reasons, *self._last(facts))
         )
+
+    def _alternatives(self, facts: list[Quad]) -> Iterator[Explanation]:
+        """What else an object may be."""
+        nodes = [q.object for q in facts if q.predicate.value == v.HAS_LABEL_BELIEF]
+        likely = {n: self._text(n, v.LABEL_PROBABILITY) for n in nodes if isinstance(n, NamedNode)}
+        for node in sorted(likely, key=lambda n: (likely[n], n.value), reverse=True):
+            text = f"may also be {self._text(node, v.OF_CATEGORY)}, probability {likely[node]}"
+            rule = Explanation("rule", RULES[v.LABEL_PROBABILITY])
+            yield Explanation("belief", text, node.value, (rule,))
 
     def facts(
         self, subject: NamedNode, predicate: NamedNode, value: Term | None

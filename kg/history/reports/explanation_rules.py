@@ -19,6 +19,10 @@ _RELATION: Final = (
     "computed from the boxes of both objects and their uncertainty, as the more probable of what "
     "is mapped nearby (docs/explanation/relations.md)"
 )
+_LABELS: Final = (
+    "computed as the existence, for every other category that the thing was ever detected as; the "
+    "three most probable ones from 0.05 on"
+)
 _RECTANGLE: Final = "the extent given by the layout, or of all points seen in the recording"
 
 _BELIEF: Final = "mean over all views of the scene model's probability of the category (eq. 3.5)"
@@ -39,6 +43,8 @@ RULES: Final[dict[str, str]] = {
     "nu times the existence",
     v.EXISTENCE: "the probability of its category by all views that showed it or should have, from "
     "the detectors' measured rates; in reference mode confidence divided by nu",
+    v.HAS_LABEL_BELIEF: _LABELS,
+    v.LABEL_PROBABILITY: _LABELS,
     v.OBSERVATION_COUNT: "one more for each frame with a detection that was associated with it",
     v.EXTENT_X: _EXTENT,
     v.EXTENT_Y: _EXTENT,
@@ -98,6 +104,6 @@ def rule_of(predicate: str, kinds: set[str]) -> str | None:
         return _PLACE_TYPE
     if v.PLACE in kinds and predicate in (v.X, v.Y):
         return "the middle of the place, or what of it is nearest to that"
-    if predicate == v.RDF_TYPE and kinds & {v.SOSA_OBSERVATION, v.PLACE_BELIEF}:
+    if predicate == v.RDF_TYPE and kinds & {v.SOSA_OBSERVATION, v.PLACE_BELIEF, v.LABEL_BELIEF}:
         return None
     return RULES.get(predicate)

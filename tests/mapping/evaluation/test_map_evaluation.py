@@ -33,7 +33,7 @@ def test_calibration_error_by_hand():
     matcher = cups(0, 10, 20)
     objects = [cup(0, 0.95), cup(10, 0.85), cup(30, 0.85), cup(40, 0.15)]
     found = calibration([matcher.match(objects)])
-    assert [(b.lower, b.objects, b.predicted, b.true) for b in found.bins] == [
+    assert [(b.lower, b.cases, b.predicted, b.true) for b in found.bins] == [
         (0.1, 1, 0.15, 0.0),
         (0.8, 2, 0.85, 0.5),
         (0.9, 1, 0.95, 1.0),
@@ -43,7 +43,7 @@ def test_calibration_error_by_hand():
 
 def test_calibration_leaves_ignored_objects_out():
     found = calibration([cups(0, ignore=True).match([cup(0, 0.9)])])
-    assert (found.objects, found.ece, found.bins) == (0, None, ())
+    assert (found.cases, found.ece, found.bins) == (0, None, ())
 
 
 def test_certain_and_impossible_objects_have_a_bin():
@@ -171,4 +171,4 @@ def test_pooled_scores_count_the_objects_of_all_maps():
     alone = one.scores().thresholds[2], other.scores().thresholds[2]
     assert (both.thresholds[2].true, both.thresholds[2].matched) == (3, 2)
     assert both.thresholds[2].mapped == alone[0].mapped + alone[1].mapped
-    assert both.calibration.objects == 4
+    assert both.calibration.cases == 4

@@ -11,7 +11,7 @@ import pytest
 from kg.errors import ConflictError
 from kg.maps.semantic_map import SemanticMap
 from kg.ontology.lint import check_map
-from kg.opening import create_map, open_map
+from kg.opening import create_map, in_memory_map, open_map
 from kg.records import MapUpdate, ObjectRecord
 from kg.transactions import Cause, ChangeSet
 from mapping.mapper import Mapper
@@ -471,8 +471,9 @@ def test_looks_in_vain_count_against_an_object(semantic_map, step_back):
     room = Room(semantic_map, step_back)
     room.see(CUP, times=3)
     mapper = BayesObjectMapper(semantic_map)
+    unsure = mapper.decay(room.one.iri, recall=0.5)
     once = mapper.decay(room.one.iri)
-    assert once.updated[0].existence < room.one.existence
+    assert once.updated[0].existence < unsure.updated[0].existence < room.one.existence
     gone = mapper.decay(room.one.iri, 50)
     assert gone.removed == (room.one.iri,)
     assert mapper.decay("https://example.org/map/object/99").updated == ()
@@ -520,3 +521,29 @@ def test_sightings_with_positions_merge_as_frames_do(semantic_map):
     for n, x in enumerate((0.5, 0.9, 0.5, 0.9, 0.5, 0.9)):  # what is nearest draws each nearer
         mapper.add_sightings([Sighting(table, 0.9, np.array([x, 0.0, 0.7]))], 1e9 + n)
     assert len(semantic_map.objects()) == 1
+
+
+def test_a_mapper_that_is_restarted_goes_on_with_the_same_labels(
+    semantic_map: SemanticMap, step_back: Callable[..., Frame]
+) -> None:
+    """What is called a cup as often as a bowl, as in one run."""
+    scores = {"cup": 0.6, "bowl": 0.55}
+    looks = ["cup", "bowl"] * 4
+
+    def mapped(where: SemanticMap, stops: tuple[int, ...]) -> ObjectRecord:
+        mapper = Mapper(where, detector="scripted")
+        for number, label in enumerate(looks):
+            if number in stops:
+                mapper = Mapper(where, detector="scripted")
+            mapper.add(step_back(number % 8), detections((label, scores[label], MIDDLE)))
+        (record,) = where.perceived_objects()
+        return record
+
+    once = mapped(semantic_map, ())
+    again = mapped(in_memory_map(), (4, 7))
+    assert len(once.labels) == 1 and max(once.labels.values()) >= 0.1
+    assert again.category == once.category
+    assert again.labels.keys() == once.labels.keys()
+    assert again.existence == pytest.approx(once.existence, abs=0.06)
+    for category, probability in once.labels.items():
+        assert again.labels[category] == pytest.approx(probability, abs=0.06)

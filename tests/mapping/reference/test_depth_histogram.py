@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
 from mapping.projection import to_camera, to_map
-from mapping.reference.depth_histogram import bin_width, clip_box, fullest_bin, localise
+from mapping.reference.depth_histogram import bin_width, fullest_bin, localise
 from mapping.reference.settings import ReferenceSettings
+from perception.frames import box_pixels
 
 DEPTHS = npst.arrays(
     np.float64, st.integers(3, 200), elements=st.floats(0.5, 8.0, allow_nan=False, width=32)
@@ -115,5 +116,5 @@ def test_camera_looking_along_x_sees_ahead_as_x(make_frame):
     assert to_map(frame.T_map_cam, np.array([0.5, 0.25, 2.0])) == pytest.approx([2.0, -0.5, 0.75])
 
 
-def test_clip_box_takes_pixel_centres():
-    assert clip_box(np.array([0.5, 1.0, 3.5, 2.0]), (10, 10)) == (1, 3, 1, 4)
+def test_box_pixels_takes_pixel_centres():
+    assert box_pixels(np.array([0.5, 1.0, 3.5, 2.0]), (10, 10)) == (1, 3, 1, 4)

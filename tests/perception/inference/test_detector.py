@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from kg.errors import ModelError
 from perception.frames import Detections
-from perception.inference.detector import load_detector, suppress
+from perception.inference.detector import load_detector
+from perception.inference.heads.candidates import suppress
 from perception.recordings.image_files import read_colour
 
 
@@ -212,12 +213,12 @@ corner = st.floats(0, 90)
 side = st.floats(1, 50)
 
 
-@given(st.lists(st.tuples(corner, corner, side, side, st.floats(0, 1), st.integers(0, 1))))
+@given(st.lists(st.tuples(corner, corner, side, side, st.floats(0.01, 1), st.integers(0, 1))))
 def test_suppression_keeps_the_best_and_separates_what_it_keeps(rows):
     xyxy = np.array([[x, y, x + w, y + h] for x, y, w, h, _, _ in rows], np.float32).reshape(-1, 4)
     score = np.array([row[4] for row in rows], np.float32)
     label = np.array([row[5] for row in rows], np.int64)
-    kept = suppress(xyxy, score, label)
+    kept = suppress(xyxy, score, label, overlap=0.6, most=100)
     for c in set(label.tolist()):
         of_class = [i for i in kept if label[i] == c]
         assert score[of_class].max() == score[label == c].max()

@@ -1,0 +1,77 @@
+"""Viewed floor: looks of a robot that sends no depth count as views, as mapped frames do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kg.maps.semantic_map import SemanticMap
+from kg.records import FloorTile, MapUpdate, PlaceRecord
+from mapping.occupancy.occupancy_map import OccupancyMap
+from mapping.occupancy.occupancy_settings import OccupancySettings
+from mapping.places.place_registry import PlaceRegistry
+from mapping.places.place_views import update_place_views
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FloorView:
+    """Cells of a floor that a look had in view."""
+
+    p_map: NDArray[np.float64]  # (n, 2) [m] their middles
+    metres: NDArray[np.float64]  # (n,) [m] their distance
+    cell: float  # [m] their side
+
+
+class ViewedFloor:
+    """Floor in view of looks, and the places on it; writes nothing.
+
+    Views of floor that no depth image has shown do not count. What could not be written
+    goes back with `undo`.
+    """
+
+    def __init__(self, semantic_map: SemanticMap) -> None:
+        self._settings = OccupancySettings()
+        self._occupancy = OccupancyMap(semantic_map, self._settings)
+        self._places = PlaceRegistry(semantic_map, recording=None)
+
+    def add(self, views: Sequence[FloorView], height: float, stamp: float) -> None:
+        """Add what a robot whose position has height `height` [m] had in view at `stamp` [s]."""
+        points = [self._points(view) for view in views if len(view.p_map)]
+        if points:
+            p_map, close = (np.concatenate(part) for part in zip(*points, strict=True))
+            self._occupancy.refresh()
+            self._occupancy.add_views(p_map, close, height, stamp)
+
+    def _points(self, view: FloorView) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Points no further apart than views are remembered, and which are viewed from close by."""
+        s = self._settings
+        parts = max(int(np.ceil(view.cell / (s.cell * s.view) - 1e-6)), 1)  # of a cell's side
+        steps = ((np.arange(parts) + 0.5) / parts - 0.5) * view.cell
+        offsets = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+        p_map = (view.p_map[:, None, :] + offsets).reshape(-1, 2)
+        return p_map, np.repeat(view.metres <= s.close, parts**2)
+
+    def take_changed(self, stamp: float) -> tuple[tuple[FloorTile, ...], tuple[PlaceRecord, ...]]:
+        """Tiles that have changed enough, to be written at `stamp` [s], and their places."""
+        return self._with_places(self._occupancy.take_changed(stamp))
+
+    def take_rest(self) -> tuple[tuple[FloorTile, ...], tuple[PlaceRecord, ...]]:
+        """Tiles that have changed at all, and their places."""
+        return self._with_places(self._occupancy.take_rest())
+
+    def _with_places(
+        self, floor: tuple[FloorTile, ...]
+    ) -> tuple[tuple[FloorTile, ...], tuple[PlaceRecord, ...]]:
+        if not floor:
+            return (), ()
+        self._places.refresh()
+        update_place_views(self._places, self._occupancy, floor)
+        return floor, self._places.take_changed()
+
+    def undo(self, update: MapUpdate) -> None:
+        """Mark tiles and places of `update` as changed again, which could not be written."""
+        self._occupancy.undo(update.floor)
+        self._places.undo(update.places)

@@ -1,0 +1,1 @@
+"""Evaluation of networks on labelled photographs: detectors (COCO) and scene classifiers."""

@@ -1,0 +1,168 @@
+"""Dense heads: a box and a score for each class at every cell of grids over the image.
+
+YOLOX        Ge et al. 2021 (arXiv 2107.08430): centre relative to the cell's corner and logarithm
+             of a size, in strides; objectness; classes
+NanoDet      distances of the four sides in strides, each the mean of a distribution over 8 values
+             (Li et al. 2020, arXiv 2006.04388); classes before them
+YOLOv5, v7   centre and size [px of the input], objectness, classes
+YOLOv8, 11   centre and size [px of the input], classes, and of segmenting ones coefficients of
+             prototype masks (Bolya et al. 2019, arXiv 1904.02689); a column for each cell
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kg.errors import ModelError
+from perception.inference.heads.candidates import Candidates, pairs_above
+from perception.inference.heads.masks import MaskGrid, input_extent
+from perception.inference.preprocessing import Fitted
+
+STRIDES: Final = (8, 16, 32)  # [px of the input]
+PLUS_STRIDES: Final = (8, 16, 32, 64)  # of NanoDet-Plus
+BOX: Final = 5  # numbers before the classes in YOLOX: centre, size, objectness
+BINS: Final = 8  # of a side's distribution in NanoDet
+
+Floats = NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class Dense:
+    """What a dense head says of n cells."""
+
+    xyxy: Floats  # (n, 4) [px of the input]
+    scores: Floats  # (n, C)
+    coefficients: Floats | None = None  # (n, M) of prototype masks
+
+
+@dataclass(frozen=True, slots=True)
+class DenseHead:
+    """A head that is read by `decode`; the last output may be prototypes of masks [1, M, h, w]."""
+
+    image_input: str
+    outputs: tuple[str, ...]
+    classes: int | None
+    resize: str
+    values: str
+    decode: Callable[[list[Floats]], Dense]
+    overlapping: bool = True
+
+    def inputs(self, fitted: Fitted, _: tuple[int, int]) -> dict[str, NDArray[np.generic]]:
+        """The image alone."""
+        return {self.image_input: fitted.tensor}
+
+    def candidates(
+        self, outputs: list[NDArray[np.generic]], fitted: Fitted, threshold: float
+    ) -> Candidates:
+        """Every pair of box and class above the threshold."""
+        arrays = [output.astype(np.float32)[0] for output in outputs]
+        found = self.decode(arrays)
+        refuse_unequal(found.xyxy, found.scores)
+        # a box that is not finite would suppress every other: nan compares as overlapping
+        usable = np.isfinite(found.xyxy).all(axis=1, keepdims=True)
+        rows, classes = pairs_above(np.where(usable, found.scores, 0), threshold)
+        mask = None
+        if found.coefficients is not None:
+            mask = prototype_masks(found.coefficients[rows], arrays[-1], fitted)
+        boxes = fitted.to_image(found.xyxy[rows])
+        return Candidates(boxes, found.scores[rows, classes], classes, mask)
+
+
+def refuse_unequal(boxes: NDArray[Any], *others: NDArray[Any]) -> None:
+    """Raises ModelError where an output has not one row for each box (n, 4)."""
+    shapes = [boxes.shape, *(other.shape for other in others)]
+    if boxes.ndim != 2 or any(not s or s[0] != len(boxes) for s in shapes) or shapes[0][1] != 4:
+        raise ModelError(
+            f"the network gives outputs of shapes {', '.join(map(str, shapes))}; "
+            "boxes (n, 4) and as many scores and labels would work"
+        )
+
+
+def prototype_masks(
+    coefficients: Floats, prototypes: Floats, fitted: Fitted
+) -> Callable[[int], MaskGrid]:
+    """Masks that are sums of prototypes (M, h, w), weighted by coefficients (n, M)."""
+    extent = input_extent(fitted)
+
+    def mask(index: int) -> MaskGrid:
+        return MaskGrid(np.tensordot(coefficients[index], prototypes, axes=1), extent)
+
+    return mask
+
+
+def cells(height: int, width: int, strides: tuple[int, ...] = STRIDES) -> int:
+    """How many cells the grids of an input of that size [px] have."""
+    return sum(-(-height // s) * -(-width // s) for s in strides)
+
+
+def _grid(height: int, width: int, strides: tuple[int, ...]) -> tuple[Floats, Floats]:
+    """(n, 2) column and row of each cell, and (n, 1) its stride [px of the input]."""
+    grids, sizes = [], []
+    for stride in strides:
+        row, column = np.mgrid[0 : -(-height // stride), 0 : -(-width // stride)]
+        grids.append(np.stack([column.ravel(), row.ravel()], axis=1))
+        sizes.append(np.full((row.size, 1), stride))
+    return np.concatenate(grids).astype(np.float32), np.concatenate(sizes).astype(np.float32)
+
+
+def _corners(centre: Floats, size: Floats) -> Floats:
+    return np.concatenate([centre - size / 2, centre + size / 2], axis=1)
+
+
+def boxes_and_scores(outputs: list[Floats]) -> Dense:
+    """Boxes (n, 4) xyxy [px of the input] and scores (n, C) as they are."""
+    return Dense(outputs[0], outputs[1])
+
+
+def yolox(height: int, width: int) -> Callable[[list[Floats]], Dense]:
+    """Decoder of rows (n, 5 + C) as YOLOX publishes them."""
+    grid, stride = _grid(height, width, STRIDES)
+
+    def decode(outputs: list[Floats]) -> Dense:
+        raw = outputs[0]
+        size = np.exp(np.minimum(raw[:, 2:4], 20)) * stride
+        boxes = _corners((raw[:, :2] + grid) * stride, size)
+        return Dense(boxes, raw[:, 4:5] * raw[:, BOX:])
+
+    return decode
+
+
+def nanodet(height: int, width: int, strides: tuple[int, ...]) -> Callable[[list[Floats]], Dense]:
+    """Decoder of rows (n, C + 32); cells of NanoDet-Plus (four strides) lie at their corners."""
+    grid, stride = _grid(height, width, strides)
+    middle = 0.0 if strides == PLUS_STRIDES else 0.5
+    steps = np.arange(BINS, dtype=np.float32)
+
+    def decode(outputs: list[Floats]) -> Dense:
+        raw = outputs[0]
+        bins = raw[:, -4 * BINS :].reshape(len(raw), 4, BINS)
+        weight = np.exp(bins - bins.max(2, keepdims=True))
+        sides = (weight / weight.sum(2, keepdims=True)) @ steps * stride
+        centre = (grid + middle) * stride
+        boxes = np.concatenate([centre - sides[:, :2], centre + sides[:, 2:]], axis=1)
+        return Dense(boxes, raw[:, : -4 * BINS])
+
+    return decode
+
+
+def yolo_v5(outputs: list[Floats]) -> Dense:
+    """Rows (n, 5 + C): centre, size, objectness, classes."""
+    raw = outputs[0]
+    return Dense(_corners(raw[:, :2], raw[:, 2:4]), raw[:, 4:5] * raw[:, BOX:])
+
+
+def yolo_v8(prototypes: int) -> Callable[[list[Floats]], Dense]:
+    """Decoder of columns (4 + C + `prototypes`, n): centre, size, classes, mask coefficients."""
+
+    def decode(outputs: list[Floats]) -> Dense:
+        raw = outputs[0].T
+        last = raw.shape[1] - prototypes
+        coefficients = raw[:, last:] if prototypes else None
+        return Dense(_corners(raw[:, :2], raw[:, 2:4]), raw[:, 4:last], coefficients)
+
+    return decode

@@ -1,0 +1,56 @@
+"""Known objects: what the map has of a target, and what may be one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from kg.maps.semantic_map import SemanticMap
+from kg.opening import in_memory_map
+from kg.records import MapUpdate, ObjectRecord
+from planner.goals.known_objects import answer_lines, known_json, known_objects
+from planner.goals.targets import resolve
+
+
+@pytest.fixture
+def chart() -> SemanticMap:
+    """A cup that may be a bowl."""
+    chart = in_memory_map(base="http://example.org/lab/")
+    cup, bowl = (chart.catalogue.find(label).iri for label in ("cup", "bowl"))
+    record = ObjectRecord(
+        iri=chart.new_object_iri(),
+        category=cup,
+        p_map=np.array([1.0, 2.0, 0.8]),
+        confidence=1.8,
+        existence=0.6,
+        observations=4,
+        first_seen=10.0,
+        last_seen=10.0,
+        labels={bowl: 0.3},
+    )
+    chart.apply(MapUpdate(objects=(record,)))
+    return chart
+
+
+def line(chart: SemanticMap, target: str) -> str:
+    (text,) = answer_lines(known_objects(chart, resolve(chart, [target])[0]), now=10.0)
+    return text.partition(", seen just now")[0]
+
+
+def test_a_cup_that_may_be_a_bowl_says_so(chart: SemanticMap) -> None:
+    assert line(chart, "cup") == (
+        "cup 1: at (1.0, 2.0) m at (1.0, 2.0), 0.60 sure, may also be a bowl (0.30)"
+    )
+
+
+def test_it_is_an_answer_for_bowls_too(chart: SemanticMap) -> None:
+    assert line(chart, "bowl") == (
+        "perhaps cup 1, which may be a bowl: at (1.0, 2.0) m at (1.0, 2.0), 0.30 sure"
+    )
+
+
+def test_json_has_the_alternatives(chart: SemanticMap) -> None:
+    (cup,) = known_json(chart, resolve(chart, ["cup"]))
+    assert cup["may_be"] == [{"category": "bowl", "probability": 0.3}]
+    (bowl,) = known_json(chart, resolve(chart, ["bowl"]))
+    assert (bowl["category"], bowl["own_category"], bowl["existence"]) == ("bowl", "cup", 0.3)
