@@ -125,12 +125,18 @@ class BayesObjectMapper:
         return self._changes([*seen, *born], missed, absorbed)
 
     def add_sightings(
-        self, sightings: Sequence[Sighting], stamp: float, *, frame: str = ""
+        self,
+        sightings: Sequence[Sighting],
+        stamp: float,
+        *,
+        frame: str = "",
+        robot: NDArray[np.float64] | None = None,
     ) -> ObjectChanges:
         """Process detections that have positions already, taken at `stamp` [s since 1970].
 
         As `add`, but without negative evidence, as nothing is known of what the camera could see,
-        and each is an object at once. `frame` is the id of the image.
+        and each is an object at once. `frame` is the id of the image, `robot` (2,) [m] where it was
+        taken from: what is seen again from there counts less.
         """
         self.refresh()
         self._frame += 1
@@ -143,14 +149,21 @@ class BayesObjectMapper:
             track = known[0][1] if known else self._new_track(sighting, stamp)
             touched[id(track)] = track
             track.iri = track.iri or self._map.new_object_iri()
-            self._locate(track, sighting, 1.0, stamp)
+            weight = 1.0
+            if robot is not None:
+                weight = track.novelty(np.append(robot, track.p_map[2]))
+                track.views += weight == 1.0
+            self._locate(track, sighting, weight, stamp)
             for (detector, category), score in sighting.scores.items():
-                track.add_evidence(category, detector, self._rate("").hit(score, 1.0), 1.0)
+                track.add_evidence(category, detector, self._rate("").hit(score, 1.0), weight)
             self._finish(track, sighting, stamp, frame)
             if not known:
                 self._tracks.append(track)
         seen = list(touched.values())
-        return self._changes(seen, [], self._merge(seen))
+        absorbed = self._merge(seen)
+        for track in seen:
+            track.assume_extent()
+        return self._changes(seen, [], absorbed)
 
     def decay(self, iri: str, times: int = 1) -> ObjectChanges:
         """Count `times` looks that should have shown the object and did not."""

@@ -127,6 +127,8 @@ class Track:
         weight = novelty * (0.3 if sighting.cut else 1.0) / (0.5 + (sighting.depth or 1.0) ** 2 / 4)
         self.weight = min(self.weight + weight, s.most_weight)
         self.p_map = self.p_map + (sighting.p_map - self.p_map) * min(weight / self.weight, 1.0)
+        if sighting.point and self.lows:
+            return
         if not sighting.cut:
             self.sizes.append(sighting.size)
             self.size = float(np.median(self.sizes))
@@ -145,6 +147,14 @@ class Track:
         outliers = int(len(self.lows) * s.outliers + 0.5)
         self.low = np.sort(self.lows, axis=0)[outliers]
         self.high = np.sort(self.highs, axis=0)[-1 - outliers]
+
+    def assume_extent(self) -> None:
+        """Make a cube of its size the extent of a thing of which only a position was measured."""
+        if self.lows and float((self.high - self.low).max()) < 0.05:
+            half = self.size / 2
+            self.lows.clear()
+            self.highs.clear()
+            self.add_box(self.p_map - half, self.p_map + half)
 
     def add_evidence(self, category: str, detector: str, ratio: float, weight: float) -> None:
         """Add a view's log-likelihood ratio for one of the categories."""
