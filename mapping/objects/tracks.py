@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -293,3 +293,20 @@ def _log_odds(record: ObjectRecord) -> dict[str, float]:
     believed = {**record.labels, record.category: record.existence}
     nothing = max(1 - sum(believed.values()), 0.005)
     return {c: math.log(min(max(p, 0.005), 0.995) / nothing) for c, p in believed.items()}
+
+
+def count_together(tracks: Sequence[Track]) -> None:
+    """Count a frame that shows these tracks as different things."""
+    for track in tracks:
+        for other in tracks:
+            if other is not track:
+                track.together[id(other)] = track.together.get(id(other), 0) + 1
+
+
+def same_facts(a: ObjectRecord, b: ObjectRecord) -> bool:
+    """Whether two records differ by rounding at most."""
+    return (
+        (a.category, a.observations) == (b.category, b.observations)
+        and abs(a.existence - b.existence) < 0.011
+        and bool(np.allclose(a.p_map, b.p_map, atol=0.011))
+    )
