@@ -158,16 +158,20 @@ class BayesObjectMapper:
             track.assume_extent()
         return self._changes(seen, [], absorbed)
 
-    def decay(self, iri: str, times: int = 1) -> ObjectChanges:
-        """Count `times` looks that should have shown the object and did not."""
+    def decay(self, iri: str, times: int = 1, recall: float | None = None) -> ObjectChanges:
+        """Count `times` looks that should have shown the object and did not.
+
+        Each would have with probability `recall`; by default that of what fills the image.
+        """
         self.refresh()
         self._updater.begin()
         track = next((track for track in self._tracks if track.iri == iri), None)
         if track is None or times < 1:
             return ObjectChanges()
-        for held in track.evidence.values():
-            for evidence in held.values():
-                evidence.add(self._updater.rate("").miss(1.0), times)
+        rates = self._updater.rate("")
+        ratio = rates.miss_with(rates.recall_of(1.0) if recall is None else recall)
+        for category in track.evidence:
+            track.add_evidence(category, "", ratio, times)
         self._updater.assess(track)
         return self._changes([], [track], ())
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from kg.errors import RecordingError
 from perception.camera.depth_agreement import Agreement, DepthSamples, agreement, depth_samples
-from perception.camera.depth_edges import edge_offset
+from perception.camera.depth_edges import EdgeOffset, edge_offset
 from perception.camera.poses import CONVENTIONS, Pose
 from perception.frames import Frame
 
@@ -58,6 +58,16 @@ class _Pair:
         return agreement(self.a, self.b, T)
 
 
+@dataclass(frozen=True, slots=True)
+class DepthFindings:
+    """What a sample of a recording's depth shows."""
+
+    share: float | None  # of points that two frames share and agree on; None: too few to tell
+    registration: EdgeOffset | None  # of depth's edges against colour's; None: too few to tell
+    error: str | None  # what another depth scale or convention of poses would explain
+    warnings: tuple[str, ...]
+
+
 def check_depth(
     name: str, poses: Sequence[Pose], convention: str, depth_scale: float, frame_at: FrameAt
 ) -> None:
@@ -67,6 +77,17 @@ def check_depth(
     Raises RecordingError where another depth scale or convention of poses explains the depth and
     the present one does not; warns where none does, and where depth is not registered to colour.
     """
+    findings = depth_findings(name, poses, convention, depth_scale, frame_at)
+    if findings.error is not None:
+        raise RecordingError(findings.error)
+    for warning in findings.warnings:
+        _log.warning("%s", warning)
+
+
+def depth_findings(
+    name: str, poses: Sequence[Pose], convention: str, depth_scale: float, frame_at: FrameAt
+) -> DepthFindings:
+    """What `check_depth` refuses and warns of."""
     read = dict[int, Frame]()
 
     def frame(index: int) -> Frame:
@@ -86,22 +107,25 @@ def check_depth(
 
     pairs = pairs_by(convention)
     share = _median_share(pairs, convention, 1.0)
+    error, warnings = None, []
     if share is None or share < GOOD:
         inverse = "camera-to-world" if convention == "world-to-camera" else "world-to-camera"
-        _refuse_another_convention(name, [*pairs, *pairs_by(inverse)], convention)
-    if share is not None and share < POOR:
-        _refuse_another_scale(name, pairs, convention, depth_scale)
+        error = _another_convention(name, [*pairs, *pairs_by(inverse)], convention)
+    if error is None and share is not None and share < POOR:
+        error = _another_scale(name, pairs, convention, depth_scale)
     if share is not None and share < BAD:
-        _log.warning(
-            "%s: depth does not fit the poses: only %.0f %% of the points that two frames share "
-            "agree; intrinsics, poses or their stamps are wrong, or much of the scene moves",
-            name,
-            100 * share,
+        warnings.append(
+            f"{name}: depth does not fit the poses: only {100 * share:.0f} % of the points that "
+            "two frames share agree; intrinsics, poses or their stamps are wrong, or much of the "
+            "scene moves"
         )
     shown = [read[index] for index in sorted(read)] or [frame(0)]
     # the first few, of all parts of the recording, may be enough
     spread = [one for start in range(3) for one in shown[start::3]]
-    _check_registration(name, spread[:EDGE_FRAMES])
+    offset = edge_offset([(f.rgb, f.depth) for f in spread[:EDGE_FRAMES]])
+    if offset is not None and offset.pixels > EDGES_APART:
+        warnings.append(_unregistered(name, offset))
+    return DepthFindings(share, offset, error, tuple(warnings))
 
 
 def _chosen_pairs(poses: Sequence[Pose], convention: str) -> list[tuple[int, int]]:
@@ -119,28 +143,32 @@ def _chosen_pairs(poses: Sequence[Pose], convention: str) -> list[tuple[int, int
     return found[:: max(1, -(-len(found) // PAIRS))]
 
 
-def _refuse_another_convention(name: str, pairs: list[_Pair], convention: str) -> None:
+def _another_convention(name: str, pairs: list[_Pair], convention: str) -> str | None:
+    """What to say where another convention of poses fits, None where none does."""
     # given 0: by these poses no pair shows one scene, though it may by others
     given = _median_share(pairs, convention, 1.0) or 0.0
     best, other = max((_median_share(pairs, one, 1.0) or 0.0, one) for one in CONVENTIONS)
     if given < POOR and best >= max(GOOD, given + BETTER):
-        raise RecordingError(
+        return (
             f"{_problem(name, given)} ({best:.0%}) if these are {other} poses; "
             f"--pose-convention {other} would work, --no-check maps it as it is"
         )
+    return None
 
 
-def _refuse_another_scale(
+def _another_scale(
     name: str, pairs: list[_Pair], convention: str, depth_scale: float
-) -> None:
+) -> str | None:
+    """What to say where another scale of depth fits, None where none does."""
     given = _median_share(pairs, convention, 1.0) or 0.0
     best, scale = _best_scale(pairs, convention)
     if best >= max(GOOD, given + BETTER):
-        raise RecordingError(
+        return (
             f"{_problem(name, given)} ({best:.0%}) if it is {scale:.2g} times as large; "
             f"--depth-scale {_usual(depth_scale / scale):g} would work instead of "
             f"{depth_scale:g}, --no-check maps it as it is"
         )
+    return None
 
 
 def _problem(name: str, given: float) -> str:
@@ -175,16 +203,9 @@ def _usual(scale: float) -> float:
     return nearest if abs(np.log(nearest / scale)) < np.log(SNAP) else float(f"{scale:.2g}")
 
 
-def _check_registration(name: str, frames: list[Frame]) -> None:
-    offset = edge_offset([(f.rgb, f.depth) for f in frames])
-    if offset is not None and offset.pixels > EDGES_APART:
-        _log.warning(
-            "%s: depth seems not registered to colour: their edges lie %.0f pixels apart "
-            "(depth %.2f times as large, shifted by %+.0f, %+.0f); register it, or give the "
-            "intrinsics of its own camera",
-            name,
-            offset.pixels,
-            offset.scale,
-            offset.right,
-            offset.down,
-        )
+def _unregistered(name: str, offset: EdgeOffset) -> str:
+    return (
+        f"{name}: depth seems not registered to colour: their edges lie {offset.pixels:.0f} pixels "
+        f"apart (depth {offset.scale:.2f} times as large, shifted by {offset.right:+.0f}, "
+        f"{offset.down:+.0f}); register it, or give the intrinsics of its own camera"
+    )

@@ -11,12 +11,13 @@ from pathlib import Path
 from kg.errors import RecordingError
 from perception.camera.intrinsics import find_intrinsics
 from perception.camera.poses import read_pose_rows
-from perception.recordings.image_files import images_by_number
+from perception.recordings.image_files import ImageFile, images_by_number
 from perception.recordings.listing import (
-    FRAME_RATE,
     Format,
     FrameEntry,
     RecordingListing,
+    Streams,
+    stamp_of_number,
     subfolder,
 )
 
@@ -28,7 +29,7 @@ def matches(folder: Path) -> bool:
     return (folder / "poses.txt").is_file()
 
 
-def read(folder: Path) -> RecordingListing:
+def read(folder: Path, streams: Streams) -> RecordingListing:
     """All images of `folder` in number order, the n-th with the n-th depth image and pose.
 
     Raises RecordingError where the three counts differ, or numbers that colour and depth share
@@ -46,7 +47,7 @@ def read(folder: Path) -> RecordingListing:
         )
     _refuse_gaps(folder, list(colour), list(depth))
     entries = tuple(
-        FrameEntry(path.stem, path, depth_path, T, place / FRAME_RATE)
+        FrameEntry(path.stem, ImageFile(path), ImageFile(depth_path), T, stamp_of_number(place))
         for place, (path, depth_path, T) in enumerate(
             zip(colour.values(), depth.values(), poses, strict=True)
         )

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from kg.errors import RecordingError
+from perception.camera.image_decoding import decode_image, metres
 
 COLOUR_SUFFIXES = (".jpg", ".jpeg", ".png")
-NO_RETURN = (0, 65535)  # 65535 marks invalid pixels in 7-Scenes and is saturation elsewhere
 _PNG = b"\x89PNG\r\n\x1a\n"
 _TAIL = 4096  # bytes: some cameras write notes after the end-of-image marker
 
@@ -48,40 +50,50 @@ def _check_png(path: Path, data: bytes) -> None:
         place = end
 
 
-def _decode(path: Path, flags: int) -> NDArray[np.generic]:
+def _read(path: Path, flags: int) -> NDArray[Any]:
     try:
         data = np.fromfile(path, np.uint8)
     except OSError as error:
         raise RecordingError(f"cannot read image {path}: {error.strerror}") from error
-    image: NDArray[np.generic] | None = None
-    try:
-        image = cv2.imdecode(data, flags) if data.size else None
-    except (cv2.error, MemoryError) as error:
-        # a header may name any size; OpenCV refuses more than 2^30 pixels
-        raise RecordingError(
-            f"{path} cannot be decoded: its header names too large a size"
-        ) from error
-    if image is None:
-        raise RecordingError(f"{path} cannot be decoded: damaged image")
-    return image
+    return decode_image(data, flags, str(path))
+
+
+@dataclass(frozen=True, slots=True)
+class ImageFile:
+    """An image of a recording that is a file."""
+
+    path: Path
+
+    def __str__(self) -> str:
+        return str(self.path)
+
+    def check(self) -> None:
+        """Raise RecordingError for a missing, truncated or damaged file."""
+        check_image_file(self.path)
+
+    def colour(self) -> NDArray[np.uint8]:
+        """(H, W, 3) RGB; raises RecordingError for an unreadable image."""
+        return read_colour(self.path)
+
+    def depth(self, depth_scale: float) -> NDArray[np.float32]:
+        """(H, W) [m], nan = no return, from a 16-bit image with `depth_scale` units a metre."""
+        return read_depth(self.path, depth_scale)
 
 
 def read_colour(path: Path) -> NDArray[np.uint8]:
     """(H, W, 3) RGB; raises RecordingError for an unreadable image."""
     flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
-    return np.ascontiguousarray(_decode(path, flags)[:, :, ::-1]).astype(np.uint8, copy=False)
+    return np.ascontiguousarray(_read(path, flags)[:, :, ::-1]).astype(np.uint8, copy=False)
 
 
 def read_depth(path: Path, depth_scale: float) -> NDArray[np.float32]:
     """(H, W) [m], nan = no return, from a 16-bit image with `depth_scale` units a metre."""
-    raw = _decode(path, cv2.IMREAD_UNCHANGED)
+    raw = _read(path, cv2.IMREAD_UNCHANGED)
     if raw.ndim != 2 or raw.dtype != np.uint16:
         raise RecordingError(
             f"{path}: depth must be one 16-bit channel, got {raw.dtype} of shape {raw.shape}"
         )
-    depth = raw.astype(np.float32) / np.float32(depth_scale)
-    depth[np.isin(raw, NO_RETURN)] = np.nan
-    return depth
+    return metres(raw, depth_scale)
 
 
 def images_by_number(folder: Path, suffixes: Iterable[str] = COLOUR_SUFFIXES) -> dict[int, Path]:

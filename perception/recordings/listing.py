@@ -5,14 +5,34 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kg.errors import RecordingError
 from perception.camera.intrinsics import Intrinsics
+from perception.recordings.association import TOLERANCE
 
 FRAME_RATE = 30.0  # [Hz] of formats that number their frames and say nothing of time
+
+
+def stamp_of_number(number: int) -> float:
+    """Stamp [s] of a frame by its number, in whole nanoseconds, as messages keep it."""
+    return round(number / FRAME_RATE, 9)
+
+
+class StoredImage(Protocol):
+    """An image of a recording, decoded when it is asked for; `str` says where it is."""
+
+    def check(self) -> None:
+        """Raise RecordingError where it can be told, without decoding it, that it is damaged."""
+
+    def colour(self) -> NDArray[np.uint8]:
+        """(H, W, 3) RGB; raises RecordingError for an unreadable image."""
+
+    def depth(self, depth_scale: float) -> NDArray[np.float32]:
+        """(H, W) [m], nan = no return; `depth_scale` [units a metre] is that of 16-bit images."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,8 +40,8 @@ class FrameEntry:
     """Frame entry: a colour image, its depth image and the camera's pose."""
 
     id: str
-    colour: Path
-    depth: Path
+    colour: StoredImage
+    depth: StoredImage
     T_world_cam: NDArray[np.float64]  # (4, 4) camera -> the recording's world [m]
     stamp: float  # [s], relative to the start or since 1970
 
@@ -42,6 +62,25 @@ class RecordingListing:
     camera: Intrinsics | None  # None = the folder does not say
     depth_scale: float  # depth units a metre, unless the intrinsics or the caller say otherwise
     depth_camera: DepthCamera | None = None  # None = depth is registered to colour
+    up: NDArray[np.float64] | None = None  # (3,) up in the recording's world, where it is known
+    T_map_world: NDArray[np.float64] | None = None  # (4, 4) where the recording itself says it
+
+
+@dataclass(frozen=True, slots=True)
+class Streams:
+    """Which streams of a recording are read, where it has several; None = guessed."""
+
+    colour: str | None = None
+    depth: str | None = None
+    camera: str | None = None  # colour's CameraInfo
+    pose: str | None = None
+    map_frame: str | None = None
+    tolerance: float = TOLERANCE  # [s] between colour and depth of one frame
+
+    @property
+    def given(self) -> bool:
+        """Whether anything is given."""
+        return self != Streams()
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +90,7 @@ class Format:
     name: str
     looks_for: str  # what makes a folder one of this format, for people
     matches: Callable[[Path], bool]
-    read: Callable[[Path], RecordingListing]
+    read: Callable[[Path, Streams], RecordingListing]
 
 
 def subfolder(folder: Path, *names: str) -> Path:

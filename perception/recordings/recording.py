@@ -17,10 +17,10 @@ from perception.camera.poses import CONVENTIONS, Pose, checked_pose, read_trajec
 from perception.camera.rectification import Rectifier
 from perception.camera.registration import register_depth
 from perception.frames import Frame
-from perception.recordings import hololens, seven_scenes, trajectory_log, tum
+from perception.recordings import bag, hololens, seven_scenes, trajectory_log, tum
 from perception.recordings.depth_check import check_depth
-from perception.recordings.image_files import check_image_file, read_colour, read_depth
-from perception.recordings.listing import Format, FrameEntry, RecordingListing
+from perception.recordings.listing import Format, FrameEntry, RecordingListing, Streams
+from perception.recordings.selection import Selection
 
 #: Tried in this order when the format is not named.
 FORMATS: tuple[Format, ...] = (
@@ -28,6 +28,7 @@ FORMATS: tuple[Format, ...] = (
     tum.FORMAT,
     trajectory_log.FORMAT,
     hololens.FORMAT,
+    bag.FORMAT,
 )
 POSE_TOLERANCE = 0.02  # [s] within which a pose of a given trajectory is that of a frame
 ABSOLUTE_STAMP = 1e8  # [s] smaller stamps count from the start of the recording
@@ -35,7 +36,7 @@ ABSOLUTE_STAMP = 1e8  # [s] smaller stamps count from the start of the recording
 
 @dataclass(frozen=True, slots=True)
 class FolderRecording:
-    """A recording in a folder; frames are read from disk when asked for."""
+    """A recording in a folder or a file; frames are read from disk when asked for."""
 
     name: str
     format: str
@@ -65,7 +66,7 @@ class FolderRecording:
 
     def _frame(self, entry: FrameEntry) -> Frame:
         camera = self.rectifier.camera
-        rgb = read_colour(entry.colour)
+        rgb = entry.colour.colour()
         if rgb.shape[1::-1] != (camera.width, camera.height):
             raise RecordingError(
                 f"{entry.colour} is {rgb.shape[1]}x{rgb.shape[0]}, the first image "
@@ -81,7 +82,7 @@ class FolderRecording:
         )
 
     def _depth(self, entry: FrameEntry) -> NDArray[np.float32]:
-        depth = read_depth(entry.depth, self.depth_scale)
+        depth = entry.depth.depth(self.depth_scale)
         height, width = depth.shape
         camera, apart = self.rectifier.camera, self.listing.depth_camera
         if apart is not None:
@@ -109,8 +110,11 @@ def open_recording(
     poses: Path | None = None,
     pose_convention: str = "camera-to-world",
     check: bool = True,
+    streams: Streams | None = None,
+    selection: Selection | None = None,
+    listing: RecordingListing | None = None,
 ) -> FolderRecording:
-    """Open the recording in the folder `path`, checking all that can be checked without decoding.
+    """Open the recording at `path`, a folder or a bag, and check all that needs no decoding.
 
     `format` is one of FORMATS or "auto". `T_map_world` (4, 4) takes the recording's world to the
     map frame; without it the world is stood upright (see perception.camera.gravity_alignment)
@@ -121,11 +125,20 @@ def open_recording(
     zero are shifted by `start_time` [s since 1970], by default now. `poses` is a trajectory in TUM
     format that replaces the folder's own; `pose_convention` is one of
     `perception.camera.poses.CONVENTIONS`. With `check` a sample of the depth is compared with poses
-    and colour (`perception.recordings.depth_check`). Raises RecordingError.
+    and colour (`perception.recordings.depth_check`). `streams` are those to read of a bag;
+    `selection` says which frames, `listing` what was read already. Raises RecordingError.
     """
     folder = Path(path)
-    chosen = _format(folder, format)
-    listing = chosen.read(folder)
+    chosen = format_of(folder, format)
+    if streams is not None and streams.given and chosen is not bag.FORMAT:
+        raise RecordingError(
+            f"{folder} is a {chosen.name} recording: streams are chosen in bags and MCAP files only"
+        )
+    if listing is None:
+        listing = chosen.read(folder, streams or Streams())
+    if selection is not None:
+        entries = selection.of(listing.entries, str(folder))
+        listing = replace(listing, entries=entries)
     if K is not None:
         intrinsics = intrinsics_from_matrix(np.asarray(K, np.float64), "given K")
     if intrinsics is not None:
@@ -141,7 +154,7 @@ def open_recording(
     )
     listing = replace(listing, entries=entries)
     recording = FolderRecording(
-        name=name or folder.resolve().name,
+        name=name or _name(folder),
         format=chosen.name,
         T_map_world=np.eye(4),
         listing=listing,
@@ -158,8 +171,20 @@ def open_recording(
         T = np.asarray(T_map_world, np.float64)
         checked_pose(T, "given T_map_world")
         return replace(recording.placed(T), transform_given=True)
-    T = gravity_aligned_transform(recording, up=up if up is not None else read_gravity(folder))
+    if listing.T_map_world is not None and up is None:
+        return replace(recording, T_map_world=listing.T_map_world, gravity_aligned=True)
+    T = gravity_aligned_transform(recording, up=up if up is not None else _up(listing, folder))
     return replace(recording, T_map_world=T, gravity_aligned=up is None)
+
+
+def _name(path: Path) -> str:
+    """Name of a folder, or of a file without its suffix."""
+    whole = path.resolve()
+    return whole.name if whole.is_dir() else whole.stem
+
+
+def _up(listing: RecordingListing, folder: Path) -> NDArray[np.float64] | None:
+    return listing.up if listing.up is not None else read_gravity(folder)
 
 
 def _with_poses(entries: tuple[FrameEntry, ...], path: Path) -> tuple[FrameEntry, ...]:
@@ -192,14 +217,18 @@ def _with_scale(given: Intrinsics, listing: RecordingListing) -> Intrinsics:
     return replace(given, depth_scale=listing.camera.depth_scale)
 
 
-def _format(folder: Path, name: str) -> Format:
+def format_of(folder: Path, name: str = "auto") -> Format:
+    """Format of a recording by its files, or by name; raises RecordingError for no recording."""
     known = "; ".join(f"{f.name} ({f.looks_for})" for f in FORMATS)
     if name != "auto" and name not in {f.name for f in FORMATS}:
         close = did_you_mean(name, [f.name for f in FORMATS])
         raise RecordingError(f"unknown recording format {name!r}{close}; known are auto, {known}")
+    if not folder.exists():
+        raise RecordingError(f"recording {folder} does not exist")
     if not folder.is_dir():
-        problem = "is not a folder" if folder.exists() else "does not exist"
-        raise RecordingError(f"recording {folder} {problem}")
+        if name in ("auto", bag.FORMAT.name) and bag.FORMAT.matches(folder):
+            return bag.FORMAT
+        raise RecordingError(f"recording {folder} is not a folder and no bag ({bag.SUFFIXES})")
     if not any(folder.iterdir()):
         raise RecordingError(f"recording {folder} is empty; known formats are {known}")
     for candidate in FORMATS:
@@ -222,7 +251,7 @@ def _rectifier(listing: RecordingListing, folder: Path) -> Rectifier:
         raise RecordingError(
             f"{folder} has no intrinsics: add intrinsics.json or K.txt, or give K (fx, fy, cx, cy)"
         )
-    height, width = read_colour(listing.entries[0].colour).shape[:2]
+    height, width = listing.entries[0].colour.colour().shape[:2]
     return Rectifier.for_camera(listing.camera.fitted(width, height))
 
 
@@ -237,6 +266,6 @@ def _depth_scale(listing: RecordingListing, given: float | None) -> float:
 def _check_images(recording: FolderRecording) -> None:
     """Look at every file's head and tail, and decode the first frame."""
     for entry in recording.listing.entries:
-        check_image_file(entry.colour)
-        check_image_file(entry.depth)
+        entry.colour.check()
+        entry.depth.check()
     next(recording.frames())

@@ -14,12 +14,14 @@ import numpy as np
 from kg.errors import RecordingError
 from perception.camera.intrinsics import Intrinsics, find_intrinsics, load_intrinsics
 from perception.camera.poses import read_pose
+from perception.recordings.image_files import ImageFile
 from perception.recordings.listing import (
-    FRAME_RATE,
     DepthCamera,
     Format,
     FrameEntry,
     RecordingListing,
+    Streams,
+    stamp_of_number,
 )
 
 DEPTH_SCALE = 1000.0
@@ -36,7 +38,7 @@ def matches(folder: Path) -> bool:
     return any(folder.glob("frame-*.color.*"))
 
 
-def read(folder: Path) -> RecordingListing:
+def read(folder: Path, streams: Streams) -> RecordingListing:
     """All frames of `folder`, by number.
 
     Raises RecordingError where a frame lacks its depth or its pose, or a pose is not rigid.
@@ -55,8 +57,9 @@ def read(folder: Path) -> RecordingListing:
         stem = stems[path]
         _require(folder, stem, depth, pose)
         T = read_pose(folder / (stem + pose)) @ T_depth_colour
-        stamp = _number(stem, path) / FRAME_RATE
-        entries.append(FrameEntry(stem, path, folder / (stem + depth), T, stamp))
+        stamp = stamp_of_number(_number(stem, path))
+        at_depth = ImageFile(folder / (stem + depth))
+        entries.append(FrameEntry(stem, ImageFile(path), at_depth, T, stamp))
     if registered:
         return RecordingListing(tuple(entries), _colour_camera(folder), DEPTH_SCALE)
     camera = find_intrinsics(folder) or DEPTH_CAMERA

@@ -11,12 +11,13 @@ from pathlib import Path
 from kg.errors import RecordingError
 from perception.camera.intrinsics import find_intrinsics
 from perception.camera.poses import Pose, read_pose_log
-from perception.recordings.image_files import images_by_number
+from perception.recordings.image_files import ImageFile, images_by_number
 from perception.recordings.listing import (
-    FRAME_RATE,
     Format,
     FrameEntry,
     RecordingListing,
+    Streams,
+    stamp_of_number,
     subfolder,
 )
 
@@ -28,7 +29,7 @@ def matches(folder: Path) -> bool:
     return _log_file(folder) is not None
 
 
-def read(folder: Path) -> RecordingListing:
+def read(folder: Path, streams: Streams) -> RecordingListing:
     """All images of `folder` by number, with the pose of that number.
 
     Raises RecordingError where colour, depth and poses do not match one to one.
@@ -43,7 +44,13 @@ def read(folder: Path) -> RecordingListing:
         if number not in depth:
             raise RecordingError(f"{path} has no depth image numbered {number}")
     entries = tuple(
-        FrameEntry(path.stem, path, depth[number], poses[number], number / FRAME_RATE)
+        FrameEntry(
+            path.stem,
+            ImageFile(path),
+            ImageFile(depth[number]),
+            poses[number],
+            stamp_of_number(number),
+        )
         for number, path in colour.items()
     )
     return RecordingListing(entries, find_intrinsics(folder), DEPTH_SCALE)

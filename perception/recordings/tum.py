@@ -18,9 +18,10 @@ from kg.errors import RecordingError
 from perception.camera.intrinsics import Intrinsics, find_intrinsics
 from perception.camera.poses import read_trajectory
 from perception.number_tables import floats, rows
-from perception.recordings.listing import Format, FrameEntry, RecordingListing
+from perception.recordings.association import TOLERANCE, nearest_pairs
+from perception.recordings.image_files import ImageFile
+from perception.recordings.listing import Format, FrameEntry, RecordingListing, Streams
 
-TOLERANCE = 0.02  # [s] within which two stamps are taken for one moment
 DEPTH_FACTOR = 5000.0
 POSES = ("groundtruth.txt", "groundtruth_at_rgb.txt")  # the second: already at colour's stamps
 
@@ -46,7 +47,7 @@ def matches(folder: Path) -> bool:
     return (folder / "rgb.txt").is_file() or (folder / "associations.txt").is_file()
 
 
-def read(folder: Path) -> RecordingListing:
+def read(folder: Path, streams: Streams) -> RecordingListing:
     """All colour images that have a depth image and a pose; the others are skipped with a warning.
 
     Raises RecordingError where lists or poses are missing or malformed, or nothing fits together.
@@ -61,7 +62,8 @@ def read(folder: Path) -> RecordingListing:
         T = trajectory.at(stamp, TOLERANCE)
         if T is not None:
             frame_id = Path(colour).stem.removesuffix(".color")
-            entries.append(FrameEntry(frame_id, folder / colour, folder / depth, T, stamp))
+            images = ImageFile(folder / colour), ImageFile(folder / depth)
+            entries.append(FrameEntry(frame_id, *images, T, stamp))
     if not entries:
         raise RecordingError(
             f"{folder}: none of the {len(pairs)} images has a pose in {poses.name} "
@@ -111,20 +113,9 @@ def _associate(
     colour: list[tuple[float, str]], depth: list[tuple[float, str]], folder: Path
 ) -> list[_Pair]:
     """Pairs of nearest stamps within TOLERANCE, nearest pair first, each image used once."""
-    stamps = np.array([stamp for stamp, _ in depth])
-    near = [
-        (abs(stamps[j] - stamp), i, int(j))
-        for i, (stamp, _) in enumerate(colour)
-        for j in np.flatnonzero(np.abs(stamps - stamp) <= TOLERANCE)
-    ]
-    pairs: list[_Pair] = []
-    used_colour: set[int] = set()
-    used_depth: set[int] = set()
-    for _, i, j in sorted(near):
-        if i not in used_colour and j not in used_depth:
-            used_colour.add(i)
-            used_depth.add(j)
-            pairs.append((*colour[i], depth[j][1]))
+    of_colour, of_depth = (np.array([s for s, _ in images]) for images in (colour, depth))
+    near = nearest_pairs(of_colour, of_depth, TOLERANCE)
+    pairs = [(*colour[i], depth[j][1]) for i, j in near]
     if not pairs:
         raise RecordingError(f"{folder}: no rgb and depth stamps lie within {TOLERANCE} s")
     return pairs

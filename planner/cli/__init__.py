@@ -21,6 +21,8 @@ from planner.cli.arguments import join_signed
 COMMANDS = (
     "demo",
     "map_recording",
+    "info",
+    "convert",
     "ask",
     "queries",
     "find",

@@ -108,6 +108,13 @@ def count(text: str) -> int:
     return int(text)
 
 
+def whole(text: str) -> int:
+    """A whole number from 1 on."""
+    if count(text) < 1:
+        raise argparse.ArgumentTypeError(f"needs a whole number from 1 on, got {text!r}")
+    return count(text)
+
+
 def plain_value(text: str) -> int | float | str:
     """`text` as the number that it reads as, or as it is: free SPARQL declares no types."""
     for number in (int, float):

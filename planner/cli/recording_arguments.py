@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from planner.cli.arguments import positive
+from kg.errors import HistoryError
+from planner.cli.arguments import positive, whole
 
 if TYPE_CHECKING:
     from mapping.label_table import LabelTable
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from mapping.places.layout import Layout
     from mapping.reference.settings import ReferenceSettings
     from perception.frames import Detector, SceneClassifier
+    from perception.recordings.listing import RecordingListing, Streams
     from perception.recordings.recording import FolderRecording
 
 #: values of `--mode`, the default first
@@ -48,16 +50,17 @@ class Inputs:
 def add_recording_options(parser: argparse.ArgumentParser) -> None:
     """Declare the options that `open_inputs` reads."""
     parser.set_defaults(usage_error=parser.error)
-    _add_camera_options(parser.add_argument_group("recording"))
+    add_camera_options(parser.add_argument_group("recording"))
     _add_network_options(parser.add_argument_group("networks"))
     _add_mapping_options(parser.add_argument_group("mapping"))
 
 
-def _add_camera_options(camera: argparse._ArgumentGroup) -> None:
+def add_camera_options(camera: argparse._ArgumentGroup) -> None:
+    """Declare the options that `open_given_recording` reads."""
     camera.add_argument(
         "--format",
         default="auto",
-        help="auto, tum, 7scenes, trajectory-log or hololens (default: auto)",
+        help="auto, tum, 7scenes, trajectory-log, hololens or bag (default: auto)",
     )
     camera.add_argument("--name", help="name of the recording in the map (default: its folder)")
     camera.add_argument("--intrinsics", metavar="FILE", help="intrinsics.json, .txt or K.txt")
@@ -87,6 +90,8 @@ def _add_camera_options(camera: argparse._ArgumentGroup) -> None:
         metavar="AXIS",
         help="the world's up: x, y, z, -x, -y, -z or a vector A,B,C (default: read, else found)",
     )
+    _add_frame_options(camera)
+    _add_stream_options(camera)
     camera.add_argument("--transform", metavar="FILE", help="JSON of world-to-map transforms")
     camera.add_argument("--sequence", metavar="NAME", help="which transform of that file")
     world = camera.add_mutually_exclusive_group()
@@ -99,6 +104,79 @@ def _add_camera_options(camera: argparse._ArgumentGroup) -> None:
         "--same-frame",
         action="store_true",
         help="the recording's world is that of the map's other recordings",
+    )
+
+
+def _add_frame_options(camera: argparse._ArgumentGroup) -> None:
+    camera.add_argument(
+        "--every", type=whole, default=1, metavar="N", help="read the first frame and each N-th"
+    )
+    camera.add_argument("--limit", type=whole, metavar="N", help="read N frames at most")
+    camera.add_argument(
+        "--started",
+        type=_moment,
+        metavar="TIME",
+        help="when it was recorded, ISO 8601, if its stamps count from zero (default: now)",
+    )
+    camera.add_argument(
+        "--from",
+        dest="start",
+        type=float,
+        metavar="SECONDS",
+        help="leave out what comes sooner after the recording's first frame",
+    )
+    camera.add_argument(
+        "--to",
+        dest="stop",
+        type=float,
+        metavar="SECONDS",
+        help="leave out what comes later after the recording's first frame",
+    )
+
+
+def _moment(text: str) -> float:
+    """Seconds since 1970 of ISO 8601 text."""
+    from kg.history.timestamps import moment
+
+    try:
+        return moment(text)
+    except HistoryError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def _add_stream_options(camera: argparse._ArgumentGroup) -> None:
+    for option, what in (
+        ("--color-topic", "colour images of a bag"),
+        ("--depth-topic", "depth images of a bag"),
+        ("--info-topic", "CameraInfo of the colour images"),
+        ("--pose-topic", "poses of a bag instead of tf: odometry, or poses of the colour camera"),
+    ):
+        camera.add_argument(option, metavar="TOPIC", help=f"{what} (default: guessed; see `info`)")
+    camera.add_argument(
+        "--map-frame",
+        metavar="FRAME",
+        help="frame of a bag's poses (default: map, world or odom, else the root of tf)",
+    )
+    camera.add_argument(
+        "--tolerance",
+        type=positive,
+        default=0.02,
+        metavar="SECONDS",
+        help="between stamps of a bag's colour and depth that are one frame (default: 0.02)",
+    )
+
+
+def given_streams(arguments: argparse.Namespace) -> Streams:
+    """The streams of a bag that the options name."""
+    from perception.recordings.listing import Streams
+
+    return Streams(
+        arguments.color_topic,
+        arguments.depth_topic,
+        arguments.info_topic,
+        arguments.pose_topic,
+        arguments.map_frame,
+        arguments.tolerance,
     )
 
 
@@ -244,11 +322,17 @@ def _detector_file(arguments: argparse.Namespace) -> str:
     return str(inside) if found else name
 
 
-def open_given_recording(arguments: argparse.Namespace) -> FolderRecording:
-    """Open the recording that the options of the group "recording" describe."""
+def open_given_recording(
+    arguments: argparse.Namespace, *, check: bool = True, listing: RecordingListing | None = None
+) -> FolderRecording:
+    """Open the recording that the options of the group "recording" describe.
+
+    With `check` false depth is not compared with the poses; `listing` is what was read already.
+    """
     from mapping.transform_file import load_transform
     from perception.camera.intrinsics import load_intrinsics
     from perception.recordings.recording import open_recording
+    from perception.recordings.selection import Selection
 
     transform = None
     if arguments.sequence is not None and arguments.transform is None:
@@ -268,7 +352,11 @@ def open_given_recording(arguments: argparse.Namespace) -> FolderRecording:
         T_map_world=transform,
         poses=Path(arguments.poses) if arguments.poses else None,
         pose_convention=arguments.pose_convention,
-        check=not arguments.no_check,
+        check=check and not arguments.no_check,
+        start_time=arguments.started,
+        streams=given_streams(arguments),
+        selection=Selection(arguments.every, arguments.limit, arguments.start, arguments.stop),
+        listing=listing,
     )
 
 

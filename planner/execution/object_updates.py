@@ -25,6 +25,7 @@ class AssociatedDetection:
     thing: Detected
     category: str  # IRI: the object's, assertions applied; the label's where there is no object
     iri: str | None  # of the object
+    existence: float  # of the object, with this detection; 0 where there is none
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,12 +67,16 @@ class ObjectUpdates:
         self._mapper.refresh()
         return tuple(r for r in self._mapper.objects() if r.category in categories)
 
-    def decay(self, iri: str, times: int = 1) -> ObjectChanges:
-        """Changes after `times` looks that should have shown the object and did not."""
-        return self._relations.update(self._mapper.decay(iri, times))
+    def decay(self, iri: str, times: int = 1, recall: float | None = None) -> ObjectChanges:
+        """Changes after `times` looks that should have shown the object and did not.
+
+        `recall` is the chance that such a look shows it; the detector's greatest by default.
+        """
+        return self._relations.update(self._mapper.decay(iri, times, recall))
 
     def _associated(self, thing: Detected, sighting: MappedSighting) -> AssociatedDetection:
         iri = self._mapper.object_of(sighting)
         record = None if iri is None else self._mapper.get(iri)
         category = sighting.category if record is None else record.category
-        return AssociatedDetection(thing, category, iri)
+        existence = 0.0 if record is None else record.existence
+        return AssociatedDetection(thing, category, iri, existence)

@@ -1,0 +1,183 @@
+"""Bags on disk: ROS 1 bags, ROS 2 bags (folder or file, SQLite or MCAP), read without ROS.
+
+All that knows the package `rosbags` when reading. Messages are taken by the definitions that ship
+with it, never by those in the file: no code is made from what a file says.
+"""
+
+from __future__ import annotations
+
+import bz2
+import contextlib
+import functools
+import weakref
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from kg.errors import RecordingError
+
+LARGEST_CHUNK: Final = 1 << 29  # [bytes] decompressed
+_FILES: Final = (".mcap", ".db3")
+_ROS1: Final = ".bag"
+#: of tf2, and of tf before it as old bags have it; rosbags' definitions of ROS 1 have neither
+_TF: Final = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """A topic of a bag."""
+
+    name: str
+    type: str  # e.g. sensor_msgs/msg/Image, of ROS 1 too
+    count: int  # messages, as the bag's index says
+
+
+@dataclass(frozen=True, slots=True)
+class RawMessage:
+    """A message of a bag as it lies there."""
+
+    topic: str
+    type: str
+    time: int  # [ns] at which it was recorded
+    data: bytes
+
+
+def bag_path(path: Path) -> Path | None:
+    """What of `path` is to be opened: itself, or the one storage file in it; None: no bag."""
+    if path.is_file():
+        return path if path.suffix in (_ROS1, *_FILES) else None
+    if (path / "metadata.yaml").is_file():
+        return path
+    inner = [p for p in path.iterdir() if p.suffix in (_ROS1, *_FILES) and p.is_file()]
+    return inner[0] if len(inner) == 1 else None
+
+
+class BagFile:
+    """An open bag; close it, or use `with`. It belongs to the thread that opened it.
+
+    Raises RecordingError, here and on reading, for what is no bag, is damaged or truncated.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.is_ros1 = path.suffix == _ROS1
+        with _errors(path):
+            self._reader = _reader(path)
+            self._reader.open()
+        self.close = weakref.finalize(self, _close, self._reader)
+        self._types = message_types(self.is_ros1)
+        counts: dict[str, tuple[str, int]] = {}
+        for connection in self._reader.connections:
+            before = counts.get(connection.topic, ("", 0))[1]
+            counts[connection.topic] = (connection.msgtype, before + connection.msgcount)
+        self.topics = tuple(Topic(name, *counts[name]) for name in sorted(counts))
+
+    def __enter__(self) -> BagFile:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def messages(self, topics: Collection[str], start: int | None = None) -> Iterator[RawMessage]:
+        """Messages of `topics` in order of recording, from the time `start` [ns] on."""
+        chosen = [one for one in self._reader.connections if one.topic in topics]
+        if not chosen:
+            return
+        with _errors(self.path):
+            for connection, time, data in self._reader.messages(chosen, start=start):
+                yield RawMessage(connection.topic, connection.msgtype, time, data)
+
+    def decoded(self, raw: RawMessage) -> Any:
+        """The message with its fields."""
+        with _errors(self.path, f"a message of {raw.topic}"):
+            if self.is_ros1:
+                return self._types.deserialize_ros1(raw.data, raw.type)
+            return self._types.deserialize_cdr(raw.data, raw.type)
+
+
+def _close(reader: Any) -> None:
+    with contextlib.suppress(Exception):
+        reader.close()
+
+
+def _reader(path: Path) -> Any:
+    try:
+        from rosbags import rosbag1, rosbag2
+    except ImportError as error:
+        raise RecordingError(
+            f"reading {path} needs the package rosbags: pip install 'hereabouts[ros]'"
+        ) from error
+    _bound_decompression()
+    return rosbag1.Reader(path) if path.suffix == _ROS1 else rosbag2.Reader(path)
+
+
+@functools.cache
+def message_types(is_ros1: bool) -> Any:
+    """Message types of ROS 1 or ROS 2, as rosbags serialises them."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    if not is_ros1:
+        return get_typestore(Stores.ROS2_HUMBLE)
+    types = get_typestore(Stores.ROS1_NOETIC)
+    for name in _TF:
+        types.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", name))
+    return types
+
+
+@contextlib.contextmanager
+def _errors(path: Path, what: str = "") -> Iterator[None]:
+    """Whatever the parsers of files from anywhere raise, in one line."""
+    try:
+        yield
+    except RecordingError:
+        raise
+    except Exception as error:  # rosbags parses hostile bytes and asserts much
+        said = " ".join(str(error).split()) or type(error).__name__
+        where = f"{path}: {what}" if what else str(path)
+        raise RecordingError(f"{where} cannot be read: {said[:300]}{_hint(said)}") from error
+
+
+def _hint(said: str) -> str:
+    if "not indexed" in said or "index looks damaged" in said:
+        return " (`rosbag reindex` would repair a bag whose recording was cut short)"
+    if "end magic" in said or "footer" in said:
+        return " (`mcap recover` would repair a file whose recording was cut short)"
+    return ""
+
+
+@functools.cache
+def _bound_decompression() -> None:
+    """Chunks that expand to more than they say, or than any chunk has, are refused.
+
+    rosbags decompresses whatever a chunk holds. A file of kilobytes could fill the memory.
+    """
+    import lz4.frame
+    from rosbags.rosbag1 import reader
+    from rosbags.rosbag2 import storage_mcap
+
+    def zstd(data: bytes, size: int) -> bytes:
+        return _bounded(vars(storage_mcap)["zstd"].ZstdDecompressor(), data, size)
+
+    def lz4_(data: bytes, size: int = LARGEST_CHUNK) -> bytes:
+        return _bounded(lz4.frame.LZ4FrameDecompressor(), data, size)
+
+    def bz2_(data: bytes) -> bytes:
+        return _bounded(bz2.BZ2Decompressor(), data, LARGEST_CHUNK)
+
+    tables: tuple[tuple[dict[str, Callable[..., bytes]], dict[str, Callable[..., bytes]]], ...] = (
+        (storage_mcap.DECOMPRESSORS, {"zstd": zstd, "lz4": lz4_}),
+        (reader.decompressors, {"lz4": lz4_, "bz2": bz2_}),
+    )
+    for table, bounded in tables:
+        table.update(bounded)
+
+
+def _bounded(decompressor: Any, data: bytes, size: int) -> bytes:
+    """What `data` expands to, of `size` bytes at most; raises RecordingError where it is more."""
+    if size > LARGEST_CHUNK:
+        raise RecordingError(f"a chunk of {size} bytes is larger than any chunk of a bag")
+    out: bytes = decompressor.decompress(data, max_length=size + 1)
+    if len(out) > size:
+        raise RecordingError(f"a chunk expands to more than its {size} bytes")
+    return out

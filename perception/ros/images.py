@@ -1,0 +1,164 @@
+"""Images of ROS messages as arrays: sensor_msgs/Image, CompressedImage, compressedDepth.
+
+Encodings: sensor_msgs/image_encodings.h. Depth is 16-bit in millimetres or 32-bit floats in metres,
+as REP 118 has it. compressedDepth (compressed_depth_image_transport) is a PNG behind a header of 12
+bytes, in which floats are kept as quantised inverse depth.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from typing import Any, Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from kg.errors import RecordingError
+from perception.camera.image_decoding import decode_image
+
+#: type and channels of the encodings that are read
+ENCODINGS: Final = {
+    "rgb8": (np.uint8, 3),
+    "bgr8": (np.uint8, 3),
+    "rgba8": (np.uint8, 4),
+    "bgra8": (np.uint8, 4),
+    "8UC3": (np.uint8, 3),
+    "mono8": (np.uint8, 1),
+    "8UC1": (np.uint8, 1),
+    "mono16": (np.uint16, 1),
+    "16UC1": (np.uint16, 1),
+    "32FC1": (np.float32, 1),
+}
+DEPTH_ENCODINGS: Final = ("16UC1", "mono16", "32FC1")
+_TO_RGB: Final = {
+    "rgb8": None,
+    "bgr8": cv2.COLOR_BGR2RGB,
+    "8UC3": cv2.COLOR_BGR2RGB,
+    "rgba8": cv2.COLOR_RGBA2RGB,
+    "bgra8": cv2.COLOR_BGRA2RGB,
+    "mono8": cv2.COLOR_GRAY2RGB,
+    "8UC1": cv2.COLOR_GRAY2RGB,
+}
+_DEPTH_HEADER: Final = struct.Struct("<iff")  # format, then the two parameters of the quantisation
+_PNG: Final = b"\x89PNG"
+MOST_PIXELS: Final = 1 << 27
+
+
+@dataclass(frozen=True, slots=True)
+class ImageKind:
+    """What a message holds, as far as its fields say."""
+
+    encoding: str  # of ENCODINGS, where it is raw or compressedDepth; "" if its bytes say it
+    compression: str  # "" (raw), "jpeg", "png", "compressedDepth"
+    size: tuple[int, int] | None  # (W, H) [px]; None where only its bytes say it
+
+    @property
+    def is_depth(self) -> bool:
+        """Whether it may be depth."""
+        return self.compression == "compressedDepth" or self.encoding in DEPTH_ENCODINGS
+
+
+def image_kind(message: Any) -> ImageKind:
+    """Kind of a sensor_msgs/Image or CompressedImage."""
+    if hasattr(message, "encoding"):
+        return ImageKind(str(message.encoding), "", (int(message.width), int(message.height)))
+    # "bgr8; jpeg compressed bgr8", "16UC1; compressedDepth png", "png", "jpeg"
+    given = str(message.format)
+    encoding = given.split(";")[0].strip() if ";" in given else ""
+    if "compressedDepth" in given:
+        return ImageKind(encoding, "compressedDepth", None)
+    return ImageKind(encoding, "png" if "png" in given.lower() else "jpeg", None)
+
+
+def colour_image(message: Any, where: str) -> NDArray[np.uint8]:
+    """(H, W, 3) RGB of an Image or CompressedImage; grey images thrice.
+
+    Raises RecordingError, beginning with `where`, for an encoding that is no colour or fields that
+    contradict each other.
+    """
+    if not hasattr(message, "encoding"):
+        flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+        return np.ascontiguousarray(decode_image(_bytes(message), flags, where)[:, :, ::-1]).astype(
+            np.uint8, copy=False
+        )
+    encoding = str(message.encoding)
+    if encoding not in _TO_RGB:
+        raise RecordingError(
+            f"{where}: encoding {encoding!r} is not read as colour; known are {', '.join(_TO_RGB)}"
+        )
+    image = _raw_image(message, where)
+    conversion = _TO_RGB[encoding]
+    rgb = image if conversion is None else cv2.cvtColor(image, conversion)
+    return np.ascontiguousarray(rgb).astype(np.uint8, copy=False)
+
+
+def depth_image(message: Any, where: str) -> NDArray[np.uint16] | NDArray[np.float32]:
+    """(H, W) depth as it is: uint16 [mm, unless the camera has another unit] or float32 [m].
+
+    No return is 0 or nan. Raises RecordingError, beginning with `where`, for what is no depth.
+    """
+    if hasattr(message, "encoding"):
+        if message.encoding not in DEPTH_ENCODINGS:
+            raise RecordingError(
+                f"{where}: encoding {message.encoding!r} is not depth; "
+                f"known are {', '.join(DEPTH_ENCODINGS)}"
+            )
+        return _raw_image(message, where)
+    kind, data = image_kind(message), _bytes(message)
+    if kind.compression == "compressedDepth":
+        return _compressed_depth(data, kind.encoding, where)
+    return _one_channel(decode_image(data, cv2.IMREAD_UNCHANGED, where), where)
+
+
+def _bytes(message: Any) -> NDArray[np.uint8]:
+    return np.frombuffer(memoryview(message.data), np.uint8)
+
+
+def _raw_image(message: Any, where: str) -> NDArray[Any]:
+    """(H, W) or (H, W, C) without the padding of its rows, in this machine's byte order."""
+    height, width, step = int(message.height), int(message.width), int(message.step)
+    type_, channels = ENCODINGS[str(message.encoding)]
+    item = np.dtype(type_).newbyteorder(">" if message.is_bigendian else "<")
+    row = width * channels * item.itemsize
+    data = _bytes(message)
+    if min(width, height) < 1 or width * height > MOST_PIXELS:
+        raise RecordingError(f"{where}: an image of {width}x{height} pixels cannot be read")
+    if step < row or len(data) < step * (height - 1) + row:
+        raise RecordingError(
+            f"{where}: {len(data)} bytes in rows of {step} are no {width}x{height} image of "
+            f"{message.encoding}"
+        )
+    padded = np.zeros(step * height, np.uint8)
+    padded[: min(len(data), len(padded))] = data[: len(padded)]
+    pixels = padded.reshape(height, step)[:, :row].copy().view(item)
+    shape = (height, width) if channels == 1 else (height, width, channels)
+    return pixels.reshape(shape).astype(type_, copy=False)
+
+
+def _compressed_depth(
+    data: NDArray[np.uint8], encoding: str, where: str
+) -> NDArray[np.uint16] | NDArray[np.float32]:
+    if bytes(data[:4]) == _PNG:  # some write a plain PNG under this name
+        return _one_channel(decode_image(data, cv2.IMREAD_UNCHANGED, where), where)
+    if bytes(data[_DEPTH_HEADER.size :][:4]) != _PNG:
+        raise RecordingError(f"{where}: compressedDepth holds no PNG (RVL is not read)")
+    _, a, b = _DEPTH_HEADER.unpack(bytes(data[: _DEPTH_HEADER.size]))
+    raw = _one_channel(decode_image(data[_DEPTH_HEADER.size :], cv2.IMREAD_UNCHANGED, where), where)
+    if encoding != "32FC1":
+        return raw
+    if not np.isfinite((a, b)).all():
+        raise RecordingError(f"{where}: compressedDepth has parameters that are not finite")
+    with np.errstate(divide="ignore", invalid="ignore"):
+        depth = np.float32(a) / (raw.astype(np.float32) - np.float32(b))
+    depth[raw == 0] = np.nan
+    return depth
+
+
+def _one_channel(image: NDArray[Any], where: str) -> NDArray[np.uint16]:
+    if image.ndim != 2 or image.dtype != np.uint16:
+        raise RecordingError(
+            f"{where}: depth must be one 16-bit channel, got {image.dtype} of shape {image.shape}"
+        )
+    return image

@@ -1,0 +1,50 @@
+"""`hereabouts convert`: a recording becomes a bag or an MCAP file."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from planner.cli.arguments import add_json
+from planner.cli.console import note, progress, write_json
+from planner.cli.recording_arguments import add_camera_options, open_given_recording
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "convert",
+        help="write a recording as an MCAP file, a ROS 1 bag or a ROS 2 bag",
+        description="Write a recording with the message definitions of ROS. Mapping what is "
+        "written makes the map that mapping the recording makes.",
+        epilog="example: hereabouts convert recordings/kitchen -o kitchen.mcap",
+    )
+    parser.add_argument("recording", metavar="RECORDING", help="folder, bag or MCAP file")
+    parser.add_argument(
+        "-o",
+        "--output",
+        required=True,
+        metavar="OUT",
+        help="new file .mcap (ROS 2) or .bag (ROS 1); any other name: folder of a ROS 2 bag",
+    )
+    add_json(parser)
+    parser.set_defaults(usage_error=parser.error)
+    add_camera_options(parser.add_argument_group("recording"))
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write the file."""
+    from perception.recordings.bag_writer import write_bag
+
+    recording = open_given_recording(arguments)
+    output = Path(arguments.output)
+    with progress() as bar:
+        task = bar.add_task(recording.name, total=len(recording), status="")
+        for _ in write_bag(recording, output):
+            bar.advance(task)
+    if arguments.json:
+        write_json({"output": str(output), "frames": len(recording)})
+    else:
+        note(f"wrote {len(recording)} frames to {output}")
+    return 0

@@ -1,0 +1,150 @@
+"""`hereabouts info`: what a recording holds, what would be read of it, and whether it fits."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from kg.errors import RecordingError
+from planner.cli.arguments import add_json
+from planner.cli.console import print_table, write, write_json
+from planner.cli.recording_arguments import (
+    add_camera_options,
+    given_streams,
+    open_given_recording,
+)
+
+if TYPE_CHECKING:
+    from perception.recordings.depth_check import DepthFindings
+    from perception.recordings.listing import RecordingListing
+    from perception.recordings.recording import FolderRecording
+    from perception.recordings.summary import StreamSummary
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "info",
+        help="show what a recording holds, what `map` would read of it, and whether that fits",
+        description="Show the streams of a recording with their rates and gaps, which of them "
+        "`map` would read, and whether depth fits the poses, the camera and the colour images.",
+        epilog="example: hereabouts info kitchen.bag --color-topic /head/rgb/image_raw",
+    )
+    parser.add_argument("recording", metavar="RECORDING", help="folder, bag or MCAP file")
+    add_json(parser)
+    parser.set_defaults(usage_error=parser.error)
+    add_camera_options(parser.add_argument_group("recording"))
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the streams, the choice and the findings; exit code 1 where it cannot be mapped."""
+    from perception.recordings import bag
+    from perception.recordings.recording import format_of
+
+    path = Path(arguments.recording)
+    if format_of(path, arguments.format) is bag.FORMAT:
+        return _bag(arguments, path)
+    recording = open_given_recording(arguments, check=False)
+    from perception.recordings.summary import file_streams
+
+    camera = recording.rectifier.camera
+    streams = file_streams(recording.listing.entries, camera.size)
+    return _tell(arguments, streams, recording, {})
+
+
+def _bag(arguments: argparse.Namespace, path: Path) -> int:
+    """The streams of a bag are shown also where what it lacks keeps it from being mapped."""
+    from perception.recordings.bag import choose, listing_of, opened
+    from perception.recordings.bag_index import read_index
+    from perception.recordings.summary import bag_streams
+
+    index = read_index(opened(path))
+    streams = given_streams(arguments)
+    choice = None
+    try:
+        choice = choose(index, streams)
+        listing: RecordingListing = listing_of(index, choice, streams)
+        recording = open_given_recording(arguments, check=False, listing=listing)
+    except RecordingError:
+        _print_streams(arguments, bag_streams(index, choice))
+        raise
+    poses = "tf" if choice.pose is None else choice.pose.topic
+    used: dict[str, Any] = {
+        "poses": f"{choice.colour.frame} in {choice.map_frame}, from {poses}",
+        "pairs": f"colour and depth within {streams.tolerance:g} s",
+        "depth": f"registered from {choice.depth.frame}"
+        if choice.depth_apart
+        else "registered to colour",
+    }
+    return _tell(arguments, bag_streams(index, choice), recording, used)
+
+
+def _print_streams(arguments: argparse.Namespace, streams: list[StreamSummary]) -> None:
+    if not arguments.json:
+        print_table(
+            ("stream", "holds", "count", "Hz", "gap s", "frame", "read for"),
+            [(s.name, s.holds, s.count, s.rate, s.gap, s.frame, s.use) for s in streams],
+        )
+
+
+def _tell(
+    arguments: argparse.Namespace,
+    streams: list[StreamSummary],
+    recording: FolderRecording,
+    used: dict[str, Any],
+) -> int:
+    from perception.recordings.depth_check import depth_findings
+
+    entries = recording.listing.entries
+    findings = depth_findings(
+        recording.name,
+        [entry.T_world_cam for entry in entries],
+        "camera-to-world",
+        recording.depth_scale,
+        recording.frame,
+    )
+    facts = _facts(recording) | used | _judged(findings)
+    if arguments.json:
+        write_json(facts | {"streams": [stream.to_json() for stream in streams]})
+    else:
+        _print_streams(arguments, streams)
+        write("")
+        width = max(map(len, facts))
+        for name, value in facts.items():
+            write(f" {name:{width}}  {value}")
+    if findings.error is not None:
+        raise RecordingError(findings.error)
+    return 0
+
+
+def _facts(recording: FolderRecording) -> dict[str, Any]:
+    camera, entries = recording.rectifier.camera, recording.listing.entries
+    distorted = "undone" if any(camera.dist) else "none"
+    return {
+        "name": recording.name,
+        "format": recording.format,
+        "frames": len(entries),
+        "seconds": round(entries[-1].stamp - entries[0].stamp, 3),
+        "camera": f"{camera.width}x{camera.height}, f {camera.fx:.1f} {camera.fy:.1f}, "
+        f"c {camera.cx:.1f} {camera.cy:.1f}, distortion {distorted}",
+        "depth units": f"{recording.depth_scale:g} a metre",
+    }
+
+
+def _judged(findings: DepthFindings) -> dict[str, Any]:
+    """Depth against poses, which tells scale and intrinsics, and against edges of colour."""
+    share, edges = findings.share, findings.registration
+    too_few = "too little to tell"
+    facts = {
+        "depth and poses": too_few
+        if share is None
+        else f"{100 * share:.0f} % of points agree (85 % and more is sound)",
+        "depth edges": too_few
+        if edges is None
+        else f"{edges.pixels:.0f} px of 640 from colour's (6 and less is registered)",
+    }
+    for warning in findings.warnings:
+        facts["warning"] = "; ".join(filter(None, (facts.get("warning", ""), warning)))
+    return facts

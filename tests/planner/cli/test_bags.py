@@ -1,0 +1,137 @@
+"""`info`, `convert`, and maps of one recording as folder, ROS 1 bag, ROS 2 bag and MCAP file."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import rdflib
+import rdflib.compare
+
+from tests.planner.cli.test_remote_maps import BASE, untimed
+
+pytest.importorskip("rosbags")
+Prints = Callable[..., str]
+FRAMES = 24
+
+
+@pytest.fixture(scope="module")
+def folder(shared: Callable[[str], Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The first seconds of the real kitchen, every other frame."""
+    source = shared("data/rgbd/redkitchen")
+    made = tmp_path_factory.mktemp("bags") / "kitchen"
+    made.mkdir()
+    for number in range(0, 8 * FRAMES, 8):
+        for suffix in ("color.jpg", "depthreg.png", "posecolor.txt"):
+            shutil.copy(source / f"frame-{number:06d}.{suffix}", made)
+    for name in ("color-intrinsics.txt", "gravity-direction.txt"):
+        shutil.copy(source / name, made)
+    return made
+
+
+def mapped(prints: Prints, recording: Path, into: Path) -> rdflib.Graph:
+    # floor is dated by the minute, and the recording has no clock; the last bits of a product of
+    # matrices depend on how many threads compute it
+    words = ("map", recording, "--into", into, "--base", BASE, "--json")
+    made = subprocess.run(
+        [
+            sys.executable,
+            "-m",
+            "planner.cli",
+            *map(str, words),
+            "--started",
+            "2026-11-22T10:00:00Z",
+        ],
+        env=os.environ | {"OMP_NUM_THREADS": "1"},
+        stdout=subprocess.PIPE,
+        check=True,
+    )
+    assert json.loads(made.stdout)["frames"] == FRAMES
+    out = into.with_suffix(".ttl")
+    prints("export", into, "-o", out)
+    return rdflib.Graph().parse(data=untimed(out.read_text()), format="turtle")
+
+
+def test_folder_ros1_bag_ros2_bag_and_mcap_make_one_map(
+    folder: Path, prints: Prints, tmp_path: Path
+) -> None:
+    copies = {
+        "ros1": tmp_path / "1" / "kitchen.bag",
+        "ros2": tmp_path / "2" / "kitchen",
+        "mcap": tmp_path / "3" / "kitchen.mcap",
+    }
+    for copy in copies.values():
+        copy.parent.mkdir()
+        prints("convert", folder, "-o", copy)
+    wanted = mapped(prints, folder, tmp_path / "maps" / "kitchen.map")
+    assert len(wanted) > 1000
+    for kind, copy in copies.items():
+        found = mapped(prints, copy, tmp_path / f"maps-{kind}" / "kitchen.map")
+        both, first, second = rdflib.compare.graph_diff(wanted, found)
+        assert (len(first), len(second)) == (0, 0), kind
+        assert len(both) == len(wanted)
+
+
+def test_info_shows_streams_choice_and_fit(
+    folder: Path, prints: Prints, fails: Callable[..., str], tmp_path: Path
+) -> None:
+    bag = tmp_path / "kitchen.mcap"
+    prints("convert", folder, "-o", bag, "--limit", 6)
+    told = json.loads(prints("info", bag, "--json"))
+    uses = {stream["name"]: stream["use"] for stream in told["streams"]}
+    assert uses["/camera/color/image_raw/compressed"] == "colour"
+    assert uses["/camera/aligned_depth_to_color/image_raw"] == "depth"
+    assert uses["/tf"] == "poses"
+    assert uses["/camera/color/camera_info"] == "camera"
+    assert told["frames"] == 6
+    assert told["poses"] == "camera_color_optical_frame in world, from tf"
+    text = prints("info", bag)
+    assert "16UC1 640x480" in text
+    assert "colour and depth within 0.02 s" in text
+    again = json.loads(prints("info", bag, "--json", "--every", 2, "--to", 99))
+    assert again["frames"] == 3
+
+    of_folder = json.loads(prints("info", folder, "--json"))
+    assert of_folder["frames"] == FRAMES
+    assert of_folder["streams"][0]["count"] == FRAMES
+    assert "agree" in of_folder["depth and poses"]
+
+
+def test_info_of_a_bag_that_cannot_be_mapped_shows_its_streams(
+    folder: Path,
+    prints: Prints,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    from planner.cli import main
+
+    bag = tmp_path / "kitchen.bag"
+    prints("convert", folder, "-o", bag, "--limit", 3)
+    assert main(["info", str(bag), "--map-frame", "moon"]) == 1
+    out, err = capsys.readouterr()
+    assert "/camera/color/camera_info" in out
+    assert err.startswith("error: no transforms of frame 'moon'")
+
+
+def test_commands_on_what_is_no_bag(
+    fails: Callable[..., str], folder: Path, tmp_path: Path
+) -> None:
+    torn = tmp_path / "torn.mcap"
+    torn.write_bytes(b"\x89MCAP0\r\n" + bytes(99))
+    for words in (
+        ("info", torn),
+        ("convert", torn, "-o", tmp_path / "x.mcap"),
+        ("map", torn, "--into", tmp_path / "x.map"),
+    ):
+        assert f"{torn} cannot be read" in fails(*words)
+    assert not (tmp_path / "x.map").exists()
+    assert "bags and MCAP files only" in fails("info", folder, "--color-topic", "/rgb")
+    kept = tmp_path / "kept.mcap"
+    kept.write_text("mine")
+    assert "exists already" in fails("convert", folder, "-o", kept, "--limit", 2)
