@@ -133,7 +133,7 @@ class BayesObjectMapper:
         self.refresh()
         self._updater.begin(stamp)
         located = [self._extractor.of_position(sighting) for sighting in sightings]
-        touched = dict[int, Track]()
+        touched, born = dict[int, Track](), list[Track]()
         for sighting in located:
             # one by one: a message may hold the same thing several times, from several pictures
             known = self._associated((sighting,))
@@ -152,9 +152,10 @@ class BayesObjectMapper:
             self._updater.finish(track, sighting, stamp, frame)
             if not known:
                 self._tracks.append(track)
+                born.append(track)
         seen = list(touched.values())
         absorbed = self._merge(seen)
-        for track in seen:
+        for track in born:
             track.assume_extent()
         return self._changes(seen, [], absorbed)
 
