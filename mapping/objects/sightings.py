@@ -174,9 +174,9 @@ def intersection_over_union(a: Box, b: Box) -> float:
 def _visible_points(frame: Frame, group: Sequence[_Detection]) -> Floats | None:
     """Points (n, 3) [m] of the thing that a group shows, in the camera frame; None without depth.
 
-    Those of the fullest bin of the depth histogram of its strongest box, or of the strongest one
-    that has a mask, in which all within the quartiles' reach count; of a box that has hardly any
-    depth (a lit screen, glass) one point at the median depth of the ring around it.
+    Where a detection has a mask, all points in the strongest one's but outliers; else those of the
+    fullest bin of the depth histogram of the strongest box. Of a box that has hardly any depth (a
+    lit screen, glass) one point at the median depth of the ring around it.
     """
     best = next((one for one in group if one.mask is not None), group[0])
     found = box_depth(frame, np.array(best.box), best.mask)
@@ -194,9 +194,9 @@ def _visible_points(frame: Frame, group: Sequence[_Detection]) -> Floats | None:
 
 
 def _inliers(depths: Floats) -> NDArray[np.bool_]:
-    """Mask (n,) of depths that lie no farther beyond the quartiles than these from one another.
+    """Mask (n,) of depths that lie no farther outside the quartiles than these from one another.
 
-    What a mask's edge shows of the background lies farther (Tukey's fences, at 1).
+    A mask's edge shows some of the background, which lies farther.
     """
     low, high = np.percentile(depths, [25, 75])
     reach = max(high - low, 0.02)
