@@ -31,7 +31,7 @@
     ├── OrderingError            a search problem that makes no sense: sizes, signs, no probability
     ├── RobotError               a robot that does not answer, or says what makes no sense
     ├── ServerError              a server that cannot start as configured, or a request it refuses
-    └── PictureError             a picture that cannot be drawn or written
+    └── PictureError             a picture or a file for viewers that cannot be written
 
 A message is one line: what was wrong, what was given, and what would have worked. The command line
 prints it after ``error:`` and exits with 1. Anything outside this tree is a bug and keeps its
@@ -177,7 +177,7 @@ class ServerError(HereaboutsError):
 
 
 class PictureError(HereaboutsError):
-    """A picture cannot be drawn or written: unknown format, or nowhere to write to."""
+    """A picture or a viewer's file cannot be written: unknown format, or nowhere to write to."""
 
 
 def did_you_mean(given: str, known: Iterable[str]) -> str:

@@ -49,6 +49,15 @@ def label_colour(label: str) -> _Colour:
     return round(255 * red), round(255 * green), round(255 * blue)
 
 
+def encode_jpeg(rgb: NDArray[np.uint8], quality: int = 80) -> bytes:
+    """An RGB image (H, W, 3) as JPEG; `quality` from 1 to 100."""
+    bgr = np.ascontiguousarray(rgb[:, :, ::-1])
+    encoded, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    if not encoded:
+        raise RecordingError(f"an image of {rgb.shape} cannot be encoded as JPEG")
+    return data.tobytes()
+
+
 def save_image(path: Path | str, rgb: NDArray[np.uint8]) -> None:
     """Write an RGB image (H, W, 3); the suffix (.jpg, .png) says how.
 

@@ -291,6 +291,13 @@ class SemanticMap:
         """The text of a query with its parameters as RDF terms, names resolved in this map."""
         return question.bind(parameters, self._reader.resolve)
 
+    def place_named(self, text: str) -> str:
+        """IRI of a place by its label, number or IRI, as queries take it.
+
+        Raises QueryParameterError, which lists the places, where there is none or several.
+        """
+        return self._reader.resolve("place", text)
+
     def answer(self, question: ParameterizedQuery, parameters: Mapping[str, object]) -> Table:
         """The result of a query, evaluated in this process."""
         sparql = self.bound(question, parameters)

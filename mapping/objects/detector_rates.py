@@ -34,7 +34,11 @@ class DetectorRates:
 
     def miss(self, size: float) -> float:
         """Log-likelihood ratio of a view without a detection; `size`: share of the image's side."""
-        return min(0.0, math.log((1 - self.recall_of(size)) / (1 - self.repeat)))
+        return self.miss_with(self.recall_of(size))
+
+    def miss_with(self, recall: float) -> float:
+        """Log-likelihood ratio of a view that detects such a thing with probability `recall`."""
+        return min(0.0, math.log(max(1 - recall, 0.01) / (1 - self.repeat)))
 
     def recall_of(self, size: float) -> float:
         """Recall of a thing whose side is `size`, as a share of the image's."""

@@ -37,6 +37,7 @@ class ThingSighting:
     box: Box | None  # of the strongest detection
     cut: bool  # whether the image's border cuts the box
     categories: frozenset[str] = frozenset()  # IRIs of its detections' categories
+    point: bool = False  # whether nothing but its position was measured; `size` is the usual one
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,19 +68,19 @@ class SightingExtractor:
         return found
 
     def of_position(self, sighting: Sighting) -> ThingSighting:
-        """Sighting by a robot that measures positions itself, as large as its category usually."""
+        """Sighting by a robot that measures positions itself, of the category's usual size."""
         size = (self._usual_size(sighting.category) or UNUSUAL).longest
-        half = np.full(3, size / 2)
         return ThingSighting(
             scores={("", sighting.category): sighting.score},
             p_map=sighting.p_map,
-            low=sighting.p_map - half,
-            high=sighting.p_map + half,
+            low=sighting.p_map - 0.02,
+            high=sighting.p_map + 0.02,
             size=size,
             depth=sighting.depth,
             box=sighting.box,
             cut=False,
             categories=frozenset((sighting.category,)),
+            point=True,
         )
 
     def _known(self, detections: Detections) -> Iterator[_Detection]:

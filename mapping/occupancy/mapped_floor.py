@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -35,6 +35,16 @@ class MappedFloor:
         """(2, 2) [m] the least and the greatest corner of what is known."""
         at = np.argwhere(self.states != UNKNOWN)
         return self.origin + np.array([at.min(axis=0), at.max(axis=0) + 1]) * self.resolution
+
+    def cropped(self) -> MappedFloor:
+        """The same floor without rows and columns of unknown cells, but for one around it all."""
+        low, high = np.rint((self.bounds - self.origin) / self.resolution).astype(int)
+        states = self.states[low[0] : high[0], low[1] : high[1]]
+        return replace(
+            self,
+            origin=self.origin + (low - 1) * self.resolution,
+            states=np.pad(states, 1, constant_values=UNKNOWN),
+        )
 
     @property
     def areas(self) -> tuple[float, float]:

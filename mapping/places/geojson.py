@@ -24,7 +24,9 @@ def is_geojson(document: object) -> bool:
 
 
 def polygons(document: Mapping[str, Any]) -> list[tuple[Mapping[str, Any], Area]]:
-    """Properties and area of each feature, in order; an "id" of the feature is among them.
+    """Properties and area of each polygon, in order; an "id" of the feature is among them.
+
+    Points are passed over: exported maps have their objects so, plans their labels.
 
     Raises LayoutError, naming the feature, where one is no polygon, or is in degrees.
     """
@@ -45,8 +47,11 @@ def _features(document: Mapping[str, Any]) -> Iterator[tuple[Mapping[str, Any], 
         properties = feature.get("properties") or {}
         if not isinstance(properties, dict):
             raise LayoutError(f"feature {number} has properties that are no object; {{}} would do")
+        geometry = feature.get("geometry")
+        if isinstance(geometry, dict) and geometry.get("type") == "Point":
+            continue  # a mark or an object on the plan
         own = {"id": feature["id"]} if _is_number(feature.get("id")) else {}
-        yield own | properties, _area(feature.get("geometry"), number)
+        yield own | properties, _area(geometry, number)
 
 
 def _area(geometry: object, number: int) -> Area:

@@ -1,56 +1,168 @@
-"""`hereabouts export`: the map as linked data."""
+"""`hereabouts export`: the map as linked data, as plain JSON, or for viewers."""
 
 from __future__ import annotations
 
 import argparse
+import json
+import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING, Final
 
-from kg.errors import GraphError
-from planner.cli.arguments import add_map
+from kg.errors import GraphError, QueryParameterError
+from planner.cli.arguments import add_map, point
 from planner.cli.console import note
+
+if TYPE_CHECKING:
+    from kg.maps.semantic_map import SemanticMap
+    from planner.viewers.scene import Scene, ScenePlan
+
+#: format -> ending of its files, by which it is chosen; none for JSON, which JSON-LD has
+_DOCUMENTS: Final = {"geojson": ".geojson", "json": ""}
+_SCENES: Final = {"mcap": ".mcap", "rrd": ".rrd", "bag": ".bag"}
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Declare the command."""
     parser = subparsers.add_parser(
         "export",
-        help="write the map as Turtle, TriG, N-Quads, JSON-LD or RDF/XML",
-        description="Write the map as linked data, with GeoSPARQL geometries.",
+        help="write the map as linked data, JSON, GeoJSON, or for Foxglove, Rerun and RViz",
+        description="Write the map as linked data, with GeoSPARQL geometries; as plain JSON of "
+        "rooms with their objects; as GeoJSON in metres; or as what viewers draw: MCAP for "
+        "Foxglove, rrd for Rerun, a ROS 1 bag for RViz.",
         epilog="example: hereabouts export kitchen.map --format ttl -o kitchen.ttl",
     )
     add_map(parser)
     parser.add_argument(
         "--format",
         metavar="FORMAT",
-        help="ttl, trig, nq, nt, jsonld or rdfxml (default: by the ending of FILE), or reference: "
-        "FILE is then a folder for the thesis' own saved_objects.json and saved_places.json",
+        help="ttl, trig, nq, nt, jsonld or rdfxml; json, geojson; mcap, rrd, bag (default: by the "
+        "ending of FILE; .json is JSON-LD); or reference: FILE is then a folder for the thesis' "
+        "own saved_objects.json and saved_places.json",
     )
     parser.add_argument("-o", "--output", required=True, metavar="FILE", help="file to write")
     parser.add_argument(
         "--no-ontology", action="store_true", help="leave the ontology out: only the map's facts"
+    )
+    parser.add_argument(
+        "--all",
+        action="store_true",
+        help="json, geojson, mcap, rrd, bag: objects of any existence, not only 0.5 and above",
+    )
+    parser.add_argument(
+        "--find", metavar="OBJECT", help="mcap, rrd, bag: the search for this object as well"
+    )
+    parser.add_argument(
+        "--from", dest="start", type=point, metavar="X,Y", help="where that search starts [m]"
     )
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the file."""
-    from kg.export.serialization import export_map
-    from kg.export.thesis_json import export_reference_maps
     from kg.opening import open_map
 
     output = Path(arguments.output)
+    chosen = arguments.format or _by_ending(output)
+    if arguments.find is not None and chosen not in _SCENES:
+        raise QueryParameterError(f"--find is drawn by viewers: --format {', '.join(_SCENES)}")
     with open_map(arguments.map, read_only=True) as semantic_map:
-        if arguments.format == "reference":
-            try:
-                output.mkdir(parents=True, exist_ok=True)
-            except OSError as error:
-                raise GraphError(f"cannot make the folder {output}: {error.strerror}") from error
-            objects, places = output / "saved_objects.json", output / "saved_places.json"
-            export_reference_maps(semantic_map, objects, places)
-            note(f"wrote {objects} and {places}")
-            return 0
-        triples = export_map(
-            semantic_map, output, format=arguments.format, ontology=not arguments.no_ontology
-        )
-    note(f"wrote {output}: {triples:,} triples")
+        if chosen == "reference":
+            note(f"wrote {_write_reference(semantic_map, output)}")
+        elif chosen in _DOCUMENTS:
+            note(f"wrote {output}: {_write_document(semantic_map, output, chosen, arguments)}")
+        elif chosen in _SCENES:
+            note(f"wrote {output}: {_write_scene(semantic_map, output, chosen, arguments)}")
+        else:
+            triples = _write_linked_data(semantic_map, output, arguments)
+            note(f"wrote {output}: {triples:,} triples")
     return 0
+
+
+def _by_ending(output: Path) -> str | None:
+    endings = {ending: name for name, ending in (_DOCUMENTS | _SCENES).items() if ending}
+    return endings.get(output.suffix.lower())
+
+
+def _write_reference(semantic_map: SemanticMap, folder: Path) -> str:
+    from kg.export.thesis_json import export_reference_maps
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise GraphError(f"cannot make the folder {folder}: {error.strerror}") from error
+    objects, places = folder / "saved_objects.json", folder / "saved_places.json"
+    export_reference_maps(semantic_map, objects, places)
+    return f"{objects} and {places}"
+
+
+def _write_linked_data(
+    semantic_map: SemanticMap, output: Path, arguments: argparse.Namespace
+) -> int:
+    from kg.export.serialization import export_map
+
+    return export_map(
+        semantic_map, output, format=arguments.format, ontology=not arguments.no_ontology
+    )
+
+
+def _write_document(
+    semantic_map: SemanticMap, output: Path, chosen: str, arguments: argparse.Namespace
+) -> str:
+    from kg.export.plain_documents import geojson_document, rooms_document
+    from kg.export.serialization import write_atomically
+    from planner.visualization.map_plot import SHOWN_EXISTENCE
+
+    least = 0.0 if arguments.all else SHOWN_EXISTENCE
+    make = geojson_document if chosen == "geojson" else rooms_document
+    document = make(semantic_map, least)
+    text = json.dumps(document, ensure_ascii=False, allow_nan=False, indent=1)
+    write_atomically(output, text + "\n")
+    if chosen == "geojson":
+        return f"{len(document['features'])} features, in metres of the map frame"
+    return f"{len(document['rooms'])} rooms"
+
+
+def _write_scene(
+    semantic_map: SemanticMap, output: Path, chosen: str, arguments: argparse.Namespace
+) -> str:
+    from kg.export.serialization import write_atomically
+    from planner.viewers.scene import SceneReader
+    from planner.visualization.map_plot import SHOWN_EXISTENCE
+
+    make = _scene_writer(chosen)
+    plan = None if arguments.find is None else _plan(semantic_map, arguments)
+    least = 0.0 if arguments.all else SHOWN_EXISTENCE
+    scene = SceneReader(semantic_map, least).read(plan)
+    stamp = time.time() if scene.robot is None else scene.robot.stamp
+    write_atomically(output, make(scene, stamp))
+    return f"{len(scene.objects)} objects, {len(scene.places)} places"
+
+
+def _scene_writer(chosen: str) -> Callable[[Scene, float], bytes]:
+    from planner.viewers.viewer import require
+
+    if chosen == "mcap":
+        require("foxglove", "foxglove")
+        from planner.viewers.foxglove_viewer import scene_as_mcap
+
+        return scene_as_mcap
+    if chosen == "rrd":
+        require("rerun", "rerun")
+        from planner.viewers.rerun_viewer import scene_as_rrd
+
+        return scene_as_rrd
+    require("rosbags", "ros")
+    from planner.viewers.ros_bag import scene_as_bag
+
+    return scene_as_bag
+
+
+def _plan(semantic_map: SemanticMap, arguments: argparse.Namespace) -> ScenePlan | None:
+    """The looks of `hereabouts find`, as far as `find --picture` draws them."""
+    from planner.viewers.search_plan import planned_search
+
+    plan = planned_search(semantic_map, arguments.find, arguments.start)
+    if plan is None:
+        note(f"nothing to draw of a search for {arguments.find}: the map has no floor to search")
+    return plan

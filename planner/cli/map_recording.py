@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,6 +18,7 @@ from planner.cli.recording_arguments import (
     open_given_recording,
     open_inputs,
 )
+from planner.cli.viewers import add_viewers, open_viewers
 
 if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
@@ -23,6 +26,7 @@ if TYPE_CHECKING:
     from mapping.progress_report import FrameReport, MappingReport
     from mapping.recording_mapper import OnDetections
     from perception.frames import Detections, Frame, SceneScores
+    from planner.viewers.viewer import Viewer
 
 _TOLD = 10  # labels named in one note
 
@@ -39,6 +43,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser.add_argument("recording", metavar="RECORDING", help="folder of the recording")
     parser.add_argument("--into", required=True, metavar="MAP", help=MAP_HELP)
     parser.add_argument("--pictures", metavar="DIR", help="save frames with boxes and scene scores")
+    add_viewers(parser)
     parser.add_argument(
         "--again", action="store_true", help="map frames again that this map already holds"
     )
@@ -65,11 +70,14 @@ def run(arguments: argparse.Namespace) -> int:
     inputs = open_inputs(arguments)
     if inputs.labels is not None:
         _refuse_unknown_categories(inputs.labels, arguments.into)
-    on_detections = _picture_saver(Path(arguments.pictures)) if arguments.pictures else None
     title = title_for(arguments.into)
-    with open_or_create_map(
-        arguments.into, title=title, base=arguments.base, power_safe=arguments.power_safe
-    ) as semantic_map:
+    with (
+        open_viewers(arguments, title) as viewers,
+        open_or_create_map(
+            arguments.into, title=title, base=arguments.base, power_safe=arguments.power_safe
+        ) as semantic_map,
+        _watched(semantic_map, viewers, arguments) as on_detections,
+    ):
         _refuse_other_base(semantic_map, arguments)
         if keep is not None:
             semantic_map.retain(keep)
@@ -201,6 +209,30 @@ def _refuse_unknown_categories(labels: LabelTable, address: str) -> None:
     except MapNotFoundError:
         catalogue = Catalogue.from_quads(load_ontologies().quads)
     labels.refuse_unknown(catalogue)
+
+
+@contextmanager
+def _watched(
+    semantic_map: SemanticMap, viewers: list[Viewer], arguments: argparse.Namespace
+) -> Iterator[OnDetections | None]:
+    """What is called with each mapped frame: pictures are saved, viewers are fed."""
+    called: list[OnDetections] = []
+    if arguments.pictures:
+        called.append(_picture_saver(Path(arguments.pictures)))
+    if not viewers:
+        yield called[0] if called else None
+        return
+    from planner.viewers.feed import MappingFeed
+
+    feed = MappingFeed(semantic_map, viewers)
+    called.append(feed.on_detections)
+
+    def on_detections(frame: Frame, detections: Detections, scene: SceneScores | None) -> None:
+        for each in called:
+            each(frame, detections, scene)
+
+    yield on_detections
+    feed.show()
 
 
 def _picture_saver(folder: Path) -> OnDetections:

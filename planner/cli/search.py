@@ -10,18 +10,22 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 from kg.errors import LayoutError, did_you_mean
-from planner.cli.arguments import FARTHEST, add_map, count, positive, share
+from planner.cli.arguments import FARTHEST, add_map, count, positive, share, title_for
 from planner.cli.console import note, write
+from planner.cli.viewers import add_viewers, open_viewers
 from planner.settings import BELIEF
 
 if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
     from planner.execution.events import Event
+    from planner.execution.options import SearchOptions
     from planner.execution.robot import Robot
     from planner.simulation.house import House, Item
+    from planner.viewers.viewer import Viewer
 
 #: exit codes; 1 is an error, 2 wrong usage
 FOUND: Final = 0
@@ -93,6 +97,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser.add_argument(
         "--seed", type=count, default=0, metavar="N", help="sim: what the senses get wrong"
     )
+    add_viewers(parser)
     parser.add_argument("--json", action="store_true", help="print each event as a line of JSON")
     parser.set_defaults(run=run, usage_error=parser.error)
 
@@ -105,7 +110,11 @@ def run(arguments: argparse.Namespace) -> int:
     from planner.execution.options import SearchOptions
     from planner.execution.search_loop import search
 
-    with open_map(arguments.map) as semantic_map, _signals() as caught:
+    with (
+        open_viewers(arguments, title_for(arguments.map)) as viewers,
+        open_map(arguments.map) as semantic_map,
+        _signals() as caught,
+    ):
         robot = _robot(arguments, semantic_map)
         options = SearchOptions(
             budget=arguments.budget,
@@ -115,6 +124,8 @@ def run(arguments: argparse.Namespace) -> int:
             on_event=_event_sink(arguments),
             clock=_clock(robot, semantic_map),
         )
+        if viewers:
+            robot, options = _watched(semantic_map, viewers, robot, options)
         outcome = search(semantic_map, arguments.object, robot, options, resume=arguments.resume)
     if not arguments.json and arguments.robot != "stdio":
         write(outcome.line)
@@ -200,6 +211,21 @@ def _event_sink(arguments: argparse.Namespace) -> Callable[[Event], None]:
             note(f"{seconds:7.1f} s  {event.text}")
 
     return on_event
+
+
+def _watched(
+    semantic_map: SemanticMap, viewers: list[Viewer], robot: Robot, options: SearchOptions
+) -> tuple[Robot, SearchOptions]:
+    """The same robot and options, whose poses and events viewers get as well."""
+    from planner.viewers.feed import SearchFeed, WatchedRobot
+
+    feed = SearchFeed(semantic_map, viewers, options.clock)
+
+    def on_event(event: Event) -> None:
+        options.on_event(event)
+        feed.on_event(event)
+
+    return WatchedRobot(robot, feed), replace(options, on_event=on_event)
 
 
 @contextmanager

@@ -6,7 +6,8 @@ import argparse
 import logging
 import signal
 import threading
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
     from kg.server import Settings
     from mapping.progress_report import FrameReport
+    from perception.frames import Detections, Frame, SceneScores
+    from planner.viewers.viewer import Viewer
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -74,6 +77,13 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser.add_argument(
         "--timeout", type=positive, default=10.0, metavar="S", help="a query may take (10 s)"
     )
+    parser.add_argument(
+        "--foxglove",
+        type=_port,
+        metavar="PORT",
+        help="serve Foxglove as well, to this machine alone: ws://127.0.0.1:PORT (0 takes a free "
+        "one)",
+    )
     add_keep(parser, "default: all of the past; the rest is dropped while serving")
     parser.add_argument("--verbose", action="store_true", help="a line on stderr for each request")
     parser.add_argument(
@@ -91,6 +101,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Serve until interrupted, or ended by SIGTERM."""
     if arguments.keep is not None and not (arguments.token_file or arguments.recording):
         arguments.usage_error("--keep is for a map that is written: --token-file or --recording")
+    if arguments.foxglove is not None and arguments.read_token_file:
+        arguments.usage_error("--foxglove would show a private map to anybody on this machine")
     signal.signal(signal.SIGTERM, _end)
     return _serve(arguments)
 
@@ -116,7 +128,12 @@ def _serve(arguments: argparse.Namespace) -> int:
         if inputs
         else open_map(path, read_only=not settings.tokens)
     )
-    with opened as semantic_map, settled(), _Mapper(semantic_map, inputs) as mapper:
+    with (
+        opened as semantic_map,
+        settled(),
+        _foxglove(semantic_map, arguments) as viewers,
+        _Mapper(semantic_map, inputs, viewers) as mapper,
+    ):
         if keep is not None:
             semantic_map.retain(keep)
         server = MapServer(semantic_map, settings, status=mapper.status)
@@ -130,6 +147,26 @@ def _serve(arguments: argparse.Namespace) -> int:
         mapper.start()
         server.run()
     return 0
+
+
+@contextmanager
+def _foxglove(
+    semantic_map: SemanticMap, arguments: argparse.Namespace
+) -> Iterator[Sequence[Viewer]]:
+    """The Foxglove server, where it is asked for, fed with every change of the map."""
+    if arguments.foxglove is None:
+        yield ()
+        return
+    from planner.viewers.viewer import require
+
+    require("foxglove", "foxglove")
+    from planner.viewers.feed import LiveFeed
+    from planner.viewers.foxglove_viewer import FoxgloveServer
+
+    server = FoxgloveServer(semantic_map.title, "127.0.0.1", arguments.foxglove)
+    with LiveFeed(semantic_map, server, server.subscribed):
+        note(f"Foxglove at {server.url}")
+        yield (server,)
 
 
 def _settings(arguments: argparse.Namespace) -> Settings:
@@ -169,8 +206,10 @@ def _port(text: str) -> int:
 class _Mapper:
     """Maps recordings on a thread of its own; leaving the context ends it after its frame."""
 
-    def __init__(self, semantic_map: SemanticMap, inputs: list[Inputs]) -> None:
-        self._map, self._inputs = semantic_map, inputs
+    def __init__(
+        self, semantic_map: SemanticMap, inputs: list[Inputs], viewers: Sequence[Viewer]
+    ) -> None:
+        self._map, self._inputs, self._viewers = semantic_map, inputs, viewers
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._map_all, name="hereabouts-mapper", daemon=True)
         self._told: dict[str, object] = {}
@@ -219,6 +258,10 @@ class _Mapper:
             if self._end.is_set():
                 raise _EndedError
 
+        def on_detections(frame: Frame, detections: Detections, scores: SceneScores | None) -> None:
+            for viewer in self._viewers:
+                viewer.frame(frame, detections)
+
         report = map_recording(
             inputs.recording,
             self._map,
@@ -229,6 +272,7 @@ class _Mapper:
             settings=inputs.settings,
             labels=inputs.labels,
             on_frame=on_frame,
+            on_detections=on_detections if self._viewers else None,
             occupancy=inputs.floor,
             same_frame=inputs.same_frame,
             check_poses=inputs.check,

@@ -1,4 +1,4 @@
-"""When a detection is believed: a sure one at once, a doubtful one when a second agrees."""
+"""When a detection is believed: when it, or with a second that agrees, makes the object likely."""
 
 from __future__ import annotations
 
@@ -13,8 +13,13 @@ from planner.execution.object_updates import AssociatedDetection
 from planner.execution.protocol import Detected
 from planner.goals.targets import Target
 
-#: A score from which one detection is enough.
+#: A score from which one detection may be enough.
 SURE: Final = 0.6
+#: Existence from which on the map shows an object, and `status` calls it present.
+LIKELY: Final = 0.5
+
+
+Spot = tuple[str, int, int]  # category's IRI, and a square metre of the floor
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,12 +31,16 @@ class TargetDetection:
     thing: Detected
     object: str | None  # IRI of the object that it was associated with
     certain: bool
-    again: bool  # something was seen there before
 
     @property
     def p_map(self) -> NDArray[np.float64]:
         """(3,) [m]."""
         return np.array([self.thing.x, self.thing.y, self.thing.z])
+
+    @property
+    def spot(self) -> Spot:
+        """About where it is: an object that is doubted away and detected anew has another IRI."""
+        return self.category, round(self.thing.x), round(self.thing.y)
 
 
 class DetectionVerifier:
@@ -42,7 +51,7 @@ class DetectionVerifier:
         self._seen: list[tuple[str, NDArray[np.float64]]] = []
 
     def judge(self, target: Target, detection: AssociatedDetection) -> TargetDetection:
-        """Whether `detection` is believed to be there."""
+        """Whether `detection` is believed to be there: what is found exists rather than not."""
         thing, category = detection.thing, detection.category
         p_map = np.array([thing.x, thing.y, thing.z])
         again = any(
@@ -50,5 +59,5 @@ class DetectionVerifier:
             for other, p_other in self._seen
         )
         self._seen.append((category, p_map))
-        certain = again or thing.score >= SURE
-        return TargetDetection(target, category, thing, detection.iri, certain, again)
+        certain = (again or thing.score >= SURE) and detection.existence >= LIKELY
+        return TargetDetection(target, category, thing, detection.iri, certain)

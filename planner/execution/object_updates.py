@@ -15,7 +15,7 @@ from mapping.objects.object_mapper import ObjectChanges
 from mapping.places.place_registry import PlaceRegistry
 from mapping.relations.relation_mapper import RelationMapper
 from mapping.sighting import Sighting as MappedSighting
-from planner.execution.protocol import Detected
+from planner.execution.protocol import Detected, RobotPose
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +25,7 @@ class AssociatedDetection:
     thing: Detected
     category: str  # IRI: the object's, assertions applied; the label's where there is no object
     iri: str | None  # of the object
+    existence: float  # of the object, with this detection; 0 where there is none
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,17 +46,18 @@ class ObjectUpdates:
         self._relations = RelationMapper(semantic_map, self._mapper.cache)
         self._labels = LabelResolver(semantic_map, "object")
 
-    def add(self, things: Sequence[Detected], stamp: float) -> DetectionUpdate:
-        """Associate detections, taken at `stamp` [s since 1970], with objects, old or new."""
+    def add(self, things: Sequence[Detected], stamp: float, pose: RobotPose) -> DetectionUpdate:
+        """Associate detections, taken at `stamp` [s since 1970] from `pose`, with objects."""
         named = [(thing, self._labels.category(thing.label)) for thing in things]
         sightings = [
             (thing, MappedSighting(category, thing.score, np.array([thing.x, thing.y, thing.z])))
             for thing, category in named
             if category is not None
         ]
-        changes = self._relations.update(
-            self._mapper.add_sightings([sighting for _, sighting in sightings], stamp)
+        found = self._mapper.add_sightings(
+            [sighting for _, sighting in sightings], stamp, robot=np.array([pose.x, pose.y])
         )
+        changes = self._relations.update(found)
         detections = tuple(self._associated(thing, sighting) for thing, sighting in sightings)
         unknown = dict.fromkeys(thing.label for thing, category in named if category is None)
         return DetectionUpdate(changes.updated, detections, tuple(unknown))
@@ -65,12 +67,16 @@ class ObjectUpdates:
         self._mapper.refresh()
         return tuple(r for r in self._mapper.objects() if r.category in categories)
 
-    def decay(self, iri: str, times: int = 1) -> ObjectChanges:
-        """Changes after `times` looks that should have shown the object and did not."""
-        return self._relations.update(self._mapper.decay(iri, times))
+    def decay(self, iri: str, times: int = 1, recall: float | None = None) -> ObjectChanges:
+        """Changes after `times` looks that should have shown the object and did not.
+
+        `recall` is the chance that such a look shows it; the detector's greatest by default.
+        """
+        return self._relations.update(self._mapper.decay(iri, times, recall))
 
     def _associated(self, thing: Detected, sighting: MappedSighting) -> AssociatedDetection:
         iri = self._mapper.object_of(sighting)
         record = None if iri is None else self._mapper.get(iri)
         category = sighting.category if record is None else record.category
-        return AssociatedDetection(thing, category, iri)
+        existence = 0.0 if record is None else record.existence
+        return AssociatedDetection(thing, category, iri, existence)

@@ -8,13 +8,14 @@ that the graph does not hold, so that a killed search resumes where its last loo
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any, Final, Literal
 
 from kg.errors import HereaboutsError, RobotError
 from kg.maps.semantic_map import SemanticMap
 from kg.records import ObjectRecord, SearchState
-from planner.execution.detection_verification import DetectionVerifier, TargetDetection
+from planner.execution.detection_verification import DetectionVerifier, Spot, TargetDetection
 from planner.execution.object_updates import ObjectUpdates
 from planner.execution.options import SearchOptions, SearchOutcome
 from planner.execution.protocol import (
@@ -38,6 +39,7 @@ from planner.goals.targets import Target, resolve
 LOST: Final = 3.0  # [m] a robot that arrives this far off is not where it was sent
 OFF: Final = 0.5  # [m] one that arrives this far off could not stand where it was sent
 MOST_LOOKS: Final = 1000
+MOST_VERIFIED: Final = 3  # looks straight at what may be a target
 MOST_FAILURES: Final = 25  # commands that fail with no look between them
 _PASSING: Final = 1.0  # [m] pictures on the way that are nearer to each other show the same
 _LATE: Final = 5.0  # times the expected seconds after which a robot is late
@@ -101,6 +103,7 @@ class _Run:
         self._found: dict[str, tuple[str, Any]] = {}  # target's text -> object IRI, position
         self._passing_views: list[tuple[float, float, float]] = []
         self._unknown: set[str] = set()
+        self._verified: Counter[Spot] = Counter()  # looks straight at what may be a target
         self._failures: dict[tuple[float, float], int] = {}
         self._failed = 0
         self._near = self._related()
@@ -208,10 +211,10 @@ class _Run:
         self._failed = 0
         pose = self._robot.pose
         middle = goal.middle
-        doubtful = self._after_look(pose, middle, goal.extent, answer.objects)
+        sightings = self._after_look(pose, middle, goal.extent, answer.objects)
         if math.hypot(pose.x - goal.x, pose.y - goal.y) > OFF:
             self._unreachable(goal, "one cannot stand there")
-        for sighting in doubtful[:3]:
+        for sighting in self._doubtful(sightings)[:3]:
             self._verify(sighting)
 
     def _look_around(self, turn: float, extent: float) -> DetectionsMessage | None:
@@ -229,9 +232,9 @@ class _Run:
     def _after_look(
         self, pose: RobotPose, heading: float, extent: float, things: Sequence[Detected]
     ) -> list[TargetDetection]:
-        """Write a look and what it showed; returns what might be a target, and is doubtful."""
+        """Write a look and what it showed; returns what might be a target."""
         wanted = self._wanted()
-        sightings, records = self._add_detections(things)
+        sightings, records = self._add_detections(things, pose)
         found = self._confirm(sightings)
         across, in_view = self._adapter.field_of_view, self._adapter.in_view
         viewed = [in_view(*picture, across) for picture in self._passing_views]
@@ -252,19 +255,31 @@ class _Run:
         self._passing_views = []
         self._reporter.look(look, things, self._adapter.left)
         self._replan_for(records)
-        return [s for s in sightings if not s.certain and not self._is_found(s)]
+        return sightings
+
+    def _doubtful(self, sightings: Sequence[TargetDetection]) -> list[TargetDetection]:
+        """Those that may be a target and are worth another look, each spot once."""
+        return list(
+            {
+                s.spot: s
+                for s in sightings
+                if not s.certain
+                and not self._is_found(s)
+                and self._verified[s.spot] < MOST_VERIFIED
+            }.values()
+        )
 
     def _on_the_way(self, message: DetectionsMessage, goal: NextView) -> bool:
         """Apply a picture taken while driving; whether it changes the plan."""
         pose = message.pose or self._robot.pose
-        sightings, records = self._add_detections(message.objects)
+        sightings, records = self._add_detections(message.objects, pose)
         found = self._confirm(sightings)
         if not sightings:
             self._add_passing_view(pose, goal)
         if records:
             self._note_progress()
             self._log.sighting(self._robot.pose, records, found)
-        doubtful = [s for s in sightings if not s.certain and not self._is_found(s)]
+        doubtful = self._doubtful(sightings)
         if not found and not doubtful:
             return self._replan_for(records)
         self._robot.halt()
@@ -285,9 +300,9 @@ class _Run:
         self._passing_views.append((round(pose.x, 2), round(pose.y, 2), round(pose.heading, 2)))
 
     def _add_detections(
-        self, things: Sequence[Detected]
+        self, things: Sequence[Detected], pose: RobotPose
     ) -> tuple[list[TargetDetection], list[ObjectRecord]]:
-        update = self._objects.add(things, self._options.clock())
+        update = self._objects.add(things, self._options.clock(), pose)
         for label in update.unknown:
             if label not in self._unknown and len(self._unknown) < 100:
                 self._unknown.add(label)
@@ -316,9 +331,14 @@ class _Run:
         return sighting.target.text in self._found
 
     def _verify(self, sighting: TargetDetection) -> None:
-        """Look straight at what may be a target; without a second detection it is dropped."""
-        if self._is_found(sighting) or sighting.again:
-            return
+        """Look straight at what may be a target until it is likely or a look does not show it."""
+        while not self._is_found(sighting) and self._verified[sighting.spot] < MOST_VERIFIED:
+            self._verified[sighting.spot] += 1
+            if not self._shown_again(sighting):
+                return
+
+    def _shown_again(self, sighting: TargetDetection) -> bool:
+        """Whether a look straight at what may be a target shows it; if not it is doubted."""
         pose, thing = self._robot.pose, sighting.thing
         heading = math.atan2(thing.y - pose.y, thing.x - pose.x)
         self._reporter.surprise(
@@ -331,20 +351,22 @@ class _Run:
             if isinstance(message, Arrived) and message.id == number:
                 break
             if isinstance(message, Blocked | Failed):
-                return
+                return False
         answer = self._look_around(0.0, self._adapter.field_of_view)
         if answer is None:
-            return
+            return False
         at = self._robot.pose
-        self._after_look(at, heading, self._adapter.field_of_view, answer.objects)
-        if not self._is_found(sighting):
+        sightings = self._after_look(at, heading, self._adapter.field_of_view, answer.objects)
+        shown = self._is_found(sighting) or sighting.object in {one.object for one in sightings}
+        if not shown:
             self._decay(sighting)
+        return shown
 
     def _decay(self, sighting: TargetDetection) -> None:
         """A second look did not show it: one missed frame's worth of evidence against it."""
         if sighting.object is None:
             return
-        changes = self._objects.decay(sighting.object)
+        changes = self._objects.decay(sighting.object, recall=self._adapter.recall)
         if changes.missed:
             self._log.change("looked again in vain", changes.updated, changes.removed)
 
@@ -432,7 +454,7 @@ class _Run:
                 if look.stamp > record.last_seen and not look.found
             )
             if times and record.iri not in self._log.record.found:
-                changes = self._objects.decay(record.iri, times)
+                changes = self._objects.decay(record.iri, times, self._adapter.recall)
                 kept |= {changed.iri: changed for changed in changes.updated}
                 gone += changes.removed
         return tuple(r for iri, r in kept.items() if iri not in gone), tuple(gone)

@@ -75,6 +75,11 @@ class ViewpointAdapter:
         """[rad] what one picture shows, across."""
         return self._sensor.field_of_view
 
+    @property
+    def recall(self) -> float:
+        """Chance that a picture shows what is in its view."""
+        return self._sensor.recall
+
     def next(self, pose: RobotPose) -> NextView | None:
         """The look to take next; None where none is worth the way."""
         state = self._state

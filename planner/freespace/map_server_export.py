@@ -15,7 +15,6 @@ import numpy as np
 
 from kg.errors import LayoutError
 from kg.export.serialization import write_atomically
-from kg.records import UNKNOWN
 from mapping.occupancy.mapped_floor import MappedFloor
 
 #: by UNKNOWN, FREE, LOW, TALL: what one looks over stops a robot all the same
@@ -36,10 +35,9 @@ def write_grid(floor: MappedFloor, path: Path) -> Path:
         )
     if not path.name.isprintable():
         raise LayoutError(f"{path.name!r}: the image is named in the YAML file, so it must be text")
-    low, high = np.rint((floor.bounds - floor.origin) / floor.resolution).astype(int)
-    states = np.pad(floor.states[low[0] : high[0], low[1] : high[1]], 1, constant_values=UNKNOWN)
-    x, y = (float(c) for c in floor.origin + (low - 1) * floor.resolution)
-    rows = _SHADES[states].T[::-1]
+    floor = floor.cropped()
+    x, y = (float(c) for c in floor.origin)
+    rows = _SHADES[floor.states].T[::-1]
     image = path.with_suffix(".pgm")
     header = f"P5\n{rows.shape[1]} {rows.shape[0]}\n255\n".encode("ascii")
     write_atomically(image, header + np.ascontiguousarray(rows).tobytes())

@@ -60,19 +60,9 @@ def status(semantic_map: SemanticMap, what: str, place: str | None = None) -> St
     rows = semantic_map.ask("status", category=category.iri).records()
     found = tuple(_place(row) for row in rows)
     if place is not None:
-        chosen = _place_named(semantic_map, place)
+        chosen = semantic_map.place_named(place)
         found = tuple(one for one in found if one.place == chosen)
     return Status(category.label, _together(found), _proof(category.label, found), found)
-
-
-def _place_named(semantic_map: SemanticMap, text: str) -> str:
-    places = semantic_map.places()
-    for place in places:
-        names = (place.iri, place.iri.removeprefix(semantic_map.base), place.label.casefold())
-        if text in names or text.casefold() in names:
-            return place.iri
-    labels = ", ".join(sorted(place.label for place in places)) or "none"
-    raise QueryParameterError(f"no place {text!r}; the map has {labels}")
 
 
 def _place(row: Row) -> PlaceStatus:

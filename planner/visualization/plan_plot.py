@@ -40,7 +40,7 @@ def plot_plan(
     return plot_map(
         semantic_map,
         path,
-        route=_route(state, plan, steps) if steps else None,
+        route=planned_route(state, plan, steps) if steps else None,
         goals=stops,
         numbers=numbers,
         shades=[_shade(state, steps)] if steps else [],
@@ -74,7 +74,7 @@ def _span(numbers: list[int]) -> str:
     return ",".join(map(str, numbers)) if len(numbers) == 2 else f"{numbers[0]}, ..."
 
 
-def _route(
+def planned_route(
     state: PlanningState, plan: ViewPlan, steps: tuple[ViewStep, ...]
 ) -> NDArray[np.float64]:
     """(n, 2) [m] the way from stop to stop over the floor."""

@@ -111,7 +111,7 @@ def test_a_position_without_a_depth_image_has_the_usual_size(extractor, semantic
     cup = semantic_map.catalogue.find("cup").iri
     one = extractor.of_position(Sighting(cup, 0.7, np.array([1.0, 2.0, 3.0])))
     assert one.size == usual_sizes()["cup"].longest
-    assert one.high - one.low == pytest.approx(np.full(3, one.size))
+    assert one.point and float((one.high - one.low).max()) < 0.05
     assert not one.cut
 
 

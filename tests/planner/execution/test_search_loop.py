@@ -112,6 +112,27 @@ def test_a_doubtful_detection_that_is_seen_again_is_believed(semantic_map: Seman
     assert outcome.state == "found"
 
 
+def test_what_is_found_exists_rather_than_not(semantic_map: SemanticMap) -> None:
+    weak = ["apple", 6.0, 2.0, 0.8, 0.3]  # two such detections do not make it likely
+    outcome = run(semantic_map, "apple", objects=[weak])
+    assert outcome.state == "found"
+    (apple,) = semantic_map.objects("apple")
+    assert outcome.found == (apple.iri,)
+    assert apple.existence >= 0.5
+    assert apple.observations >= 3
+
+
+def test_what_stays_unlikely_is_looked_at_straight_three_times_and_not_found(
+    semantic_map: SemanticMap,
+) -> None:
+    events: list[Event] = []
+    unlikely = ["apple", 6.0, 2.0, 0.8, 0.12]
+    outcome = run(semantic_map, "apple", objects=[unlikely], on_event=events.append)
+    assert outcome.state == "given up"
+    straight = [e for e in events if e.kind == "surprise" and "perhaps apple" in e.text]
+    assert 1 <= len(straight) <= 3
+
+
 def test_a_closed_door_leads_to_another_plan(semantic_map: SemanticMap) -> None:
     events: list[Event] = []
     outcome = run(

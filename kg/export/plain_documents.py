@@ -1,0 +1,158 @@
+"""Maps as plain documents for programs without RDF: rooms with their objects, and GeoJSON."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+from kg.areas import Ring, signed_area
+from kg.facts.wkt import CRS
+from kg.maps.semantic_map import SemanticMap
+from kg.records import ObjectRecord, PlaceRecord, RobotRecord
+
+_FRAME = "local frame of this map: metres, z up, the floor about z = 0; not geographic"
+
+
+def rooms_document(semantic_map: SemanticMap, least: float = 0.5) -> dict[str, Any]:
+    """JSON of places with their objects of at least the existence `least`.
+
+    Objects that are in no place are under "elsewhere"; times are [s] since 1970.
+    """
+    names = _Names(semantic_map)
+    held: dict[str | None, list[dict[str, Any]]] = {}
+    places = semantic_map.places()
+    known = {place.iri for place in places}
+    for record in _shown(semantic_map, least):
+        place = record.place if record.place in known else None
+        held.setdefault(place, []).append(names.object(record))
+    robot = semantic_map.robot()
+    return {
+        "map": semantic_map.base,
+        "title": semantic_map.title,
+        "frame": _FRAME,
+        "rooms": [
+            {
+                **names.place(place),
+                "outline": [[list(corner) for corner in ring] for ring in place.area.rings],
+                "adjacent": [names.short(iri) for iri in place.adjacent],
+                "objects": held.get(place.iri, []),
+            }
+            for place in places
+        ],
+        "elsewhere": held.get(None, []),
+        "robot": None if robot is None else _robot(robot),
+    }
+
+
+def geojson_document(semantic_map: SemanticMap, least: float = 0.5) -> dict[str, Any]:
+    """GeoJSON of places (Polygon) and objects (Point) of at least the existence `least`.
+
+    RFC 7946 has longitude and latitude alone, other systems by prior arrangement (section 4); "crs"
+    is a foreign member of it (section 6.1), in the form that GeoJSON had before, by which readers
+    such as GDAL do not take metres for degrees.
+    """
+    names = _Names(semantic_map)
+    features = [
+        _feature(
+            names.number(place.iri),
+            {"type": "Polygon", "coordinates": [_closed(r, n) for n, r in enumerate(rings)]},
+            {"kind": "place", **names.place(place)},
+        )
+        for place in semantic_map.places()
+        for rings in [place.area.rings]
+    ]
+    for record in _shown(semantic_map, least):
+        fields = {"kind": "object", **names.object(record)}
+        features.append(
+            _feature(None, {"type": "Point", "coordinates": fields.pop("position")}, fields)
+        )
+    return {
+        "type": "FeatureCollection",
+        "crs": {"type": "name", "properties": {"name": semantic_map.base + CRS}},
+        "name": semantic_map.title,
+        "frame": _FRAME,
+        "features": features,
+    }
+
+
+class _Names:
+    """Short names and labels of a map's things."""
+
+    def __init__(self, semantic_map: SemanticMap) -> None:
+        self._base, self._catalogue = semantic_map.base, semantic_map.catalogue
+
+    def short(self, iri: str) -> str:
+        return iri.removeprefix(self._base)
+
+    def number(self, iri: str) -> int | None:
+        """The number of place/7; None for places that people call otherwise."""
+        last = self.short(iri).removeprefix("place/")
+        return int(last) if last.isascii() and last.isdigit() else None
+
+    def place(self, place: PlaceRecord) -> dict[str, Any]:
+        beliefs = {
+            self._catalogue.label(iri): round(belief, 4)
+            for iri, belief in sorted(place.beliefs.items(), key=lambda item: (-item[1], item[0]))
+        }
+        return {
+            "name": self.short(place.iri),
+            "label": place.label,
+            "likely_category": next(iter(beliefs), None) if place.views else None,
+            "beliefs": beliefs if place.views else {},
+        }
+
+    def object(self, record: ObjectRecord) -> dict[str, Any]:
+        size, deviation = record.extent, record.deviation
+        return {
+            "name": self.short(record.iri),
+            "category": self._catalogue.label(record.category),
+            "position": [round(float(c), 3) for c in record.p_map],
+            "size": None if size is None else [_finite(c) for c in size],
+            "deviation": None if deviation is None else _finite(deviation),
+            "existence": round(record.existence, 4),
+            "observations": record.observations,
+            "last_seen": record.last_seen,
+            "place": None if record.place is None else self.short(record.place),
+            "relations": [
+                {
+                    "kind": relation.kind,
+                    "target": self.short(relation.target),
+                    "probability": round(relation.probability, 4),
+                }
+                for relation in record.relations or ()
+            ],
+        }
+
+
+def _shown(semantic_map: SemanticMap, least: float) -> Iterable[ObjectRecord]:
+    return (
+        record
+        for record in semantic_map.objects()
+        if record.existence >= least and all(math.isfinite(c) for c in record.p_map)
+    )
+
+
+def _robot(robot: RobotRecord) -> dict[str, Any]:
+    return {
+        "position": [round(float(c), 3) for c in robot.p_map],
+        "heading": round(robot.heading, 4),
+        "stamp": robot.stamp,
+    }
+
+
+def _feature(
+    number: int | None, geometry: dict[str, Any], properties: dict[str, Any]
+) -> dict[str, Any]:
+    own = {} if number is None else {"id": number}
+    return {"type": "Feature", **own, "geometry": geometry, "properties": properties}
+
+
+def _closed(ring: Ring, number: int) -> list[list[float]]:
+    """A linear ring: its first corner again at the end, anticlockwise, holes clockwise."""
+    turned = ring if (signed_area(ring) > 0) == (number == 0) else ring[::-1]
+    return [[float(x), float(y)] for x, y in (*turned, turned[0])]
+
+
+def _finite(value: float) -> float | None:
+    return round(float(value), 3) if math.isfinite(value) else None

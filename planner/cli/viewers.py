@@ -1,0 +1,62 @@
+"""Viewers that a command feeds while it runs: `--mcap` and `--rerun`."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from planner.cli.console import note
+
+if TYPE_CHECKING:
+    from planner.viewers.viewer import Viewer
+
+
+def add_viewers(parser: argparse.ArgumentParser) -> None:
+    """The options; `open_viewers` reads them."""
+    parser.add_argument(
+        "--mcap",
+        metavar="OUT",
+        help="keep what happens as a new MCAP file for Foxglove: frames, boxes, map, robot, plan",
+    )
+    parser.add_argument(
+        "--rerun", metavar="OUT", help="the same as a new .rrd file for the Rerun viewer"
+    )
+
+
+@contextmanager
+def open_viewers(arguments: argparse.Namespace, title: str) -> Iterator[list[Viewer]]:
+    """The viewers that are asked for, closed at the end.
+
+    Raises PictureError where a package is not installed, or a file exists or cannot be written.
+    """
+    viewers: list[Viewer] = []
+    with ExitStack() as stack:
+        for path, opened in ((arguments.mcap, _mcap), (arguments.rerun, _rerun)):
+            if path is not None:
+                viewers.append(opened(Path(path), title))
+                stack.callback(viewers[-1].close)
+        yield viewers
+    for path in (arguments.mcap, arguments.rerun):
+        if path is not None and Path(path).exists():
+            note(f"wrote {path}")
+
+
+def _mcap(path: Path, title: str) -> Viewer:
+    from planner.viewers.viewer import require
+
+    require("foxglove", "foxglove")
+    from planner.viewers.foxglove_viewer import McapFile
+
+    return McapFile(path)
+
+
+def _rerun(path: Path, title: str) -> Viewer:
+    from planner.viewers.viewer import require
+
+    require("rerun", "rerun")
+    from planner.viewers.rerun_viewer import RerunFile
+
+    return RerunFile(title, path)

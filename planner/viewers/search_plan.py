@@ -1,0 +1,52 @@
+"""The search that `hereabouts find` plans, as a part of a scene."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from kg.maps.semantic_map import SemanticMap
+from planner.execution.protocol import cleaned
+from planner.plans.report import purpose
+from planner.plans.search_state import build_search
+from planner.plans.view_plan import ViewStep, plan
+from planner.viewers.scene import ScenePlan, SceneStop
+from planner.visualization.plan_plot import planned_route, shown_steps
+
+
+def planned_search(
+    semantic_map: SemanticMap, target: str, start: tuple[float, float] | None = None
+) -> ScenePlan | None:
+    """The first looks for `target`, until nine tenths of what the plan finds are found.
+
+    From `start` (x, y) [m], or from where the robot is. None where there is no floor to search.
+    Raises UnknownCategoryError for what is no target.
+    """
+    state = build_search(semantic_map, [target])
+    if state is None:
+        return None
+    robot = semantic_map.robot()
+    known = np.zeros(2) if robot is None else robot.p_map[:2]
+    heading = 0.0 if robot is None else robot.heading
+    found = plan(
+        state,
+        known if start is None else start,
+        heading=heading,
+        time_limit=math.inf,
+        compare=False,
+    )
+    steps = shown_steps(found)
+    path = planned_route(state, found, steps) if steps else np.empty((0, 2))
+    return ScenePlan(
+        path=tuple((float(x), float(y)) for x, y in path), stops=tuple(map(_stop, steps))
+    )
+
+
+def _stop(step: ViewStep) -> SceneStop:
+    what = purpose(step.why[0].candidate) if step.why else step.place_name
+    return SceneStop(
+        (float(step.p_map[0]), float(step.p_map[1])),
+        step.heading,
+        cleaned(f"{what}: {step.probability:.2f}, by {step.seconds:.0f} s"),
+    )

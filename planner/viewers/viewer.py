@@ -1,0 +1,64 @@
+"""Viewer: what takes scenes, camera frames, robot poses and remarks, and draws or keeps them."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+from pathlib import Path
+from typing import Final, Protocol
+
+import numpy as np
+
+from kg.errors import PictureError
+from kg.records import RobotRecord
+from perception.frames import Detections, Frame
+from planner.viewers.scene import Scene
+
+#: frames of reference: the map's, the robot's (its heading along x), the camera's (z forwards)
+MAP: Final = "map"
+ROBOT: Final = "robot"
+CAMERA: Final = "camera"
+#: [m] side of an object's marker
+MARKER: Final = 0.12
+#: [m] between surfaces that would lie in one another
+SURFACE: Final = 0.02
+
+
+class Viewer(Protocol):
+    """What a map is drawn in. Stamps are [s] since 1970; every method may raise PictureError."""
+
+    def show(self, scene: Scene, stamp: float) -> None:
+        """Draw a scene; what did not change since the last one need not be written again."""
+
+    def frame(self, frame: Frame, detections: Detections) -> None:
+        """Draw a camera frame with its detections."""
+
+    def robot(self, robot: RobotRecord) -> None:
+        """Draw the robot where it is now."""
+
+    def remark(self, text: str, stamp: float) -> None:
+        """Keep a line of text."""
+
+    def close(self) -> None:
+        """Write what is left. Closing twice is fine."""
+
+
+def require(module: str, extra: str) -> None:
+    """Refuse to go on without the package `module`, which `pip install 'hereabouts[extra]'` has."""
+    if importlib.util.find_spec(module) is None:
+        raise PictureError(f"this needs the package {module}: pip install 'hereabouts[{extra}]'")
+
+
+def refuse_unusable(path: Path) -> None:
+    """Raise PictureError where no new file can be made at `path`."""
+    if path.exists() or path.is_symlink():
+        raise PictureError(f"{path} exists; the name of a new file would work")
+    if not path.parent.is_dir():
+        raise PictureError(f"cannot write {path}: there is no folder {path.parent}")
+    if not os.access(path.parent, os.W_OK):
+        raise PictureError(f"cannot write {path}: the folder is read-only")
+
+
+def heading_quaternion(heading: float) -> tuple[float, float, float, float]:
+    """(x, y, z, w) of a turn by `heading` [rad] about z."""
+    return 0.0, 0.0, float(np.sin(heading / 2)), float(np.cos(heading / 2))

@@ -1,0 +1,219 @@
+"""What Foxglove is given, read again with the `mcap` package."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import os
+import signal
+import struct
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.exceptions import EndOfFile
+from mcap.reader import NonSeekingReader, make_reader
+from mcap_protobuf.decoder import DecoderFactory
+from websockets.sync.client import connect
+
+from kg.errors import PictureError, ServerError
+from kg.maps.semantic_map import SemanticMap
+from kg.opening import in_memory_map
+from kg.records import FREE, TALL, MapUpdate, RobotRecord
+from perception.frames import Detections, Frame
+from planner.viewers.feed import LiveFeed
+from planner.viewers.foxglove_viewer import FoxgloveServer, McapFile, scene_as_mcap
+from planner.viewers.scene import ScenePlan, SceneReader, SceneStop
+
+
+def read(data: bytes) -> list[tuple[str, str, int, Any]]:
+    """Topic, schema, time [ns] and content of each message."""
+    reader = make_reader(io.BytesIO(data), decoder_factories=[DecoderFactory()])
+    return [
+        (channel.topic, schema.name, message.log_time, content)
+        for schema, channel, message, content in reader.iter_decoded_messages()
+        if schema is not None
+    ]
+
+
+def view(stamp: float = 5.0) -> Frame:
+    T = np.eye(4)
+    T[:3, :3] = [[0, 0, 1], [-1, 0, 0], [0, -1, 0]]  # looks along x, z up
+    T[:3, 3] = (1, 2, 1.5)
+    rgb = np.full((12, 16, 3), (200, 30, 30), np.uint8)
+    K = np.array([[10.0, 0, 8], [0, 11, 6], [0, 0, 1]])
+    return Frame("frame-1", rgb, np.ones((12, 16), np.float32), K, T, stamp)
+
+
+BOX = Detections(np.array([[1, 2, 8, 9]], np.float32), np.array([0.9], np.float32), ("cu\x07p",))
+
+
+def test_a_map_is_objects_places_relations_floor_and_robot(kitchen: SemanticMap) -> None:
+    plan = ScenePlan(((0, 0), (1, 1)), (SceneStop((1, 1), 0.5, "near the cup"),))
+    messages = read(scene_as_mcap(SceneReader(kitchen).read(plan), 1000.0))
+    assert {at for _, _, at, _ in messages} == {1_000_000_000_000}
+    by_topic = {topic: content for topic, _, _, content in messages}
+    assert {(topic, schema) for topic, schema, _, _ in messages} == {
+        ("/objects", "foxglove.SceneUpdate"),
+        ("/places", "foxglove.SceneUpdate"),
+        ("/relations", "foxglove.SceneUpdate"),
+        ("/plan", "foxglove.SceneUpdate"),
+        ("/floor", "foxglove.Grid"),
+        ("/tf", "foxglove.FrameTransform"),
+        ("/robot/pose", "foxglove.PoseInFrame"),
+    }
+    table, cup = by_topic["/objects"].entities
+    assert (table.id, table.texts[0].text, table.frame_id) == ("object/1", "dining table", "map")
+    assert [round(size, 3) for size in (table.cubes[-1].size.x, table.cubes[-1].size.z)] == [
+        1.2,
+        0.8,
+    ]
+    shapes = [*cup.cubes, *cup.spheres, *cup.cylinders]
+    assert len(shapes) == 1 and shapes[0].color.a == 0.75
+    assert by_topic["/objects"].deletions[0].type == 1  # all: it is a whole state
+    assert len(by_topic["/places"].entities[0].triangles[0].points) % 3 == 0
+    assert [entity.id for entity in by_topic["/plan"].entities] == ["path", "stop/1"]
+    assert by_topic["/robot/pose"].pose.position.x == 2.0
+
+
+def test_the_floor_is_a_grid_with_rows_along_x(kitchen: SemanticMap) -> None:
+    scene = SceneReader(kitchen).read()
+    assert scene.floor is not None
+    states = scene.floor.grid.states
+    messages = read(scene_as_mcap(scene, 1.0))
+    grid = next(content for topic, _, _, content in messages if topic == "/floor")
+    cells = np.frombuffer(grid.data, np.uint8).reshape(-1, grid.column_count, 4)
+    assert cells.shape[:2] == states.T.shape
+    assert (cells[states.T == TALL] == cells[states.T == TALL][0]).all()
+    assert not cells[states.T == 0].any()  # unknown is clear
+    assert (cells[states.T == FREE][:, :3] == 255).all()
+    assert (grid.pose.position.x, grid.pose.position.z) == pytest.approx((0.05, 0.05))
+
+
+def test_an_empty_map_is_a_valid_file() -> None:
+    messages = read(scene_as_mcap(SceneReader(in_memory_map()).read(), math.nan))
+    assert {topic for topic, _, _, _ in messages} >= {"/objects", "/floor"}
+
+
+def test_frames_have_image_boxes_intrinsics_and_pose(tmp_path: Path) -> None:
+    viewer = McapFile(tmp_path / "out.mcap")
+    viewer.frame(view(), BOX)
+    viewer.close()
+    viewer.close()
+    by_topic = {t: content for t, _, _, content in read((tmp_path / "out.mcap").read_bytes())}
+    assert by_topic["/camera/image"].data[:3] == b"\xff\xd8\xff"
+    boxes = by_topic["/camera/detections"]
+    assert [(p.x, p.y) for p in boxes.points[0].points] == [(1, 2), (8, 2), (8, 9), (1, 9)]
+    assert boxes.texts[0].text == "cu p 0.90"
+    assert list(by_topic["/camera/calibration"].K) == [10, 0, 8, 0, 11, 6, 0, 0, 1]
+    q = by_topic["/tf"].rotation
+    w, xyz = q.w, np.array([q.x, q.y, q.z])
+    forward = np.array([0.0, 0, 1])
+    turned = forward + 2 * np.cross(xyz, np.cross(xyz, forward) + w * forward)
+    assert turned == pytest.approx([1, 0, 0])
+
+
+def test_what_did_not_change_is_not_written_again(kitchen: SemanticMap, tmp_path: Path) -> None:
+    viewer, reader = McapFile(tmp_path / "out.mcap"), SceneReader(kitchen)
+    viewer.show(reader.read(), 1.0)
+    viewer.show(reader.read(), 2.0)
+    kitchen.apply(MapUpdate(removed=(kitchen.objects()[1].iri,)))
+    viewer.show(reader.read(), 3.0)
+    viewer.close()
+    times: dict[str, list[int]] = {}
+    for topic, _, at, _ in read((tmp_path / "out.mcap").read_bytes()):
+        times.setdefault(topic, []).append(at // 10**9)
+    assert times["/objects"] == times["/relations"] == [1, 3]
+    assert times["/floor"] == times["/places"] == [1]
+
+
+def test_the_trail_of_a_long_drive_stays_short(tmp_path: Path) -> None:
+    viewer = McapFile(tmp_path / "out.mcap")
+    for number in range(3000):
+        viewer.robot(RobotRecord(np.array([0.11 * number, 0, 1.2]), 0.0, float(number)))
+    viewer.close()
+    trails = [
+        content.entities[0].lines[0].points
+        for topic, _, _, content in read((tmp_path / "out.mcap").read_bytes())
+        if topic == "/robot/trail"
+    ]
+    assert max(map(len, trails)) <= 500
+    assert trails[-1][0].x == 0 and trails[-1][-1].x > 300
+
+
+def test_an_existing_file_or_a_missing_folder_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "there.mcap").write_text("mine")
+    with pytest.raises(PictureError, match="exists"):
+        McapFile(tmp_path / "there.mcap")
+    with pytest.raises(PictureError, match="no folder"):
+        McapFile(tmp_path / "nowhere" / "out.mcap")
+    McapFile(tmp_path / "unused.mcap").close()
+    assert (tmp_path / "there.mcap").read_text() == "mine"
+    assert not (tmp_path / "unused.mcap").exists()
+
+
+_KILLED = """
+import sys
+from pathlib import Path
+import numpy as np
+import planner.viewers.foxglove_viewer as module
+from kg.records import RobotRecord
+module._FLUSHED = 0.0
+viewer = module.McapFile(Path(sys.argv[1]))
+for number in range(200):
+    viewer.robot(RobotRecord(np.array([0.11 * number, 0, 1.2]), 0.0, float(number)))
+print("written", flush=True)
+sys.stdin.read()
+"""
+
+
+def test_a_killed_run_leaves_what_it_flushed(tmp_path: Path) -> None:
+    path = tmp_path / "out.mcap"
+    command = [sys.executable, "-c", _KILLED, str(path)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None and process.stdout.readline() == b"written\n"
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait()
+    seen = []
+    with path.open("rb") as file, pytest.raises(EndOfFile):
+        for _, channel, message in NonSeekingReader(file).iter_messages(log_time_order=False):
+            seen.append((channel.topic, message.log_time // 10**9))
+    assert ("/robot/pose", 199) in seen
+
+
+def test_a_client_gets_the_map_and_its_changes_live(kitchen: SemanticMap) -> None:
+    server = FoxgloveServer("our kitchen", "127.0.0.1", 0)
+    with (
+        LiveFeed(kitchen, server, server.subscribed),
+        connect(server.url, subprotocols=["foxglove.sdk.v1"], max_size=None) as client,  # type: ignore[list-item]
+    ):
+        assert client.subprotocol == "foxglove.sdk.v1"
+        channels: dict[str, int] = {}
+        while "/objects" not in channels:
+            said = json.loads(client.recv(timeout=30))
+            assert said["op"] != "serverInfo" or said["capabilities"] == []
+            channels |= {c["topic"]: c["id"] for c in said.get("channels", ())}
+        wanted = {"id": 7, "channelId": channels["/objects"]}
+        client.send(json.dumps({"op": "subscribe", "subscriptions": [wanted]}))
+        assert _message(client, 7).count(b"object/") == 2
+        cup = kitchen.objects()[1]
+        kitchen.apply(MapUpdate(objects=(replace(cup, iri=kitchen.new_object_iri()),)))
+        while _message(client, 7).count(b"object/") != 3:
+            pass
+        with pytest.raises(ServerError, match=str(server.url.rpartition(":")[2])):
+            FoxgloveServer("another", "127.0.0.1", int(server.url.rpartition(":")[2]))
+
+
+def _message(client: Any, subscription: int) -> bytes:
+    """The next message: 1, subscription (uint32), time (uint64), content."""
+    while True:
+        data = client.recv(timeout=30)
+        if isinstance(data, bytes):
+            kind, number, _ = struct.unpack_from("<BIQ", data)
+            if (kind, number) == (1, subscription):
+                return data[13:]
