@@ -173,12 +173,15 @@ class Mapper:
         """Map detections that have positions already; returns what was written.
 
         As `add` by association, confidence and corrections, but without negative evidence: nothing
-        is known of what the sensor could see. `stamp` [s since 1970] is when they were taken.
+        is known of what the sensor could see. `stamp` [s since 1970] is when they were taken;
+        where the `robot` was then is stored, and what it sees again from there counts less.
         """
 
         def change() -> _Change:
             with self.timer.stage("map"):
-                changes = self._relations.update(self._objects.add_sightings(sightings, stamp))
+                where = None if robot is None else robot.p_map[:2]
+                changes = self._objects.add_sightings(sightings, stamp, robot=where)
+                changes = self._relations.update(changes)
             return changes, MapUpdate(changes.updated, changes.removed, robot=robot)
 
         return self._apply(change)

@@ -12,6 +12,7 @@ from kg.maps.semantic_map import SemanticMap
 from mapping.alignment.recording_fit import check_fit
 from mapping.label_table import LabelTable
 from mapping.mapper import Mapper, Mode
+from mapping.objects.settings import ObjectSettings
 from mapping.places.layout import Layout
 from mapping.progress_report import FrameReport, MappingReport
 from mapping.read_ahead import read_ahead
@@ -47,6 +48,7 @@ def map_recording(
     occupancy: bool = True,
     same_frame: bool = False,
     check_poses: bool = True,
+    objects: ObjectSettings | None = None,
 ) -> MappingReport:
     """Map the frames of `recording` that `semantic_map` does not hold yet; all of them if `again`.
 
@@ -72,6 +74,7 @@ def map_recording(
         semantic_map,
         mode=mode,
         settings=settings,
+        objects=objects,
         layout=layout,
         find_places=find_places,
         labels=labels,

@@ -7,31 +7,27 @@ of the map once distinct views make it probable, and leaves it when they make it
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
-from kg.records import Evidence, ObjectRecord
+from kg.records import ObjectRecord
 from mapping.label_resolver import LabelResolver
 from mapping.label_table import LabelTable
 from mapping.objects.association import associate
-from mapping.objects.departures import Departures
-from mapping.objects.detector_rates import DetectorRates, rates_of
 from mapping.objects.existence import logit
+from mapping.objects.identity import IdentityResolver
 from mapping.objects.merging import duplicates
-from mapping.objects.moves import Absentee
 from mapping.objects.object_cache import ObjectCache
 from mapping.objects.object_mapper import ObjectChanges
-from mapping.objects.ray_test import VolumeView, in_front, ray_test
+from mapping.objects.ray_test import in_front
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.sightings import SightingExtractor, ThingSighting
-from mapping.objects.tracks import Track, track_of
-from mapping.objects.usual_sizes import UsualSize, size_log_likelihood, usual_sizes
-from mapping.persistence import departed, listed_half_life
+from mapping.objects.track_updater import TrackUpdater
+from mapping.objects.tracks import Track, count_together, same_facts, track_of
 from mapping.places.place_registry import PlaceRegistry
 from mapping.reference.settings import UnknownLabels
 from mapping.sighting import Sighting
@@ -60,19 +56,16 @@ class BayesObjectMapper:
     ) -> None:
         self._map, self._places = semantic_map, places
         self._settings = settings or ObjectSettings()
-        self._recording, self._model = recording, model
         self._objects = ObjectCache(semantic_map)
         self._catalogue = semantic_map.catalogue
         self.labels = LabelResolver(
             semantic_map, "object", table=labels, unknown=unknown_labels, model=model
         )
-        self._extractor = SightingExtractor(self.labels, self._usual_size, self._settings)
-        self._rates: dict[str, DetectorRates] = {}
+        self._updater = TrackUpdater(semantic_map, self._settings, recording=recording, model=model)
+        self._extractor = SightingExtractor(self.labels, self._updater.usual_size, self._settings)
         self._tracks: list[Track] = [self._track(r) for r in self._objects.perceived.values()]
         self._new: set[str | None] = set()  # IRIs that the last frame gave
-        self._departures = Departures(self._settings)
-        self._frame = 0  # number of the present one
-        self._stamp = 0.0  # [s] of the present one
+        self._identity = IdentityResolver(semantic_map, self._objects, self._settings)
         self._revision = -1  # of the places' rectangles, when objects were last put into places
 
     @property
@@ -103,17 +96,16 @@ class BayesObjectMapper:
     def add(self, frame: Frame, detections: Detections) -> ObjectChanges:
         """Process one frame: evidence for what is seen and what is missed, candidates, merges."""
         self.refresh()
-        self._frame += 1
-        self._stamp = frame.stamp
+        self._updater.begin(frame.stamp)
         camera = frame.T_map_cam[:3, 3]
         sightings = self._extractor.sightings(frame, detections)
         detectors = detections.detectors or ("",)
         known = self._associated(sightings)
         for sighting, track in known:
-            self._see(track, sighting, detectors, frame, track.novelty(camera))
-        _count_together([track for _, track in known])
+            self._updater.see(track, sighting, detectors, frame, track.novelty(camera))
+        count_together([track for _, track in known])
         seen = [track for _, track in known]
-        missed = self._miss(frame, seen, detectors)
+        missed = self._updater.miss(self._in_front(frame, seen), frame, detectors)
         matched = {id(sighting) for sighting, _ in known}
         born = [
             self._born(sighting, detectors, frame)
@@ -125,32 +117,47 @@ class BayesObjectMapper:
         return self._changes([*seen, *born], missed, absorbed)
 
     def add_sightings(
-        self, sightings: Sequence[Sighting], stamp: float, *, frame: str = ""
+        self,
+        sightings: Sequence[Sighting],
+        stamp: float,
+        *,
+        frame: str = "",
+        robot: NDArray[np.float64] | None = None,
     ) -> ObjectChanges:
         """Process detections that have positions already, taken at `stamp` [s since 1970].
 
         As `add`, but without negative evidence, as nothing is known of what the camera could see,
-        and each is an object at once. `frame` is the id of the image.
+        and each is an object at once. `frame` is the id of the image, `robot` (2,) [m] where it was
+        taken from: what is seen again from there counts less.
         """
         self.refresh()
-        self._frame += 1
-        self._stamp = stamp
+        self._updater.begin(stamp)
         located = [self._extractor.of_position(sighting) for sighting in sightings]
-        touched = dict[int, Track]()
+        touched, born = dict[int, Track](), list[Track]()
         for sighting in located:
             # one by one: a message may hold the same thing several times, from several pictures
             known = self._associated((sighting,))
-            track = known[0][1] if known else self._new_track(sighting, stamp)
+            track = known[0][1] if known else self._updater.new_track(sighting, stamp)
             touched[id(track)] = track
             track.iri = track.iri or self._map.new_object_iri()
-            self._locate(track, sighting, 1.0, stamp)
+            weight = 1.0
+            if robot is not None:
+                weight = track.novelty(np.append(robot, track.p_map[2]))
+                track.views += weight == 1.0
+            self._updater.locate(track, sighting, weight, stamp)
             for (detector, category), score in sighting.scores.items():
-                track.add_evidence(category, detector, self._rate("").hit(score, 1.0), 1.0)
-            self._finish(track, sighting, stamp, frame)
+                track.add_evidence(
+                    category, detector, self._updater.rate("").hit(score, 1.0), weight
+                )
+            self._updater.finish(track, sighting, stamp, frame)
             if not known:
                 self._tracks.append(track)
+                born.append(track)
         seen = list(touched.values())
-        return self._changes(seen, [], self._merge(seen))
+        absorbed = self._merge(seen)
+        for track in born:
+            track.assume_extent()
+        return self._changes(seen, [], absorbed)
 
     def decay(self, iri: str, times: int = 1, recall: float | None = None) -> ObjectChanges:
         """Count `times` looks that should have shown the object and did not.
@@ -158,15 +165,15 @@ class BayesObjectMapper:
         Each would have with probability `recall`; by default that of what fills the image.
         """
         self.refresh()
-        self._frame += 1
+        self._updater.begin()
         track = next((track for track in self._tracks if track.iri == iri), None)
         if track is None or times < 1:
             return ObjectChanges()
-        rates = self._rate("")
+        rates = self._updater.rate("")
         ratio = rates.miss_with(rates.recall_of(1.0) if recall is None else recall)
         for category in track.evidence:
             track.add_evidence(category, "", ratio, times)
-        self._assess(track)
+        self._updater.assess(track)
         return self._changes([], [track], ())
 
     def undo(self, changes: ObjectChanges) -> None:
@@ -175,9 +182,9 @@ class BayesObjectMapper:
         for track in self._tracks:
             if track.iri in self._new:
                 track.iri = track.written = None  # a candidate again
-            if track.iri is None and track.last_frame == self._frame:
+            if track.iri is None and track.last_frame == self._updater.frame:
                 track.observations -= 1
-        self._departures.undo()
+        self._identity.departures.undo()
         self._revision = -1
 
     def refresh(self) -> None:
@@ -195,10 +202,10 @@ class BayesObjectMapper:
             if track.iri not in touched:
                 kept.append(track)
             elif track.iri in held:
-                same = track.written is not None and _same_facts(track.written, held[track.iri])
+                same = track.written is not None and same_facts(track.written, held[track.iri])
                 kept.append(track if same else self._track(held[track.iri]))
         known = {track.iri for track in kept}
-        self._departures.forget(touched & held.keys())
+        self._identity.departures.forget(touched & held.keys())
         self._tracks = kept + [
             self._track(held[iri]) for iri in touched if iri in held and iri not in known
         ]
@@ -206,24 +213,24 @@ class BayesObjectMapper:
     def _forget_categories(self) -> None:
         """Forget what speaks for categories that the ontology no longer has, and such things."""
         self._catalogue = self._map.catalogue
-        for track in [*self._tracks, *self._departures.tracks]:
+        for track in [*self._tracks, *self._identity.departures.tracks]:
             unknown = [c for c in track.evidence if self._catalogue.by_iri(c) is None]
             for category in unknown:
                 del track.evidence[category]
                 track.log_odds.pop(category, None)
             if unknown and track.evidence:
-                self._assess(track)
+                self._updater.assess(track)
         gone = [track.iri for track in self._tracks if track.iri and not track.evidence]
         self._objects.remove(iri for iri in gone if iri in self._objects.perceived)
         self._tracks = [track for track in self._tracks if track.evidence]
-        self._departures.forget_unknown()
+        self._identity.departures.forget_unknown()
 
     # one frame
 
     def _associated(self, sightings: Sequence[ThingSighting]) -> list[tuple[ThingSighting, Track]]:
         near = self._near(sightings)
         for track in near:
-            track.stale = self._stamp - track.last_seen > self._settings.stale
+            track.stale = self._updater.stamp - track.last_seen > self._settings.stale
         found = associate(sightings, near, self._asserted, self._settings)
         return [(sightings[row], near[column]) for row, column in found.items()]
 
@@ -240,60 +247,13 @@ class BayesObjectMapper:
             if offset < reach or self._asserted(track)[0] is not None
         ]
 
-    def _see(
-        self,
-        track: Track,
-        sighting: ThingSighting,
-        detectors: Collection[str],
-        frame: Frame,
-        novelty: float,
-    ) -> None:
-        """Count a sighting as a view: hits of its categories, misses of the track's others."""
-        track.views += novelty == 1.0
-        track.absence.hit(novelty)
-        track.clear_views.clear()
-        track.emptiness = min(0.0, track.emptiness + 2 * novelty)
-        self._locate(track, sighting, novelty, frame.stamp)
-        share = self._share(track.size, sighting.depth or 1.0, frame)
-        for category in sighting.categories:
-            track.evidence.setdefault(category, {})
-        for category in track.evidence:
-            for detector in detectors:
-                score = sighting.scores.get((detector, category))
-                rate = self._rate(detector)
-                if score is not None:
-                    track.add_evidence(category, detector, rate.hit(score, share), novelty)
-                elif not sighting.cut:
-                    track.add_evidence(category, detector, rate.miss(share), novelty)
-        self._finish(track, sighting, frame.stamp, frame.id)
-
-    def _miss(
-        self, frame: Frame, seen: Collection[Track], detectors: Collection[str]
-    ) -> list[Track]:
-        """Count the frame against the tracks that it should have shown; returns them."""
-        s, shown = self._settings, {id(track) for track in seen}
-        camera = frame.T_map_cam[:3, 3]
-        missed = list[Track]()
-        for index in in_front(frame, self._positions(), s):
+    def _in_front(self, frame: Frame, seen: Collection[Track]) -> Iterator[Track]:
+        """Tracks before the camera that are not among those `seen`, nor asserted elsewhere."""
+        shown = {id(track) for track in seen}
+        for index in in_front(frame, self._positions(), self._settings):
             track = self._tracks[index]
-            if id(track) in shown or self._asserted(track)[0] is not None:
-                continue
-            view = ray_test(frame, track.p_map, min(track.size, s.largest), s)
-            if view is VolumeView.NOTHING:
-                continue
-            weight = track.novelty(camera)
-            if view is VolumeView.EMPTY:
-                track.add_clear_view(camera)
-                track.emptiness = max(track.emptiness + s.emptiness * weight, -8.0)
-                track.absence.empty(weight, s.empty_ratio)
-            share = self._share(track.size, float(np.linalg.norm(track.p_map - camera)), frame)
-            track.absence.miss(weight, max(self._rate(d).recall_of(share) for d in detectors))
-            for category in track.evidence:
-                for detector in detectors:
-                    track.add_evidence(category, detector, self._rate(detector).miss(share), weight)
-            self._assess(track)
-            missed.append(track)
-        return missed
+            if id(track) not in shown and self._asserted(track)[0] is None:
+                yield track
 
     def _may_be_new(self, sighting: ThingSighting) -> bool:
         """Whether an unassociated sighting makes a candidate.
@@ -301,7 +261,9 @@ class BayesObjectMapper:
         A box that the border cuts is likely a part of an object of its category nearby.
         """
         s = self._settings
-        odds = max(self._rate(d).hit(score, 1.0) for (d, _), score in sighting.scores.items())
+        odds = max(
+            self._updater.rate(d).hit(score, 1.0) for (d, _), score in sighting.scores.items()
+        )
         if odds + s.prior < s.birth:
             return False
         if not sighting.cut or not self._tracks:
@@ -315,51 +277,9 @@ class BayesObjectMapper:
         )
 
     def _born(self, sighting: ThingSighting, detectors: Collection[str], frame: Frame) -> Track:
-        track = self._new_track(sighting, frame.stamp)
-        self._see(track, sighting, detectors, frame, track.novelty(frame.T_map_cam[:3, 3]))
+        track = self._updater.new_track(sighting, frame.stamp)
+        self._updater.see(track, sighting, detectors, frame, track.novelty(frame.T_map_cam[:3, 3]))
         return track
-
-    def _new_track(self, sighting: ThingSighting, stamp: float) -> Track:
-        return Track(
-            p_map=sighting.p_map.copy(),
-            size=sighting.size,
-            settings=self._settings,
-            first_seen=stamp,
-            last_seen=stamp,
-        )
-
-    def _locate(self, track: Track, sighting: ThingSighting, novelty: float, stamp: float) -> None:
-        track.locate(sighting, novelty)
-        track.observations += 1
-        track.last_seen = max(track.last_seen, stamp)
-        track.last_frame = self._frame
-
-    def _finish(self, track: Track, sighting: ThingSighting, stamp: float, frame: str) -> None:
-        """Assess the track, and keep the sighting where it explains the track best."""
-        self._assess(track)
-        shown = {d: score for (d, c), score in sighting.scores.items() if c == track.category}
-        if sighting.box is None or not shown:
-            return
-        detector = max(shown, key=lambda d: shown[d])
-        if track.best is None or shown[detector] > track.best.score:
-            track.best = Evidence(
-                frame=frame,
-                recording=self._recording,
-                stamp=stamp,
-                box=sighting.box,
-                score=shown[detector],
-                model=detector or self._model,
-            )
-
-    def _assess(self, track: Track) -> None:
-        size = float(np.median(track.sizes)) if track.sizes else 0.0
-        prior = {c: size_log_likelihood(size, self._usual_size(c)) for c in track.evidence}
-        track.assess(prior, self._departed(track, self._stamp - track.last_seen))
-
-    def _departed(self, track: Track, age: float) -> float:
-        """Prior probability that a thing left within `age` [s] after it was seen."""
-        likely = track.category if track.log_odds else next(iter(track.evidence))
-        return departed(listed_half_life(self._map.catalogue.label(likely)), age)
 
     def _merge(self, touched: Sequence[Track]) -> tuple[Track, ...]:
         """Merge tracks that are one thing; returns those that were absorbed.
@@ -369,7 +289,7 @@ class BayesObjectMapper:
         found = [
             (kept, absorbed)
             for kept, absorbed in duplicates(
-                touched, self._tracks, self._usual_size, self._settings
+                touched, self._tracks, self._updater.usual_size, self._settings
             )
             if not self._objects.has_assertions(absorbed.iri)
         ]
@@ -377,7 +297,7 @@ class BayesObjectMapper:
             return ()
         for kept, absorbed in found:
             kept.merge(absorbed)
-            self._assess(kept)
+            self._updater.assess(kept)
         gone = {id(absorbed) for _, absorbed in found}
         self._tracks = [track for track in self._tracks if id(track) not in gone]
         return tuple(absorbed for _, absorbed in found)
@@ -392,7 +312,13 @@ class BayesObjectMapper:
         new = self._confirmed(touched)
         lost = [track for track in touched if track.iri is not None and self._improbable(track)]
         removed = {track.iri for track in (*lost, *absorbed) if track.iri is not None}
-        touched += self._identify(new, touched, lost, removed)
+        updater = self._updater
+        also, old = self._identity.resolve(
+            self._tracks, new, touched, lost, removed, updater.departed, updater.stamp
+        )
+        touched += also
+        replaced = {id(track) for track in old}
+        self._tracks = [track for track in self._tracks if id(track) not in replaced]
         for track in new:
             track.iri = track.iri or self._map.new_object_iri()
         self._new = {track.iri for track in seen if track.written is None} - {None}
@@ -409,67 +335,6 @@ class BayesObjectMapper:
         return ObjectChanges(
             tuple(written.values()), tuple(sorted(removed)), len(new), len(seen), len(missed)
         )
-
-    def _identify(
-        self,
-        new: Sequence[Track],
-        touched: Sequence[Track],
-        lost: Sequence[Track],
-        removed: set[str],
-    ) -> list[Track]:
-        """Let things that appeared go on as the objects that left elsewhere.
-
-        Returns the tracks to be written besides, and changes the IRIs that are `removed`.
-        """
-        self._departures.add([t for t in lost if not self._fixed(t)])
-        also = self._returned(new)
-        gone = {id(track) for track in lost}
-        least = self._settings.left
-        left = [t for t in touched if t.iri and t.absent >= least and id(t) not in gone]
-        if not (new or lost or left) or not (left or self._departures):
-            return also
-        objects = [t for t in self._tracks if t.iri and id(t) not in gone]
-        free = [t for t in objects if not self._fixed(t)]
-        appeared = [
-            t for t in objects if t.existence >= 0.5 and not self._objects.has_assertions(t.iri)
-        ]
-        appeared += [t for t in new if t.iri is None]
-        count = Counter(track.category for track in objects)
-        perhaps = [Absentee(track, track.absent, looked=track.absent >= least) for track in free]
-        for move in self._departures.found(
-            perhaps, appeared, self._departed, self._stamp, count.__getitem__
-        ):
-            iri = move.old.iri
-            assert iri is not None
-            removed.discard(iri)
-            if move.former_iri is not None:
-                removed.add(move.former_iri)
-            self._tracks = [track for track in self._tracks if track is not move.old]
-            also.append(move.track)
-        return also
-
-    def _returned(self, new: Sequence[Track]) -> list[Track]:
-        """Undo moves of things that stand in their old spot after all; the tracks they were given.
-
-        What was taken for the object is one of its own again.
-        """
-        others = list[Track]()
-        for track in new:
-            move = self._departures.back(track)
-            if move is None or self._fixed(move.track):
-                continue
-            other = move.track
-            track.becomes(other)
-            other.iri = move.former_iri or self._map.new_object_iri()
-            other.written, other.first_seen = None, move.first_seen
-            other.observations -= move.old.observations
-            others.append(other)
-        return others
-
-    def _fixed(self, track: Track) -> bool:
-        """Whether people assert where an object is, or that it is there."""
-        asserted = track.iri is not None and self._objects.asserted_present(track.iri)
-        return asserted or self._asserted(track)[0] is not None
 
     def _confirmed(self, touched: Sequence[Track]) -> list[Track]:
         """Candidates that are probable enough to enter the map."""
@@ -488,7 +353,7 @@ class BayesObjectMapper:
             return False
         s = self._settings
         # of a robot's single sighting that a further look did not confirm
-        unconfirmed = track.views < s.confirmed_views and track.last_frame < self._frame
+        unconfirmed = track.views < s.confirmed_views and track.last_frame < self._updater.frame
         least = s.confirmed if unconfirmed else s.removed
         return track.existence < least or len(track.clear_views) >= s.clear_views
 
@@ -504,7 +369,7 @@ class BayesObjectMapper:
                 track.iri is not None
                 or (
                     max(track.log_odds.values()) > least
-                    and self._frame - track.last_frame < s.forgotten
+                    and self._updater.frame - track.last_frame < s.forgotten
                 )
             )
         ]
@@ -535,7 +400,7 @@ class BayesObjectMapper:
     # helpers
 
     def _track(self, record: ObjectRecord) -> Track:
-        return track_of(record, self._settings, self._usual_size)
+        return track_of(record, self._settings, self._updater.usual_size)
 
     def _positions(self) -> NDArray[np.float64]:
         """(n, 3) [m] of all tracks."""
@@ -545,42 +410,4 @@ class BayesObjectMapper:
 
     def _asserted(self, track: Track) -> tuple[NDArray[np.float64] | None, str | None]:
         """Position and category of a track as people assert them, where they differ from ours."""
-        record = None if track.iri is None else self._objects.perceived.get(track.iri)
-        if record is None:
-            return None, None
-        believed = self._objects.believed(record)
-        if believed is record:
-            return None, None
-        moved = not np.allclose(believed.p_map, record.p_map)
-        return believed.p_map if moved else None, believed.category
-
-    def _usual_size(self, category: str) -> UsualSize | None:
-        return usual_sizes().get(self._map.catalogue.label(category))
-
-    def _rate(self, detector: str) -> DetectorRates:
-        if detector not in self._rates:
-            self._rates[detector] = rates_of(detector or self._model)
-        return self._rates[detector]
-
-    def _share(self, size: float, depth: float, frame: Frame) -> float:
-        """Side of a thing of `size` [m] at `depth` [m], as a share of the image's side."""
-        height, width = frame.depth.shape
-        seen = 0.8 * min(size, self._settings.largest) * frame.K[0, 0] / max(depth, 0.3)
-        return float(seen / np.sqrt(height * width))
-
-
-def _count_together(tracks: Sequence[Track]) -> None:
-    """Count a frame that shows these tracks as different things."""
-    for track in tracks:
-        for other in tracks:
-            if other is not track:
-                track.together[id(other)] = track.together.get(id(other), 0) + 1
-
-
-def _same_facts(a: ObjectRecord, b: ObjectRecord) -> bool:
-    """Whether two records differ by rounding at most."""
-    return (
-        (a.category, a.observations) == (b.category, b.observations)
-        and abs(a.existence - b.existence) < 0.011
-        and bool(np.allclose(a.p_map, b.p_map, atol=0.011))
-    )
+        return self._objects.asserted(track.iri)

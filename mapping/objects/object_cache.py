@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from kg.facts.assertions import PropertyAssertions, believed_object
 from kg.maps.cache_invalidation import PerceivedObjects
 from kg.maps.semantic_map import SemanticMap
@@ -49,6 +52,20 @@ class ObjectCache:
         """Whether the object's existence is asserted."""
         existence = self._assertions.get(iri, {}).get("existence")
         return existence is not None and existence.value == "present"
+
+    def asserted(self, iri: str | None) -> tuple[NDArray[np.float64] | None, str | None]:
+        """Position (3,) [m] and category of an object as people assert them.
+
+        None where they do not, or as perceived.
+        """
+        record = None if iri is None else self.perceived.get(iri)
+        if record is None:
+            return None, None
+        believed = self.believed(record)
+        if believed is record:
+            return None, None
+        moved = not np.allclose(believed.p_map, record.p_map)
+        return believed.p_map if moved else None, believed.category
 
     def has_assertions(self, iri: str | None) -> bool:
         """Whether anything is asserted of the object."""

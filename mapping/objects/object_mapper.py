@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from kg.maps.semantic_map import SemanticMap
 from kg.records import Evidence, ObjectRecord
 from mapping.label_resolver import LabelResolver
@@ -104,12 +107,18 @@ class ObjectMapper:
         return replace(changes, updated=tuple(updated.values()))
 
     def add_sightings(
-        self, sightings: Sequence[Sighting], stamp: float, *, frame: str = ""
+        self,
+        sightings: Sequence[Sighting],
+        stamp: float,
+        *,
+        frame: str = "",
+        robot: NDArray[np.float64] | None = None,
     ) -> ObjectChanges:
         """Process detections that have positions already, taken at `stamp` [s since 1970].
 
         As `add`, but without negative evidence: nothing is known of what the camera could see.
-        `frame` is the id of the image, for the evidence of sightings that have a box in it.
+        `frame` is the id of the image, for the evidence of sightings that have a box in it; `robot`
+        does not count here.
         """
         self.refresh()
         return self._changes(self._associated(sightings), (), _Source(stamp, frame))

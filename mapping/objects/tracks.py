@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -127,6 +127,8 @@ class Track:
         weight = novelty * (0.3 if sighting.cut else 1.0) / (0.5 + (sighting.depth or 1.0) ** 2 / 4)
         self.weight = min(self.weight + weight, s.most_weight)
         self.p_map = self.p_map + (sighting.p_map - self.p_map) * min(weight / self.weight, 1.0)
+        if sighting.point and self.lows:
+            return
         if not sighting.cut:
             self.sizes.append(sighting.size)
             self.size = float(np.median(self.sizes))
@@ -145,6 +147,14 @@ class Track:
         outliers = int(len(self.lows) * s.outliers + 0.5)
         self.low = np.sort(self.lows, axis=0)[outliers]
         self.high = np.sort(self.highs, axis=0)[-1 - outliers]
+
+    def assume_extent(self) -> None:
+        """Make a cube of its size the extent of a thing of which only a position was measured."""
+        if self.lows and float((self.high - self.low).max()) < 0.05:
+            half = self.size / 2
+            self.lows.clear()
+            self.highs.clear()
+            self.add_box(self.p_map - half, self.p_map + half)
 
     def add_evidence(self, category: str, detector: str, ratio: float, weight: float) -> None:
         """Add a view's log-likelihood ratio for one of the categories."""
@@ -283,3 +293,20 @@ def _log_odds(record: ObjectRecord) -> dict[str, float]:
     believed = {**record.labels, record.category: record.existence}
     nothing = max(1 - sum(believed.values()), 0.005)
     return {c: math.log(min(max(p, 0.005), 0.995) / nothing) for c, p in believed.items()}
+
+
+def count_together(tracks: Sequence[Track]) -> None:
+    """Count a frame that shows these tracks as different things."""
+    for track in tracks:
+        for other in tracks:
+            if other is not track:
+                track.together[id(other)] = track.together.get(id(other), 0) + 1
+
+
+def same_facts(a: ObjectRecord, b: ObjectRecord) -> bool:
+    """Whether two records differ by rounding at most."""
+    return (
+        (a.category, a.observations) == (b.category, b.observations)
+        and abs(a.existence - b.existence) < 0.011
+        and bool(np.allclose(a.p_map, b.p_map, atol=0.011))
+    )

@@ -47,6 +47,7 @@ COMMANDS = (
     "check",
     "ontology",
     "models",
+    "teach",
     "evaluate",
     "simulate",
 )

@@ -18,6 +18,7 @@ from planner.cli.recording_arguments import (
     open_given_recording,
     open_inputs,
 )
+from planner.cli.teach import with_taught_rooms
 from planner.cli.viewers import add_viewers, open_viewers
 
 if TYPE_CHECKING:
@@ -83,13 +84,14 @@ def run(arguments: argparse.Namespace) -> int:
             semantic_map.retain(keep)
         if inputs.corrected and _correct_poses(inputs, semantic_map, arguments):
             return 0
+        inputs = replace(inputs, scene=with_taught_rooms(inputs.scene, arguments.into))
         if inputs.align:
             inputs = align_with_map(inputs, semantic_map)
         with settled():
             report = map_with_progress(
                 inputs, semantic_map, on_detections=on_detections, again=arguments.again
             )
-        _print_outcome(semantic_map, report, arguments)
+        _print_outcome(semantic_map, report, arguments, inputs.device)
     return 0
 
 
@@ -194,6 +196,7 @@ def map_with_progress(
             occupancy=inputs.floor,
             same_frame=inputs.same_frame,
             check_poses=inputs.check,
+            objects=inputs.objects,
         )
 
 
@@ -250,10 +253,10 @@ def _picture_saver(folder: Path) -> OnDetections:
 
 
 def _print_outcome(
-    semantic_map: SemanticMap, report: MappingReport, arguments: argparse.Namespace
+    semantic_map: SemanticMap, report: MappingReport, arguments: argparse.Namespace, device: str
 ) -> None:
     if arguments.json:
-        write_json(report.to_json())
+        write_json(report.to_json() | {"device": device or None})
         return
     if report.frames == 0:
         note(f"all {report.skipped} frames are already in this map; --again maps them once more")
@@ -265,8 +268,10 @@ def _print_outcome(
     note(
         f"{report.frames} frames in {report.seconds:.1f} s "
         f"({report.frames_per_second:.1f} frames/s); ms a frame: {stages}"
+        + (f"; networks on {device}" if device else "")
     )
     _note_labels(report)
+    _note_detector(report, arguments)
     note(f"next: hereabouts ask {arguments.into} objects, hereabouts find {arguments.into} cup")
 
 
@@ -279,6 +284,19 @@ def _note_labels(report: MappingReport) -> None:
     if unknown:
         count = len(unknown)
         note(f"{count} label{'s' * (count > 1)} without a category: {_listed(tuple(unknown))}")
+
+
+def _note_detector(report: MappingReport, arguments: argparse.Namespace) -> None:
+    """After the bundled detectors: which one sees more."""
+    from perception.inference.model_zoo import best_detector, bundled_pair, find_model
+
+    if arguments.detector == "default" and report.frames:
+        best, bundled = best_detector(), max(find_model(n).ap or 0.0 for n in bundled_pair())
+        fetches = "takes" if best.where == "fetched" else "fetches"
+        note(
+            f"{best.name} sees more ({best.ap} AP on COCO, the bundled ones {bundled}): "
+            f"--detector best {fetches} it"
+        )
 
 
 def _listed(labels: tuple[str, ...]) -> str:

@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from kg.errors import HistoryError
-from planner.cli.arguments import positive, whole
+from planner.cli.arguments import add_device, positive, whole
+from planner.cli.models import named_detector
 
 if TYPE_CHECKING:
     from mapping.label_table import LabelTable
     from mapping.mapper import Mode
+    from mapping.objects.settings import ObjectSettings
     from mapping.places.layout import Layout
     from mapping.reference.settings import ReferenceSettings
     from perception.frames import Detector, SceneClassifier
@@ -45,6 +47,12 @@ class Inputs:
     same_frame: bool = False  # whether its world is said to be the map's
     check: bool = True  # whether depth is compared with poses
     corrected: bool = False  # whether its poses were given by file
+    objects: ObjectSettings | None = None  # of the Bayes mapper; None: its own
+
+    @property
+    def device(self) -> str:
+        """What the networks run on; "" where there are none."""
+        return str(getattr(self.detector, "device", None) or getattr(self.scene, "device", ""))
 
 
 def add_recording_options(parser: argparse.ArgumentParser) -> None:
@@ -186,7 +194,8 @@ def _add_network_options(networks: argparse._ArgumentGroup) -> None:
         default="default",
         metavar="NAME|FILE",
         help="object detector, or a JSON file of recorded detections, here or in the recording's "
-        "folder (default: the bundled one; see `hereabouts models list`)",
+        "folder; best: the best one that can be fetched, fetched if it is not here (default: the "
+        "bundled ones; see `hereabouts models list`)",
     )
     networks.add_argument(
         "--second-detector",
@@ -198,6 +207,7 @@ def _add_network_options(networks: argparse._ArgumentGroup) -> None:
         type=positive,
         help="least detector score (default: 0.2, which are weighed; reference mode: 0.4)",
     )
+    add_device(networks)
     networks.add_argument(
         "--scene",
         default="default",
@@ -263,6 +273,7 @@ def _add_mapping_options(places: argparse._ArgumentGroup) -> None:
 def open_inputs(arguments: argparse.Namespace) -> Inputs:
     """Open and check everything a run needs; raises before any map exists or changes."""
     from mapping.label_table import load_label_table
+    from mapping.objects.settings import ObjectSettings
     from perception.inference.detector_pair import DetectorPair
     from perception.inference.recorded_detections import RecordedDetector, open_detector
     from perception.inference.scene_classifier import load_scene_classifier
@@ -271,16 +282,20 @@ def open_inputs(arguments: argparse.Namespace) -> Inputs:
         arguments.usage_error("--places found takes the mapped floor; leave out --no-floor")
     recording = open_given_recording(arguments)
     threshold = arguments.threshold or min(_THRESHOLDS.values())
-    detector = open_detector(_detector_file(arguments), threshold=threshold)
+    device = arguments.device
+    detector = open_detector(_detector_file(arguments), threshold=threshold, device=device)
     if isinstance(detector, RecordedDetector):
         detector.detect(next(recording.frames()))  # of another recording: said before a map is made
     if arguments.second_detector is not None:
-        second = open_detector(arguments.second_detector, threshold=threshold)
+        second = open_detector(arguments.second_detector, threshold=threshold, device=device)
         detector = DetectorPair(detector, second)
+    scene = None
+    if arguments.scene != "none":
+        scene = load_scene_classifier(arguments.scene, device=device)
     return Inputs(
         recording=recording,
         detector=detector,
-        scene=None if arguments.scene == "none" else load_scene_classifier(arguments.scene),
+        scene=scene,
         layout=None if arguments.places in (None, FOUND, ONE) else _layout(arguments.places),
         find_places=_finds_places(arguments),
         settings=_settings(arguments),
@@ -291,6 +306,7 @@ def open_inputs(arguments: argparse.Namespace) -> Inputs:
         same_frame=arguments.same_frame,
         check=not arguments.no_check,
         corrected=arguments.poses is not None,
+        objects=ObjectSettings(min_score=arguments.threshold) if arguments.threshold else None,
     )
 
 
@@ -316,7 +332,7 @@ def _layout(name: str) -> Layout:
 
 def _detector_file(arguments: argparse.Namespace) -> str:
     """The detector, where it is a file of that name in the recording's folder, that file."""
-    name = str(arguments.detector)
+    name = named_detector(str(arguments.detector))
     inside = Path(arguments.recording) / name
     found = name.endswith(".json") and not Path(name).exists() and inside.exists()
     return str(inside) if found else name

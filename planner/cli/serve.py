@@ -8,6 +8,7 @@ import signal
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -116,6 +117,7 @@ def _serve(arguments: argparse.Namespace) -> int:
     from kg.opening import open_map, open_or_create_map
     from kg.server import MapServer
     from kg.store.gc_scheduling import settled
+    from planner.plans.find_answer import find_answer
 
     settings, keep = _settings(arguments), keep_seconds(arguments)
     inputs = _inputs(arguments)
@@ -136,7 +138,8 @@ def _serve(arguments: argparse.Namespace) -> int:
     ):
         if keep is not None:
             semantic_map.retain(keep)
-        server = MapServer(semantic_map, settings, status=mapper.status)
+        planner = partial(find_answer, semantic_map)
+        server = MapServer(semantic_map, settings, status=mapper.status, planner=planner)
         access = "reading and writing" if settings.tokens else "reading only"
         note(f"{semantic_map.title} at {server.url} ({access}); Ctrl+C ends")
         if server.isolation == "none":

@@ -15,7 +15,7 @@ from mapping.objects.object_mapper import ObjectChanges
 from mapping.places.place_registry import PlaceRegistry
 from mapping.relations.relation_mapper import RelationMapper
 from mapping.sighting import Sighting as MappedSighting
-from planner.execution.protocol import Detected
+from planner.execution.protocol import Detected, RobotPose
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,17 +46,18 @@ class ObjectUpdates:
         self._relations = RelationMapper(semantic_map, self._mapper.cache)
         self._labels = LabelResolver(semantic_map, "object")
 
-    def add(self, things: Sequence[Detected], stamp: float) -> DetectionUpdate:
-        """Associate detections, taken at `stamp` [s since 1970], with objects, old or new."""
+    def add(self, things: Sequence[Detected], stamp: float, pose: RobotPose) -> DetectionUpdate:
+        """Associate detections, taken at `stamp` [s since 1970] from `pose`, with objects."""
         named = [(thing, self._labels.category(thing.label)) for thing in things]
         sightings = [
             (thing, MappedSighting(category, thing.score, np.array([thing.x, thing.y, thing.z])))
             for thing, category in named
             if category is not None
         ]
-        changes = self._relations.update(
-            self._mapper.add_sightings([sighting for _, sighting in sightings], stamp)
+        found = self._mapper.add_sightings(
+            [sighting for _, sighting in sightings], stamp, robot=np.array([pose.x, pose.y])
         )
+        changes = self._relations.update(found)
         detections = tuple(self._associated(thing, sighting) for thing, sighting in sightings)
         unknown = dict.fromkeys(thing.label for thing, category in named if category is None)
         return DetectionUpdate(changes.updated, detections, tuple(unknown))

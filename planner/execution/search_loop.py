@@ -234,7 +234,7 @@ class _Run:
     ) -> list[TargetDetection]:
         """Write a look and what it showed; returns what might be a target."""
         wanted = self._wanted()
-        sightings, records = self._add_detections(things)
+        sightings, records = self._add_detections(things, pose)
         found = self._confirm(sightings)
         across, in_view = self._adapter.field_of_view, self._adapter.in_view
         viewed = [in_view(*picture, across) for picture in self._passing_views]
@@ -272,7 +272,7 @@ class _Run:
     def _on_the_way(self, message: DetectionsMessage, goal: NextView) -> bool:
         """Apply a picture taken while driving; whether it changes the plan."""
         pose = message.pose or self._robot.pose
-        sightings, records = self._add_detections(message.objects)
+        sightings, records = self._add_detections(message.objects, pose)
         found = self._confirm(sightings)
         if not sightings:
             self._add_passing_view(pose, goal)
@@ -300,9 +300,9 @@ class _Run:
         self._passing_views.append((round(pose.x, 2), round(pose.y, 2), round(pose.heading, 2)))
 
     def _add_detections(
-        self, things: Sequence[Detected]
+        self, things: Sequence[Detected], pose: RobotPose
     ) -> tuple[list[TargetDetection], list[ObjectRecord]]:
-        update = self._objects.add(things, self._options.clock())
+        update = self._objects.add(things, self._options.clock(), pose)
         for label in update.unknown:
             if label not in self._unknown and len(self._unknown) < 100:
                 self._unknown.add(label)

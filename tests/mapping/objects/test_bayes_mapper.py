@@ -12,7 +12,7 @@ from kg.errors import ConflictError
 from kg.maps.semantic_map import SemanticMap
 from kg.ontology.lint import check_map
 from kg.opening import create_map, in_memory_map, open_map
-from kg.records import MapUpdate, ObjectRecord
+from kg.records import MapUpdate, ObjectRecord, RobotRecord
 from kg.transactions import Cause, ChangeSet
 from mapping.mapper import Mapper
 from mapping.objects.bayes_mapper import BayesObjectMapper
@@ -515,12 +515,34 @@ def test_a_category_that_is_deleted_breaks_no_write(semantic_map):
 def test_sightings_with_positions_merge_as_frames_do(semantic_map):
     table = semantic_map.catalogue.find("dining table").iri
     mapper = Mapper(semantic_map)
-    ends = [Sighting(table, 0.9, np.array([x, 0.0, 0.7])) for x in (0.0, 1.3)]
+    ends = [Sighting(table, 0.9, np.array([x, 0.0, 0.7])) for x in (0.0, 1.3, 4.0)]
     mapper.add_sightings(ends, 1e9)
-    assert len(semantic_map.objects()) == 2
-    for n, x in enumerate((0.5, 0.9, 0.5, 0.9, 0.5, 0.9)):  # what is nearest draws each nearer
-        mapper.add_sightings([Sighting(table, 0.9, np.array([x, 0.0, 0.7]))], 1e9 + n)
-    assert len(semantic_map.objects()) == 1
+    assert len(semantic_map.objects()) == 2  # a table is longer than 1.3 m, not than 2.7 m
+
+
+def test_a_position_leaves_the_measured_extent_as_it_is(room: Room) -> None:
+    room.see(CUP, times=3)
+    measured = room.one.extent
+    cup = room.one.category
+    for n in range(20):
+        room.mapper.add_sightings([Sighting(cup, 0.8, np.array([2.0, 0.0, 1.0]))], 1e9 + n)
+    assert room.one.observations == 23
+    np.testing.assert_array_equal(room.one.extent, measured)
+
+
+def test_what_a_robot_sees_again_from_one_spot_counts_less(semantic_map: SemanticMap) -> None:
+    sighting = Sighting(semantic_map.catalogue.find("cup").iri, 0.5, np.array([2.0, 0.0, 1.0]))
+
+    def existence(step: float) -> float:
+        other = in_memory_map()
+        mapper = Mapper(other)
+        for n in range(3):
+            robot = RobotRecord(np.array([0.0, n * step, 1.0]), 0.0, 1e9 + n)
+            mapper.add_sightings([sighting], 1e9 + n, robot=robot)
+        (record,) = other.objects()
+        return record.existence
+
+    assert existence(0.0) < existence(0.5)
 
 
 def test_a_mapper_that_is_restarted_goes_on_with_the_same_labels(

@@ -1,0 +1,87 @@
+"""Identity of objects: things that appear go on as the objects that left elsewhere."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+from kg.maps.semantic_map import SemanticMap
+from mapping.objects.departures import Departures
+from mapping.objects.moves import Absentee, Departed
+from mapping.objects.object_cache import ObjectCache
+from mapping.objects.settings import ObjectSettings
+from mapping.objects.tracks import Track
+
+
+class IdentityResolver:
+    """Decides which things are objects that left where they stood; `objects` is the map's cache."""
+
+    def __init__(
+        self, semantic_map: SemanticMap, objects: ObjectCache, settings: ObjectSettings
+    ) -> None:
+        self._map, self._objects, self._settings = semantic_map, objects, settings
+        self.departures = Departures(settings)
+
+    def resolve(
+        self,
+        tracks: Sequence[Track],
+        new: Sequence[Track],
+        touched: Sequence[Track],
+        lost: Sequence[Track],
+        removed: set[str],
+        departed: Departed,
+        now: float,
+    ) -> tuple[list[Track], list[Track]]:
+        """Let things that appeared go on as the objects that left elsewhere.
+
+        Returns the tracks to be written besides, and those of `tracks` that others go on as;
+        changes the IRIs that are `removed`. `now` is the frame's stamp [s].
+        """
+        self.departures.add([t for t in lost if not self._fixed(t)])
+        also = self._returned(new)
+        old = list[Track]()
+        gone = {id(track) for track in lost}
+        least = self._settings.left
+        left = [t for t in touched if t.iri and t.absent >= least and id(t) not in gone]
+        if not (new or lost or left) or not (left or self.departures):
+            return also, []
+        objects = [t for t in tracks if t.iri and id(t) not in gone]
+        free = [t for t in objects if not self._fixed(t)]
+        appeared = [
+            t for t in objects if t.existence >= 0.5 and not self._objects.has_assertions(t.iri)
+        ]
+        appeared += [t for t in new if t.iri is None]
+        count = Counter(track.category for track in objects)
+        perhaps = [Absentee(track, track.absent, looked=track.absent >= least) for track in free]
+        for move in self.departures.found(perhaps, appeared, departed, now, count.__getitem__):
+            iri = move.old.iri
+            assert iri is not None
+            removed.discard(iri)
+            if move.former_iri is not None:
+                removed.add(move.former_iri)
+            old.append(move.old)
+            also.append(move.track)
+        return also, old
+
+    def _returned(self, new: Sequence[Track]) -> list[Track]:
+        """Undo moves of things that stand in their old spot after all; the tracks they were given.
+
+        What was taken for the object is one of its own again.
+        """
+        others = list[Track]()
+        for track in new:
+            move = self.departures.back(track)
+            if move is None or self._fixed(move.track):
+                continue
+            other = move.track
+            track.becomes(other)
+            other.iri = move.former_iri or self._map.new_object_iri()
+            other.written, other.first_seen = None, move.first_seen
+            other.observations -= move.old.observations
+            others.append(other)
+        return others
+
+    def _fixed(self, track: Track) -> bool:
+        """Whether people assert where an object is, or that it is there."""
+        asserted = track.iri is not None and self._objects.asserted_present(track.iri)
+        return asserted or self._objects.asserted(track.iri)[0] is not None

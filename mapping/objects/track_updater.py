@@ -1,0 +1,151 @@
+"""Track updater: counts what frames show, and what they should have shown, as evidence."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+
+import numpy as np
+
+from kg.maps.semantic_map import SemanticMap
+from kg.records import Evidence
+from mapping.objects.detector_rates import DetectorRates, rates_of
+from mapping.objects.ray_test import VolumeView, ray_test
+from mapping.objects.settings import ObjectSettings
+from mapping.objects.sightings import ThingSighting
+from mapping.objects.tracks import Track
+from mapping.objects.usual_sizes import UsualSize, size_log_likelihood, usual_sizes
+from mapping.persistence import departed, listed_half_life
+from perception.frames import Frame
+
+
+class TrackUpdater:
+    """Updates tracks with the views of one frame after another.
+
+    `model` is the detector where detections name none, `recording` what observations come from.
+    """
+
+    def __init__(
+        self, semantic_map: SemanticMap, settings: ObjectSettings, *, recording: str, model: str
+    ) -> None:
+        self._map, self._settings = semantic_map, settings
+        self._recording, self._model = recording, model
+        self._rates: dict[str, DetectorRates] = {}
+        self.frame = 0  # number of the present one
+        self.stamp = 0.0  # [s] of the present one
+
+    def begin(self, stamp: float | None = None) -> None:
+        """Begin the next frame, taken at `stamp` [s]; None: at the time of the last."""
+        self.frame += 1
+        self.stamp = self.stamp if stamp is None else stamp
+
+    def see(
+        self,
+        track: Track,
+        sighting: ThingSighting,
+        detectors: Collection[str],
+        frame: Frame,
+        novelty: float,
+    ) -> None:
+        """Count a sighting as a view: hits of its categories, misses of the track's others."""
+        track.views += novelty == 1.0
+        track.absence.hit(novelty)
+        track.clear_views.clear()
+        track.emptiness = min(0.0, track.emptiness + 2 * novelty)
+        self.locate(track, sighting, novelty, frame.stamp)
+        share = self._share(track.size, sighting.depth or 1.0, frame)
+        for category in sorted(sighting.categories):  # sums follow the order
+            track.evidence.setdefault(category, {})
+        for category in track.evidence:
+            for detector in detectors:
+                score = sighting.scores.get((detector, category))
+                rate = self.rate(detector)
+                if score is not None:
+                    track.add_evidence(category, detector, rate.hit(score, share), novelty)
+                elif not sighting.cut:
+                    track.add_evidence(category, detector, rate.miss(share), novelty)
+        self.finish(track, sighting, frame.stamp, frame.id)
+
+    def miss(
+        self, tracks: Iterable[Track], frame: Frame, detectors: Collection[str]
+    ) -> list[Track]:
+        """Count the frame against those of `tracks` that it should have shown; returns them."""
+        s, camera = self._settings, frame.T_map_cam[:3, 3]
+        missed = list[Track]()
+        for track in tracks:
+            view = ray_test(frame, track.p_map, min(track.size, s.largest), s)
+            if view is VolumeView.NOTHING:
+                continue
+            weight = track.novelty(camera)
+            if view is VolumeView.EMPTY:
+                track.add_clear_view(camera)
+                track.emptiness = max(track.emptiness + s.emptiness * weight, -8.0)
+                track.absence.empty(weight, s.empty_ratio)
+            share = self._share(track.size, float(np.linalg.norm(track.p_map - camera)), frame)
+            track.absence.miss(weight, max(self.rate(d).recall_of(share) for d in detectors))
+            for category in track.evidence:
+                for detector in detectors:
+                    track.add_evidence(category, detector, self.rate(detector).miss(share), weight)
+            self.assess(track)
+            missed.append(track)
+        return missed
+
+    def new_track(self, sighting: ThingSighting, stamp: float) -> Track:
+        """A candidate where `sighting` shows a thing, seen at `stamp` [s]; nothing is counted."""
+        return Track(
+            p_map=sighting.p_map.copy(),
+            size=sighting.size,
+            settings=self._settings,
+            first_seen=stamp,
+            last_seen=stamp,
+        )
+
+    def locate(self, track: Track, sighting: ThingSighting, novelty: float, stamp: float) -> None:
+        """Update position, extent and times with a sighting at `stamp` [s]."""
+        track.locate(sighting, novelty)
+        track.observations += 1
+        track.last_seen = max(track.last_seen, stamp)
+        track.last_frame = self.frame
+
+    def finish(self, track: Track, sighting: ThingSighting, stamp: float, frame: str) -> None:
+        """Assess the track, and keep the sighting where it explains the track best."""
+        self.assess(track)
+        shown = {d: score for (d, c), score in sighting.scores.items() if c == track.category}
+        if sighting.box is None or not shown:
+            return
+        detector = max(shown, key=lambda d: shown[d])
+        if track.best is None or shown[detector] > track.best.score:
+            track.best = Evidence(
+                frame=frame,
+                recording=self._recording,
+                stamp=stamp,
+                box=sighting.box,
+                score=shown[detector],
+                model=detector or self._model,
+            )
+
+    def assess(self, track: Track) -> None:
+        """Compute existence and absence anew, from the evidence, the size and the time."""
+        size = float(np.median(track.sizes)) if track.sizes else 0.0
+        prior = {c: size_log_likelihood(size, self.usual_size(c)) for c in track.evidence}
+        track.assess(prior, self.departed(track, self.stamp - track.last_seen))
+
+    def departed(self, track: Track, age: float) -> float:
+        """Prior probability that a thing left within `age` [s] after it was seen."""
+        likely = track.category if track.log_odds else next(iter(track.evidence))
+        return departed(listed_half_life(self._map.catalogue.label(likely)), age)
+
+    def usual_size(self, category: str) -> UsualSize | None:
+        """Usual size of a category, by IRI; None where it has none."""
+        return usual_sizes().get(self._map.catalogue.label(category))
+
+    def rate(self, detector: str) -> DetectorRates:
+        """Rates of a detector by name; "": the one that is the mapper's."""
+        if detector not in self._rates:
+            self._rates[detector] = rates_of(detector or self._model)
+        return self._rates[detector]
+
+    def _share(self, size: float, depth: float, frame: Frame) -> float:
+        """Side of a thing of `size` [m] at `depth` [m], as a share of the image's side."""
+        height, width = frame.depth.shape
+        seen = 0.8 * min(size, self._settings.largest) * frame.K[0, 0] / max(depth, 0.3)
+        return float(seen / np.sqrt(height * width))
