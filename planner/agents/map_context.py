@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
+from kg.errors import QueryParameterError, UnknownCategoryError
 from kg.history.timestamps import iso
 from kg.maps.semantic_map import SemanticMap
 from planner.agents.answers import MapIdentity
@@ -41,6 +42,25 @@ class MapContext:
     def iri(self, what: str) -> str:
         """The IRI that ``object/17`` is short for."""
         return what if "://" in what else self.semantic_map.base + what
+
+    def place(self, text: str) -> str:
+        """IRI of a place by its label, number or IRI, or by what one place alone is believed to be.
+
+        Raises QueryParameterError, which lists the places, where there is none or several.
+        """
+        try:
+            return self.semantic_map.place_named(text)
+        except QueryParameterError as error:
+            try:
+                believed = self.semantic_map.places(text)
+            except UnknownCategoryError:
+                raise error from None
+            if len(believed) > 1:
+                iris = ", ".join(place.iri for place in believed)
+                raise QueryParameterError(f"several places are such; name one of {iris}") from None
+            if not believed:
+                raise
+            return believed[0].iri
 
 
 def age(stamp: float) -> float:

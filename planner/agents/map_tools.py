@@ -130,10 +130,11 @@ class MapTools:
         least: Least = 0.5,
         limit: Limit = 20,
     ) -> a.Things:
-        """Objects in a place (its label, place/1, or IRI), or on and inside a thing (object/17)."""
+        """Objects in a place (kitchen, its label, place/1), or on and in a thing (object/17)."""
         identity = self._context.identity()
         if not self._context.is_thing(what):
-            rows = self._map.ask("objects-in-place", place=what, least=least).records()
+            place = self._context.place(what)
+            rows = self._map.ask("objects-in-place", place=place, least=least).records()
             return _things(identity, rows, limit)
         iri = self._context.iri(what)
         self._position(iri)  # refuses what is no object
@@ -152,7 +153,8 @@ class MapTools:
             str, Field(min_length=1, max_length=300, description="category, or object/17")
         ],
         place: Annotated[
-            str | None, Field(max_length=300, description="only there: label, number or IRI")
+            str | None,
+            Field(max_length=300, description="only there: label, kind (kitchen), place/1"),
         ] = None,
         limit: Limit = 20,
     ) -> a.StatusAnswer:
@@ -160,7 +162,8 @@ class MapTools:
         (part of its place was never in view) or never looked for; when, and the proof.
         """
         identity = self._context.identity()
-        found = status(self._map, what, place)
+        where = None if place is None else self._context.place(place)
+        found = status(self._map, what, where)
         return a.StatusAnswer(
             map=identity,
             status=found.value,

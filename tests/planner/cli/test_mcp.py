@@ -144,7 +144,7 @@ def test_every_tool_answers_over_stdio(flat: Path) -> None:
         ("status", {"what": "banana", "place": "place/3"}),
         ("what_is_at", {"x": 6, "y": 1, "radius": 1.5}),
         ("what_is_near", {"what": f"{BASE}object/1", "radius": 5}),
-        ("what_is_in", {"what": "place 1", "limit": 1}),
+        ("what_is_in", {"what": "kitchen", "limit": 1}),  # what place 1 is believed to be
         ("why", {"what": "object/1"}),
         ("history", {"what": "object/2", "last": 1}),
         ("find_plan", {"what": ["apple"], "limit": 2}),
