@@ -196,6 +196,7 @@ def map_with_progress(
             occupancy=inputs.floor,
             same_frame=inputs.same_frame,
             check_poses=inputs.check,
+            pictures=inputs.pictures,
             objects=inputs.objects,
         )
 
