@@ -53,6 +53,7 @@ class FoxgloveViewer:
         }
         self._written: dict[str, object] = {}
         self._renewed = threading.Event()
+        self._moving = threading.RLock()  # held while a pose is written: by mapper and live feed
         self._trail: list[Point] = []
         self._step = _STEP
         self._robot_stamp = -math.inf  # [s] of the pose written last
@@ -62,7 +63,9 @@ class FoxgloveViewer:
         if self._renewed.is_set():
             self._renewed.clear()
             self._written.clear()
-            self._robot_stamp = -math.inf
+            with self._moving:
+                self._robot_stamp = -math.inf
+                self._log_trail(stamp)
         height = scene.floor.height if scene.floor else 0.0
         for topic, part in (
             ("/objects", scene.objects),
@@ -75,8 +78,9 @@ class FoxgloveViewer:
                 continue
             self._written[topic] = part
             self._log(topic, _MESSAGES[topic](part, height, stamp), stamp)
-        if scene.robot is not None and scene.robot.stamp > self._robot_stamp:
-            self.robot(scene.robot)
+        with self._moving:
+            if scene.robot is not None and scene.robot.stamp > self._robot_stamp:
+                self.robot(scene.robot)
 
     def frame(self, frame: Frame, detections: Detections) -> None:
         """Write image, boxes, intrinsics and camera pose."""
@@ -88,17 +92,17 @@ class FoxgloveViewer:
 
     def robot(self, robot: RobotRecord) -> None:
         """Write pose and transform, and the trail as it grows."""
-        self._robot_stamp = robot.stamp
-        self._log("/tf", messages.robot_transform(robot), robot.stamp)
-        self._log("/robot/pose", messages.robot_pose(robot), robot.stamp)
-        x, y, z = (float(c) for c in robot.p_map)
-        if self._trail and math.dist((x, y, z), self._trail[-1]) < self._step:
-            return
-        self._trail.append((x, y, z))
-        if len(self._trail) > _POINTS:
-            self._trail, self._step = self._trail[::2], 2 * self._step
-        if len(self._trail) > 1:
-            self._log("/robot/trail", messages.trail_update(self._trail, robot.stamp), robot.stamp)
+        with self._moving:
+            self._robot_stamp = robot.stamp
+            self._log("/tf", messages.robot_transform(robot), robot.stamp)
+            self._log("/robot/pose", messages.robot_pose(robot), robot.stamp)
+            x, y, z = (float(c) for c in robot.p_map)
+            if self._trail and math.dist((x, y, z), self._trail[-1]) < self._step:
+                return
+            self._trail.append((x, y, z))
+            if len(self._trail) > _POINTS:
+                self._trail, self._step = self._trail[::2], 2 * self._step
+            self._log_trail(robot.stamp)
 
     def remark(self, text: str, stamp: float) -> None:
         """Write a line of the log."""
@@ -110,6 +114,10 @@ class FoxgloveViewer:
 
     def close(self) -> None:
         """Nothing is left to write."""
+
+    def _log_trail(self, stamp: float) -> None:
+        if len(self._trail) > 1:
+            self._log("/robot/trail", messages.trail_update(self._trail, stamp), stamp)
 
     def _log(self, topic: str, message: object, stamp: float) -> None:
         self._channels[topic].log(message, log_time=messages.nanoseconds_of(stamp))

@@ -187,7 +187,7 @@ class RerunFile(RerunViewer):
         path, self._path = self._path, None
         if path is not None:
             try:
-                path.touch()
+                path.touch(exist_ok=False)
                 self._log.save(path)
             except (OSError, RuntimeError) as error:
                 reason = getattr(error, "strerror", None) or error
