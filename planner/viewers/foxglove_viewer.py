@@ -6,8 +6,6 @@ import io
 import math
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,14 +13,13 @@ import foxglove
 from foxglove import channels
 from foxglove.websocket import ServerListener
 
-from kg.errors import PictureError, ServerError
+from kg.errors import ServerError
 from kg.records import RobotRecord
 from perception.frames import Detections, Frame
 from planner.viewers import foxglove_messages as messages
 from planner.viewers.scene import Point, Scene
-from planner.viewers.viewer import refuse_unusable
+from planner.viewers.viewer import FLUSHED, ROUNDING, refuse_unusable, refusing
 
-_FLUSHED: Final = 5.0  # [s] of a file that a kill may lose
 _STEP: Final = 0.1  # [m] between points of the trail
 _POINTS: Final = 500  # of the trail; of a longer one every second is left out
 _BACKLOG: Final = 128  # messages that wait for a slow client; then the oldest are dropped
@@ -79,7 +76,7 @@ class FoxgloveViewer:
             self._written[topic] = part
             self._log(topic, _MESSAGES[topic](part, height, stamp), stamp)
         with self._moving:
-            if scene.robot is not None and scene.robot.stamp > self._robot_stamp:
+            if scene.robot is not None and scene.robot.stamp > self._robot_stamp + ROUNDING:
                 self.robot(scene.robot)
 
     def frame(self, frame: Frame, detections: Detections) -> None:
@@ -149,26 +146,18 @@ class McapFile(FoxgloveViewer):
         """Write the summary by which players jump to a moment."""
         writer, self._writer = self._writer, None
         if writer is not None:
-            with self._refused():
+            with refusing(self._path):
                 writer.close()
 
     def _log(self, topic: str, message: object, stamp: float) -> None:
-        with self._refused():
+        with refusing(self._path):
             if self._writer is None:
                 self._writer = foxglove.open_mcap(self._path, context=self.context)
             super()._log(topic, message, stamp)
             now = time.monotonic()
-            if now - self._flushed > _FLUSHED:
+            if now - self._flushed > FLUSHED:
                 self._flushed = now
                 self._writer.flush()
-
-    @contextmanager
-    def _refused(self) -> Iterator[None]:
-        try:
-            yield
-        except (OSError, RuntimeError) as error:
-            reason = getattr(error, "strerror", None) or error
-            raise PictureError(f"cannot write {self._path}: {reason}") from error
 
 
 def scene_as_mcap(scene: Scene, stamp: float) -> bytes:
