@@ -65,12 +65,17 @@ class OnnxSceneClassifier:
         name = next(iter(self.session.inputs))
         fitted = fit(rgb, self.session.image_size(name), self.resize, self.values)
         answers = self.session.run(outputs, {name: fitted.tensor})
+        if any(answer.ndim != 2 or not len(answer) for answer in answers):
+            shapes = ", ".join(str(answer.shape) for answer in answers)
+            raise ModelError(f"{self.name} gives outputs of shapes {shapes}; [1, C] would work")
         return [answer.astype(np.float32)[0] for answer in answers]
 
 
 def _probabilities(scores: NDArray[np.float32]) -> NDArray[np.float64]:
     """Scores (C,) as probabilities: as they are if they sum to one, else their softmax."""
     exact = scores.astype(np.float64)
+    if exact.ndim != 1 or not len(exact) or not np.isfinite(exact).all():
+        raise ModelError("the scene classifier gives no finite score for each class")
     weight = exact
     if exact.min() < 0 or abs(exact.sum() - 1) > 1e-2:
         weight = np.exp(exact - exact.max())

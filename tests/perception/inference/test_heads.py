@@ -345,3 +345,49 @@ def test_a_flood_of_boxes_is_bounded(write_network):
     )
     found = load_detector(path, labels=[str(i) for i in range(40)]).detect_image(IMAGE)
     assert max(found.label.count(str(i)) for i in range(40)) <= 100
+
+
+def shapes_of(rng: np.random.Generator) -> dict[str, tuple[int, ...]]:
+    """Outputs like those of one kind of network, of shapes that need not belong together."""
+    n, m, c = (int(rng.choice(some)) for some in ((0, 1, 3, 84), (1, 2, 3), (1, 2, 3)))
+    kinds: list[dict[str, tuple[int, ...]]] = [
+        {"boxes": (1, n, 4), "scores": (1, m, c)},
+        {"logits": (1, n, c), "pred_boxes": (1, m, 4), "pred_masks": (1, n, c - 1, 4)},
+        {"boxes": (n, 4), "labels": (n,), "scores": (n,), "masks": (m, c - 1, 7, 7)},
+        {"rows": (c - 1, 84, 5 + c)},
+        {"rows": (1, 6 + c, 84), "prototypes": (1, m, 8, 8)},
+        {"rows": (1, n, 6 + c), "prototypes": (1, m, 8, 8)},
+        {"rows": (1, 84, 32 + c)},
+    ]
+    return kinds[int(rng.integers(len(kinds)))]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_networks_whose_outputs_do_not_belong_together_are_one_line(tmp_path, seed):
+    rng = np.random.default_rng(seed)
+    path, read = tmp_path / "odd.onnx", 0
+    for _ in range(60):
+        graph = helper.make_graph([], "g", [], [])
+        graph.input.append(helper.make_tensor_value_info("image", FLOAT, [1, 3, 64, 64]))
+        for name, shape in shapes_of(rng).items():
+            value = rng.normal(0.5, rng.choice([0.3, 30]), shape).astype(np.float32)
+            if name == "labels":
+                value = rng.integers(-1, 3, shape)
+            elif value.size and rng.random() < 0.2:
+                value.flat[0] = rng.choice([np.nan, np.inf, 1e38])
+            graph.initializer.append(numpy_helper.from_array(value, f"{name}_value"))
+            graph.node.append(helper.make_node("Identity", [f"{name}_value"], [name]))
+            kind = helper.np_dtype_to_tensor_dtype(value.dtype)
+            declared = [d if rng.random() < 0.7 else None for d in shape]
+            graph.output.append(helper.make_tensor_value_info(name, kind, declared))
+        opset = [helper.make_opsetid("", 17)]
+        onnx.save(helper.make_model(graph, opset_imports=opset, ir_version=8), path)
+        try:
+            with np.errstate(all="ignore"):
+                found = load_detector(path, labels=LABELS).detect_image(IMAGE)
+        except ModelError as error:
+            assert "\n" not in str(error)
+        else:
+            read += 1
+            assert np.isfinite(found.xyxy).all()
+    assert read > 5
