@@ -48,6 +48,7 @@ def map_recording(
     occupancy: bool = True,
     same_frame: bool = False,
     check_poses: bool = True,
+    pictures: bool = True,
     objects: ObjectSettings | None = None,
 ) -> MappingReport:
     """Map the frames of `recording` that `semantic_map` does not hold yet; all of them if `again`.
@@ -85,6 +86,7 @@ def map_recording(
         scene_model=scene.name if scene else "",
         again=again,
         check_poses=check_poses,
+        pictures=pictures,
     )
     start = 0 if again else min(mapper.frames_applied, len(recording))
     run = _Run(mapper, recording, detector, scene, fit)

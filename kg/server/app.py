@@ -26,6 +26,7 @@ from kg.server.endpoints.assertion_endpoints import assertions
 from kg.server.endpoints.find_endpoint import find
 from kg.server.endpoints.graph_store_protocol import dump, graph_store
 from kg.server.endpoints.history_endpoints import diff, log, why
+from kg.server.endpoints.picture_endpoint import picture
 from kg.server.endpoints.restore_endpoint import restore
 from kg.server.endpoints.sparql_protocol import sparql
 from kg.server.endpoints.write_endpoints import labels, numbers, records
@@ -76,6 +77,7 @@ def application(serving: AppState) -> ASGIApp:
         ("/timemap", timemap, get),
         ("/timegate/{address:path}", timegate, get),
         ("/find", find, get),
+        ("/pictures/{number:str}", picture, get),
         ("/changes", changes, get),
         ("/subscribe", subscribe, get),
         ("/health", _health, get),

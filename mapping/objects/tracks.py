@@ -6,6 +6,7 @@ import math
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ Viewpoint = tuple[Floats, Floats]  # position (3,) [m] of the camera, direction 
 _VIEWPOINTS = 64  # remembered of each track
 RECORD = "record"  # stands for the detectors whose evidence is only known by its result
 _SAME_LABEL = 0.04  # change of an alternative's probability up to which it is not written again
+_numbers = count()  # of tracks
 
 
 @dataclass(eq=False, slots=True)
@@ -52,7 +54,8 @@ class Track:
     high: Floats = field(default_factory=lambda: np.zeros(3))
     viewpoints: list[Viewpoint] = field(default_factory=list)
     clear_views: list[Viewpoint] = field(default_factory=list)  # through its volume, since seen
-    together: dict[int, int] = field(default_factory=dict)  # frames that showed another beside it
+    number: int = field(default_factory=_numbers.__next__, init=False)  # no other track has it
+    together: dict[int, int] = field(default_factory=dict)  # frames that also showed track `number`
     first_seen: float = 0.0  # [s]
     last_seen: float = 0.0
     last_frame: int = 0  # number of the frame that last showed it
@@ -333,7 +336,7 @@ def count_together(tracks: Sequence[Track]) -> None:
     for track in tracks:
         for other in tracks:
             if other is not track:
-                track.together[id(other)] = track.together.get(id(other), 0) + 1
+                track.together[other.number] = track.together.get(other.number, 0) + 1
 
 
 def same_facts(a: ObjectRecord, b: ObjectRecord) -> bool:

@@ -40,6 +40,7 @@ COMMANDS = (
     "floor",
     "places",
     "serve",
+    "mcp",
     "publish",
     "export",
     "import_maps",

@@ -71,13 +71,14 @@ def run(arguments: argparse.Namespace) -> int:
     inputs = open_inputs(arguments)
     if inputs.labels is not None:
         _refuse_unknown_categories(inputs.labels, arguments.into)
+    save = _picture_saver(Path(arguments.pictures)) if arguments.pictures else None
     title = title_for(arguments.into)
     with (
         open_viewers(arguments, title) as viewer,
         open_or_create_map(
             arguments.into, title=title, base=arguments.base, power_safe=arguments.power_safe
         ) as semantic_map,
-        _watched(semantic_map, viewer, arguments) as on_detections,
+        _watched(semantic_map, viewer, save) as on_detections,
     ):
         _refuse_other_base(semantic_map, arguments)
         if keep is not None:
@@ -196,6 +197,7 @@ def map_with_progress(
             occupancy=inputs.floor,
             same_frame=inputs.same_frame,
             check_poses=inputs.check,
+            pictures=inputs.pictures,
             objects=inputs.objects,
         )
 
@@ -216,23 +218,20 @@ def _refuse_unknown_categories(labels: LabelTable, address: str) -> None:
 
 @contextmanager
 def _watched(
-    semantic_map: SemanticMap, viewer: Viewer | None, arguments: argparse.Namespace
+    semantic_map: SemanticMap, viewer: Viewer | None, save: OnDetections | None
 ) -> Iterator[OnDetections | None]:
     """What is called with each mapped frame: pictures are saved, a viewer is fed."""
-    called: list[OnDetections] = []
-    if arguments.pictures:
-        called.append(_picture_saver(Path(arguments.pictures)))
     if viewer is None:
-        yield called[0] if called else None
+        yield save
         return
     from planner.viewers.feed import MappingFeed
 
     feed = MappingFeed(semantic_map, viewer)
-    called.append(feed.on_detections)
 
     def on_detections(frame: Frame, detections: Detections, scene: SceneScores | None) -> None:
-        for each in called:
-            each(frame, detections, scene)
+        if save is not None:
+            save(frame, detections, scene)
+        feed.on_detections(frame, detections, scene)
 
     yield on_detections
     feed.show()

@@ -47,6 +47,7 @@ class Inputs:
     same_frame: bool = False  # whether its world is said to be the map's
     check: bool = True  # whether depth is compared with poses
     corrected: bool = False  # whether its poses were given by file
+    pictures: bool = True  # whether small pictures of objects are kept
     objects: ObjectSettings | None = None  # of the Bayes mapper; None: its own
 
     @property
@@ -268,6 +269,11 @@ def _add_mapping_options(places: argparse._ArgumentGroup) -> None:
         default=True,
         help="map free floor, walls and furniture from depth (default: yes)",
     )
+    places.add_argument(
+        "--no-pictures",
+        action="store_true",
+        help="keep no small picture of each object in the map's folder (of people none is kept)",
+    )
 
 
 def open_inputs(arguments: argparse.Namespace) -> Inputs:
@@ -305,6 +311,7 @@ def open_inputs(arguments: argparse.Namespace) -> Inputs:
         align=arguments.align,
         same_frame=arguments.same_frame,
         check=not arguments.no_check,
+        pictures=not arguments.no_pictures,
         corrected=arguments.poses is not None,
         objects=ObjectSettings(min_score=arguments.threshold) if arguments.threshold else None,
     )

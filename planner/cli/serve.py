@@ -273,6 +273,7 @@ class _Mapper:
             occupancy=inputs.floor,
             same_frame=inputs.same_frame,
             check_poses=inputs.check,
+            pictures=inputs.pictures,
         )
         self._told[name] = f"done: {report.frames} frames mapped, {report.skipped} were there"
         note(f"{name}: {report.frames} frames mapped, {report.objects} objects")

@@ -30,7 +30,8 @@ class MappingFeed:
 
     def __init__(self, semantic_map: SemanticMap, viewer: Viewer) -> None:
         self._reader, self._viewer = SceneReader(semantic_map), viewer
-        self._stamp, self._shown = 0.0, -math.inf
+        self._stamp: float | None = None  # [s] of the last frame
+        self._shown = -math.inf
 
     def on_detections(
         self, frame: Frame, detections: Detections, scores: SceneScores | None
@@ -43,10 +44,11 @@ class MappingFeed:
 
     def show(self) -> None:
         """Show the scene as it is now."""
-        self._shown = self._stamp
-        scene = self._reader.read()
-        now = time.time() if scene.robot is None else scene.robot.stamp
-        self._viewer.show(scene, self._stamp or now)
+        scene, stamp = self._reader.read(), self._stamp
+        if stamp is None:  # no frame was new to the map
+            stamp = time.time() if scene.robot is None else scene.robot.stamp
+        self._shown = stamp
+        self._viewer.show(scene, stamp)
 
 
 def show_frame(viewer: Viewer, frame: Frame, detections: Detections) -> None:

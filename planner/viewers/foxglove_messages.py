@@ -179,7 +179,9 @@ def grid(floor: SceneFloor | None, stamp: float) -> Grid:
 
 def robot_pose(robot: RobotRecord) -> PoseInFrame:
     """Where the robot is, its heading along x."""
-    return PoseInFrame(timestamp=timestamp(robot.stamp), frame_id=MAP, pose=_robot(robot))
+    x, y, z = (float(c) for c in robot.p_map)
+    pose = _pose((x, y, z), heading_quaternion(robot.heading))
+    return PoseInFrame(timestamp=timestamp(robot.stamp), frame_id=MAP, pose=pose)
 
 
 def robot_transform(robot: RobotRecord) -> FrameTransform:
@@ -380,11 +382,6 @@ def _line(points: Iterable[Point], colour: Color, thickness: float) -> LinePrimi
 
 def _text(text: str, at: Point, colour: Color) -> TextPrimitive:
     return TextPrimitive(pose=_pose(at), billboard=True, font_size=TEXT, color=colour, text=text)
-
-
-def _robot(robot: RobotRecord) -> Pose:
-    x, y, z = (float(c) for c in robot.p_map)
-    return _pose((x, y, z), heading_quaternion(robot.heading))
 
 
 def _pose(at: Point, q: Sequence[float] = (0.0, 0.0, 0.0, 1.0)) -> Pose:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import importlib.util
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final, Protocol
 
@@ -19,6 +20,10 @@ from planner.viewers.scene import Scene
 MAP: Final = "map"
 ROBOT: Final = "robot"
 CAMERA: Final = "camera"
+#: [s] by which a map's times may be off, which are whole seconds
+ROUNDING: Final = 1.0
+#: [s] of a file that a kill may lose
+FLUSHED: Final = 5.0
 #: [m] side of an object's marker
 MARKER: Final = 0.12
 #: [m] height of text
@@ -102,6 +107,16 @@ def refuse_unusable(path: Path) -> None:
         raise PictureError(f"cannot write {path}: there is no folder {path.parent}")
     if not os.access(path.parent, os.W_OK):
         raise PictureError(f"cannot write {path}: the folder is read-only")
+
+
+@contextmanager
+def refusing(path: Path) -> Iterator[None]:
+    """Raise PictureError for what the operating system or a writer of `path` raises meanwhile."""
+    try:
+        yield
+    except (OSError, RuntimeError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise PictureError(f"cannot write {path}: {reason}") from error
 
 
 def heading_quaternion(heading: float) -> tuple[float, float, float, float]:

@@ -119,7 +119,7 @@ function choose(iri, go = false) {
   if (go && one) view.goTo(one.x, one.y);
   if (go && place) view.goTo((place.xmin + place.xmax) / 2, (place.ymin + place.ymax) / 2, view.scale);
   byId("about").replaceChildren(...(one ? aboutObject(one) : place ? aboutPlace(place) : [element("p", "Nothing is selected: click on the map or in the list.")]));
-  if (one || place) tell(iri);
+  if (one || place) { tell(iri); showPicture(iri); }
   refresh();
 }
 
@@ -132,6 +132,7 @@ function aboutObject(one) {
   const size = one.dx ? `${one.dx.toFixed(2)} x ${one.dy.toFixed(2)} x ${one.dz.toFixed(2)} m` : "";
   const made = [
     element("h2", data.nameOf(one)),
+    element("div"),
     facts([
       ["category", data.labelOf(one.class)],
       ["where", place ? `in ${placeName(place)}` : ""],
@@ -184,6 +185,18 @@ function slot(id, title) {
   made.id = `about-${id}`;
   made.open = id !== "why";
   return made;
+}
+
+/** The picture of an object's best observation, where one is kept. */
+async function showPicture(iri) {
+  const number = /^object\/(\d+)$/.exec(path(iri));
+  if (!number || !data.objects.has(iri)) return;
+  const address = `/pictures/${number[1]}`;
+  if ((await fetch(address)).status !== 200 || view.selected !== iri) return;
+  const picture = new Image();
+  picture.src = address;
+  picture.alt = `${data.nameOf(data.objects.get(iri))} as it was seen best`;
+  byId("about").querySelector("h2 + div")?.replaceChildren(picture);
 }
 
 /** Fill in what the server is asked for about a thing. */

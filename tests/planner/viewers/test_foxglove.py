@@ -164,7 +164,7 @@ from pathlib import Path
 import numpy as np
 import planner.viewers.foxglove_viewer as module
 from kg.records import RobotRecord
-module._FLUSHED = 0.0
+module.FLUSHED = 0.0
 viewer = module.McapFile(Path(sys.argv[1]))
 for number in range(200):
     viewer.robot(RobotRecord(np.array([0.11 * number, 0, 1.2]), 0.0, float(number)))

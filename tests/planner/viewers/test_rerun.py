@@ -76,3 +76,8 @@ def test_frames_are_kept_as_they_come(kitchen: SemanticMap, tmp_path: Path) -> N
     assert boxes == [["cup 0.90"], ["cup 0.90"]]
     with pytest.raises(PictureError, match="exists"):
         RerunFile("another", path)
+    late = RerunFile("made meanwhile", tmp_path / "late.rrd")
+    (tmp_path / "late.rrd").write_text("mine")
+    with pytest.raises(PictureError, match="cannot write"):
+        late.remark("too late", 1.0)
+    assert (tmp_path / "late.rrd").read_text() == "mine"
