@@ -123,13 +123,16 @@ def _posed(index: BagIndex, colour: Stream, streams: Streams) -> Stream | None:
             "pose topic"
         )
     for message in index.poses[pose.topic]:
-        # a pose that names no child is the camera's own
-        child = message.child_frame_id if pose.type == ODOMETRY else ""
-        body = message.pose.pose if hasattr(message.pose, "pose") else message.pose
-        child = child or colour.frame
-        index.tree.add(message.header, child, body.position, body.orientation)
-        index.tree.prefer(message.header.frame_id, child)
+        add_pose(index, message, pose, colour.frame)
     return pose
+
+
+def add_pose(index: BagIndex, message: Any, pose: Stream, camera: str) -> None:
+    """Add a message of a stream of poses to the tree; one that names no child is the camera's."""
+    child = (message.child_frame_id if pose.type == ODOMETRY else "") or camera
+    body = message.pose.pose if hasattr(message.pose, "pose") else message.pose
+    index.tree.add(message.header, child, body.position, body.orientation)
+    index.tree.prefer(message.header.frame_id, child)
 
 
 def _is_apart(index: BagIndex, colour: Stream, depth: Stream) -> bool:
@@ -150,13 +153,13 @@ def _is_apart(index: BagIndex, colour: Stream, depth: Stream) -> bool:
 def listing_of(index: BagIndex, choice: Choice, streams: Streams) -> RecordingListing:
     """Entries of the chosen streams; raises RecordingError where nothing fits together."""
     entries = _entries(index, choice, streams)
-    camera = _camera(index, choice.camera, choice.colour)
+    camera = camera_of(index, choice.camera, choice.colour)
     noted = _noted(index, "T_map_world")
     return RecordingListing(
         entries,
         camera,
         MILLIMETRES,
-        _depth_camera(index, choice, entries[0].stamp) if choice.depth_apart else None,
+        depth_camera_of(index, choice, entries[0].stamp) if choice.depth_apart else None,
         up=np.array([0.0, 0.0, 1.0]),
         T_map_world=None if noted is None else _transform(noted, index.path),
     )
@@ -173,7 +176,7 @@ def _entries(index: BagIndex, choice: Choice, streams: Streams) -> tuple[FrameEn
             f"{index.path}: no stamps of {colour.topic} and {depth.topic} lie within "
             f"{streams.tolerance:g} s"
         )
-    source = MessageSource(index.path, (colour.topic, depth.topic))
+    source = MessageSource(Path(index.path), (colour.topic, depth.topic))
     images = _images(source, colour), _images(source, depth)
     ids = _noted(index, "frames")
     named = isinstance(ids, list) and len(ids) == len(pairs) and all(map(_is_name, ids))
@@ -210,15 +213,17 @@ def _is_name(text: Any) -> bool:
     return isinstance(text, str) and 0 < len(text) < 200 and not set(text) & set("/\\\0\n\r")
 
 
-def _camera(index: BagIndex, info: Stream | None, images: Stream) -> Intrinsics | None:
+def camera_of(index: BagIndex, info: Stream | None, images: Stream) -> Intrinsics | None:
+    """Camera of a stream of images by its CameraInfo; None where it has none."""
     if info is None:
         return None
     where = f"{index.path}, {info.topic}"
     return intrinsics_of(info.first, where, rectified="rect" in images.topic.split("/image")[-1])
 
 
-def _depth_camera(index: BagIndex, choice: Choice, stamp: float) -> DepthCamera:
-    camera = _camera(index, choice.depth_camera, choice.depth)
+def depth_camera_of(index: BagIndex, choice: Choice, stamp: float) -> DepthCamera:
+    """Camera of the depth images, where it is apart from colour's; raises RecordingError."""
+    camera = camera_of(index, choice.depth_camera, choice.depth)
     if camera is None:
         raise RecordingError(
             f"{index.path}: {choice.depth.topic} is in frame {choice.depth.frame!r}, not in "
@@ -237,7 +242,7 @@ def _noted(index: BagIndex, key: str) -> Any:
     return None if index.note is None else index.note.get(key)
 
 
-def _transform(numbers: Any, path: Path) -> NDArray[np.float64]:
+def _transform(numbers: Any, path: Path | str) -> NDArray[np.float64]:
     where = f"{path}: the noted T_map_world"
     try:
         T = np.array(numbers, np.float64).reshape(4, 4)
