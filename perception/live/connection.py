@@ -14,6 +14,7 @@ FIRST_PAUSE: Final = 0.5  # [s] before a broken connection is tried again; doubl
 LONGEST_PAUSE: Final = 10.0  # ... up to this
 LARGEST_IMAGE: Final = 1 << 27  # [bytes] of a message with an image
 LARGEST_OTHER: Final = 1 << 20  # ... of any other message
+MOST_SAID: Final = 100  # warnings of one source
 
 _log = logging.getLogger(__name__)
 
@@ -51,18 +52,25 @@ def full_name(type_: str) -> str:
 
 
 class Retry:
-    """Pauses between attempts to connect, each twice as long; what fails is said once."""
+    """Pauses between attempts to connect, each twice as long.
 
-    def __init__(self, where: str, ended: threading.Event) -> None:
+    What fails is said once: for several connections to one peer, with the same set `said`, too.
+    """
+
+    def __init__(
+        self, where: str, ended: threading.Event, said: set[tuple[str, str]] | None = None
+    ) -> None:
         self._where, self._ended = where, ended
-        self._pauses, self._said = _pauses(), ""
+        self._said = set[tuple[str, str]]() if said is None else said
+        self._pauses, self._failing = _pauses(), False
 
     def failed(self, error: object) -> None:
         """Say why, and wait."""
         reason = " ".join(str(error).split())[:200] or type(error).__name__
-        if reason != self._said:
+        if (self._where, reason) not in self._said and len(self._said) < MOST_SAID:
             _log.warning("%s: %s; trying again", self._where, reason)
-        self._said = reason
+            self._said.add((self._where, reason))
+        self._failing = True
         self.wait()
 
     def wait(self) -> None:
@@ -71,9 +79,8 @@ class Retry:
 
     def worked(self) -> None:
         """Begin anew with short pauses."""
-        if self._said:
-            _log.warning("%s: connected again", self._where)
-        self._pauses, self._said = _pauses(), ""
+        if self._failing:
+            self._pauses, self._failing = _pauses(), False
 
 
 def _pauses() -> Iterator[float]:

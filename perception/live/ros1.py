@@ -78,6 +78,7 @@ class Ros1Master:
         uri = f"http://{host}:{self.port}/"
         retry = Retry(self.address, ended)
         running: dict[_Key, _Subscription] = {}
+        said = set[tuple[str, str]]()
         while not ended.is_set():
             try:
                 wanted = _publishers(uri, inbox)
@@ -88,7 +89,7 @@ class Ros1Master:
             for key in running.keys() - wanted:
                 running.pop(key).close()
             for key in sorted(wanted - running.keys())[: MOST_SUBSCRIPTIONS - len(running)]:
-                running[key] = _Subscription(uri, key, inbox)
+                running[key] = _Subscription(uri, key, inbox, said)
             ended.wait(POLL)
         for one in running.values():
             one.close()
@@ -133,8 +134,8 @@ class _Transport(xmlrpc.client.Transport):
 class _Subscription:
     """A topic of one publisher, received by a thread of its own."""
 
-    def __init__(self, master: str, key: _Key, inbox: Inbox) -> None:
-        self._master, self._inbox = master, inbox
+    def __init__(self, master: str, key: _Key, inbox: Inbox, said: set[tuple[str, str]]) -> None:
+        self._master, self._inbox, self._said = master, inbox, said
         self._topic, self._type, self._node = key
         self._ended = threading.Event()
         threading.Thread(target=self._run, name=f"ros1 {self._topic}", daemon=True).start()
@@ -144,7 +145,7 @@ class _Subscription:
         self._ended.set()
 
     def _run(self) -> None:
-        retry = Retry(f"{self._topic} of {self._node}", self._ended)
+        retry = Retry(self._node, self._ended, self._said)
         while not self._ended.is_set():
             try:
                 for data in self._messages():
@@ -167,9 +168,10 @@ class _Subscription:
             connected.sendall(_header(self._topic, self._type))
             fields = _fields(self._block(connected, LARGEST_HEADER) or b"")
             if "error" in fields:
-                raise RecordingError(f"refused: {fields['error']}")
+                raise RecordingError(f"{self._topic}: refused: {fields['error']}")
             if fields.get("type") != self._type:
-                raise RecordingError(f"is a {fields.get('type')}, not a {self._type}")
+                was = f"{fields.get('type')}, not {self._type}"
+                raise RecordingError(f"{self._topic} has messages of {was}")
             bound = largest(full_name(self._type))
             while (data := self._block(connected, bound)) is not None:
                 yield data
@@ -181,7 +183,9 @@ class _Subscription:
             return None
         (size,) = struct.unpack("<I", length)
         if size > bound:
-            raise RecordingError(f"a message of {size} bytes; up to {bound} are taken")
+            raise RecordingError(
+                f"{self._topic}: a message of {size} bytes; up to {bound} are taken"
+            )
         return self._exactly(connected, size)
 
     def _exactly(

@@ -195,9 +195,8 @@ class FrameStream:
             self._held.setdefault(s.topic, HeldImages())
             for s in (self._choice.colour, self._choice.depth)
         )
-        found = self._newest_pair(colours, depths)
         self._drop_unpaired(colours, depths)
-        return found
+        return self._newest_pair(colours, depths)
 
     def _newest_pair(self, colours: HeldImages, depths: HeldImages) -> FrameEntry | None:
         if not colours.images or not depths.images:
