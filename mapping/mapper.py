@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from types import TracebackType
 from typing import Final, Literal, Self
 
@@ -20,6 +21,7 @@ from mapping.objects.bayes_mapper import BayesObjectMapper
 from mapping.objects.object_mapper import ObjectChanges, ObjectMapper
 from mapping.objects.settings import ObjectSettings
 from mapping.occupancy.occupancy_map import OccupancyMap
+from mapping.picture_keeper import PictureKeeper
 from mapping.places.evidence_from_objects import ObjectEvidence
 from mapping.places.found_places import FoundChanges, FoundPlaces, objects_elsewhere
 from mapping.places.layout import Layout
@@ -67,6 +69,8 @@ class Mapper:
         again: whether the stream is mapped once more from its beginning.
         check_poses: whether jumps and drift of the poses are looked for in the depth, and warned
             of (`mapping.pose_monitor`).
+        pictures: whether a small picture of each object is kept in the map's folder, none of people
+            (`mapping.picture_keeper`).
 
     Raises LayoutError where the layout contradicts the ontology, LabelsError where `labels` names
     what is no category.
@@ -89,6 +93,7 @@ class Mapper:
         scene_model: str = "",
         again: bool = False,
         check_poses: bool = True,
+        pictures: bool = True,
     ) -> None:
         table, s = labels or LabelTable(), settings or ReferenceSettings()
         table.refuse_unknown(semantic_map.catalogue)
@@ -131,6 +136,7 @@ class Mapper:
         self._rooms_at = -math.inf  # [s] stamp of the frame they were last found with
         self._found = FoundChanges()  # not written yet
         self._monitor = PoseMonitor(recording) if check_poses else None
+        self._pictures = PictureKeeper(semantic_map, recording) if pictures else None
         self._observed: Frame | None = None  # the frame that the places have taken in
         self._viewed: tuple[Frame, str | None] | None = None
 
@@ -165,6 +171,8 @@ class Mapper:
         self._observed = self._viewed = None
         update = self._apply(lambda: self._frame_change(self._next, frame, detections))
         self._next += 1
+        if self._pictures is not None:
+            self._pictures.keep(update, frame, detections)
         return update
 
     def add_sightings(
@@ -182,7 +190,8 @@ class Mapper:
                 where = None if robot is None else robot.p_map[:2]
                 changes = self._objects.add_sightings(sightings, stamp, robot=where)
                 changes = self._relations.update(changes)
-            return changes, MapUpdate(changes.updated, changes.removed, robot=robot)
+            update = MapUpdate(changes.updated, changes.removed, robot=robot)
+            return changes, replace(update, departed=changes.departed)
 
         return self._apply(change)
 
@@ -204,6 +213,8 @@ class Mapper:
             self._apply(self._rest_of_occupancy)
         if self._rooms is not None:
             self._apply(self._rest_of_rooms)
+        if self._pictures is not None:
+            self._pictures.finish()
 
     def objects(self) -> tuple[ObjectRecord, ...]:
         """All objects of the map, with assertions applied."""
@@ -267,6 +278,7 @@ class Mapper:
             robot=robot_at(frame),
             recording=self._progress,
             floor=floor,
+            departed=changes.departed,
         )
 
     def _view_places(self, floor: Sequence[FloorTile]) -> None:

@@ -12,6 +12,7 @@ from kg.maps.semantic_map import SemanticMap
 from mapping.alignment.recording_fit import check_fit
 from mapping.label_table import LabelTable
 from mapping.mapper import Mapper, Mode
+from mapping.objects.settings import ObjectSettings
 from mapping.places.layout import Layout
 from mapping.progress_report import FrameReport, MappingReport
 from mapping.read_ahead import AHEAD, read_ahead
@@ -47,6 +48,8 @@ def map_recording(
     occupancy: bool = True,
     same_frame: bool = False,
     check_poses: bool = True,
+    pictures: bool = True,
+    objects: ObjectSettings | None = None,
     ahead: int = AHEAD,
 ) -> MappingReport:
     """Map the frames of `recording` that `semantic_map` does not hold yet; all of them if `again`.
@@ -73,6 +76,7 @@ def map_recording(
         semantic_map,
         mode=mode,
         settings=settings,
+        objects=objects,
         layout=layout,
         find_places=find_places,
         labels=labels,
@@ -83,6 +87,7 @@ def map_recording(
         scene_model=scene.name if scene else "",
         again=again,
         check_poses=check_poses,
+        pictures=pictures,
     )
     start = 0 if again else min(mapper.frames_applied, len(recording))
     run = _Run(mapper, recording, detector, scene, fit, ahead)

@@ -111,6 +111,10 @@ class _Names:
             "size": None if size is None else [_finite(c) for c in size],
             "deviation": None if deviation is None else _finite(deviation),
             "existence": round(record.existence, 4),
+            "may_be": {
+                self._catalogue.label(iri): round(p, 4)
+                for iri, p in sorted(record.labels.items(), key=lambda item: (-item[1], item[0]))
+            },
             "observations": record.observations,
             "last_seen": record.last_seen,
             "place": None if record.place is None else self.short(record.place),

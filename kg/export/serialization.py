@@ -131,10 +131,15 @@ def _text(quads: list[Quad], form: str, prefixes: _Prefixes) -> str:
     return writers[_known(form)](quads, prefixes)
 
 
+def is_format(form: str) -> bool:
+    """Whether `export_map` has a format of that name, or of that name in other tools."""
+    return _ALIASES.get(form.lower(), form.lower()) in FORMATS
+
+
 def _known(form: str) -> str:
     """Canonical name of a format; raises GraphError for an unknown one."""
     known = _ALIASES.get(form.lower(), form.lower())
-    if known not in FORMATS:
+    if not is_format(form):
         hint = did_you_mean(known, FORMATS)
         raise GraphError(f"no export format {known!r}; there are: {', '.join(FORMATS)}{hint}")
     return known

@@ -23,8 +23,10 @@ from kg.errors import HereaboutsError
 from kg.server import metrics
 from kg.server.app_state import AppState
 from kg.server.endpoints.assertion_endpoints import assertions
+from kg.server.endpoints.find_endpoint import find
 from kg.server.endpoints.graph_store_protocol import dump, graph_store
 from kg.server.endpoints.history_endpoints import diff, log, why
+from kg.server.endpoints.picture_endpoint import picture
 from kg.server.endpoints.restore_endpoint import restore
 from kg.server.endpoints.sparql_protocol import sparql
 from kg.server.endpoints.write_endpoints import labels, numbers, records
@@ -43,7 +45,10 @@ Answer = Callable[[AppState, Request], Awaitable[ASGIApp]]
 
 _FILES: Final = {
     "style.css": "text/css",
-    "front.js": "text/javascript",
+    "console.js": "text/javascript",
+    "map-data.js": "text/javascript",
+    "map-page.js": "text/javascript",
+    "map-view.js": "text/javascript",
     "icon.svg": "image/svg+xml",
 }
 
@@ -71,6 +76,8 @@ def application(serving: AppState) -> ASGIApp:
         ("/why", why, get),
         ("/timemap", timemap, get),
         ("/timegate/{address:path}", timegate, get),
+        ("/find", find, get),
+        ("/pictures/{number:str}", picture, get),
         ("/changes", changes, get),
         ("/subscribe", subscribe, get),
         ("/health", _health, get),

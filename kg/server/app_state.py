@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -16,6 +17,9 @@ from kg.workers.pool import QueryPool
 
 #: What else runs beside the server, for `/health`: name -> how it is.
 Status = Callable[[], Mapping[str, object]]
+
+#: A search plan for objects, as plain values: what is wanted -> the plan. Raises HereaboutsError.
+Planner = Callable[[list[str]], Mapping[str, object]]
 
 
 class QuerySubscription(BroadcastClient, Protocol):
@@ -36,4 +40,6 @@ class AppState:
     metrics: Metrics = field(default_factory=Metrics)
     subscriptions: set[QuerySubscription] = field(default_factory=set)
     status: Status = dict
+    planner: Planner | None = None  # for `/find`
+    planning: threading.Lock = field(default_factory=threading.Lock)  # held while it plans
     sessions: Sessions = field(default_factory=Sessions)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from kg.maps.semantic_map import SemanticMap
 from kg.server.app import application
-from kg.server.app_state import AppState, Status
+from kg.server.app_state import AppState, Planner, Status
 from kg.server.feeds.change_broadcast import ChangeBroadcast
 from kg.server.http.lifecycle import ServerLifecycle
 from kg.server.running_counts import RunningCounts
@@ -25,6 +25,7 @@ class MapServer(ServerLifecycle):
         settings: Settings | None = None,
         *,
         status: Status = dict,
+        planner: Planner | None = None,
     ) -> None:
         super().__init__(settings)
         limits = self.settings.limits
@@ -43,6 +44,7 @@ class MapServer(ServerLifecycle):
             ChangeBroadcast(semantic_map, limits),
             RunningCounts(semantic_map),
             status=status,
+            planner=planner,
         )
         self._answer_with(application(self.serving), self.serving.feed.stop)
 

@@ -12,6 +12,7 @@ from typing import Final
 
 from pyoxigraph import QueryResultsFormat, RdfFormat, parse, parse_query_results
 
+from kg.errors import QueryError
 from kg.history.timestamps import Instant, sequence_of
 from kg.maps.semantic_map import SemanticMap
 from kg.query.evaluation import Table, answer_of
@@ -19,15 +20,15 @@ from kg.query.query_files import ParameterizedQuery
 from kg.store.sparql_client import Triples
 from kg.transactions import ChangeSet
 from kg.workers.pool import QueryPool
-from kg.workers.process import Answer
 from kg.workers.request import request_of
 from kg.workers.updates import UpdateRequest, update_map
 
 SECONDS: Final = 3600.0
 MEMORY: Final = 4096  # [MB]
 RESULT: Final = 1 << 30  # [bytes]
-_SOLUTIONS: Final = "application/sparql-results+json"
 _TRIPLES: Final = "application/n-triples"
+#: the formats that `table_of` reads, as an Accept header
+ACCEPTED: Final = f"application/sparql-results+json, {_TRIPLES}"
 
 
 def query_isolated(
@@ -45,10 +46,10 @@ def query_isolated(
     sequence = None if at is None else sequence_of(semantic_map.history, at)
     then = semantic_map if at is None else semantic_map.at(at)
     sparql = then.bound(question, parameters)
-    request = request_of(sparql, f"{_SOLUTIONS}, {_TRIPLES}", (), (), semantic_map.base)
+    request = request_of(sparql, ACCEPTED, (), (), semantic_map.base)
     with _pool(semantic_map) as pool:
         answer = pool.request(b"Q", request | {"name": question.name}, at=sequence)
-    return question.check(_table(answer))
+    return question.check(table_of(answer.media_type, answer.body))
 
 
 def update_isolated(
@@ -66,8 +67,15 @@ def _pool(semantic_map: SemanticMap) -> QueryPool:
     )
 
 
-def _table(answer: Answer) -> Table:
-    if answer.media_type == _TRIPLES:
-        triples = parse(answer.body, format=RdfFormat.N_TRIPLES)
-        return answer_of(Triples(tuple(quad.triple for quad in triples)))
-    return answer_of(parse_query_results(answer.body, format=QueryResultsFormat.JSON))
+def table_of(media_type: str, body: bytes) -> Table:
+    """A serialised answer, JSON results or N-Triples, as a table.
+
+    Raises QueryError for what is neither, or cut short.
+    """
+    try:
+        if media_type == _TRIPLES:
+            triples = parse(body, format=RdfFormat.N_TRIPLES)
+            return answer_of(Triples(tuple(quad.triple for quad in triples)))
+        return answer_of(parse_query_results(body, format=QueryResultsFormat.JSON))
+    except (SyntaxError, ValueError) as error:
+        raise QueryError(f"the answer is no {ACCEPTED}: {' '.join(str(error).split())}") from error

@@ -32,15 +32,16 @@ class DetectionLocaliser:
     def _localised(self, frame: Frame, detections: Detections) -> Iterator[Sighting]:
         sources = detections.source or ("",) * len(detections)
         reference = detections.detectors[:1] or ("",)  # the thesis knows one detector
-        for box, score, label, source in zip(
-            detections.xyxy, detections.score, detections.label, sources, strict=True
+        masks = detections.mask or (None,) * len(detections)
+        for box, score, label, source, mask in zip(
+            detections.xyxy, detections.score, detections.label, sources, masks, strict=True
         ):
             if source not in reference:
                 continue
             category = self._labels.category(label)
             if category is None or score < self._settings.min_score:
                 continue
-            p_cam = localise(frame, box, self._settings)
+            p_cam = localise(frame, box, self._settings, mask)
             if p_cam is None:
                 self.unplaced += 1
                 continue

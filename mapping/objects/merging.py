@@ -54,7 +54,7 @@ def same_thing(a: Track, b: Track, usual: SizeOf, s: ObjectSettings) -> bool:
     """Whether two tracks are one thing."""
     distance = float(np.linalg.norm(a.p_map - b.p_map))
     sizes = min(a.size, s.largest), min(b.size, s.largest)
-    apart = a.together.get(id(b), 0) >= _SEEN_TOGETHER
+    apart = a.together.get(b.number, 0) >= _SEEN_TOGETHER
     if a.category != b.category:
         return not apart and distance < 0.3 * min(sizes)
     expected = usual(a.category) or UNUSUAL

@@ -80,7 +80,7 @@ def weight(
         return 0.0
     labels, others = _labels(o), _labels(n)
     alike = 0.0
-    for category in labels.keys() & others.keys():
+    for category in sorted(labels.keys() & others.keys()):  # sums follow the order
         expected = s.same_label + s.unexplained * count(category)
         alike += labels[category] * others[category] / expected
     stretch = math.log(n.size / o.size) ** 2 / 2

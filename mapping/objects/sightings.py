@@ -12,9 +12,9 @@ from mapping.label_resolver import LabelResolver
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.usual_sizes import UNUSUAL, SizeOf
 from mapping.projection import back_project, to_map
-from mapping.reference.depth_histogram import fullest_bin
+from mapping.reference.depth_histogram import box_depth, fullest_bin
 from mapping.sighting import Sighting
-from perception.frames import Detections, Frame, box_pixels
+from perception.frames import Detections, Frame
 
 Floats = NDArray[np.float64]
 Box = tuple[float, float, float, float]  # xyxy [px]
@@ -46,6 +46,7 @@ class _Detection:
     category: str
     score: float
     box: Box
+    mask: NDArray[np.bool_] | None = None  # which pixels of the box show it
 
 
 class SightingExtractor:
@@ -88,15 +89,16 @@ class SightingExtractor:
         labelled = list(zip(detections.label, detections.score, detections.xyxy, strict=True))
         self._labels.learn(label for label, score, _ in labelled if score >= least)
         sources = detections.source or ("",) * len(detections)
-        for (label, score, box), source in zip(labelled, sources, strict=True):
+        masks = detections.mask or (None,) * len(detections)
+        for (label, score, box), source, mask in zip(labelled, sources, masks, strict=True):
             category = self._labels.category(label) if score >= least else None
             if category is not None:
                 x1, y1, x2, y2 = (float(side) for side in box)
-                yield _Detection(source, category, float(score), (x1, y1, x2, y2))
+                yield _Detection(source, category, float(score), (x1, y1, x2, y2), mask)
 
     def _localised(self, frame: Frame, group: Sequence[_Detection]) -> ThingSighting | None:
         s, box = self._settings, group[0].box
-        p_cam = _visible_points(frame, box)
+        p_cam = _visible_points(frame, group)
         if p_cam is None:
             return None
         centre = p_cam.mean(axis=0)
@@ -169,25 +171,37 @@ def intersection_over_union(a: Box, b: Box) -> float:
     return shared / (areas - shared + 1e-9)
 
 
-def _visible_points(frame: Frame, box: Box) -> Floats | None:
-    """Points (n, 3) [m] of the thing in a box, in the camera frame; None without usable depth.
+def _visible_points(frame: Frame, group: Sequence[_Detection]) -> Floats | None:
+    """Points (n, 3) [m] of the thing that a group shows, in the camera frame; None without depth.
 
-    Those of the fullest bin of the depth histogram; of a box that has hardly any depth (a lit
-    screen, glass) one point at the median depth of the ring around it.
+    Where a detection has a mask, all points in the strongest one's but outliers; else those of the
+    fullest bin of the depth histogram of the strongest box. Of a box that has hardly any depth (a
+    lit screen, glass) one point at the median depth of the ring around it.
     """
-    clipped = box_pixels(np.array(box), frame.depth.shape)
-    if clipped is None:
+    best = next((one for one in group if one.mask is not None), group[0])
+    found = box_depth(frame, np.array(best.box), best.mask)
+    if found is None:
         return None
-    top, bottom, left, right = clipped
-    patch = frame.depth[top:bottom, left:right]
-    step = max(1, int(np.sqrt(patch.size / _SAMPLES)))
-    patch = patch[::step, ::step]
-    rows, columns = np.nonzero(patch > 0)  # nan compares false
-    if len(rows) < _LEAST_DEPTH * patch.size:
-        return _ring_point(frame, (top, bottom, left, right))
+    patch, pixels, counted = found
+    step = max(1, int(np.sqrt(counted / _SAMPLES)))
+    rows, columns = np.nonzero(patch[::step, ::step] > 0)  # nan compares false
+    rows, columns = rows * step, columns * step
+    if len(rows) < max(_LEAST_DEPTH * counted / step**2, 1):
+        return _ring_point(frame, pixels)
     depths = patch[rows, columns].astype(np.float64)
-    kept = fullest_bin(depths, "fd", 1000)
-    return back_project(rows[kept] * step + top, columns[kept] * step + left, depths[kept], frame.K)
+    kept = fullest_bin(depths, "fd", 1000) if best.mask is None else _inliers(depths)
+    return back_project(rows[kept] + pixels[0], columns[kept] + pixels[2], depths[kept], frame.K)
+
+
+def _inliers(depths: Floats) -> NDArray[np.bool_]:
+    """Mask (n,) of depths that lie no farther outside the quartiles than these from one another.
+
+    A mask's edge shows some of the background, which lies farther.
+    """
+    low, high = np.percentile(depths, [25, 75])
+    reach = max(high - low, 0.02)
+    inside: NDArray[np.bool_] = (depths >= low - reach) & (depths <= high + reach)
+    return inside
 
 
 def _ring_point(frame: Frame, clipped: tuple[int, int, int, int]) -> Floats | None:

@@ -53,7 +53,7 @@ class TrackUpdater:
         track.emptiness = min(0.0, track.emptiness + 2 * novelty)
         self.locate(track, sighting, novelty, frame.stamp)
         share = self._share(track.size, sighting.depth or 1.0, frame)
-        for category in sighting.categories:
+        for category in sorted(sighting.categories):  # sums follow the order
             track.evidence.setdefault(category, {})
         for category in track.evidence:
             for detector in detectors:

@@ -6,12 +6,13 @@ import math
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kg.facts.label_beliefs import STEP
-from kg.records import Evidence, ObjectRecord
+from kg.records import DepartedRecord, Evidence, ObjectRecord
 from mapping.objects.absence import KNOWN, Absence
 from mapping.objects.existence import ViewEvidence, category_probabilities
 from mapping.objects.settings import ObjectSettings
@@ -23,6 +24,7 @@ Viewpoint = tuple[Floats, Floats]  # position (3,) [m] of the camera, direction 
 _VIEWPOINTS = 64  # remembered of each track
 RECORD = "record"  # stands for the detectors whose evidence is only known by its result
 _SAME_LABEL = 0.04  # change of an alternative's probability up to which it is not written again
+_numbers = count()  # of tracks
 
 
 @dataclass(eq=False, slots=True)
@@ -52,7 +54,8 @@ class Track:
     high: Floats = field(default_factory=lambda: np.zeros(3))
     viewpoints: list[Viewpoint] = field(default_factory=list)
     clear_views: list[Viewpoint] = field(default_factory=list)  # through its volume, since seen
-    together: dict[int, int] = field(default_factory=dict)  # frames that showed another beside it
+    number: int = field(default_factory=_numbers.__next__, init=False)  # no other track has it
+    together: dict[int, int] = field(default_factory=dict)  # frames that also showed track `number`
     first_seen: float = 0.0  # [s]
     last_seen: float = 0.0
     last_frame: int = 0  # number of the frame that last showed it
@@ -238,6 +241,21 @@ class Track:
             labels=self.alternatives,
         )
 
+    def departed_record(self, now: float) -> DepartedRecord:
+        """What is remembered of it, found gone at `now` [s]."""
+        assert self.iri is not None
+        return DepartedRecord(
+            iri=self.iri,
+            category=self.category,
+            p_map=self.position,
+            peak=self.peak,
+            observations=self.observations,
+            first_seen=self.first_seen,
+            last_seen=self.last_seen,
+            found_gone=max(now, self.last_seen),
+            extent=self.high - self.low,
+        )
+
 
 def track_of(record: ObjectRecord, settings: ObjectSettings, usual_size: SizeOf) -> Track:
     """Track of an object of the map, with what its record tells of the evidence.
@@ -285,6 +303,24 @@ def track_of(record: ObjectRecord, settings: ObjectSettings, usual_size: SizeOf)
     return track
 
 
+def track_of_departed(
+    record: DepartedRecord, settings: ObjectSettings, usual_size: SizeOf
+) -> Track:
+    """Track of an object that left the map, as it was known there."""
+    known = ObjectRecord(
+        iri=record.iri,
+        category=record.category,
+        p_map=record.p_map,
+        confidence=3 * record.peak,
+        existence=record.peak,
+        observations=record.observations,
+        first_seen=record.first_seen,
+        last_seen=record.last_seen,
+        extent=record.extent,
+    )
+    return track_of(known, settings, usual_size)
+
+
 def _log_odds(record: ObjectRecord) -> dict[str, float]:
     """Log-odds of a record's category and its alternatives, against there being nothing.
 
@@ -300,7 +336,7 @@ def count_together(tracks: Sequence[Track]) -> None:
     for track in tracks:
         for other in tracks:
             if other is not track:
-                track.together[id(other)] = track.together.get(id(other), 0) + 1
+                track.together[other.number] = track.together.get(other.number, 0) + 1
 
 
 def same_facts(a: ObjectRecord, b: ObjectRecord) -> bool:

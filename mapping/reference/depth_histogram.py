@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from kg.errors import ModelError
 from mapping.projection import back_project
 from mapping.reference.settings import Estimator, ReferenceSettings
 from perception.frames import Frame, box_pixels
@@ -46,19 +47,46 @@ def fullest_bin(depths: Points, estimator: Estimator, max_bins: int) -> NDArray[
     return fullest
 
 
-def localise(frame: Frame, box: NDArray[np.floating], settings: ReferenceSettings) -> Points | None:
+def box_depth(
+    frame: Frame, box: NDArray[np.floating], mask: NDArray[np.bool_] | None
+) -> tuple[NDArray[np.float32], tuple[int, int, int, int], int] | None:
+    """(depth in a box, nan outside its mask; its pixel range; how many pixels count), or None.
+
+    Raises ModelError where the mask does not fit the box.
+    """
+    pixels = box_pixels(box, frame.depth.shape)
+    if pixels is None:
+        return None
+    top, bottom, left, right = pixels
+    patch = frame.depth[top:bottom, left:right]
+    if mask is None:
+        return patch, pixels, patch.size
+    if mask.shape != patch.shape:
+        raise ModelError(
+            f"frame {frame.id}: a mask of {mask.shape} for a box of {patch.shape} pixels; "
+            "one of the box's size would work"
+        )
+    return np.where(mask, patch, np.float32(np.nan)), pixels, max(int(mask.sum()), 1)
+
+
+def localise(
+    frame: Frame,
+    box: NDArray[np.floating],
+    settings: ReferenceSettings,
+    mask: NDArray[np.bool_] | None = None,
+) -> Points | None:
     """Object centre in the camera frame, (3,) [m]: mean of the points of the fullest bin.
 
     None where the box holds no pixel of the image, or too little depth. The reference's known
-    weakness is part of it: a box that holds more wall than object is localised on the wall.
+    weakness is part of it: a box that holds more wall than object is localised on the wall, unless
+    a mask (h, w) says which of its pixels show the object.
     """
-    clipped = box_pixels(box, frame.depth.shape)
-    if clipped is None:
+    found = box_depth(frame, box, mask)
+    if found is None:
         return None
-    top, bottom, left, right = clipped
-    patch = frame.depth[top:bottom, left:right]
+    patch, (top, _, left, _), counted = found
     rows, columns = np.nonzero(patch > 0)  # nan compares false
-    unknown = 1 - len(rows) / patch.size
+    unknown = 1 - len(rows) / counted
     if len(rows) < settings.min_points or unknown > settings.max_unknown_box:
         return None
     depths = patch[rows, columns].astype(np.float64)

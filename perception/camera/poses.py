@@ -22,6 +22,7 @@ CONVENTIONS: dict[str, Callable[[Pose], Pose]] = {
     "opengl": lambda T: T @ np.diag([1.0, -1.0, -1.0, 1.0]),
 }
 RIGID_TOLERANCE = 5e-3  # largest entry of R'R - I that rounding and drift of trackers explain
+GRID = 2.0**40  # steps of the numbers of a quaternion that is exact
 LONGEST_GAP = 0.2  # [s] between two poses of a trajectory that are still interpolated
 
 
@@ -91,13 +92,8 @@ def pose_from_quaternion(t: NDArray[np.float64], q: NDArray[np.float64], where: 
     norm = float(np.linalg.norm(q))
     if not np.isfinite(norm) or abs(norm - 1) > 0.05:
         raise RecordingError(f"{where}: a rotation quaternion has length 1, got {norm:.3g}")
-    x, y, z, w = q / norm
     T = np.eye(4)
-    T[:3, :3] = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
+    T[:3, :3] = _rotation(q / norm)
     T[:3, 3] = t
     return checked_pose(T, where)
 
@@ -116,6 +112,36 @@ def quaternion_from_pose(T: Pose) -> NDArray[np.float64]:
     _, vectors = np.linalg.eigh(K, "L")
     q: NDArray[np.float64] = vectors[:, 3]
     return -q if q[3] < 0 else q
+
+
+def gridded_pose(T: Pose) -> Pose:
+    """The pose with its rotation moved to one that a quaternion holds exactly.
+
+    Three of the quaternion's numbers become multiples of 2^-40, the fourth, the first of about the
+    largest, follows from them. Written as a quaternion and read back, such a pose is the same to
+    the last bit; rotations move by 1e-12 rad.
+    """
+    q = quaternion_from_pose(T)
+    free = int(np.flatnonzero(np.abs(q) > np.abs(q).max() - 1e-6)[0])
+    grid = np.round(q * (np.sign(q[free]) * GRID)) / GRID
+    grid[free] = 0.0
+    grid[free] = np.sqrt(1 - grid @ grid)
+    gridded = np.eye(4)
+    gridded[:3, :3] = _rotation(grid)
+    gridded[:3, 3] = T[:3, 3]
+    return gridded
+
+
+def _rotation(q: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rotation (3, 3) of a unit quaternion x y z w."""
+    x, y, z, w = q
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,7 +23,7 @@ from perception.inference.heads.listed import QueryHead, RegionHead
 from perception.inference.heads.masks import MaskGrid
 from perception.inference.heads.signature import head_of
 from perception.inference.model_zoo import ModelCard, resolve
-from perception.inference.preprocessing import RESIZES, VALUES, fit
+from perception.inference.preprocessing import RESIZES, VALUES, Fitted, fit
 from perception.inference.session import Session
 
 OVERLAP: Final = 0.6  # IoU above which the weaker of two boxes of one class is dropped
@@ -57,35 +57,46 @@ class OnnxDetector:
 
         A box comes once for each class that the network gives it; of a class at most 100.
         """
-        height, width = rgb.shape[:2]
+        shape = (rgb.shape[0], rgb.shape[1])
         size = self.session.image_size(self.head.image_input)
         fitted = fit(rgb, size, self.resize, self.values)
-        answer = self.session.run(self.head.outputs, self.head.inputs(fitted, (height, width)))
+        answer = self.session.run(self.head.outputs, self.head.inputs(fitted, shape))
         try:
-            found = self.head.candidates(answer, fitted, self.threshold)
+            return self._decoded(answer, fitted, shape)
         except ModelError as error:
             raise ModelError(f"{self.name}: {error}") from error
-        xyxy = np.clip(found.xyxy, 0, np.array([width, height, width, height], np.float32))
+        except (IndexError, ValueError) as error:  # shapes that it does not declare
+            shapes = ", ".join(str(output.shape) for output in answer)
+            raise ModelError(
+                f"{self.name} gives outputs that do not belong together: {shapes} ({error})"
+            ) from error
+
+    def _decoded(
+        self, answer: list[NDArray[np.generic]], fitted: Fitted, shape: tuple[int, int]
+    ) -> Detections:
+        found = self.head.candidates(answer, fitted, self.threshold)
+        xyxy = np.clip(found.xyxy, 0, np.array([shape[1], shape[0]] * 2, np.float32))
         sides = xyxy[:, 2:] - xyxy[:, :2]
         real = np.nonzero(np.isfinite(xyxy).all(1) & (sides > 0).all(1))[0]
         real = real[[is_object(self._label(int(i))) for i in found.label[real]]]
         overlap = OVERLAP if self.head.overlapping else 1.0
         chosen = (found.xyxy[real], found.score[real], found.label[real])
         kept = real[suppress(*chosen, overlap, MOST_DETECTIONS)]
+        masks: list[NDArray[np.bool_] | None] = []
+        if found.mask is not None:
+            masks = [_mask(found.mask(int(i)), xyxy[i], shape) for i in kept]
         return Detections(
             xyxy[kept].astype(np.float32),
             found.score[kept].astype(np.float32),
             tuple(self._label(int(i)) for i in found.label[kept]),
-            mask=()
-            if found.mask is None
-            else tuple(_mask(found.mask(int(i)), xyxy[i], (height, width)) for i in kept),
+            mask=tuple(masks),
         )
 
     def _label(self, index: int) -> str:
         if 0 <= index < len(self.labels):
             return self.labels[index]
         raise ModelError(
-            f"{self.session.path.name} answered class {index}, its {len(self.labels)} labels "
+            f"the network answered class {index}, its {len(self.labels)} labels "
             "end before: give the labels it was trained with"
         )
 

@@ -30,6 +30,11 @@ class DetectorPair:
         """Names of both."""
         return f"{self._first.name} and {self._second.name}"
 
+    @property
+    def device(self) -> str:
+        """What the first runs on: "cpu", "cuda", ...; "" where it is no network."""
+        return str(getattr(self._first, "device", ""))
+
     def detect(self, frame: Frame) -> Detections:
         """Detections of the first network, and of the second where the point of view is new."""
         found = [(self._first.name, self._first.detect(frame))]
@@ -56,6 +61,7 @@ def joined(found: list[tuple[str, Detections]]) -> Detections:
     score = np.concatenate([one.score for _, one in found])
     label = [text for _, one in found for text in one.label]
     source = [text for name, one in found for text in one.source or (name,) * len(one)]
+    masks = [mask for _, one in found for mask in one.mask or (None,) * len(one)]
     order = np.argsort(-score, kind="stable")
     return Detections(
         xyxy[order],
@@ -63,4 +69,5 @@ def joined(found: list[tuple[str, Detections]]) -> Detections:
         tuple(label[int(i)] for i in order),
         tuple(source[int(i)] for i in order),
         tuple(text for name, one in found for text in one.detectors or (name,)),
+        tuple(masks[int(i)] for i in order) if any(one.mask for _, one in found) else (),
     )

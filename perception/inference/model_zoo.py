@@ -36,6 +36,7 @@ class ModelCard:
     git_blob: str | None = None  # sha1 as git counts it, where only that is published
     size: int = 0  # [bytes], 0 = not published
     labels: str | None = None  # name of a shipped list of labels
+    ap: float | None = None  # [%] of a detector on COCO, as published
     rates: Mapping[str, float] | None = None  # measured (`mapping.objects.detector_rates`)
     labels_url: str | None = None
     labels_sha256: str | None = None
@@ -103,6 +104,12 @@ def bundled_pair() -> tuple[str, str]:
     first = default_model("detector").name
     bundled = (card.name for card in cards() if card.kind == "detector" and card.file is not None)
     return first, next(name for name in bundled if name != first)
+
+
+def best_detector() -> ModelCard:
+    """The detector of highest published AP among those that can be fetched."""
+    fetchable = [card for card in cards() if card.kind == "detector" and card.url is not None]
+    return max(fetchable, key=lambda card: card.ap or 0.0)
 
 
 def cache_folder() -> Path:

@@ -1,18 +1,21 @@
 """Recorded detections: what a detector found in each frame of a recording, read from a JSON file.
 
 {"name": NAME, "frames": {FRAME_ID: [[x1, y1, x2, y2, score, label], ...]}}, boxes in pixels of the
-recording's colour images. A frame in which nothing was found has an empty list.
+recording's colour images. A frame in which nothing was found has an empty list. A mask may follow
+the label: {"size": [h, w], "runs": [...]}, lengths of runs of pixels outside and inside by turns,
+row by row over the pixels of the box (`perception.frames.box_pixels`), outside first.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kg.errors import ModelError
 from perception.frames import Detections, Detector, Frame
@@ -20,7 +23,7 @@ from perception.inference.detector import load_detector
 from perception.inference.detector_pair import DetectorPair
 from perception.inference.model_zoo import bundled_pair
 
-Row = tuple[float, float, float, float, float, str]
+_LARGEST_MASK = 1 << 26  # pixels
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,22 +43,25 @@ class RecordedDetector:
                 f"{self.path} has no frame {frame.id!r}; an entry for each frame of the recording, "
                 "with an empty list where nothing was found, would work"
             )
-        good = found.score > self.threshold
-        labels = tuple(label for label, kept in zip(found.label, good, strict=True) if kept)
-        return Detections(found.xyxy[good], found.score[good], labels)
+        return found.chosen(np.nonzero(found.score > self.threshold)[0])
 
 
-def open_detector(name_or_path: str | Path, *, threshold: float = 0.25) -> Detector:
+def open_detector(
+    name_or_path: str | Path, *, threshold: float = 0.25, device: str = "cpu"
+) -> Detector:
     """A detector by name, from an ONNX file, or from a JSON file of recorded detections.
 
-    "default" is the bundled pair. Raises ModelError for anything else.
+    "default" is the bundled pair. `device`: see `load_detector`. Raises ModelError for anything
+    else.
     """
     if name_or_path == "default":
-        first, second = (load_detector(name, threshold=threshold) for name in bundled_pair())
+        first, second = (
+            load_detector(name, threshold=threshold, device=device) for name in bundled_pair()
+        )
         return DetectorPair(first, second)
     if Path(name_or_path).suffix == ".json":
         return load_recorded_detections(Path(name_or_path), threshold=threshold)
-    return load_detector(name_or_path, threshold=threshold)
+    return load_detector(name_or_path, threshold=threshold, device=device)
 
 
 def load_recorded_detections(path: Path, *, threshold: float = 0.0) -> RecordedDetector:
@@ -84,24 +90,56 @@ def save_recorded_detections(path: Path, name: str, frames: Mapping[str, Detecti
         raise ModelError(f"cannot write {path}: {error.strerror}") from error
 
 
-def _rows(found: Detections) -> list[Row]:
-    return [
-        (*(round(float(c), 1) for c in box), round(float(score), 4), label)  # type: ignore[misc]
-        for box, score, label in zip(found.xyxy, found.score, found.label, strict=True)
-    ]
+def _rows(found: Detections) -> list[list[Any]]:
+    rows: list[list[Any]] = []
+    for number, (box, score, label) in enumerate(
+        zip(found.xyxy, found.score, found.label, strict=True)
+    ):
+        mask = found.mask[number] if found.mask else None
+        # a box that is rounded may have other pixels than its mask
+        sides = [float(c) if mask is not None else round(float(c), 1) for c in box]
+        rows.append([*sides, round(float(score), 4), label])
+        if mask is not None:
+            rows[-1].append({"size": list(mask.shape), "runs": _runs(mask)})
+    return rows
+
+
+def _runs(mask: NDArray[np.bool_]) -> list[int]:
+    """Lengths of the runs of pixels outside and inside by turns, outside first."""
+    flat = np.concatenate([[False], mask.ravel()])
+    changes = np.nonzero(flat[1:] != flat[:-1])[0]
+    lengths: list[int] = np.diff([0, *changes.tolist(), mask.size]).tolist()
+    return lengths
+
+
+def _mask(entry: Any) -> NDArray[np.bool_] | None:
+    """A mask from its runs; raises ValueError for anything else."""
+    if entry is None:
+        return None
+    (height, width), runs = entry["size"], np.array(entry["runs"], np.int64)
+    whole = isinstance(height, int) and isinstance(width, int) and min(height, width) > 0
+    if not whole or height * width > _LARGEST_MASK or (runs < 0).any():
+        raise ValueError("a mask needs a size [h, w] and lengths of runs")
+    if runs.max(initial=0) > _LARGEST_MASK or int(runs.sum()) != height * width:
+        raise ValueError(f"runs of a mask of size {entry['size']} need that many pixels in all")
+    inside = np.repeat(np.arange(len(runs)) % 2 == 1, runs)
+    return inside.reshape(height, width)
 
 
 def _detections(path: Path, frame: str, rows: Any) -> Detections:
     try:
         numbers = np.array([row[:5] for row in rows], np.float32).reshape(len(rows), 5)
         labels = [row[5] for row in rows]
+        masks = [_mask(row[6]) if len(row) > 6 else None for row in rows]
         sound = np.isfinite(numbers).all() and all(isinstance(label, str) for label in labels)
         in_order = np.all(numbers[:, 2:4] > numbers[:, :2])
         if not (sound and in_order and np.all((numbers[:, 4] >= 0) & (numbers[:, 4] <= 1))):
             raise ValueError("a box needs x1 < x2 and y1 < y2, a score in 0..1 and a label")
-    except (IndexError, KeyError, TypeError, ValueError) as error:
+    except (IndexError, KeyError, OverflowError, TypeError, ValueError) as error:
         raise ModelError(
             f"{path}, frame {frame!r}: {error}; [x1, y1, x2, y2, score, label] would work"
         ) from error
-    order = np.argsort(-numbers[:, 4], kind="stable")
-    return Detections(numbers[order, :4], numbers[order, 4], tuple(labels[int(i)] for i in order))
+    found = Detections(numbers[:, :4], numbers[:, 4], tuple(labels))
+    if any(mask is not None for mask in masks):
+        found = replace(found, mask=tuple(masks))
+    return found.chosen(np.argsort(-numbers[:, 4], kind="stable"))

@@ -34,33 +34,48 @@ class OnnxSceneClassifier:
     resize: str
     values: str
 
+    @property
+    def device(self) -> str:
+        """What the network runs on: "cpu", "cuda", ..."""
+        device: str = self.session.device
+        return device
+
     def classify(self, frame: Frame) -> SceneScores:
         """Probability of each scene category for `frame`."""
         return self.classify_image(frame.rgb)
 
     def classify_image(self, rgb: NDArray[np.uint8]) -> SceneScores:
         """Probability of each scene category for an image (H, W, 3)."""
-        probability = _probabilities(self._run(rgb, self.output))
+        probability = _probabilities(self._run(rgb, self.output)[0])
         pairs = zip(self.labels, probability.tolist(), strict=True)
         return SceneScores(dict(pairs))
 
-    def features(self, frame: Frame) -> NDArray[np.float32]:
-        """(F,) description of the image; raises ModelError where the network gives none."""
+    def described(self, rgb: NDArray[np.uint8]) -> tuple[SceneScores, NDArray[np.float32]]:
+        """Scene scores and (F,) features of an image (H, W, 3), in one run of the network.
+
+        Raises ModelError where the network gives no features.
+        """
         if "features" not in self.session.outputs:
             raise ModelError(f"{self.name} has no output 'features': {self.session.interface()}")
-        return self._run(frame.rgb, "features")
+        scores, features = self._run(rgb, self.output, "features")
+        pairs = zip(self.labels, _probabilities(scores).tolist(), strict=True)
+        return SceneScores(dict(pairs)), features
 
-    def _run(self, rgb: NDArray[np.uint8], output: str) -> NDArray[np.float32]:
+    def _run(self, rgb: NDArray[np.uint8], *outputs: str) -> list[NDArray[np.float32]]:
         name = next(iter(self.session.inputs))
         fitted = fit(rgb, self.session.image_size(name), self.resize, self.values)
-        answer: NDArray[np.generic] = self.session.run((output,), {name: fitted.tensor})[0]
-        first: NDArray[np.float32] = answer.astype(np.float32)[0]
-        return first
+        answers = self.session.run(outputs, {name: fitted.tensor})
+        if any(answer.ndim != 2 or not len(answer) for answer in answers):
+            shapes = ", ".join(str(answer.shape) for answer in answers)
+            raise ModelError(f"{self.name} gives outputs of shapes {shapes}; [1, C] would work")
+        return [answer.astype(np.float32)[0] for answer in answers]
 
 
 def _probabilities(scores: NDArray[np.float32]) -> NDArray[np.float64]:
     """Scores (C,) as probabilities: as they are if they sum to one, else their softmax."""
     exact = scores.astype(np.float64)
+    if exact.ndim != 1 or not len(exact) or not np.isfinite(exact).all():
+        raise ModelError("the scene classifier gives no finite score for each class")
     weight = exact
     if exact.min() < 0 or abs(exact.sum() - 1) > 1e-2:
         weight = np.exp(exact - exact.max())
@@ -73,15 +88,17 @@ def load_scene_classifier(
     *,
     labels: Sequence[str] | Path | None = None,
     threads: int | None = None,
+    device: str = "cpu",
 ) -> OnnxSceneClassifier:
     """Open a scene classifier: "default", a known name (see perception.inference.model_zoo), or an
     ONNX file.
 
     `labels` (a list, or a file with one a line) override what the network or its card says.
-    Raises ModelError for anything that is no image classifier.
+    `device`: see `perception.inference.detector.load_detector`. Raises ModelError for anything that
+    is no image classifier.
     """
     path, card = resolve(name_or_path, "scene")
-    session = Session(path, threads)
+    session = Session(path, threads, device)
     output, classes = _interface(session)
     return OnnxSceneClassifier(
         name=card.name if card is not None else path.stem,

@@ -25,7 +25,7 @@ from perception.camera.rectification import Rectifier
 from perception.frames import Frame
 from perception.live.images import HeldImages, LiveDecoder, LiveImage
 from perception.recordings.association import nearest_pairs
-from perception.recordings.bag import Choice, add_pose, camera_of, choose, depth_camera_of
+from perception.recordings.bag import Choice, add_poses, camera_of, choose, depth_camera_of
 from perception.recordings.bag_file import RawMessage
 from perception.recordings.bag_index import (
     CAMERA,
@@ -150,16 +150,14 @@ class FrameStream:
                 return frame
 
     def _add(self, raw: RawMessage, decoder: LiveDecoder) -> None:
-        if self._choice is None:
-            if raw.type in _WANTED:
-                add_message(self._index, decoder, raw)
-                self._trim(raw.topic)
-        elif raw.type in TRANSFORMS:
-            add_message(self._index, decoder, raw)
+        chosen, index = self._choice, self._index
+        if raw.type in TRANSFORMS or (chosen is None and raw.type in _WANTED):
+            add_message(index, decoder, raw)
             self._trim(raw.topic)
-        elif self._choice.pose is not None and raw.topic == self._choice.pose.topic:
-            message = decoder.decoded(raw)
-            add_pose(self._index, message, self._choice.pose, self._choice.colour.frame)
+        elif chosen is not None and chosen.pose is not None and raw.topic == chosen.pose.topic:
+            add_message(index, decoder, raw)
+            add_poses(index, raw.topic, chosen.colour.frame)
+            self._trim(raw.topic, poses=0)
         if raw.type in IMAGES and self._is_used(raw.topic):
             self._came[raw.topic] += 1
             stamp = header_stamp(raw, decoder.is_ros1, self.address) or raw.time
@@ -171,15 +169,18 @@ class FrameStream:
         chosen = self._choice
         return chosen is None or topic in (chosen.colour.topic, chosen.depth.topic)
 
-    def _trim(self, topic: str) -> None:
-        """Keep what is bounded of a stream."""
-        stream = self._index.streams[topic]
+    def _trim(self, topic: str, poses: int = STAMPS_KEPT) -> None:
+        """Keep what is bounded of a stream, and the last `poses` of one of poses."""
+        stream, index = self._index.streams[topic], self._index
         if len(stream.stamps) > 2 * STAMPS_KEPT:
-            del stream.stamps[:STAMPS_KEPT], stream.times[:STAMPS_KEPT]
-            del self._index.poses.get(topic, [])[:STAMPS_KEPT]
-        for problem in self._index.refused[:1]:
-            self._tell(topic, problem)
-        self._index.refused.clear()
+            del stream.stamps[:-STAMPS_KEPT], stream.times[:-STAMPS_KEPT]
+        rows = index.poses.get(topic)
+        if rows is not None and len(rows.stamps) > 2 * poses:
+            rows.stamps = rows.stamps[len(rows.stamps) - poses :]
+            rows.rows = rows.rows[len(rows.rows) - 7 * poses :]
+        if index.refused:
+            self._tell(topic, index.refusal)
+        index.refused, index.refusal = 0, ""
 
     def _tell(self, topic: str, problem: object) -> None:
         if topic not in self._said:

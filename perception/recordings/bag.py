@@ -22,7 +22,7 @@ from perception.camera.intrinsics import Intrinsics
 from perception.camera.poses import checked_pose
 from perception.recordings.association import nearest_pairs
 from perception.recordings.bag_file import BagFile, RawMessage, bag_path
-from perception.recordings.bag_index import ODOMETRY, BagIndex, Stream, read_index
+from perception.recordings.bag_index import BagIndex, Stream, read_index
 from perception.recordings.bag_topics import (
     camera_topic,
     colour_topic,
@@ -43,7 +43,7 @@ from perception.ros.images import colour_image, depth_image
 
 SUFFIXES: Final = ".bag, .mcap, .db3"
 AHEAD: Final = 2 * NANOSECONDS  # [ns] further on in the bag is sought instead of read on to
-HELD: Final = 32  # messages passed on the way that are kept, for the other stream
+HELD: Final = 1 << 26  # [bytes] of messages passed on the way that are kept, for the other stream
 
 _log = logging.getLogger(__name__)
 
@@ -87,14 +87,14 @@ def choose(index: BagIndex, streams: Streams) -> Choice:
     """The streams to read; raises RecordingError where one is missing."""
     colour = colour_topic(index, streams.colour)
     depth = depth_topic(index, streams.depth, colour)
+    pose = _posed(index, colour, streams)
     if index.refused:
         _log.warning(
-            "%s: %d messages with transforms that make no sense are skipped: %s",
+            "%s: %d transforms or poses that make no sense are skipped: %s",
             index.path,
-            len(index.refused),
-            index.refused[0],
+            index.refused,
+            index.refusal,
         )
-    pose = _posed(index, colour, streams)
     depth_camera = camera_topic(index, depth)
     return Choice(
         colour,
@@ -102,7 +102,7 @@ def choose(index: BagIndex, streams: Streams) -> Choice:
         camera_topic(index, colour, streams.camera),
         depth_camera,
         pose,
-        map_frame(index, colour.frame, streams.map_frame or _noted(index, "frame")),
+        map_frame(index, colour.frame, streams.map_frame or _noted_frame(index)),
         _is_apart(index, colour, depth),
     )
 
@@ -122,17 +122,21 @@ def _posed(index: BagIndex, colour: Stream, streams: Streams) -> Stream | None:
             f"{index.path} has no poses: no transforms of {colour.frame!r}, and no odometry or "
             "pose topic"
         )
-    for message in index.poses[pose.topic]:
-        add_pose(index, message, pose, colour.frame)
+    add_poses(index, pose.topic, colour.frame)
     return pose
 
 
-def add_pose(index: BagIndex, message: Any, pose: Stream, camera: str) -> None:
-    """Add a message of a stream of poses to the tree; one that names no child is the camera's."""
-    child = (message.child_frame_id if pose.type == ODOMETRY else "") or camera
-    body = message.pose.pose if hasattr(message.pose, "pose") else message.pose
-    index.tree.add(message.header, child, body.position, body.orientation)
-    index.tree.prefer(message.header.frame_id, child)
+def add_poses(index: BagIndex, topic: str, camera: str) -> None:
+    """Add the poses of a topic to the tree; those that name no child are the camera's own."""
+    found = index.poses[topic]
+    child = found.child or camera
+    for place, stamp in enumerate(found.stamps):
+        numbers = found.rows[7 * place : 7 * place + 7]
+        try:
+            index.tree.add(found.parent, child, stamp, numbers)
+        except RecordingError as error:
+            index.refuse(str(error))
+    index.tree.prefer(found.parent, child)
 
 
 def _is_apart(index: BagIndex, colour: Stream, depth: Stream) -> bool:
@@ -154,7 +158,7 @@ def listing_of(index: BagIndex, choice: Choice, streams: Streams) -> RecordingLi
     """Entries of the chosen streams; raises RecordingError where nothing fits together."""
     entries = _entries(index, choice, streams)
     camera = camera_of(index, choice.camera, choice.colour)
-    noted = _noted(index, "T_map_world")
+    noted = _noted(index, "T_map_world") if choice.map_frame == _noted_frame(index) else None
     return RecordingListing(
         entries,
         camera,
@@ -180,10 +184,12 @@ def _entries(index: BagIndex, choice: Choice, streams: Streams) -> tuple[FrameEn
     images = _images(source, colour), _images(source, depth)
     ids = _noted(index, "frames")
     named = isinstance(ids, list) and len(ids) == len(pairs) and all(map(_is_name, ids))
-    entries = []
+    named = named and len(set(ids)) == len(ids)
+    entries: list[FrameEntry] = []
     for place, (i, j) in enumerate(pairs):
         T = index.tree.at(choice.map_frame, colour.frame, float(stamps[i]))
-        if T is not None:
+        repeated = bool(entries) and entries[-1].stamp == stamps[i]
+        if T is not None and not repeated:
             id_ = ids[place] if named else _frame_id(colour.stamps[i])
             entries.append(FrameEntry(id_, images[0][i], images[1][j], T, float(stamps[i])))
     if not entries:
@@ -242,11 +248,16 @@ def _noted(index: BagIndex, key: str) -> Any:
     return None if index.note is None else index.note.get(key)
 
 
+def _noted_frame(index: BagIndex) -> str | None:
+    frame = _noted(index, "frame")
+    return frame if isinstance(frame, str) and frame else None
+
+
 def _transform(numbers: Any, path: Path | str) -> NDArray[np.float64]:
     where = f"{path}: the noted T_map_world"
     try:
         T = np.array(numbers, np.float64).reshape(4, 4)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise RecordingError(f"{where} is no 4x4 matrix") from error
     checked_pose(T, where)
     return T
@@ -314,12 +325,15 @@ class _Tape:
     def _wind(self, start: int | None) -> None:
         self._messages = self._bag.messages(self._topics, start)
         self._passed = OrderedDict[_Key, RawMessage]()
+        self._held = 0  # [bytes]
         self._last: dict[str, tuple[int, int]] = {}
         self._now = start or 0
 
     def message(self, key: _Key) -> Any:
         raw = self._passed.pop(key, None)
-        if raw is None:
+        if raw is not None:
+            self._held -= len(raw.data)
+        else:
             if not self._now <= key[1] <= self._now + AHEAD:
                 self._wind(key[1])
             raw = self._found(key)
@@ -340,8 +354,9 @@ class _Tape:
             if found == key:
                 return raw
             self._passed[found] = raw
-            if len(self._passed) > HELD:
-                self._passed.popitem(last=False)
+            self._held += len(raw.data)
+            while self._held > HELD:
+                self._held -= len(self._passed.popitem(last=False)[1].data)
             if raw.time > key[1]:
                 return None
         return None

@@ -16,7 +16,7 @@ from kg.errors import RecordingError
 from perception.recordings.bag_file import BagFile, RawMessage
 from perception.ros.headers import NANOSECONDS, frame_name, nanoseconds
 from perception.ros.images import ImageKind, image_kind
-from perception.ros.transform_tree import TransformTree
+from perception.ros.transform_tree import TransformTree, pose_numbers
 
 IMAGES: Final = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 CAMERA: Final = "sensor_msgs/msg/CameraInfo"
@@ -58,6 +58,16 @@ class Stream:
 
 
 @dataclass(slots=True)
+class PoseRows:
+    """Poses of one frame in another, of a topic that is not tf."""
+
+    parent: str
+    child: str  # "" where the messages name none
+    rows: array[float] = field(default_factory=lambda: array("d"))  # x, y, z, qx, qy, qz, qw
+    stamps: array[int] = field(default_factory=lambda: array("q"))  # [ns]
+
+
+@dataclass(slots=True)
 class BagIndex:
     """All of a bag but its images."""
 
@@ -65,9 +75,15 @@ class BagIndex:
     streams: dict[str, Stream] = field(default_factory=dict)
     others: dict[str, tuple[str, int]] = field(default_factory=dict)  # topic -> type, messages
     tree: TransformTree = field(default_factory=TransformTree)
-    poses: dict[str, list[Any]] = field(default_factory=dict)  # topic -> pose messages
+    poses: dict[str, PoseRows] = field(default_factory=dict)  # by topic
     note: dict[str, Any] | None = None  # what `hereabouts convert` wrote
-    refused: list[str] = field(default_factory=list)  # transforms that make no sense, the first few
+    refused: int = 0  # transforms and poses that make no sense, ...
+    refusal: str = ""  # ... and why, of the first
+
+    def refuse(self, why: str) -> None:
+        """Count a transform or pose that makes no sense."""
+        self.refused += 1
+        self.refusal = self.refusal or why
 
 
 def read_index(path: Path) -> BagIndex:
@@ -96,10 +112,9 @@ def _add_transforms(index: BagIndex, bag: Decoder, raw: RawMessage) -> None:
     stream = index.streams.setdefault(raw.topic, Stream(raw.topic, raw.type))
     stream.times.append(raw.time)
     stream.stamps.append(raw.time)
-    try:
-        index.tree.add_message(bag.decoded(raw), static=raw.topic.endswith("tf_static"))
-    except RecordingError as error:
-        index.refused.append(str(error))
+    static = raw.topic.endswith("tf_static")
+    for why in index.tree.add_message(bag.decoded(raw), static=static):
+        index.refuse(why)
 
 
 def _add_stamped(index: BagIndex, bag: Decoder, raw: RawMessage) -> None:
@@ -113,10 +128,21 @@ def _add_stamped(index: BagIndex, bag: Decoder, raw: RawMessage) -> None:
         if raw.type in IMAGES:
             stream.first = None  # pixels are not kept
     if is_pose:
-        index.poses.setdefault(raw.topic, []).append(message)
+        _add_pose(index, raw.topic, message)
     stamp = nanoseconds(message.header) if message else header_stamp(raw, bag.is_ros1, index.path)
     stream.times.append(raw.time)
     stream.stamps.append(stamp or (raw.time if raw.time > EARLIEST else 0))
+
+
+def _add_pose(index: BagIndex, topic: str, message: Any) -> None:
+    parent, child = message.header.frame_id, getattr(message, "child_frame_id", "")
+    rows = index.poses.setdefault(topic, PoseRows(parent, child))
+    if (parent, child) != (rows.parent, rows.child):
+        index.refuse(f"{topic} changes its frames: {rows.child!r} in {rows.parent!r} at first")
+        return
+    pose = message.pose.pose if hasattr(message.pose, "pose") else message.pose
+    rows.rows.extend(pose_numbers(pose.position, pose.orientation))
+    rows.stamps.append(nanoseconds(message.header))
 
 
 def header_stamp(raw: RawMessage, is_ros1: bool, path: Path | str) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from kg.errors import RecordingError, did_you_mean
 from perception.camera.gravity_alignment import Up, gravity_aligned_transform, read_gravity
 from perception.camera.intrinsics import ASPECT_TOLERANCE, Intrinsics, intrinsics_from_matrix
-from perception.camera.poses import CONVENTIONS, Pose, checked_pose, read_trajectory
+from perception.camera.poses import CONVENTIONS, Pose, checked_pose, gridded_pose, read_trajectory
 from perception.camera.rectification import Rectifier
 from perception.camera.registration import register_depth
 from perception.frames import Frame
@@ -87,8 +88,10 @@ class FolderRecording:
         height, width = depth.shape
         camera, apart = self.rectifier.camera, self.listing.depth_camera
         if apart is not None:
-            K_depth = apart.intrinsics.fitted(width, height).K
-            return register_depth(depth, K_depth, camera.K, apart.T_colour_depth, camera.size)
+            own = _rectifier_of(apart.intrinsics.fitted(width, height))
+            return register_depth(
+                own.depth(depth), own.camera.K, camera.K, apart.T_colour_depth, camera.size
+            )
         if abs(width * camera.size[1] / (height * camera.size[0]) - 1) > ASPECT_TOLERANCE:
             raise RecordingError(
                 f"{entry.depth} is {width}x{height} and colour {camera.width}x{camera.height}: "
@@ -151,7 +154,8 @@ def open_recording(
     convert = _convention(pose_convention)
     as_read = [entry.T_world_cam for entry in listing.entries]
     entries = tuple(
-        replace(entry, T_world_cam=convert(entry.T_world_cam)) for entry in listing.entries
+        replace(entry, T_world_cam=gridded_pose(convert(entry.T_world_cam)))
+        for entry in listing.entries
     )
     listing = replace(listing, entries=entries)
     recording = FolderRecording(
@@ -244,6 +248,11 @@ def _nested(folder: Path) -> str:
     inner = [p for p in sorted(folder.iterdir()) if p.is_dir()]
     found = [p.name for p in inner if any(f.matches(p) for f in FORMATS)]
     return f", but its folder {found[0]} is: open {folder / found[0]}" if found else ""
+
+
+@functools.lru_cache(maxsize=4)
+def _rectifier_of(camera: Intrinsics) -> Rectifier:
+    return Rectifier.for_camera(camera)
 
 
 def _rectifier(listing: RecordingListing, folder: Path) -> Rectifier:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perception.recordings.bag import Choice
-from perception.recordings.bag_index import BagIndex, Stream
+from perception.recordings.bag_index import TRANSFORMS, BagIndex, Stream
 from perception.recordings.listing import FrameEntry
 
 
@@ -32,7 +32,7 @@ class StreamSummary:
 
 def bag_streams(index: BagIndex, choice: Choice | None) -> list[StreamSummary]:
     """All topics of a bag; of those that are neither images, cameras nor poses only the count."""
-    uses = _uses(choice)
+    uses = _uses(index, choice)
     known = [
         _summary(s.topic, _holds(s), s.seconds, s.frame, uses.get(s.topic, ""))
         for s in index.streams.values()
@@ -55,7 +55,7 @@ def file_streams(entries: tuple[FrameEntry, ...], size: tuple[int, int]) -> list
     ]
 
 
-def _uses(choice: Choice | None) -> dict[str, str]:
+def _uses(index: BagIndex, choice: Choice | None) -> dict[str, str]:
     if choice is None:
         return {}
     uses = {choice.colour.topic: "colour", choice.depth.topic: "depth"}
@@ -63,7 +63,9 @@ def _uses(choice: Choice | None) -> dict[str, str]:
         uses[choice.camera.topic] = "camera"
     if choice.depth_apart and choice.depth_camera is not None:
         uses[choice.depth_camera.topic] = "depth camera"
-    poses = ("/tf", "/tf_static") if choice.pose is None else (choice.pose.topic, "/tf_static")
+    poses = [topic for topic, stream in index.streams.items() if stream.type in TRANSFORMS]
+    if choice.pose is not None:
+        poses.append(choice.pose.topic)
     return uses | dict.fromkeys(poses, "poses")
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.errors import RecordingError
-from perception.camera.image_decoding import decode_image
+from perception.camera.image_decoding import MOST_PIXELS, decode_image
 
 #: type and channels of the encodings that are read
 ENCODINGS: Final = {
@@ -43,7 +43,6 @@ _TO_RGB: Final = {
 }
 _DEPTH_HEADER: Final = struct.Struct("<iff")  # format, then the two parameters of the quantisation
 _PNG: Final = b"\x89PNG"
-MOST_PIXELS: Final = 1 << 27
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,9 +129,9 @@ def _raw_image(message: Any, where: str) -> NDArray[Any]:
             f"{where}: {len(data)} bytes in rows of {step} are no {width}x{height} image of "
             f"{message.encoding}"
         )
-    padded = np.zeros(step * height, np.uint8)
-    padded[: min(len(data), len(padded))] = data[: len(padded)]
-    pixels = padded.reshape(height, step)[:, :row].copy().view(item)
+    # the last row may lack its padding
+    rows = np.lib.stride_tricks.as_strided(data, (height, row), (step, 1), writeable=False)
+    pixels = rows.copy().view(item)
     shape = (height, width) if channels == 1 else (height, width, channels)
     return pixels.reshape(shape).astype(type_, copy=False)
 

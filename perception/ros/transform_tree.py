@@ -7,10 +7,10 @@ hold for all times.
 from __future__ import annotations
 
 from array import array
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from kg.errors import RecordingError, did_you_mean
 from perception.camera.poses import Pose, Trajectory, pose_from_quaternion
@@ -19,6 +19,12 @@ from perception.ros.headers import NANOSECONDS, frame_name, nanoseconds
 LONGEST_GAP: Final = 1.0  # [s] between two transforms of one link that are still interpolated
 MOST_LINKS: Final = 10_000  # in a tree that keeps little
 TOLERANCE: Final = 0.02  # [s] before its first and after its last that a transform still holds
+
+
+def pose_numbers(position: Any, orientation: Any) -> tuple[float, ...]:
+    """x y z [m] and the quaternion x y z w of the two halves of a pose or transform message."""
+    t, q = position, orientation
+    return tuple(float(n) for n in (t.x, t.y, t.z, q.x, q.y, q.z, q.w))
 
 
 class TransformTree:
@@ -33,36 +39,39 @@ class TransformTree:
         self._links: dict[str, dict[str, _Link]] = {}  # child -> parent -> link
         self._preferred: dict[str, str] = {}
 
-    def add_message(self, message: Any, *, static: bool) -> None:
-        """Add the transforms of a tf2_msgs/TFMessage."""
+    def add_message(self, message: Any, *, static: bool) -> list[str]:
+        """Add the transforms of a tf2_msgs/TFMessage; says of those that are none, why."""
+        refused = []
         for one in message.transforms:
-            self.add(one.header, one.child_frame_id, one.transform.translation,
-                     one.transform.rotation, static=static)  # fmt: skip
+            numbers = pose_numbers(one.transform.translation, one.transform.rotation)
+            stamp = nanoseconds(one.header)
+            try:
+                self.add(one.header.frame_id, one.child_frame_id, stamp, numbers, static=static)
+            except RecordingError as error:
+                refused.append(str(error))
+        return refused
 
     def add(
-        self, header: Any, child: str, position: Any, orientation: Any, *, static: bool = False
+        self, parent: str, child: str, stamp: int, numbers: Sequence[float], *, static: bool = False
     ) -> None:
-        """Add the pose of `child` in the frame of `header`, at its stamp.
+        """Add the pose of `child` in `parent` at `stamp` [ns]; `numbers` as of `pose_numbers`.
 
-        `position` has x, y, z [m], `orientation` x, y, z, w. Raises RecordingError for what is no
-        pose.
+        Raises RecordingError for what is no pose.
         """
-        parent, child = frame_name(header.frame_id), frame_name(child)
-        t = np.array([position.x, position.y, position.z], np.float64)
-        q = np.array([orientation.x, orientation.y, orientation.z, orientation.w], np.float64)
+        parent, child = frame_name(parent), frame_name(child)
         where = f"transform {parent} -> {child}"
         if parent == child or not parent or not child:
             raise RecordingError(f"{where}: a link needs two frames")
+        t, q = np.array(numbers[:3], np.float64), np.array(numbers[3:], np.float64)
         pose_from_quaternion(t, q, where)
         if self._kept is not None and parent not in self._links.get(child, ()):
             if self._count >= MOST_LINKS:
                 raise RecordingError(f"{where}: there are {MOST_LINKS} other links already")
             self._count += 1
         link = self._links.setdefault(child, {}).setdefault(parent, _Link())
-        stamp = 0 if static else nanoseconds(header)
         if self._kept is not None:
-            link.forget(stamp, self._kept)
-        link.add(stamp, t, q, static)
+            link.forget(0 if static else stamp, self._kept)
+        link.add(0 if static else stamp, numbers, static)
 
     def prefer(self, parent: str, child: str) -> None:
         """Take `parent` for the parent of `child`, whatever other links there are."""
@@ -169,13 +178,13 @@ class _Link:
     def __len__(self) -> int:
         return len(self._rows) // 8
 
-    def add(self, stamp: int, t: NDArray[np.float64], q: NDArray[np.float64], static: bool) -> None:
+    def add(self, stamp: int, numbers: Sequence[float], static: bool) -> None:
         if static:
             self.static = True
             self._rows = array("d")  # the latest static transform holds
         elif self.static:
             return
-        self._rows.extend((stamp / NANOSECONDS, *t, *q))
+        self._rows.extend((stamp / NANOSECONDS, *numbers))
         self._ordered = None
 
     def forget(self, stamp: int, kept: int) -> None:

@@ -41,6 +41,7 @@ COMMANDS = (
     "floor",
     "places",
     "serve",
+    "mcp",
     "publish",
     "export",
     "import_maps",
@@ -48,6 +49,7 @@ COMMANDS = (
     "check",
     "ontology",
     "models",
+    "teach",
     "evaluate",
     "simulate",
 )

@@ -52,6 +52,16 @@ def add_json(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
 
 
+def add_device(parser: argparse._ActionsContainer) -> None:
+    """The `--device` of commands that run networks."""
+    parser.add_argument(
+        "--device",
+        default="auto",
+        metavar="auto|cpu|cuda|...",
+        help="what networks run on, of what onnxruntime was built for (default: the fastest)",
+    )
+
+
 def point(text: str) -> tuple[float, float]:
     """``X,Y`` in metres; argparse reports anything else as wrong usage."""
     try:

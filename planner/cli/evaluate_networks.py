@@ -7,8 +7,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from planner.cli.arguments import add_json, count
+from planner.cli.arguments import add_device, add_json, count
 from planner.cli.console import note, print_table, progress, write_json
+from planner.cli.models import named_detector
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
@@ -40,8 +41,9 @@ def add_detector(subjects: _Subjects) -> None:
         "--detector",
         action="append",
         metavar="NAME|FILE",
-        help="detector to score; repeatable (default: the two bundled ones)",
+        help="detector to score, or best; repeatable (default: the two bundled ones)",
     )
+    add_device(parser)
     parser.add_argument(
         "--limit", type=count, metavar="N", help="the first N images only (default: all)"
     )
@@ -69,6 +71,7 @@ def add_scene(subjects: _Subjects) -> None:
         metavar="NAME|FILE",
         help="scene classifier to score; repeatable (default: the bundled one)",
     )
+    add_device(parser)
     add_json(parser)
     parser.set_defaults(run=run_scene)
 
@@ -84,7 +87,10 @@ def run_detector(arguments: argparse.Namespace) -> int:
     if arguments.results and len(names) > 1:
         arguments.usage_error("--results takes the detections of one --detector")
     dataset = load_coco(Path(arguments.coco))
-    detectors = [load_detector(name, threshold=THRESHOLD) for name in names]
+    detectors = [
+        load_detector(named_detector(name), threshold=THRESHOLD, device=arguments.device)
+        for name in names
+    ]
     found = []
     with progress() as bar:
         for detector in detectors:
@@ -111,7 +117,10 @@ def run_scene(arguments: argparse.Namespace) -> int:
     from perception.inference.scene_classifier import load_scene_classifier
 
     folder = Path(arguments.images)
-    classifiers = [load_scene_classifier(name) for name in arguments.scene or ["default"]]
+    classifiers = [
+        load_scene_classifier(name, device=arguments.device)
+        for name in arguments.scene or ["default"]
+    ]
     total = sum(1 for _ in labelled_images(folder))
     found = []
     with progress() as bar:

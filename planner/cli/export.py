@@ -6,10 +6,11 @@ import argparse
 import json
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from kg.errors import GraphError, QueryParameterError
+from kg.errors import GraphError, QueryParameterError, did_you_mean
 from planner.cli.arguments import add_map, point
 from planner.cli.console import note
 
@@ -41,6 +42,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "own saved_objects.json and saved_places.json",
     )
     parser.add_argument("-o", "--output", required=True, metavar="FILE", help="file to write")
+    parser.add_argument("--at", metavar="TIME", help="the map of then: ISO 8601 or a number #N")
     parser.add_argument(
         "--no-ontology", action="store_true", help="leave the ontology out: only the map's facts"
     )
@@ -64,9 +66,14 @@ def run(arguments: argparse.Namespace) -> int:
 
     output = Path(arguments.output)
     chosen = arguments.format or _by_ending(output)
+    if chosen is not None:
+        _refuse_unknown(chosen)
     if arguments.find is not None and chosen not in _SCENES:
         raise QueryParameterError(f"--find is drawn by viewers: --format {', '.join(_SCENES)}")
-    with open_map(arguments.map, read_only=True) as semantic_map:
+    with ExitStack() as stack:
+        semantic_map = stack.enter_context(open_map(arguments.map, read_only=True))
+        if arguments.at is not None:
+            semantic_map = stack.enter_context(semantic_map.at(arguments.at))
         if chosen == "reference":
             note(f"wrote {_write_reference(semantic_map, output)}")
         elif chosen in _DOCUMENTS:
@@ -77,6 +84,17 @@ def run(arguments: argparse.Namespace) -> int:
             triples = _write_linked_data(semantic_map, output, arguments)
             note(f"wrote {output}: {triples:,} triples")
     return 0
+
+
+def _refuse_unknown(chosen: str) -> None:
+    from kg.export.serialization import FORMATS, is_format
+
+    names = (*FORMATS, *_DOCUMENTS, *_SCENES, "reference")
+    if chosen not in names and not is_format(chosen):
+        raise GraphError(
+            f"no export format {chosen!r}; there are: {', '.join(names)}"
+            f"{did_you_mean(chosen, names)}"
+        )
 
 
 def _by_ending(output: Path) -> str | None:

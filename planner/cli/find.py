@@ -230,12 +230,12 @@ def _without_floor(semantic_map: SemanticMap, arguments: argparse.Namespace) -> 
     """Error for a map without places: why there is nowhere to look."""
     from planner.goals.search_goals import explain_none
     from planner.goals.targets import resolve
+    from planner.plans.find_answer import empty_answer
 
     labels = [target.label for target in resolve(semantic_map, arguments.object)]
     queried = [iri for target in resolve(semantic_map, arguments.object) for iri in target.queried]
     if arguments.json:
-        empty: dict[str, object] = {"target": ", ".join(labels), "targets": labels, "goals": []}
-        write_json({**empty, "expected_seconds": None, "steps": [], "alternatives": []})
+        write_json(empty_answer(labels))
         return 0
     for iri in queried:
         note(explain_none(semantic_map, iri))

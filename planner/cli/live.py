@@ -7,6 +7,7 @@ import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -28,6 +29,7 @@ from planner.cli.recording_arguments import (
     open_given_recording,
     open_mapping_inputs,
 )
+from planner.cli.teach import with_taught_rooms
 
 if TYPE_CHECKING:
     from mapping.progress_report import MappingReport
@@ -139,6 +141,7 @@ def _map_stream(
         arguments.name or "live", connection, stream, ended, arguments.limit, arguments.idle
     )
     with open_for_mapping(arguments, inputs) as (semantic_map, on_detections):
+        inputs = replace(inputs, scene=with_taught_rooms(inputs.scene, arguments.into))
         note(f"listening to {connection.address}; Ctrl+C ends it")
         report = map_frames(
             recording,
@@ -148,7 +151,7 @@ def _map_stream(
             lost=lambda: f"{stream.counts.dropped} dropped",
         )
         counts = stream.counts
-        print_outcome(semantic_map, report, arguments, _as_json(counts, report))
+        print_outcome(semantic_map, report, arguments, inputs.device, _as_json(counts, report))
         note(_told(counts, report))
 
 
@@ -182,6 +185,7 @@ def _map_folder(
         return
     given.started = first.start_time or None  # of stamps that count from zero
     with open_for_mapping(arguments, inputs) as (semantic_map, on_detections):
+        inputs = replace(inputs, scene=with_taught_rooms(inputs.scene, arguments.into))
         placed = resumed(first, semantic_map)
         fit = check_fit(placed, semantic_map, same_frame=arguments.same_frame)
 
@@ -195,4 +199,4 @@ def _map_folder(
         )
         if fit:
             note(fit)
-        print_outcome(semantic_map, report, arguments)
+        print_outcome(semantic_map, report, arguments, inputs.device)

@@ -19,6 +19,7 @@ from planner.cli.recording_arguments import (
     open_given_recording,
     open_inputs,
 )
+from planner.cli.teach import with_taught_rooms
 from planner.cli.viewers import add_viewers, open_viewers
 
 if TYPE_CHECKING:
@@ -73,6 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
     with open_for_mapping(arguments, inputs) as (semantic_map, on_detections):
         if inputs.corrected and _correct_poses(inputs, semantic_map, arguments):
             return 0
+        inputs = replace(inputs, scene=with_taught_rooms(inputs.scene, arguments.into))
         if inputs.align:
             inputs = align_with_map(inputs, semantic_map)
         report = map_with_progress(
@@ -82,7 +84,7 @@ def run(arguments: argparse.Namespace) -> int:
             note(
                 f"all {report.skipped} frames are already in this map; --again maps them once more"
             )
-        print_outcome(semantic_map, report, arguments)
+        print_outcome(semantic_map, report, arguments, inputs.device)
     return 0
 
 
@@ -97,13 +99,14 @@ def open_for_mapping(
     keep = keep_seconds(arguments)
     if inputs.labels is not None:
         _refuse_unknown_categories(inputs.labels, arguments.into)
+    save = _picture_saver(Path(arguments.pictures)) if arguments.pictures else None
     title = title_for(arguments.into)
     with (
-        open_viewers(arguments, title) as viewers,
+        open_viewers(arguments, title) as viewer,
         open_or_create_map(
             arguments.into, title=title, base=arguments.base, power_safe=arguments.power_safe
         ) as semantic_map,
-        _watched(semantic_map, viewers, arguments) as on_detections,
+        _watched(semantic_map, viewer, save) as on_detections,
     ):
         _refuse_other_base(semantic_map, arguments)
         if keep is not None:
@@ -231,6 +234,8 @@ def map_frames(
             occupancy=inputs.floor,
             same_frame=inputs.same_frame,
             check_poses=inputs.check,
+            pictures=inputs.pictures,
+            objects=inputs.objects,
             ahead=AHEAD if lost is None else 1,
         )
 
@@ -251,23 +256,20 @@ def _refuse_unknown_categories(labels: LabelTable, address: str) -> None:
 
 @contextmanager
 def _watched(
-    semantic_map: SemanticMap, viewers: list[Viewer], arguments: argparse.Namespace
+    semantic_map: SemanticMap, viewer: Viewer | None, save: OnDetections | None
 ) -> Iterator[OnDetections | None]:
-    """What is called with each mapped frame: pictures are saved, viewers are fed."""
-    called: list[OnDetections] = []
-    if arguments.pictures:
-        called.append(_picture_saver(Path(arguments.pictures)))
-    if not viewers:
-        yield called[0] if called else None
+    """What is called with each mapped frame: pictures are saved, a viewer is fed."""
+    if viewer is None:
+        yield save
         return
     from planner.viewers.feed import MappingFeed
 
-    feed = MappingFeed(semantic_map, viewers)
-    called.append(feed.on_detections)
+    feed = MappingFeed(semantic_map, viewer)
 
     def on_detections(frame: Frame, detections: Detections, scene: SceneScores | None) -> None:
-        for each in called:
-            each(frame, detections, scene)
+        if save is not None:
+            save(frame, detections, scene)
+        feed.on_detections(frame, detections, scene)
 
     yield on_detections
     feed.show()
@@ -291,11 +293,12 @@ def print_outcome(
     semantic_map: SemanticMap,
     report: MappingReport,
     arguments: argparse.Namespace,
+    device: str,
     more: Mapping[str, object] | None = None,
 ) -> None:
     """Say what was found; `more` is for `--json`."""
     if arguments.json:
-        write_json({**report.to_json(), **(more or {})})
+        write_json({**report.to_json(), "device": device or None, **(more or {})})
         return
     if report.fit:
         note(report.fit)
@@ -305,8 +308,10 @@ def print_outcome(
     note(
         f"{report.frames} frames in {report.seconds:.1f} s "
         f"({report.frames_per_second:.1f} frames/s); ms a frame: {stages}"
+        + (f"; networks on {device}" if device else "")
     )
     _note_labels(report)
+    _note_detector(report, arguments)
     note(f"next: hereabouts ask {arguments.into} objects, hereabouts find {arguments.into} cup")
 
 
@@ -319,6 +324,19 @@ def _note_labels(report: MappingReport) -> None:
     if unknown:
         count = len(unknown)
         note(f"{count} label{'s' * (count > 1)} without a category: {_listed(tuple(unknown))}")
+
+
+def _note_detector(report: MappingReport, arguments: argparse.Namespace) -> None:
+    """After the bundled detectors: which one sees more."""
+    from perception.inference.model_zoo import best_detector, bundled_pair, find_model
+
+    if arguments.detector == "default" and report.frames:
+        best, bundled = best_detector(), max(find_model(n).ap or 0.0 for n in bundled_pair())
+        fetches = "takes" if best.where == "fetched" else "fetches"
+        note(
+            f"{best.name} sees more ({best.ap} AP on COCO, the bundled ones {bundled}): "
+            f"--detector best {fetches} it"
+        )
 
 
 def _listed(labels: tuple[str, ...]) -> str:

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from planner.cli.arguments import add_json
 from planner.cli.console import note, print_table, progress, write, write_json
+
+if TYPE_CHECKING:
+    from perception.inference.model_zoo import ModelCard
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -54,15 +59,39 @@ def run_list(arguments: argparse.Namespace) -> int:
 
 def run_fetch(arguments: argparse.Namespace) -> int:
     """Download a network."""
-    from perception.inference.model_zoo import fetch_model, find_model
+    from perception.inference.model_zoo import find_model
 
-    model = find_model(arguments.name)
-    note(f"{model.name}: licence {model.licence}")
+    write(str(_fetch(find_model(arguments.name))))
+    return 0
+
+
+def named_detector(name: str) -> str:
+    """The name of a detector; that of the best one there is, fetched, for "best"."""
+    from kg.errors import ModelError
+    from perception.inference.model_zoo import best_detector
+
+    if name != "best":
+        return name
+    best = best_detector()
+    if best.where == "to fetch":
+        try:
+            _fetch(best)
+        except ModelError as error:
+            raise ModelError(
+                f"{error}; without --detector {name} the bundled ones are used"
+            ) from error
+    return best.name
+
+
+def _fetch(model: ModelCard) -> Path:
+    """Download a network under a progress bar; its file."""
+    from perception.inference.model_zoo import fetch_model
+
     with progress() as bar:
         task = bar.add_task(model.name, total=model.size or None, status="bytes")
         path = fetch_model(model.name, on_progress=lambda n: bar.update(task, completed=n))
-    write(str(path))
-    return 0
+    note(f"{model.name}: licence {model.licence}")
+    return path
 
 
 def run_path(arguments: argparse.Namespace) -> int:

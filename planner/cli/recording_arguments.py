@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from kg.errors import HistoryError
-from planner.cli.arguments import positive, whole
+from planner.cli.arguments import add_device, positive, whole
+from planner.cli.models import named_detector
 
 if TYPE_CHECKING:
     import numpy as np
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 
     from mapping.label_table import LabelTable
     from mapping.mapper import Mode
+    from mapping.objects.settings import ObjectSettings
     from mapping.places.layout import Layout
     from mapping.reference.settings import ReferenceSettings
     from perception.frames import Detector, SceneClassifier
@@ -45,6 +47,13 @@ class MappingInputs:
     floor: bool  # whether depth also goes into the floor
     same_frame: bool = False  # whether the frames' world is said to be the map's
     check: bool = True  # whether depth is compared with poses
+    pictures: bool = True  # whether small pictures of objects are kept
+    objects: ObjectSettings | None = None  # of the Bayes mapper; None: its own
+
+    @property
+    def device(self) -> str:
+        """What the networks run on; "" where there are none."""
+        return str(getattr(self.detector, "device", None) or getattr(self.scene, "device", ""))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -217,7 +226,8 @@ def _add_network_options(networks: argparse._ArgumentGroup) -> None:
         default="default",
         metavar="NAME|FILE",
         help="object detector, or a JSON file of recorded detections, here or in the recording's "
-        "folder (default: the bundled one; see `hereabouts models list`)",
+        "folder; best: the best one that can be fetched, fetched if it is not here (default: the "
+        "bundled ones; see `hereabouts models list`)",
     )
     networks.add_argument(
         "--second-detector",
@@ -229,6 +239,7 @@ def _add_network_options(networks: argparse._ArgumentGroup) -> None:
         type=positive,
         help="least detector score (default: 0.2, which are weighed; reference mode: 0.4)",
     )
+    add_device(networks)
     networks.add_argument(
         "--scene",
         default="default",
@@ -289,6 +300,11 @@ def _add_mapping_options(places: argparse._ArgumentGroup) -> None:
         default=True,
         help="map free floor, walls and furniture from depth (default: yes)",
     )
+    places.add_argument(
+        "--no-pictures",
+        action="store_true",
+        help="keep no small picture of each object in the map's folder (of people none is kept)",
+    )
 
 
 def open_inputs(arguments: argparse.Namespace) -> Inputs:
@@ -312,19 +328,25 @@ def open_inputs(arguments: argparse.Namespace) -> Inputs:
 def open_mapping_inputs(arguments: argparse.Namespace) -> MappingInputs:
     """Open and check everything a run needs but frames; raises before any map exists or changes."""
     from mapping.label_table import load_label_table
+    from mapping.objects.settings import ObjectSettings
     from perception.inference.detector_pair import DetectorPair
     from perception.inference.recorded_detections import open_detector
     from perception.inference.scene_classifier import load_scene_classifier
 
     _refuse_places(arguments)
     threshold = arguments.threshold or min(_THRESHOLDS.values())
-    detector: Detector = open_detector(_detector_file(arguments), threshold=threshold)
+    device = arguments.device
+    name = _detector_file(arguments)
+    detector: Detector = open_detector(name, threshold=threshold, device=device)
     if arguments.second_detector is not None:
-        second = open_detector(arguments.second_detector, threshold=threshold)
+        second = open_detector(arguments.second_detector, threshold=threshold, device=device)
         detector = DetectorPair(detector, second)
+    scene = None
+    if arguments.scene != "none":
+        scene = load_scene_classifier(arguments.scene, device=device)
     return MappingInputs(
         detector=detector,
-        scene=None if arguments.scene == "none" else load_scene_classifier(arguments.scene),
+        scene=scene,
         layout=None if arguments.places in (None, FOUND, ONE) else _layout(arguments.places),
         find_places=_finds_places(arguments),
         settings=_settings(arguments),
@@ -333,6 +355,8 @@ def open_mapping_inputs(arguments: argparse.Namespace) -> MappingInputs:
         floor=arguments.floor,
         same_frame=arguments.same_frame,
         check=not arguments.no_check,
+        pictures=not arguments.no_pictures,
+        objects=ObjectSettings(min_score=arguments.threshold) if arguments.threshold else None,
     )
 
 
@@ -363,7 +387,7 @@ def _layout(name: str) -> Layout:
 
 def _detector_file(arguments: argparse.Namespace) -> str:
     """The detector, where it is a file of that name in the recording's folder, that file."""
-    name = str(arguments.detector)
+    name = named_detector(str(arguments.detector))
     inside = Path(arguments.recording) / name
     found = name.endswith(".json") and not Path(name).exists() and inside.exists()
     return str(inside) if found else name

@@ -111,7 +111,7 @@ def run(arguments: argparse.Namespace) -> int:
     from planner.execution.search_loop import search
 
     with (
-        open_viewers(arguments, title_for(arguments.map)) as viewers,
+        open_viewers(arguments, title_for(arguments.map)) as viewer,
         open_map(arguments.map) as semantic_map,
         _signals() as caught,
     ):
@@ -124,8 +124,8 @@ def run(arguments: argparse.Namespace) -> int:
             on_event=_event_sink(arguments),
             clock=_clock(robot, semantic_map),
         )
-        if viewers:
-            robot, options = _watched(semantic_map, viewers, robot, options)
+        if viewer is not None:
+            robot, options = _watched(semantic_map, viewer, robot, options)
         outcome = search(semantic_map, arguments.object, robot, options, resume=arguments.resume)
     if not arguments.json and arguments.robot != "stdio":
         write(outcome.line)
@@ -214,12 +214,12 @@ def _event_sink(arguments: argparse.Namespace) -> Callable[[Event], None]:
 
 
 def _watched(
-    semantic_map: SemanticMap, viewers: list[Viewer], robot: Robot, options: SearchOptions
+    semantic_map: SemanticMap, viewer: Viewer, robot: Robot, options: SearchOptions
 ) -> tuple[Robot, SearchOptions]:
-    """The same robot and options, whose poses and events viewers get as well."""
+    """The same robot and options, whose poses and events a viewer gets as well."""
     from planner.viewers.feed import SearchFeed, WatchedRobot
 
-    feed = SearchFeed(semantic_map, viewers, options.clock)
+    feed = SearchFeed(semantic_map, viewer, options.clock)
 
     def on_event(event: Event) -> None:
         options.on_event(event)

@@ -6,8 +6,9 @@ import argparse
 import logging
 import signal
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -116,6 +117,7 @@ def _serve(arguments: argparse.Namespace) -> int:
     from kg.opening import open_map, open_or_create_map
     from kg.server import MapServer
     from kg.store.gc_scheduling import settled
+    from planner.plans.find_answer import find_answer
 
     settings, keep = _settings(arguments), keep_seconds(arguments)
     inputs = _inputs(arguments)
@@ -131,12 +133,13 @@ def _serve(arguments: argparse.Namespace) -> int:
     with (
         opened as semantic_map,
         settled(),
-        _foxglove(semantic_map, arguments) as viewers,
-        _Mapper(semantic_map, inputs, viewers) as mapper,
+        _foxglove(semantic_map, arguments) as viewer,
+        _Mapper(semantic_map, inputs, viewer) as mapper,
     ):
         if keep is not None:
             semantic_map.retain(keep)
-        server = MapServer(semantic_map, settings, status=mapper.status)
+        planner = partial(find_answer, semantic_map)
+        server = MapServer(semantic_map, settings, status=mapper.status, planner=planner)
         access = "reading and writing" if settings.tokens else "reading only"
         note(f"{semantic_map.title} at {server.url} ({access}); Ctrl+C ends")
         if server.isolation == "none":
@@ -150,12 +153,10 @@ def _serve(arguments: argparse.Namespace) -> int:
 
 
 @contextmanager
-def _foxglove(
-    semantic_map: SemanticMap, arguments: argparse.Namespace
-) -> Iterator[Sequence[Viewer]]:
+def _foxglove(semantic_map: SemanticMap, arguments: argparse.Namespace) -> Iterator[Viewer | None]:
     """The Foxglove server, where it is asked for, fed with every change of the map."""
     if arguments.foxglove is None:
-        yield ()
+        yield None
         return
     from planner.viewers.viewer import require
 
@@ -166,7 +167,7 @@ def _foxglove(
     server = FoxgloveServer(semantic_map.title, "127.0.0.1", arguments.foxglove)
     with LiveFeed(semantic_map, server, server.subscribed):
         note(f"Foxglove at {server.url}")
-        yield (server,)
+        yield server
 
 
 def _settings(arguments: argparse.Namespace) -> Settings:
@@ -207,9 +208,9 @@ class _Mapper:
     """Maps recordings on a thread of its own; leaving the context ends it after its frame."""
 
     def __init__(
-        self, semantic_map: SemanticMap, inputs: list[Inputs], viewers: Sequence[Viewer]
+        self, semantic_map: SemanticMap, inputs: list[Inputs], viewer: Viewer | None
     ) -> None:
-        self._map, self._inputs, self._viewers = semantic_map, inputs, viewers
+        self._map, self._inputs, self._viewer = semantic_map, inputs, viewer
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._map_all, name="hereabouts-mapper", daemon=True)
         self._told: dict[str, object] = {}
@@ -258,10 +259,6 @@ class _Mapper:
             if self._end.is_set():
                 raise _EndedError
 
-        def on_detections(frame: Frame, detections: Detections, scores: SceneScores | None) -> None:
-            for viewer in self._viewers:
-                viewer.frame(frame, detections)
-
         report = map_recording(
             inputs.recording,
             self._map,
@@ -272,13 +269,22 @@ class _Mapper:
             settings=inputs.settings,
             labels=inputs.labels,
             on_frame=on_frame,
-            on_detections=on_detections if self._viewers else None,
+            on_detections=None if self._viewer is None else self._on_detections,
             occupancy=inputs.floor,
             same_frame=inputs.same_frame,
             check_poses=inputs.check,
+            pictures=inputs.pictures,
         )
         self._told[name] = f"done: {report.frames} frames mapped, {report.skipped} were there"
         note(f"{name}: {report.frames} frames mapped, {report.objects} objects")
+
+    def _on_detections(
+        self, frame: Frame, detections: Detections, scores: SceneScores | None
+    ) -> None:
+        from planner.viewers.feed import show_frame
+
+        if self._viewer is not None:
+            show_frame(self._viewer, frame, detections)
 
 
 class _EndedError(Exception):

@@ -55,6 +55,9 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "false alarms a frame, some of them again and again (default: demo)",
     )
     house.add_argument(
+        "--masks", action="store_true", help="the detector gives instance masks, 28 x 28 a box"
+    )
+    house.add_argument(
         "--odometry-noise",
         type=share,
         metavar="SHARE",
@@ -95,6 +98,7 @@ def _options(arguments: argparse.Namespace) -> SimulationOptions:
         size=arguments.size,
         senses=SENSES[arguments.senses],
         odometry=arguments.odometry_noise or 0.0,
+        masks=arguments.masks,
     )
 
 

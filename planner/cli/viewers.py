@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,19 +27,22 @@ def add_viewers(parser: argparse.ArgumentParser) -> None:
 
 
 @contextmanager
-def open_viewers(arguments: argparse.Namespace, title: str) -> Iterator[list[Viewer]]:
-    """The viewers that are asked for, closed at the end.
+def open_viewers(arguments: argparse.Namespace, title: str) -> Iterator[Viewer | None]:
+    """The viewers that are asked for, as one; None without any.
 
-    Raises PictureError where a package is not installed, or a file exists or cannot be written.
+    Raises PictureError where a package is not installed, or a file exists or cannot be written;
+    one that fails later does not stop what is drawn, and raises at the end.
     """
-    viewers: list[Viewer] = []
-    with ExitStack() as stack:
-        for path, opened in ((arguments.mcap, _mcap), (arguments.rerun, _rerun)):
-            if path is not None:
-                viewers.append(opened(Path(path), title))
-                stack.callback(viewers[-1].close)
+    files = [(arguments.mcap, _mcap), (arguments.rerun, _rerun)]
+    opened = [make(Path(path), title) for path, make in files if path is not None]
+    if not opened:
+        yield None
+        return
+    from planner.viewers.viewer import ViewerGroup
+
+    with closing(ViewerGroup(opened)) as viewers:
         yield viewers
-    for path in (arguments.mcap, arguments.rerun):
+    for path, _ in files:
         if path is not None and Path(path).exists():
             note(f"wrote {path}")
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from planner.cli.arguments import add_map
@@ -12,6 +14,7 @@ if TYPE_CHECKING:
     from rich.tree import Tree
 
     from kg.history.reports.explanation import Explanation
+    from kg.maps.semantic_map import SemanticMap
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -50,6 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     with open_map(arguments.map, read_only=True) as semantic_map:
         reasons = semantic_map.why(" ".join(arguments.what))
+        pictures = _pictures(semantic_map, reasons)
     if arguments.format == "ttl":
         write(provenance(*reasons))
     elif arguments.format == "json":
@@ -57,7 +61,21 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         for reason in reasons:
             out().print(_tree(reason), soft_wrap=True)
+        for path in pictures:
+            write(f"picture: {path}")
     return 0
+
+
+def _pictures(semantic_map: SemanticMap, reasons: Sequence[Explanation]) -> list[Path]:
+    """Pictures of the objects that are explained, where the map has them in its folder."""
+    from kg.maps.object_pictures import ObjectPictures
+
+    folder = semantic_map.store.path
+    if folder is None:
+        return []
+    pictures = ObjectPictures(folder)
+    records = semantic_map.perceived_objects({r.iri for r in reasons if r.iri is not None})
+    return [path for record in records if (path := pictures.path_of(record)) is not None]
 
 
 def _tree(reason: Explanation) -> Tree:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Final
 
@@ -45,8 +45,13 @@ class KnownObject:
         return self.existence >= _SURE or self.found_by is not None
 
 
-def known_objects(semantic_map: SemanticMap, target: Target) -> tuple[KnownObject, ...]:
-    """Objects of the target's kinds that exist with at least 0.05, the surest first."""
+def known_objects(
+    semantic_map: SemanticMap, target: Target, *, located: int | None = None
+) -> tuple[KnownObject, ...]:
+    """Objects of the target's kinds that exist with at least 0.05, the surest first.
+
+    `where` is looked up of the first `located` of them (None: of all), and "" of the others.
+    """
     places = {place.iri: place for place in semantic_map.places()}
     others = dict[str, list[tuple[str, float]]]()
     for row in semantic_map.ask("may-be").records():
@@ -62,8 +67,7 @@ def known_objects(semantic_map: SemanticMap, target: Target) -> tuple[KnownObjec
                 iri=str(row["iri"]),
                 label=name(row),
                 category=str(row["category"]),
-                where=whereabouts(semantic_map, str(row["iri"]))
-                + _kind(semantic_map, places.get(str(row["place"]))),
+                where=_kind(semantic_map, places.get(str(row["place"]))),
                 p_map=np.array([number(row, "x"), number(row, "y")]),
                 existence=existence,
                 last_seen=seen if isinstance(seen, datetime) else None,
@@ -73,7 +77,12 @@ def known_objects(semantic_map: SemanticMap, target: Target) -> tuple[KnownObjec
                 own=None if row["own"] is None else str(row["own"]),
                 may_be=tuple(others.get(str(row["iri"]), ())),
             )
-    return tuple(sorted(found.values(), key=lambda one: (not one.sure, -one.existence, one.iri)))
+    known = sorted(found.values(), key=lambda one: (not one.sure, -one.existence, one.iri))
+    wanted = len(known) if located is None else located
+    return tuple(
+        replace(one, where=whereabouts(semantic_map, one.iri) + one.where if n < wanted else "")
+        for n, one in enumerate(known)
+    )
 
 
 def _kind(semantic_map: SemanticMap, place: PlaceRecord | None) -> str:

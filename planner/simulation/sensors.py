@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perception.frames import Detections, Frame, SceneScores
+from perception.inference.heads.masks import MaskGrid
 from planner.simulation.camera import NOTHING, SimulatedCamera, View
 from planner.simulation.house import HouseRoom
 
@@ -145,7 +146,11 @@ CLUTTER_SIDE: Final = np.deg2rad(50.0)
 #: share of a thing's wrong labels that are the same one, beside its part of the others
 FAVOURED: Final = 0.6
 
-_Found = tuple[NDArray[np.float64], float, str]  # box, score, label
+#: cells of a mask's side; networks answer masks of 28 x 28 cells (Mask R-CNN) and the like
+MASK_CELLS: Final = 28
+
+# box, score, label, and which pixels of the image show it
+_Found = tuple[NDArray[np.float64], float, str, NDArray[np.bool_] | None]
 
 
 class SimulatedDetector:
@@ -153,8 +158,14 @@ class SimulatedDetector:
 
     name = "simulated-detector"
 
-    def __init__(self, camera: SimulatedCamera, faults: DetectorFaults | None = None) -> None:
-        self._camera = camera
+    def __init__(
+        self,
+        camera: SimulatedCamera,
+        faults: DetectorFaults | None = None,
+        *,
+        masks: bool = False,
+    ) -> None:
+        self._camera, self._masks = camera, masks
         self._faults = faults or DetectorFaults()
         self._pixel = camera.model.width / 320  # [px] a pixel of DetectorFaults
 
@@ -173,6 +184,7 @@ class SimulatedDetector:
             xyxy=np.array([d[0] for d in found], np.float32).reshape(-1, 4),
             score=np.array([d[1] for d in found], np.float32),
             label=tuple(d[2] for d in found),
+            mask=tuple(_coarse_mask(d[0], d[3]) for d in found) if self._masks else (),
         )
 
     def chance(self, visible: float, silhouette: float, inside: float = 1.0) -> float:
@@ -191,7 +203,8 @@ class SimulatedDetector:
     def _look(self, instance: int, view: View, rng: np.random.Generator) -> _Found | None:
         if instance == NOTHING:
             return None
-        box, visible = _box_around(view.instance == instance)
+        pixels = view.instance == instance
+        box, visible = _box_around(pixels)
         chance = self.chance(visible, view.silhouette[instance], view.inside[instance])
         chance, confusion, favourite = self._of_this_thing(instance, chance)
         draw, wrong = rng.random(), rng.random()
@@ -207,7 +220,7 @@ class SimulatedDetector:
             label, score = others[which], 0.7 * score
         if draw >= chance or score < self._faults.threshold:
             return None
-        return self._inside(box, view), score, label
+        return self._inside(box, view), score, label, pixels
 
     def _of_this_thing(self, instance: int, chance: float) -> tuple[float, float, int | None]:
         """(recall, confusion, number of the favoured wrong label) for one thing of the house.
@@ -237,14 +250,15 @@ class SimulatedDetector:
         label = labels[fixed.integers(len(labels))]
         x, y = item.centre()[:2] - view.T_map_cam[:2, 3]
         turned = abs((np.arctan2(y, x) - side + np.pi) % (2 * np.pi) - np.pi)
-        box, visible = _box_around(view.furnishing == furnishing)
+        pixels = view.furnishing == furnishing
+        box, visible = _box_around(pixels)
         ease = _sigmoid(np.log2(np.sqrt(visible) / self._pixel / self._faults.half_size) / 0.35)
         score = self._score(self._faults.false_score, rng)
         if turned > CLUTTER_SIDE or rng.random() >= self._faults.clutter_recall * ease:
             return None
         if score < self._faults.threshold:
             return None
-        return self._inside(box + self._shift(box, rng), view), score, label
+        return self._inside(box + self._shift(box, rng), view), score, label, pixels
 
     @staticmethod
     def _score(beta: tuple[float, float], rng: np.random.Generator, ease: float = 1.0) -> float:
@@ -261,7 +275,7 @@ class SimulatedDetector:
         half = rng.uniform(8, 40, 2) * self._pixel
         box = np.concatenate([centre - half, centre + half])
         score = max(self._score(self._faults.false_score, rng), self._faults.threshold)
-        return self._inside(box, view), score, labels[rng.integers(len(labels))]
+        return self._inside(box, view), score, labels[rng.integers(len(labels))], None
 
     @staticmethod
     def _inside(box: NDArray[np.float64], view: View) -> NDArray[np.float64]:
@@ -270,6 +284,22 @@ class SimulatedDetector:
         lo = np.clip(np.minimum(box[:2], box[2:]), 0, (width - 2, height - 2))
         hi = np.minimum(np.maximum(np.maximum(box[:2], box[2:]), lo + 2), (width, height))
         return np.concatenate([lo, hi])
+
+
+def _coarse_mask(
+    box: NDArray[np.float64], pixels: NDArray[np.bool_] | None
+) -> NDArray[np.bool_] | None:
+    """The true pixels (H, W) of a thing within a box, as coarse as networks answer masks."""
+    if pixels is None:
+        return None
+    box = box.astype(np.float32)
+    x1, y1, x2, y2 = (float(side) for side in box)
+    cells = (np.arange(MASK_CELLS) + 0.5) / MASK_CELLS
+    rows = np.minimum(y1 + cells * (y2 - y1), pixels.shape[0] - 1).astype(np.intp)
+    columns = np.minimum(x1 + cells * (x2 - x1), pixels.shape[1] - 1).astype(np.intp)
+    grid = pixels[np.ix_(rows, columns)].astype(np.float32) - np.float32(0.5)
+    mask = MaskGrid(grid, (x1, y1, x2, y2)).within(box, pixels.shape)
+    return mask if mask.any() else None
 
 
 @dataclass(frozen=True, slots=True)

@@ -42,6 +42,7 @@ class SimulationOptions:
     senses: DetectorFaults = SENSES["demo"]
     odometry: float = 0.0  # error of the poses, as a share of each step
     stride: int = 1  # every how many frames of the tour are written
+    masks: bool = False  # whether the detector gives instance masks
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +130,7 @@ class _Session:
 
     def write(self, rooms: Sequence[HouseRoom], on_frame: OnFrame) -> SimulatedSession:
         """Render and write all frames, then detections, truth and places."""
-        detector = SimulatedDetector(self._camera, self._options.senses)
+        detector = SimulatedDetector(self._camera, self._options.senses, masks=self._options.masks)
         seen = VisibilityRecord(self.house, self._model)
         found: dict[str, Detections] = {}
         true_poses = [self._tour.T_map_cam(k) for k in range(len(self._tour))]

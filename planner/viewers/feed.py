@@ -1,17 +1,19 @@
-"""Feeds viewers with a map while it is mapped, searched with, or served."""
+"""Feeds a viewer with a map while it is mapped, searched with, or served."""
 
 from __future__ import annotations
 
 import math
 import threading
 import time
-from collections.abc import Sequence
-from typing import Any, Final
+from collections.abc import Callable
+from typing import Final
 
 import numpy as np
 
+from kg.errors import HereaboutsError
 from kg.maps.semantic_map import SemanticMap
 from kg.records import RobotRecord
+from mapping.mapper import robot_at
 from perception.frames import Detections, Frame, SceneScores
 from planner.execution.events import Event
 from planner.execution.protocol import Command, DetectionsMessage, Message, RobotPose
@@ -24,28 +26,35 @@ _LIVE_PERIOD: Final = 0.5  # [s] between scenes that are served
 
 
 class MappingFeed:
-    """Feeds viewers while frames are mapped: each frame, and the scene once a second."""
+    """Feeds a viewer while frames are mapped: each frame, and the scene once a second of them."""
 
-    def __init__(self, semantic_map: SemanticMap, viewers: Sequence[Viewer]) -> None:
-        self._reader, self._viewers = SceneReader(semantic_map), viewers
-        self._stamp, self._shown = 0.0, -math.inf
+    def __init__(self, semantic_map: SemanticMap, viewer: Viewer) -> None:
+        self._reader, self._viewer = SceneReader(semantic_map), viewer
+        self._stamp: float | None = None  # [s] of the last frame
+        self._shown = -math.inf
 
     def on_detections(
         self, frame: Frame, detections: Detections, scores: SceneScores | None
     ) -> None:
         """A frame was mapped: `map_recording` calls this."""
         self._stamp = frame.stamp
-        for viewer in self._viewers:
-            viewer.frame(frame, detections)
+        show_frame(self._viewer, frame, detections)
         if abs(frame.stamp - self._shown) >= _PERIOD:
             self.show()
 
     def show(self) -> None:
         """Show the scene as it is now."""
-        self._shown = self._stamp
-        scene = self._reader.read()
-        for viewer in self._viewers:
-            viewer.show(scene, self._stamp or _stamp_of(scene.robot))
+        scene, stamp = self._reader.read(), self._stamp
+        if stamp is None:  # no frame was new to the map
+            stamp = time.time() if scene.robot is None else scene.robot.stamp
+        self._shown = stamp
+        self._viewer.show(scene, stamp)
+
+
+def show_frame(viewer: Viewer, frame: Frame, detections: Detections) -> None:
+    """Show a frame, and the robot where its camera is."""
+    viewer.frame(frame, detections)
+    viewer.robot(robot_at(frame))
 
 
 class LiveFeed:
@@ -75,17 +84,24 @@ class LiveFeed:
     def _run(self) -> None:
         while self._wake.wait() and not self._ended.is_set():
             self._wake.clear()
-            self._viewer.show(self._reader.read(), time.time())
+            try:
+                self._viewer.show(self._reader.read(), time.time())
+            except HereaboutsError as error:
+                # the ontology is being replaced, say; the next change is shown again
+                self._viewer.remark(str(error), time.time())
             self._ended.wait(_LIVE_PERIOD)
 
 
 class SearchFeed:
-    """Feeds viewers during a search: plan and remarks by its events, the robot by its messages."""
+    """Feeds a viewer during a search: plan and remarks by its events, the robot by its messages.
+
+    `clock` [s since 1970] is that of the search's own writing.
+    """
 
     def __init__(
-        self, semantic_map: SemanticMap, viewers: Sequence[Viewer], clock: Any = time.time
+        self, semantic_map: SemanticMap, viewer: Viewer, clock: Callable[[], float]
     ) -> None:
-        self._map, self._viewers, self._clock = semantic_map, viewers, clock
+        self._map, self._viewer, self._clock = semantic_map, viewer, clock
         self._reader = SceneReader(semantic_map)
         self._plan: ScenePlan | None = None
         self._at: RobotPose | None = None
@@ -97,19 +113,16 @@ class SearchFeed:
             self._plan = self._planned(event)
         elif event.kind in ("found", "end"):
             self._plan = None
-        scene = self._reader.read(self._plan)
-        for viewer in self._viewers:
-            viewer.remark(event.text, stamp)
-            viewer.show(scene, stamp)
+        self._viewer.remark(event.text, stamp)
+        self._viewer.show(self._reader.read(self._plan), stamp)
 
     def on_pose(self, pose: RobotPose) -> None:
         """The robot is there now."""
         self._at = pose
         known = self._map.robot()
         height = 0.0 if known is None else float(known.p_map[2])
-        record = RobotRecord(np.array([pose.x, pose.y, height]), pose.heading, self._clock())
-        for viewer in self._viewers:
-            viewer.robot(record)
+        p_map = np.array([pose.x, pose.y, height])
+        self._viewer.robot(RobotRecord(p_map, pose.heading, self._clock()))
 
     def _planned(self, event: Event) -> ScenePlan:
         data = event.data
@@ -141,7 +154,3 @@ class WatchedRobot:
     def close(self) -> None:
         """As the robot's."""
         self._robot.close()
-
-
-def _stamp_of(robot: RobotRecord | None) -> float:
-    return time.time() if robot is None else robot.stamp

@@ -65,10 +65,18 @@ from planner.viewers.scene import (
     SceneRelation,
     triangles,
 )
-from planner.viewers.viewer import CAMERA, MAP, MARKER, ROBOT, SURFACE, heading_quaternion
+from planner.viewers.viewer import (
+    CAMERA,
+    MAP,
+    MARKER,
+    ROBOT,
+    SURFACE,
+    TEXT,
+    TINT,
+    heading_quaternion,
+)
 from planner.visualization.palette import FURNITURE, INK, ROUTE, WALL
 
-_TEXT: Final = 0.12  # [m] height of text
 _LATEST: Final = 2.0**32 - 1  # [s]
 
 
@@ -130,7 +138,7 @@ def plan_update(plan: ScenePlan | None, height: float, stamp: float) -> SceneUpd
                     color=colour,
                 )
             ],
-            texts=[_text(f"{number}. {stop.text}", (*stop.p_map, z + 0.3), colour)],
+            texts=[_text(stop.text, (*stop.p_map, z + 0.3), colour)] if stop.text else [],
         )
         for number, stop in enumerate(plan.stops, start=1)
     ]
@@ -171,7 +179,9 @@ def grid(floor: SceneFloor | None, stamp: float) -> Grid:
 
 def robot_pose(robot: RobotRecord) -> PoseInFrame:
     """Where the robot is, its heading along x."""
-    return PoseInFrame(timestamp=timestamp(robot.stamp), frame_id=MAP, pose=_robot(robot))
+    x, y, z = (float(c) for c in robot.p_map)
+    pose = _pose((x, y, z), heading_quaternion(robot.heading))
+    return PoseInFrame(timestamp=timestamp(robot.stamp), frame_id=MAP, pose=pose)
 
 
 def robot_transform(robot: RobotRecord) -> FrameTransform:
@@ -259,7 +269,7 @@ def _object(thing: SceneObject, at: Timestamp) -> SceneEntity:
     colour = _colour(thing.colour, thing.existence)
     pose, size = _pose(thing.p_map), Vector3(x=MARKER, y=MARKER, z=MARKER)
     x, y, z = thing.p_map
-    top = z + max(MARKER, thing.extent[2] if thing.extent else 0.0) / 2 + _TEXT
+    top = z + max(MARKER, thing.extent[2] if thing.extent else 0.0) / 2 + TEXT
     cubes, spheres, cylinders = [], [], []
     if thing.shape == "cube":
         cubes.append(CubePrimitive(pose=pose, size=size, color=colour))
@@ -296,9 +306,9 @@ def _object(thing: SceneObject, at: Timestamp) -> SceneEntity:
 
 def _place(place: ScenePlace, at: Timestamp) -> SceneEntity:
     x, y, z = place.centre
-    low = z - SURFACE  # below the occupancy floor
+    above = z + SURFACE / 2  # over the occupancy floor
     rings = [
-        _line([(*corner, low) for corner in (*ring, ring[0])], _colour(to_rgb(WALL), 0.8), 0.02)
+        _line([(*corner, above) for corner in (*ring, ring[0])], _colour(to_rgb(WALL), 0.8), 0.02)
         for ring in place.outline
     ]
     surface = []
@@ -307,8 +317,8 @@ def _place(place: ScenePlace, at: Timestamp) -> SceneEntity:
         surface.append(
             TriangleListPrimitive(
                 pose=_pose((0.0, 0.0, 0.0)),
-                points=[Point3(x=float(cx), y=float(cy), z=low) for cx, cy in corners],
-                color=_colour(place.colour, 0.9),
+                points=[Point3(x=float(cx), y=float(cy), z=above) for cx, cy in corners],
+                color=_colour(place.colour, TINT),
             )
         )
     texts = [_text(place.text, (x, y, z + SURFACE), _colour(to_rgb(INK), 1.0))]
@@ -371,12 +381,7 @@ def _line(points: Iterable[Point], colour: Color, thickness: float) -> LinePrimi
 
 
 def _text(text: str, at: Point, colour: Color) -> TextPrimitive:
-    return TextPrimitive(pose=_pose(at), billboard=True, font_size=_TEXT, color=colour, text=text)
-
-
-def _robot(robot: RobotRecord) -> Pose:
-    x, y, z = (float(c) for c in robot.p_map)
-    return _pose((x, y, z), heading_quaternion(robot.heading))
+    return TextPrimitive(pose=_pose(at), billboard=True, font_size=TEXT, color=colour, text=text)
 
 
 def _pose(at: Point, q: Sequence[float] = (0.0, 0.0, 0.0, 1.0)) -> Pose:

@@ -6,8 +6,6 @@ import io
 import math
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,16 +13,16 @@ import foxglove
 from foxglove import channels
 from foxglove.websocket import ServerListener
 
-from kg.errors import PictureError, ServerError
+from kg.errors import ServerError
 from kg.records import RobotRecord
 from perception.frames import Detections, Frame
 from planner.viewers import foxglove_messages as messages
 from planner.viewers.scene import Point, Scene
-from planner.viewers.viewer import refuse_unusable
+from planner.viewers.viewer import FLUSHED, ROUNDING, refuse_unusable, refusing
 
-_FLUSHED: Final = 5.0  # [s] of a file that a kill may lose
 _STEP: Final = 0.1  # [m] between points of the trail
 _POINTS: Final = 500  # of the trail; of a longer one every second is left out
+_BACKLOG: Final = 128  # messages that wait for a slow client; then the oldest are dropped
 
 _CHANNELS: Final[dict[str, Any]] = {
     "/camera/image": channels.CompressedImageChannel,
@@ -52,6 +50,7 @@ class FoxgloveViewer:
         }
         self._written: dict[str, object] = {}
         self._renewed = threading.Event()
+        self._moving = threading.RLock()  # held while a pose is written: by mapper and live feed
         self._trail: list[Point] = []
         self._step = _STEP
         self._robot_stamp = -math.inf  # [s] of the pose written last
@@ -61,7 +60,9 @@ class FoxgloveViewer:
         if self._renewed.is_set():
             self._renewed.clear()
             self._written.clear()
-            self._robot_stamp = -math.inf
+            with self._moving:
+                self._robot_stamp = -math.inf
+                self._log_trail(stamp)
         height = scene.floor.height if scene.floor else 0.0
         for topic, part in (
             ("/objects", scene.objects),
@@ -74,8 +75,9 @@ class FoxgloveViewer:
                 continue
             self._written[topic] = part
             self._log(topic, _MESSAGES[topic](part, height, stamp), stamp)
-        if scene.robot is not None and scene.robot.stamp > self._robot_stamp:
-            self.robot(scene.robot)
+        with self._moving:
+            if scene.robot is not None and scene.robot.stamp > self._robot_stamp + ROUNDING:
+                self.robot(scene.robot)
 
     def frame(self, frame: Frame, detections: Detections) -> None:
         """Write image, boxes, intrinsics and camera pose."""
@@ -87,17 +89,17 @@ class FoxgloveViewer:
 
     def robot(self, robot: RobotRecord) -> None:
         """Write pose and transform, and the trail as it grows."""
-        self._robot_stamp = robot.stamp
-        self._log("/tf", messages.robot_transform(robot), robot.stamp)
-        self._log("/robot/pose", messages.robot_pose(robot), robot.stamp)
-        x, y, z = (float(c) for c in robot.p_map)
-        if self._trail and math.dist((x, y, z), self._trail[-1]) < self._step:
-            return
-        self._trail.append((x, y, z))
-        if len(self._trail) > _POINTS:
-            self._trail, self._step = self._trail[::2], 2 * self._step
-        if len(self._trail) > 1:
-            self._log("/robot/trail", messages.trail_update(self._trail, robot.stamp), robot.stamp)
+        with self._moving:
+            self._robot_stamp = robot.stamp
+            self._log("/tf", messages.robot_transform(robot), robot.stamp)
+            self._log("/robot/pose", messages.robot_pose(robot), robot.stamp)
+            x, y, z = (float(c) for c in robot.p_map)
+            if self._trail and math.dist((x, y, z), self._trail[-1]) < self._step:
+                return
+            self._trail.append((x, y, z))
+            if len(self._trail) > _POINTS:
+                self._trail, self._step = self._trail[::2], 2 * self._step
+            self._log_trail(robot.stamp)
 
     def remark(self, text: str, stamp: float) -> None:
         """Write a line of the log."""
@@ -109,6 +111,10 @@ class FoxgloveViewer:
 
     def close(self) -> None:
         """Nothing is left to write."""
+
+    def _log_trail(self, stamp: float) -> None:
+        if len(self._trail) > 1:
+            self._log("/robot/trail", messages.trail_update(self._trail, stamp), stamp)
 
     def _log(self, topic: str, message: object, stamp: float) -> None:
         self._channels[topic].log(message, log_time=messages.nanoseconds_of(stamp))
@@ -140,26 +146,18 @@ class McapFile(FoxgloveViewer):
         """Write the summary by which players jump to a moment."""
         writer, self._writer = self._writer, None
         if writer is not None:
-            with self._refused():
+            with refusing(self._path):
                 writer.close()
 
     def _log(self, topic: str, message: object, stamp: float) -> None:
-        with self._refused():
+        with refusing(self._path):
             if self._writer is None:
                 self._writer = foxglove.open_mcap(self._path, context=self.context)
             super()._log(topic, message, stamp)
             now = time.monotonic()
-            if now - self._flushed > _FLUSHED:
+            if now - self._flushed > FLUSHED:
                 self._flushed = now
                 self._writer.flush()
-
-    @contextmanager
-    def _refused(self) -> Iterator[None]:
-        try:
-            yield
-        except (OSError, RuntimeError) as error:
-            reason = getattr(error, "strerror", None) or error
-            raise PictureError(f"cannot write {self._path}: {reason}") from error
 
 
 def scene_as_mcap(scene: Scene, stamp: float) -> bytes:
@@ -185,6 +183,7 @@ class FoxgloveServer(FoxgloveViewer):
                 capabilities=[],
                 server_listener=_Listener(self),
                 context=self.context,
+                message_backlog_size=_BACKLOG,
             )
         except (OSError, RuntimeError, ValueError, OverflowError) as error:
             raise ServerError(f"cannot serve Foxglove at {host}:{port}: {error}") from error

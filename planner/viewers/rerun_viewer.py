@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
 import tempfile
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -26,11 +28,21 @@ from planner.viewers.scene import (
     ScenePlan,
     triangles,
 )
-from planner.viewers.viewer import MARKER, SURFACE, heading_quaternion, refuse_unusable
+from planner.viewers.viewer import (
+    FLUSHED,
+    MARKER,
+    ROUNDING,
+    SURFACE,
+    TINT,
+    heading_quaternion,
+    refuse_unusable,
+    refusing,
+)
 from planner.visualization.palette import FURNITURE, INK, ROUTE, WALL
 
 _TIME: Final = "time"
 _LATEST: Final = 2.0**33  # [s]
+_PATIENCE: Final = 20.0  # [s] that writing to the disk may take
 
 
 class RerunViewer:
@@ -56,7 +68,7 @@ class RerunViewer:
             self._log.log("map/floor", _floor(scene.floor))
         if self._changed("plan", scene.plan):
             self._plan(scene.plan, scene.floor.height if scene.floor else 0.0)
-        if scene.robot is not None and scene.robot.stamp > self._robot_stamp:
+        if scene.robot is not None and scene.robot.stamp > self._robot_stamp + ROUNDING:
             self.robot(scene.robot)
 
     def frame(self, frame: Frame, detections: Detections) -> None:
@@ -145,14 +157,14 @@ class RerunViewer:
         self._log.log("map/places", rr.Clear(recursive=True))
         for place in places:
             x, y, z = place.centre
-            low = z - SURFACE
-            rings = [[(*corner, low) for corner in (*ring, ring[0])] for ring in place.outline]
+            above = z + SURFACE / 2
+            rings = [[(*corner, above) for corner in (*ring, ring[0])] for ring in place.outline]
             path = f"map/places/{rr.escape_entity_path_part(place.name)}"
             self._lines(f"{path}/outline", rings)
             corners = triangles(place.outline).reshape(-1, 2)
             if place.colour is not None and len(corners):
-                vertices = np.column_stack([corners, np.full(len(corners), low)])
-                mesh = rr.Mesh3D(vertex_positions=vertices, albedo_factor=_rgba(place.colour))
+                vertices = np.column_stack([corners, np.full(len(corners), above)])
+                mesh = rr.Mesh3D(vertex_positions=vertices, albedo_factor=_rgba(place.colour, TINT))
                 self._log.log(f"{path}/floor", mesh)
             name = rr.Points3D([(x, y, z)], labels=[place.text], radii=[0.02], show_labels=True)
             self._log.log(f"{path}/name", name)
@@ -165,7 +177,7 @@ class RerunViewer:
         arrows = rr.Arrows3D(
             origins=[(*stop.p_map, z) for stop in stops],
             vectors=[[0.4 * math.cos(s.heading), 0.4 * math.sin(s.heading), 0] for s in stops],
-            labels=[f"{number}. {stop.text}" for number, stop in enumerate(stops, start=1)],
+            labels=[stop.text for stop in stops],
             colors=[_rgba(to_rgb(ROUTE))] * len(stops),
         )
         self._log.log("map/plan/stops", arrows)
@@ -181,18 +193,35 @@ class RerunFile(RerunViewer):
         """Raises PictureError where no new file can be made at `path`."""
         super().__init__(title)
         refuse_unusable(path)
-        self._path: Path | None = path
+        self._path, self._begun = path, False
+        self._flushed = time.monotonic()
+
+    def close(self) -> None:
+        """Write what is left, and the list of contents."""
+        self._flush()
+        super().close()
 
     def _at(self, stamp: float) -> None:
-        path, self._path = self._path, None
-        if path is not None:
-            try:
-                path.touch()
-                self._log.save(path)
-            except (OSError, RuntimeError) as error:
-                reason = getattr(error, "strerror", None) or error
-                raise PictureError(f"cannot write {path}: {reason}") from error
+        if not self._begun:
+            self._begun = True
+            with refusing(self._path):
+                self._path.touch(exist_ok=False)
+                self._log.save(self._path)
+        elif time.monotonic() - self._flushed > FLUSHED:
+            self._flush()
         super()._at(stamp)
+
+    def _flush(self) -> None:
+        # a disk that is full shows in that alone: the writing thread has ended
+        try:
+            with refusing(self._path):
+                self._log.flush(timeout_sec=_PATIENCE)
+        except PictureError:
+            # and whoever destroys the stream would wait for that thread for ever
+            rr.unregister_shutdown()
+            ctypes.pythonapi.Py_IncRef(ctypes.py_object(self._log.to_native()))
+            raise
+        self._flushed = time.monotonic()
 
 
 def scene_as_rrd(scene: Scene, stamp: float) -> bytes:

@@ -24,7 +24,7 @@ from planner.viewers.scene import (
     ScenePlan,
     triangles,
 )
-from planner.viewers.viewer import MAP, MARKER, SURFACE, heading_quaternion
+from planner.viewers.viewer import MAP, MARKER, SURFACE, TEXT, TINT, heading_quaternion
 from planner.visualization.palette import INK, ROUTE, WALL
 
 #: topic -> type; in ROS 1 without the "msg"
@@ -37,7 +37,6 @@ TOPICS: Final = {
 #: by UNKNOWN, FREE, LOW, TALL: what one looks over stops a robot all the same
 _OCCUPANCY: Final = np.zeros(4, np.int8)
 _OCCUPANCY[[UNKNOWN, FREE, LOW, TALL]] = (-1, 0, 100, 100)
-_TEXT: Final = 0.12  # [m] height of text
 _LATEST: Final = 2**31 - 1  # [s]
 _ARROW, _CUBE, _SPHERE, _CYLINDER, _STRIP, _LINES, _WORDS, _TRIANGLES = 0, 1, 2, 3, 4, 5, 9, 11
 _SHAPES: Final = {"cube": _CUBE, "sphere": _SPHERE, "cylinder": _CYLINDER}
@@ -129,20 +128,20 @@ class RosMessages:
             alpha = 0.25 * thing.existence
             yield self._marker(header, "extents", _CUBE, scale=thing.extent, alpha=alpha, **style)
         x, y, z = thing.p_map
-        above = max(MARKER, thing.extent[2] if thing.extent else 0.0) / 2 + _TEXT
+        above = max(MARKER, thing.extent[2] if thing.extent else 0.0) / 2 + TEXT
         yield self._words(header, "labels", thing.text, (x, y, z + above), thing.colour)
 
     def _place(self, header: Any, place: ScenePlace) -> Iterator[Any]:
         x, y, z = place.centre
-        low = z - SURFACE  # below the occupancy floor
+        above = z + SURFACE / 2  # over the occupancy floor
         style: dict[str, Any]
         corners = triangles(place.outline).reshape(-1, 2)
         if place.colour is not None and len(corners):
-            points = [(float(cx), float(cy), low) for cx, cy in corners]
-            style = {"points": points, "scale": (1, 1, 1), "colour": place.colour, "alpha": 0.9}
+            points = [(float(cx), float(cy), above) for cx, cy in corners]
+            style = {"points": points, "scale": (1, 1, 1), "colour": place.colour, "alpha": TINT}
             yield self._marker(header, "places", _TRIANGLES, **style)
         for ring in place.outline:
-            points = [(*corner, low) for corner in (*ring, ring[0])]
+            points = [(*corner, above) for corner in (*ring, ring[0])]
             style = {"points": points, "scale": (0.02, 0, 0), "colour": to_rgb(WALL), "alpha": 0.8}
             yield self._marker(header, "outlines", _STRIP, **style)
         yield self._words(header, "names", place.text, (x, y, z + 0.1), to_rgb(INK))
@@ -153,11 +152,10 @@ class RosMessages:
             points = [(x, y, z) for x, y in plan.path]
             style: dict[str, Any] = {"points": points, "scale": (0.04, 0, 0), "colour": colour}
             yield self._marker(header, "plan", _STRIP, **style)
-        for number, stop in enumerate(plan.stops, start=1):
-            at = (*stop.p_map, z)
-            yield self._arrow(header, "stops", at, stop.heading, colour)
-            words = f"{number}. {stop.text}"
-            yield self._words(header, "reasons", words, (*stop.p_map, z + 0.3), colour)
+        for stop in plan.stops:
+            yield self._arrow(header, "stops", (*stop.p_map, z), stop.heading, colour)
+            if stop.text:
+                yield self._words(header, "reasons", stop.text, (*stop.p_map, z + 0.3), colour)
 
     def _arrow(
         self,
@@ -172,7 +170,7 @@ class RosMessages:
         return self._marker(header, ns, _ARROW, at=(x, y, z), heading=heading, **style)
 
     def _words(self, header: Any, ns: str, text: str, at: Point, colour: Colour) -> Any:
-        scale = (0.0, 0.0, _TEXT)
+        scale = (0.0, 0.0, TEXT)
         return self._marker(header, ns, _WORDS, at=at, scale=scale, colour=colour, text=text)
 
     def _marker(

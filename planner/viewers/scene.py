@@ -82,7 +82,7 @@ class SceneStop:
 
     p_map: tuple[float, float]  # [m]
     heading: float  # [rad] the middle of the look
-    text: str  # why
+    text: str  # why; "" where another stop on the same spot says it
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from planner.plans.report import purpose
 from planner.plans.search_state import build_search
 from planner.plans.view_plan import ViewStep, plan
 from planner.viewers.scene import ScenePlan, SceneStop
-from planner.visualization.plan_plot import planned_route, shown_steps
+from planner.visualization.plan_plot import SAME, planned_route, shown_steps
 
 
 def planned_search(
@@ -38,15 +39,22 @@ def planned_search(
     )
     steps = shown_steps(found)
     path = planned_route(state, found, steps) if steps else np.empty((0, 2))
-    return ScenePlan(
-        path=tuple((float(x), float(y)) for x, y in path), stops=tuple(map(_stop, steps))
-    )
+    return ScenePlan(tuple((float(x), float(y)) for x, y in path), _stops(steps))
 
 
-def _stop(step: ViewStep) -> SceneStop:
-    what = purpose(step.why[0].candidate) if step.why else step.place_name
-    return SceneStop(
-        (float(step.p_map[0]), float(step.p_map[1])),
-        step.heading,
-        cleaned(f"{what}: {step.probability:.2f}, by {step.seconds:.0f} s"),
+def _stops(steps: Sequence[ViewStep]) -> tuple[SceneStop, ...]:
+    """A stop for each look; those from one spot have their reasons at the first."""
+    spots: list[tuple[float, float]] = []
+    reasons: list[list[str]] = []
+    for number, step in enumerate(steps, start=1):
+        at = float(step.p_map[0]), float(step.p_map[1])
+        first = next((i for i, spot in enumerate(spots) if math.dist(spot, at) < SAME), len(spots))
+        what = purpose(step.why[0].candidate) if step.why else step.place_name
+        reason = cleaned(f"{number}. {what}: {step.probability:.2f}, by {step.seconds:.0f} s")
+        spots.append(at)
+        reasons.append([])
+        reasons[first].append(reason)
+    return tuple(
+        SceneStop(spot, step.heading, "\n".join(lines))
+        for spot, step, lines in zip(spots, steps, reasons, strict=True)
     )

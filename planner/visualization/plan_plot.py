@@ -22,7 +22,7 @@ from planner.visualization.map_plot import plot_map
 
 _SEEN: Final = "#f08c00"
 _DARKEST: Final = 0.5
-_SAME: Final = 0.2  # [m] looks from nearer to each other share a disc
+SAME: Final = 0.2  # [m] looks from nearer to each other share a disc or a text
 _SHOWN: Final = 0.9  # share of what the plan finds whose looks are drawn; the rest would hide it
 
 
@@ -59,7 +59,7 @@ def numbered_stops(views: Sequence[NDArray[np.float64]]) -> tuple[list[Goal], li
     """Positions ((2,) [m]) of `views`, each once, with the numbers of the looks from there."""
     at: dict[tuple[float, float], list[int]] = {}
     for number, p_map in enumerate(views, start=1):
-        near = (xy for xy in at if np.hypot(xy[0] - p_map[0], xy[1] - p_map[1]) < _SAME)
+        near = (xy for xy in at if np.hypot(xy[0] - p_map[0], xy[1] - p_map[1]) < SAME)
         at.setdefault(next(near, (float(p_map[0]), float(p_map[1]))), []).append(number)
     goals = [Goal("", "place", "", np.array(xy), 1.0, "") for xy in at]
     return goals, [_span(numbers) for numbers in at.values()]

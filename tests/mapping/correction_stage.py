@@ -9,8 +9,8 @@ import numpy as np
 from kg.areas import Rectangle
 from kg.maps.semantic_map import SemanticMap
 from kg.ontology.lint import check_map
+from mapping.mapper import Mapper
 from mapping.places.layout import Layout, LayoutPlace
-from mapping.recording_mapper import map_recording
 from perception.frames import Detections, Frame, SceneScores
 from tests.mapping.correction_scripts import Script
 
@@ -67,40 +67,31 @@ class Acts:
 
 
 class Stage:
-    """A recording, a detector and a scene network that follow a script, and people meanwhile."""
+    """A camera and networks that follow a script, and people who act between two frames."""
 
-    name = "scripted"
-    T_map_world = np.eye(4)
-
-    def __init__(self, steps: list[str], acts: Acts, frame: Callable[..., Frame], run: int) -> None:
+    def __init__(self, steps: list[str], acts: Acts, frame: Callable[..., Frame]) -> None:
         self.steps, self.acts, self.make_frame = steps, acts, frame
-        self.name = f"run {run}"
-        self.shown: list[str] = []
 
-    def __len__(self) -> int:
-        return 1000  # whatever it will be
-
-    def frames(self, start: int = 0) -> Iterator[Frame]:
+    def shots(self) -> Iterator[tuple[Frame, Detections, SceneScores]]:
+        """Each frame with what the networks say of it, once the acts before it are done."""
         for number, step in enumerate(self.steps, start=1):
             verb, *words = step.split()
             if verb not in ("see", "look", "blind", "view"):
                 self.acts.do(verb, words)
                 continue
-            self.shown = [verb, *words]
             depth = {"look": 5.0, "blind": 1.0, "view": 1.0}.get(verb, self._depth(words))
             T = self.make_frame().T_map_cam.copy()
             T[2, 3] += 0.2 * number * (verb == "view")  # a pose is used for one view only
-            yield self.make_frame(depth, T=T, id=step, stamp=1000.0 + number)
+            frame = self.make_frame(depth, T=T, id=step, stamp=1000.0 + number)
+            scores = SceneScores({words[0]: 1.0} if verb == "view" else {})
+            yield frame, self._detections(verb, words), scores
 
-    def detect(self, frame: Frame) -> Detections:
-        if self.shown[0] != "see":
+    def _detections(self, verb: str, words: list[str]) -> Detections:
+        if verb != "see":
             return Detections(np.zeros((0, 4), np.float32), np.zeros(0, np.float32), ())
-        side = next((word for word in self.shown[2:] if word in BOXES), "")
+        side = next((word for word in words[1:] if word in BOXES), "")
         box = np.array([BOXES[side]], dtype=np.float32)
-        return Detections(box, np.ones(1, np.float32), (self.shown[1],))
-
-    def classify(self, frame: Frame) -> SceneScores:
-        return SceneScores({self.shown[1]: 1.0} if self.shown[0] == "view" else {})
+        return Detections(box, np.ones(1, np.float32), (words[0],))
 
     def _depth(self, words: list[str]) -> float:
         return next((float(word) for word in words if word[0].isdigit()), 2.0)
@@ -121,9 +112,11 @@ def play(
     frame: Callable[..., Frame],
     people: SemanticMap | None = None,
 ) -> None:
-    run = len(semantic_map.recordings())
-    stage = Stage(steps, Acts(people or semantic_map), frame, run)
-    map_recording(stage, semantic_map, stage, stage, mode="reference", layout=ROOM)
+    name = f"run {len(semantic_map.recordings())}"
+    given = {"recording": name, "detector": name, "scene_model": name}
+    with Mapper(semantic_map, mode="reference", layout=ROOM, **given) as mapper:
+        for shot in Stage(steps, Acts(people or semantic_map), frame).shots():
+            mapper.add(*shot)
 
 
 def as_told(semantic_map: SemanticMap, script: Script) -> None:

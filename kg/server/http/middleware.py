@@ -36,7 +36,7 @@ _SAFE = {
 _ROUTES = frozenset(
     (
         *("sparql", "graphs", "assertions", "changes", "subscribe", "log", "diff", "why"),
-        *("timemap", "timegate", "health", "metrics", "files", ".well-known"),
+        *("timemap", "timegate", "health", "metrics", "find", "pictures", "files", ".well-known"),
     )
 )
 _METHODS = frozenset(("GET", "HEAD", "POST", "PUT", "DELETE", "OPTIONS", "PATCH"))

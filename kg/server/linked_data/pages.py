@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from datetime import datetime
+from collections.abc import Callable, Sequence
 from html import escape
 from importlib.resources import files
 from string import Template
@@ -12,7 +11,6 @@ from typing import TYPE_CHECKING, Final
 from pyoxigraph import BlankNode, Literal, NamedNode, Quad
 
 from kg import vocabulary as v
-from kg.query.evaluation import Value
 from kg.rdf.xml_characters import shown
 
 if TYPE_CHECKING:
@@ -21,6 +19,11 @@ if TYPE_CHECKING:
 #: An IRI -> where this server shows it, and what it is called.
 Link = Callable[[str], tuple[str, str]]
 _FIRST: Final = {v.RDFS_LABEL: 0, v.RDF_TYPE: 1}
+_TOKEN_FORM: Final = (
+    '<form id="corrector"><label>token for corrections '
+    '<input id="token" type="password" autocomplete="off"></label> '
+    '<button type="submit">use</button></form>'
+)
 
 
 def front_page(
@@ -29,19 +32,13 @@ def front_page(
     licence: str | None,
     base: str,
     sequence: int,
-    floor: str,
-    numbers: Sequence[tuple[str, int]],
-    objects: Sequence[Mapping[str, Value]],
-    places: Sequence[tuple[str, str, str, str]],
     questions: Sequence[tuple[str, str, str]],
     writable: bool,
-    path: Callable[[str], str],
 ) -> str:
-    """The whole map at a glance.
+    """The live map and the form for queries; scripts fill them.
 
-    `places` are (IRI, label, category, belief) and `questions` (name, summary, SPARQL).
+    `questions` are (name, summary, SPARQL).
     """
-    tiles = "".join(f"<li><b>{count:,}</b> {escape(what)}</li>" for what, count in numbers)
     options = "".join(
         f'<option value="{escape(sparql)}">{escape(name)}: {escape(summary)}</option>'
         for name, summary, sparql in questions
@@ -51,13 +48,10 @@ def front_page(
         title=escape(title),
         base=escape(base),
         sequence=sequence,
-        floor=floor or '<p class="empty">Nothing has been mapped yet.</p>',
-        tiles=tiles,
-        objects="".join(_object_row(row, path) for row in objects),
-        places="".join(_place_row(row, path) for row in places),
         questions=options,
         licence=_licence(licence),
         access="updates with a token" if writable else "reading only",
+        correction=_TOKEN_FORM if writable else "",
     )
     return shown(page)
 
@@ -139,39 +133,3 @@ def _term(term: object, link: Link) -> str:
         mark = "" if kind == "string" else f' <span class="dim">{escape(kind)}</span>'
         return f"{escape(term.value)}{mark}"
     return escape(str(term))
-
-
-def _object_row(row: Mapping[str, Value], path: Callable[[str], str]) -> str:
-    name = row["label"] or row["object"]
-    place = row["place"]
-    where = (
-        f'<a href="{escape(path(str(place)))}">{escape(str(row["placeLabel"]))}</a>'
-        if place
-        else ""
-    )
-    cells = [
-        f'<td><a href="{escape(path(str(row["object"])))}">{escape(str(name))}</a></td>',
-        f"<td>{escape(str(row['category']))}</td>",
-        *(f'<td class="number">{_number(row[axis])}</td>' for axis in ("x", "y", "z")),
-        f'<td class="number">{_number(row["existence"])}</td>',
-        f'<td class="number">{row["observations"] or ""}</td>',
-        f"<td>{where}</td>",
-        f"<td>{_when(row['lastSeen'])}</td>",
-    ]
-    return f"<tr>{''.join(cells)}</tr>"
-
-
-def _place_row(row: tuple[str, str, str, str], path: Callable[[str], str]) -> str:
-    iri, label, category, belief = map(escape, row)
-    return (
-        f'<tr><td><a href="{escape(path(row[0]))}" title="{iri}">{label}</a></td>'
-        f'<td>{category}</td><td class="number">{belief}</td></tr>'
-    )
-
-
-def _number(value: Value) -> str:
-    return f"{value:.2f}" if isinstance(value, int | float) else ""
-
-
-def _when(value: Value) -> str:
-    return value.strftime("%Y-%m-%d %H:%M:%S") if isinstance(value, datetime) else ""

@@ -10,17 +10,12 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
 
-from kg.query.evaluation import Value
 from kg.query.query_files import query_summaries
-from kg.records import PlaceRecord
 from kg.server.app_state import AppState
 from kg.server.http.bodies import query_parameters
 from kg.server.http.media_types import GRAPH_FORMATS, HTML, accept_of
-from kg.server.linked_data.description import dataset_description, graph_sizes
+from kg.server.linked_data.description import dataset_description
 from kg.server.linked_data.pages import front_page
-from kg.server.linked_data.resource_description import local_path
-from kg.server.linked_data.svg_plan import Spot, floor_plan
-from kg.vocabulary import MAP_GRAPH
 from kg.workers.content_negotiation import negotiate
 
 FRESH = 1.0  # [s] for which a page is handed out again although the map moved on
@@ -55,50 +50,12 @@ class RootPage:
 
 
 def _page(serving: AppState, sequence: int) -> str:
-    semantic_map = serving.semantic_map
-    objects = semantic_map.ask("objects-surest").records()
-    places = semantic_map.places()
-    summary = semantic_map.ask("summary").records()
-    base, description = semantic_map.base, semantic_map.description
-    total = sum(int(str(row["count"])) for row in summary)
-
-    def path(iri: str) -> str:
-        return local_path(base, iri)
-
-    spots = [_spot(row, path(str(row["object"]))) for row in objects]
+    description = serving.semantic_map.description
     return front_page(
         title=description.title,
         licence=description.licence,
-        base=base,
+        base=serving.semantic_map.base,
         sequence=sequence,
-        floor=floor_plan(
-            places, spots, semantic_map.robot(), lambda place: _category(serving, place)[0]
-        ),
-        numbers=[
-            ("objects", total),
-            ("categories", len(summary)),
-            ("places", len(places)),
-            ("triples of the map", graph_sizes(serving).get(MAP_GRAPH, 0)),
-        ],
-        objects=objects,
-        places=[(place.iri, place.label, *_category(serving, place)) for place in places],
         questions=query_summaries(),
         writable=bool(serving.settings.tokens),
-        path=path,
     )
-
-
-def _spot(row: dict[str, Value], link: str) -> Spot:
-    existence = row["existence"]
-    x, y = float(str(row["x"])), float(str(row["y"]))
-    tooltip = f"{row['label'] or row['category']} ({x:.2f}, {y:.2f})"
-    sure = float(existence) if isinstance(existence, int | float) else 1.0
-    return link, tooltip, str(row["category"]), x, y, sure
-
-
-def _category(serving: AppState, place: PlaceRecord) -> tuple[str, str]:
-    """Label and belief of a place's likeliest category."""
-    if not place.beliefs:
-        return place.label, ""
-    best = max(place.beliefs, key=lambda iri: (place.beliefs[iri], iri))
-    return serving.semantic_map.catalogue.label(best), f"{place.beliefs[best]:.2f}"

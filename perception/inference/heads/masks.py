@@ -33,7 +33,7 @@ class MaskGrid:
             return np.zeros((0, 0), bool)
         top, bottom, left, right = pixels
         height, width = self.values.shape
-        if not 0 < max(height, width) <= LARGEST:
+        if min(height, width) < 1 or max(height, width) > LARGEST:
             raise ModelError(f"a mask of {width} x {height}; up to {LARGEST} a side would work")
         x1, y1, x2, y2 = self.extent
         across, down = width / max(x2 - x1, 1e-6), height / max(y2 - y1, 1e-6)

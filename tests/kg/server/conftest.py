@@ -18,6 +18,7 @@ from kg.maps.semantic_map import SemanticMap
 from kg.opening import in_memory_map, open_map
 from kg.records import MapUpdate, ObjectRecord, PlaceRecord
 from kg.server import BearerTokens, Limits, MapServer, Settings
+from kg.server.app_state import Planner
 from kg.transactions import Cause
 
 TOKEN = "a-token-of-the-tests-0123"
@@ -110,7 +111,11 @@ class Served:
 
     def move(self, number: int, x: float) -> None:
         """The mapper sees an object elsewhere."""
-        self.map.apply(MapUpdate(objects=(thing(self.map, number, "cup", x, 0.5),)))
+        self.put(number, "cup", x, 0.5)
+
+    def put(self, number: int, label: str, x: float, y: float) -> None:
+        """The mapper sees an object."""
+        self.map.apply(MapUpdate(objects=(thing(self.map, number, label, x, y),)))
 
 
 def thing(semantic_map: SemanticMap, number: int, label: str, x: float, y: float) -> ObjectRecord:
@@ -177,10 +182,12 @@ def serve(flat: SemanticMap) -> Iterator[Callable[..., Served]]:
     """Callable: settings, and limits by name -> a running server of the flat."""
     with ExitStack() as stack:
 
-        def start(*, limits: Limits | None = None, **settings: object) -> Served:
+        def start(
+            *, limits: Limits | None = None, planner: Planner | None = None, **settings: object
+        ) -> Served:
             settings.setdefault("tokens", BearerTokens((("ann", TOKEN.encode()),)))
             wanted = Settings(port=0, limits=limits or LIMITS, **settings)  # type: ignore[arg-type]
-            server = stack.enter_context(MapServer(flat, wanted))
+            server = stack.enter_context(MapServer(flat, wanted, planner=planner))
             return Served(flat, server)
 
         yield start

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 import rdflib
 
 from kg.errors import ServerError
+from kg.maps.object_pictures import ObjectPictures
+from kg.opening import create_map
+from kg.records import Evidence, MapUpdate, ObjectRecord
 from kg.server import BearerTokens, Limits, Settings
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from contextlib import AbstractContextManager
     from pathlib import Path
 
     from conftest import Served
@@ -51,3 +56,31 @@ def test_weak_token_and_open_host_are_refused(tmp_path: Path) -> None:
     assert "q7x-tiny" not in str(refused.value)
     with pytest.raises(ServerError, match="--public"):
         Settings(host="0.0.0.0")
+
+
+def test_an_object_has_its_picture_or_none(
+    tmp_path: Path, on_disk: Callable[..., AbstractContextManager[Served]]
+) -> None:
+    folder = tmp_path / "a.map"
+    with create_map(folder, base="https://example.org/maps/flat/") as semantic_map:
+        seen = Evidence("frame-1", "flat", 1.7e9, (1.0, 2.0, 3.0, 4.0), 0.9, "a detector")
+        cup = ObjectRecord(
+            iri=CUP,
+            category=semantic_map.catalogue.find("cup").iri,
+            p_map=np.array([1.0, 0.5, 0.8]),
+            confidence=2.4,
+            existence=0.8,
+            observations=3,
+            first_seen=1.7e9,
+            last_seen=1.7e9,
+            evidence=seen,
+        )
+        semantic_map.apply(MapUpdate(objects=(cup,)))
+        ObjectPictures(folder).write(cup, b"\xff\xd8 a picture")
+    with on_disk(folder, read_only=True) as served:
+        picture = served.get("pictures/1")
+        assert (picture.status_code, picture.content) == (200, b"\xff\xd8 a picture")
+        assert picture.headers["Content-Type"] == "image/jpeg"
+        for other in ("2", "1%00", "x", "9" * 40):
+            assert served.get(f"pictures/{other}").status_code == 204, other
+        assert served.get("pictures/..%2Fhistory.sqlite").status_code == 404

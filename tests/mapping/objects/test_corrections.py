@@ -158,9 +158,9 @@ def test_the_mapper_hears_of_what_another_program_moves_removes_and_adds(
     ):
         mapper = ObjectMapper(semantic_map, ReferenceSettings())
         book = PlaceRegistry(semantic_map, ROOM)
-        stage = Stage(["see cup left", "see cup right"], Acts(other), make_frame, 0)
-        for frame in stage.frames():
-            changes = mapper.add(frame, stage.detect(frame))
+        stage = Stage(["see cup left", "see cup right"], Acts(other), make_frame)
+        for frame, detections, _ in stage.shots():
+            changes = mapper.add(frame, detections)
             semantic_map.apply(MapUpdate(objects=changes.updated))
         left, right = other.objects()
         mapper.refresh()

@@ -12,7 +12,7 @@ SETTINGS = ObjectSettings()
 
 def together(a, b, times):
     """Frames that show both, as different detections."""
-    a.together[id(b)] = b.together[id(a)] = times
+    a.together[b.number] = b.together[a.number] = times
 
 
 @pytest.fixture

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -119,3 +121,17 @@ def test_intersection_over_union():
     assert intersection_over_union((0, 0, 2, 2), (0, 0, 2, 2)) == pytest.approx(1)
     assert intersection_over_union((0, 0, 2, 2), (1, 0, 3, 2)) == pytest.approx(1 / 3)
     assert intersection_over_union((0, 0, 1, 1), (2, 2, 3, 3)) == 0
+
+
+def test_a_mask_says_which_depth_is_the_things(extractor, make_frame):
+    depth = np.full((49, 65), 4.0)
+    depth[20:25, 20:40] = 1.5  # a quarter of the box; the wall behind fills the rest
+    box = np.array([[20, 10, 39, 29]], np.float32)
+    mask = np.zeros((20, 20), bool)
+    mask[10:16] = True  # and a row of the wall
+    found = Detections(box, np.array([0.9], np.float32), ("chair",))
+    (without,) = extractor.sightings(make_frame(depth), found)
+    (within,) = extractor.sightings(make_frame(depth), replace(found, mask=(mask,)))
+    assert without.depth == pytest.approx(4.0)
+    assert within.depth == pytest.approx(1.5)
+    assert within.box == without.box

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
+from kg.errors import ModelError
 from mapping.projection import to_camera, to_map
 from mapping.reference.depth_histogram import bin_width, fullest_bin, localise
 from mapping.reference.settings import ReferenceSettings
@@ -118,3 +119,18 @@ def test_camera_looking_along_x_sees_ahead_as_x(make_frame):
 
 def test_box_pixels_takes_pixel_centres():
     assert box_pixels(np.array([0.5, 1.0, 3.5, 2.0]), (10, 10)) == (1, 3, 1, 4)
+
+
+def test_a_mask_takes_the_object_from_the_wall_that_fills_its_box(make_frame):
+    depth = np.full((49, 65), 4.0)
+    depth[20:25, 20:40] = 1.5  # 100 of the box's 400 pixels
+    mask = np.zeros((20, 20), bool)
+    mask[10:15] = True
+    p_cam = localise(make_frame(depth), np.array([20, 10, 39, 29]), ReferenceSettings(), mask)
+    assert p_cam[2] == pytest.approx(1.5)
+
+
+def test_a_mask_of_another_size_than_its_box_is_refused(make_frame):
+    mask = np.ones((3, 4), bool)
+    with pytest.raises(ModelError, match="one of the box's size would work"):
+        localise(make_frame(2.0), np.array([20, 10, 39, 29]), ReferenceSettings(), mask)

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
-from perception.camera.poses import pose_from_quaternion, read_trajectory
+from perception.camera.poses import (
+    gridded_pose,
+    pose_from_quaternion,
+    quaternion_from_pose,
+    read_trajectory,
+)
 
 unit = st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: np.linalg.norm(q) > 0.3)
 
@@ -42,3 +47,18 @@ def test_no_pose_beyond_the_ends_or_in_a_long_gap(tmp_path):
     near = trajectory.at(1.01, 0.02)
     assert near is not None
     assert near[0, 3] == 1
+
+
+@given(st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(lambda q: np.linalg.norm(q) > 0.1))
+@example([0.0, 0, 0, 1])
+@example([1.0, 0, 0, 0])
+@example([1.0, 0, 0, 1])
+@example([1.0, -1, 1, -1])
+@example([0.0, 1, -1, 0])
+def test_a_gridded_pose_written_as_a_quaternion_is_the_same_to_the_last_bit(q):
+    t = np.array([0.1, -2.3, 4.5])
+    T = pose_from_quaternion(t, np.array(q) / np.linalg.norm(q), "here")
+    gridded = gridded_pose(T)
+    assert np.abs(gridded - T).max() < 1e-11
+    again = gridded_pose(pose_from_quaternion(t, quaternion_from_pose(gridded), "here"))
+    assert np.array_equal(again, gridded)

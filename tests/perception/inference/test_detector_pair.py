@@ -107,3 +107,13 @@ def test_a_pair_in_a_pair_keeps_its_networks_names(first, second):
     found = DetectorPair(DetectorPair(first, second), Third()).detect(frame("new"))
     assert found.detectors == ("quick", "slow", "third")
     assert set(found.source) == {"quick", "slow", "third"}
+
+
+def test_masks_stay_with_their_boxes():
+    boxes = np.array([[1, 2, 3, 4], [5, 5, 9, 9]], np.float32)
+    mask = np.ones((5, 5), bool)
+    masked = Detections(boxes, np.array([0.8, 0.3], np.float32), ("a", "b"), mask=(None, mask))
+    plain = Detections(boxes[:1], np.array([0.5], np.float32), ("c",))
+    together = joined([("one", masked), ("other", plain)])
+    assert together.label == ("a", "c", "b")
+    assert together.mask == (None, None, mask)

@@ -81,3 +81,34 @@ def test_files_that_hold_no_detections_are_refused(tmp_path: Path, text: str) ->
 def test_a_missing_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ModelError, match="cannot read detections"):
         open_detector(tmp_path / "absent.json")
+
+
+def test_masks_are_saved_and_loaded_again(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    masks = (rng.random((38, 29)) > 0.7, None, np.ones((2, 2), bool))
+    boxes = np.array([[1.53, 2.54, 30.56, 40.1], [1, 1, 2, 2], [4, 4, 5.02, 5.07]], np.float32)
+    found = Detections(
+        boxes, np.array([0.7, 0.6, 0.5], np.float32), ("cup", "cup", "chair"), mask=masks
+    )
+    save_recorded_detections(tmp_path / "found.json", "mine", {"a": found})
+    again = load_recorded_detections(tmp_path / "found.json", threshold=0.55).detect(frame("a"))
+    assert np.array_equal(again.xyxy, boxes[:2])
+    assert np.array_equal(again.mask[0], masks[0]) and again.mask[1] is None
+
+
+@pytest.mark.parametrize(
+    "mask",
+    [
+        {"size": [2, 2], "runs": [1, 2]},
+        {"size": [2, 2], "runs": [5, -1]},
+        {"size": [10**9, 10**9], "runs": [10**18]},
+        {"size": [2, 2], "runs": "?"},
+        {"size": [2], "runs": [2]},
+        {"runs": [4]},
+        7,
+    ],
+)
+def test_masks_that_are_none_are_one_line(tmp_path: Path, mask: object) -> None:
+    with pytest.raises(ModelError, match="frame 'a'") as caught:
+        load_recorded_detections(written(tmp_path, [[1, 2, 30, 40, 0.5, "cup", mask]]))
+    assert "\n" not in str(caught.value)

@@ -48,12 +48,9 @@ def test_features_of_similar_rooms_are_nearer_than_of_others(shared):
     kitchen = open_recording(shared("data/rgbd/redkitchen"), T_map_world=np.eye(4))
     living = open_recording(shared("data/rgbd/icl_livingroom"), T_map_world=np.eye(4))
     a, b, c = (
-        classifier.features(next(frames)) / np.linalg.norm(classifier.features(next(again)))
-        for frames, again in (
-            (kitchen.frames(60), kitchen.frames(60)),
-            (kitchen.frames(70), kitchen.frames(70)),
-            (living.frames(30), living.frames(30)),
-        )
+        features / np.linalg.norm(features)
+        for frames in (kitchen.frames(60), kitchen.frames(70), living.frames(30))
+        for _, features in (classifier.described(next(frames).rgb),)
     )
     assert a.shape == (1280,)
     assert a @ b > a @ c
@@ -63,7 +60,7 @@ def test_a_network_without_features_says_so(shared):
     classifier = load_scene_classifier(shared("models/squeezenet11_places365.onnx"))
     frame = next(open_recording(shared("data/rgbd/redkitchen"), T_map_world=np.eye(4)).frames())
     with pytest.raises(ModelError, match="no output 'features'"):
-        classifier.features(frame)
+        classifier.described(frame.rgb)
 
 
 def test_raw_scores_become_probabilities(write_network):

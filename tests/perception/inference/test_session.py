@@ -10,7 +10,7 @@ import pytest
 
 from kg.errors import ModelError
 from perception.inference.model_zoo import default_model, model_path
-from perception.inference.session import thread_count
+from perception.inference.session import Session, available_devices, thread_count
 
 
 def test_opening_a_network_leaves_no_trace_in_the_home_folder(tmp_path):
@@ -33,3 +33,12 @@ def test_threads_are_at_least_one_and_at_most_the_processors(monkeypatch):
         monkeypatch.setenv("HEREABOUTS_THREADS", nonsense)
         with pytest.raises(ModelError, match="positive whole number"):
             thread_count()
+
+
+def test_devices_are_those_that_onnxruntime_has():
+    path = model_path(default_model("scene").name)
+    assert "cpu" in available_devices()
+    assert Session(path, device="CPU").device == "cpu"
+    assert Session(path, device="auto").device in available_devices()
+    with pytest.raises(ModelError, match=r"no device 'abacus' .* has: .*cpu"):
+        Session(path, device="abacus")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 import struct
+import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -52,7 +53,7 @@ def test_what_was_written_is_read(source: FolderRecording, tmp_path: Path, name:
         assert np.array_equal(ours.rgb, theirs.rgb)
         assert np.array_equal(ours.depth, theirs.depth, equal_nan=True)
         assert np.array_equal(ours.K, theirs.K)
-        assert np.abs(ours.T_map_cam - theirs.T_map_cam).max() < 1e-14
+        assert np.array_equal(ours.T_map_cam, theirs.T_map_cam)
     assert np.array_equal(read.frame(4).rgb, source.frame(4).rgb)  # and in any order
     assert np.array_equal(read.frame(1).depth, source.frame(1).depth, equal_nan=True)
     assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".")] == []
@@ -411,7 +412,7 @@ def test_transforms_that_make_no_sense_are_skipped_and_said(
         made.image("/cam/depth/image_raw", stamp, mm, "16UC1", "lens")
     made.bag.close()
     assert len(open_recording(tmp_path / "nan", check=False)) == 6
-    assert "1 messages with transforms that make no sense" in caplog.text
+    assert "1 transforms or poses that make no sense" in caplog.text
 
 
 def test_chunks_that_expand_to_more_than_they_say(
@@ -422,6 +423,74 @@ def test_chunks_that_expand_to_more_than_they_say(
     path = written(source, tmp_path / "room.mcap")
     monkeypatch.setattr(bag_file, "LARGEST_CHUNK", 1000)
     assert "larger than any chunk" in refusal(path)
+
+
+@pytest.mark.parametrize("compression", ["zstd", "lz4"])
+def test_a_chunk_that_is_a_bomb_is_not_expanded(
+    source: FolderRecording, tmp_path: Path, compression: str
+) -> None:
+    import lz4.frame
+    from rosbags.rosbag1 import reader
+    from rosbags.rosbag2 import storage_mcap
+
+    open_recording(written(source, tmp_path / "room.mcap"), check=False)
+    large = bytes(1 << 24)
+    zstd = vars(storage_mcap)["zstd"]
+    packed = zstd.compress(large) if compression == "zstd" else lz4.frame.compress(large)
+    assert len(packed) < 100_000
+    with pytest.raises(RecordingError, match="expands to more than its 1000 bytes"):
+        storage_mcap.decompress(packed, compression, 1000, 0)
+    assert storage_mcap.decompress(packed, compression, len(large), 0) == large
+    assert reader.decompressors["lz4"](lz4.frame.compress(large)) == large
+
+
+def test_poses_of_a_topic_that_make_no_sense_are_skipped_and_said(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    made = Bag(tmp_path / "lost")
+    for i, stamp, T, rgb, mm in views():
+        if i == 3:
+            lost = T.copy()
+            lost[0, 3] = np.nan
+            made.pose("/pose", stamp + 0.01, "map", lost)
+        made.pose("/pose", stamp, "map", T)
+        made.camera("/cam/rgb/camera_info", stamp, "lens")
+        made.image("/cam/rgb/image_raw", stamp, rgb, "rgb8", "lens")
+        made.image("/cam/rgb/image_raw", stamp, rgb, "rgb8", "lens")  # sent twice
+        made.image("/cam/depth/image_raw", stamp, mm, "16UC1", "lens")
+        made.image("/cam/depth/image_raw", stamp, mm, "16UC1", "lens")
+    made.bag.close()
+    read = open_recording(tmp_path / "lost", check=False)
+    assert len(read) == 6
+    assert len({frame.id for frame in read.frames()}) == 6
+    assert "1 transforms or poses that make no sense" in caplog.text
+
+
+def test_another_map_frame_of_a_converted_recording(
+    source: FolderRecording, tmp_path: Path
+) -> None:
+    path = written(source, tmp_path / "room.mcap")
+    read = open_recording(path, check=False, streams=Streams(map_frame="map"))
+    assert np.allclose(read.T_map_world, np.eye(4), atol=0.02)
+    assert np.allclose(read.frame(2).T_map_cam, source.frame(2).T_map_cam, atol=0.02)
+
+
+def test_a_png_that_expands_to_gigabytes(tmp_path: Path) -> None:
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        body = kind + data
+        return struct.pack(">I", len(data)) + body + struct.pack(">I", zlib.crc32(body))
+
+    header = struct.pack(">IIBBBBB", 30000, 30000, 1, 0, 0, 0, 0)
+    bomb = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header)
+    bomb += chunk(b"IDAT", zlib.compress(bytes(3751 * 30000))) + chunk(b"IEND", b"")
+    made = Bag(tmp_path / "bomb")
+    for _, stamp, T, _, mm in views():
+        made.tf("/tf", stamp, "map", "lens", T)
+        made.camera("/cam/rgb/camera_info", stamp, "lens")
+        made.compressed("/cam/rgb/image_raw/compressed", stamp, bomb, "png", "lens")
+        made.image("/cam/depth/image_raw", stamp, mm, "16UC1", "lens")
+    made.bag.close()
+    assert "its header names too large a size" in refusal(tmp_path / "bomb")
 
 
 def test_a_loop_of_transforms(tmp_path: Path) -> None:

@@ -30,7 +30,7 @@ def frames_applied(path: Path) -> int:
 
 def objects(prints: Prints, path: Path) -> list[object]:
     rows = "SELECT ?x ?y ?e { ?o here:existence ?e ; here:x ?x ; here:y ?y } ORDER BY ?x"
-    return json.loads(prints("ask", path, "-e", rows, "--format", "json"))["results"]["bindings"]
+    return list(json.loads(prints("ask", path, "-e", rows, "--format", "json")))
 
 
 @pytest.mark.parametrize("words", [["nowhere"], ["ftp://host"], ["ros1://"], ["ros1://h:port"]])

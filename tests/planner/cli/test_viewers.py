@@ -75,10 +75,18 @@ def test_each_format_is_written_and_replaces_what_was_there(lab: Path, tmp_path:
     )
 
 
+def test_the_map_of_then_is_exported(lab: Path, tmp_path: Path) -> None:
+    out = tmp_path / "rooms.json"
+    for when, has_rooms in (("#0", False), ("#1", True)):
+        assert main(["export", str(lab), "-o", str(out), "--format", "json", "--at", when]) == 0
+        assert bool(json.loads(out.read_text("utf-8"))["rooms"]) is has_rooms
+
+
 def test_what_cannot_be_written_is_one_line(
     lab: Path, tmp_path: Path, fails: Callable[..., str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert "cannot write" in fails("export", lab, "-o", tmp_path / "nowhere" / "m.mcap")
+    assert "did you mean mcap" in fails("export", lab, "-o", tmp_path / "m", "--format", "mcapp")
     assert "--find is drawn" in fails("export", lab, "-o", tmp_path / "m.ttl", "--find", "cup")
     assert "no category 'bananna'" in fails(
         "export", lab, "-o", tmp_path / "m.bag", "--find", "bananna"

@@ -29,6 +29,7 @@ from perception.frames import Detections, Frame
 from planner.viewers.feed import LiveFeed
 from planner.viewers.foxglove_viewer import FoxgloveServer, McapFile, scene_as_mcap
 from planner.viewers.scene import ScenePlan, SceneReader, SceneStop
+from planner.viewers.viewer import ViewerGroup
 
 
 def read(data: bytes) -> list[tuple[str, str, int, Any]]:
@@ -163,7 +164,7 @@ from pathlib import Path
 import numpy as np
 import planner.viewers.foxglove_viewer as module
 from kg.records import RobotRecord
-module._FLUSHED = 0.0
+module.FLUSHED = 0.0
 viewer = module.McapFile(Path(sys.argv[1]))
 for number in range(200):
     viewer.robot(RobotRecord(np.array([0.11 * number, 0, 1.2]), 0.0, float(number)))
@@ -217,3 +218,15 @@ def _message(client: Any, subscription: int) -> bytes:
             kind, number, _ = struct.unpack_from("<BIQ", data)
             if (kind, number) == (1, subscription):
                 return data[13:]
+
+
+def test_a_file_that_cannot_be_written_leaves_the_other_viewers_alone(tmp_path: Path) -> None:
+    (tmp_path / "gone").mkdir()
+    viewers = ViewerGroup([McapFile(tmp_path / name) for name in ("gone/a.mcap", "b.mcap")])
+    (tmp_path / "gone").rmdir()
+    viewers.frame(view(1.0), BOX)
+    viewers.remark("still here", 2.0)
+    with pytest.raises(PictureError, match=r"cannot write .*a\.mcap"):
+        viewers.close()
+    viewers.close()
+    assert "/log" in {topic for topic, _, _, _ in read((tmp_path / "b.mcap").read_bytes())}

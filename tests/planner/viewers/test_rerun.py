@@ -45,7 +45,7 @@ def test_a_map_is_shapes_floors_lines_and_a_plan(kitchen: SemanticMap, tmp_path:
     [extents] = entities["/map/objects/extents"]
     assert np.allclose(extents["Boxes3D:half_sizes"], [[0.6, 0.4, 0.4]])
     assert len(entities["/map/floor"]) == 1
-    assert entities["/map/plan/stops"][0]["Arrows3D:labels"] == ["1. near the cup"]
+    assert entities["/map/plan/stops"][0]["Arrows3D:labels"] == ["near the cup"]
     assert entities[r"/map/places/place\/1/name"][0]["Points3D:labels"] == [
         "kitchen\nKüche, belief 0.80"
     ]
@@ -76,3 +76,8 @@ def test_frames_are_kept_as_they_come(kitchen: SemanticMap, tmp_path: Path) -> N
     assert boxes == [["cup 0.90"], ["cup 0.90"]]
     with pytest.raises(PictureError, match="exists"):
         RerunFile("another", path)
+    late = RerunFile("made meanwhile", tmp_path / "late.rrd")
+    (tmp_path / "late.rrd").write_text("mine")
+    with pytest.raises(PictureError, match="cannot write"):
+        late.remark("too late", 1.0)
+    assert (tmp_path / "late.rrd").read_text() == "mine"

@@ -39,7 +39,7 @@ def test_a_bag_has_markers_floor_robot_and_plan(kitchen: SemanticMap, tmp_path: 
     assert len({marker.id for marker in markers}) == len(markers)
     assert [m.text for m in markers if m.ns == "labels"] == ["dining table", "cup"]
     assert [m.color.a for m in markers if m.ns == "objects"] == pytest.approx([1, 0.75])
-    assert [m.text for m in markers if m.ns == "reasons"] == ["1. near the cup"]
+    assert [m.text for m in markers if m.ns == "reasons"] == ["near the cup"]
     floor = next(m for m in markers if m.ns == "places")
     assert floor.type == 11 and len(floor.points) % 3 == 0
     header = messages["/map"].header

@@ -83,5 +83,7 @@ def test_an_empty_map_is_an_empty_scene() -> None:
 def test_a_planned_search_has_a_way_and_reasons(kitchen: SemanticMap) -> None:
     plan = planned_search(kitchen, "banana")
     assert plan is not None and len(plan.path) >= 1 and plan.path[0] == pytest.approx((2, 1))
-    assert all(stop.text for stop in plan.stops)
+    words = "\n".join(stop.text for stop in plan.stops if stop.text).splitlines()
+    numbers = sorted(int(line.partition(".")[0]) for line in words)
+    assert numbers == list(range(1, len(plan.stops) + 1))
     assert planned_search(in_memory_map(), "banana") is None

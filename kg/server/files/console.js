@@ -61,15 +61,3 @@ byId("questions").addEventListener("change", (event) => {
     ask();
   }
 });
-
-const live = byId("live");
-if (live) {
-  const feed = new EventSource(`/changes?since=${live.dataset.sequence}`);
-  feed.onopen = () => { live.className = "live on"; };
-  feed.onerror = () => { live.className = "live off"; };
-  feed.addEventListener("change", (event) => {
-    const change = JSON.parse(event.data);
-    byId("sequence").textContent = change.sequence;
-    byId("cause").textContent = [change.cause.by, change.cause.note || change.cause.kind].filter(Boolean).join(": ");
-  });
-}

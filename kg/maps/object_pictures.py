@@ -1,0 +1,71 @@
+"""Pictures of a map's objects: a small JPEG of each one's best observation, in the map's folder."""
+
+from __future__ import annotations
+
+import re
+import zlib
+from pathlib import Path
+from typing import Final
+
+from kg.errors import GraphError
+from kg.records import ObjectRecord
+
+FOLDER: Final = "pictures"  # in the folder of a map
+MOST_BYTES: Final = 10_000  # of one picture
+MOST_PICTURES: Final = 5_000  # of one map; the oldest are dropped
+_NUMBER = re.compile(r".*/object/([0-9]{1,18})")
+
+
+class ObjectPictures:
+    """Pictures in the folder `path` of a map; a picture's name tells which observation it shows."""
+
+    def __init__(self, path: Path) -> None:
+        self._folder = path / FOLDER
+
+    def path_of(self, record: ObjectRecord) -> Path | None:
+        """File of the observation that explains `record`; None where none is kept."""
+        path = self._path(record)
+        return path if path is not None and path.is_file() else None
+
+    def write(self, record: ObjectRecord, jpeg: bytes) -> None:
+        """Keep `jpeg` as the picture of the observation that explains `record`.
+
+        Raises GraphError where the folder cannot be written, ValueError for one that is too large.
+        """
+        path = self._path(record)
+        if path is None:
+            return
+        if len(jpeg) > MOST_BYTES:
+            raise ValueError(f"a picture has up to {MOST_BYTES} bytes, got {len(jpeg)}")
+        part = path.with_suffix(".part")
+        try:
+            self._folder.mkdir(exist_ok=True)
+            part.write_bytes(jpeg)
+            part.replace(path)
+            for former in self._folder.glob(f"{path.name.partition('-')[0]}-*.jpg"):
+                if former != path:
+                    former.unlink(missing_ok=True)
+        except OSError as error:
+            raise GraphError(f"cannot write {path}: {error.strerror}") from error
+
+    def remove(self, iri: str) -> None:
+        """Remove the pictures of an object."""
+        number = _NUMBER.fullmatch(iri)
+        for path in self._folder.glob(f"{number[1]}-*.jpg") if number else ():
+            path.unlink(missing_ok=True)
+
+    def limit(self) -> None:
+        """Drop the oldest pictures beyond the number that is kept."""
+        if not self._folder.is_dir():
+            return
+        paths = list(self._folder.glob("*.jpg"))
+        if len(paths) > MOST_PICTURES:
+            for path in sorted(paths, key=lambda p: p.stat().st_mtime)[:-MOST_PICTURES]:
+                path.unlink(missing_ok=True)
+
+    def _path(self, record: ObjectRecord) -> Path | None:
+        number, shown = _NUMBER.fullmatch(record.iri), record.evidence
+        if number is None or shown is None:
+            return None
+        key = zlib.crc32(f"{shown.recording}/{shown.frame}".encode())
+        return self._folder / f"{number[1]}-{key:08x}.jpg"

@@ -1,0 +1,272 @@
+// The map as the page knows it: read by SPARQL, as it is or as it was, and kept up with the feed of changes.
+
+const HERE = "https://w3id.org/hereabouts#";
+const RDF_TYPE = "http://www.w3.org/1999/02/22-rdf-syntax-ns#type";
+const LABEL = "http://www.w3.org/2000/01/rdf-schema#label";
+const MAP_GRAPH = "https://w3id.org/hereabouts/graph/map";
+
+const QUERIES = {
+  categories: `SELECT ?class ?label ?kind WHERE {
+    VALUES ?kind { here:Object here:Place }
+    GRAPH graph:commonsense { ?class here:isA ?kind } GRAPH graph:ontology { ?class rdfs:label ?label } }`,
+  objects: `SELECT ?iri ?class ?label ?x ?y ?z ?existence ?place ?seen ?deviation ?dx ?dy ?dz ?count WHERE {
+    GRAPH graph:map {
+      ?iri here:existence ?existence ; a ?class ; here:x ?x ; here:y ?y .
+      OPTIONAL { ?iri here:z ?z } OPTIONAL { ?iri rdfs:label ?label } OPTIONAL { ?iri here:inPlace ?place }
+      OPTIONAL { ?iri here:lastSeen ?seen } OPTIONAL { ?iri here:positionDeviation ?deviation }
+      OPTIONAL { ?iri here:observationCount ?count }
+      OPTIONAL { ?iri here:extentX ?dx ; here:extentY ?dy ; here:extentZ ?dz } } }`,
+  places: `SELECT ?iri ?label ?xmin ?xmax ?ymin ?ymax ?outline ?share ?viewed WHERE {
+    GRAPH graph:map { ?iri a here:Place ; here:xMin ?xmin ; here:xMax ?xmax ; here:yMin ?ymin ; here:yMax ?ymax .
+      OPTIONAL { ?iri rdfs:label ?label } OPTIONAL { ?iri here:outline ?outline }
+      OPTIONAL { ?iri here:viewedShare ?share } OPTIONAL { ?iri here:lastViewed ?viewed } } }`,
+  beliefs: `SELECT ?iri ?class ?belief WHERE {
+    GRAPH graph:map { ?iri a here:Place ; here:hasBelief ?held . ?held here:ofCategory ?class ; here:belief ?belief } }`,
+  doors: `SELECT ?x ?y WHERE { GRAPH graph:map { ?door a here:Door ; here:x ?x ; here:y ?y } }`,
+  robot: `SELECT ?iri ?x ?y ?heading ?seen WHERE {
+    GRAPH graph:map { ?iri a here:Robot ; here:x ?x ; here:y ?y ; here:heading ?heading ; here:lastSeen ?seen } }`,
+  floor: `SELECT ?x ?y ?z ?storey ?size ?cells ?viewed WHERE {
+    GRAPH graph:map { ?tile here:floorCells ?cells ; here:x ?x ; here:y ?y ; here:cellSize ?size .
+      OPTIONAL { ?tile here:z ?z } OPTIONAL { ?tile here:storey ?storey } OPTIONAL { ?tile here:viewTimes ?viewed } } }`,
+};
+
+/** Field of an object by the predicate that the feed names. */
+const FIELDS = {
+  [RDF_TYPE]: "class", [LABEL]: "label", [`${HERE}x`]: "x", [`${HERE}y`]: "y", [`${HERE}z`]: "z",
+  [`${HERE}existence`]: "existence", [`${HERE}inPlace`]: "place", [`${HERE}lastSeen`]: "seen",
+  [`${HERE}positionDeviation`]: "deviation", [`${HERE}extentX`]: "dx", [`${HERE}extentY`]: "dy",
+  [`${HERE}extentZ`]: "dz", [`${HERE}observationCount`]: "count", [`${HERE}heading`]: "heading",
+};
+const NUMBERS = new Set(["x", "y", "z", "existence", "deviation", "dx", "dy", "dz", "count", "heading", "xmin", "xmax",
+  "ymin", "ymax", "share", "belief", "size", "storey"]);
+
+/** Rows of CSV text (RFC 4180) as objects by column. */
+function rowsOf(text) {
+  const rows = [];
+  let row = [], cell = "", quoted = false;
+  for (let i = 0; i < text.length; i++) {
+    const c = text[i];
+    if (quoted) {
+      if (c === '"' && text[i + 1] === '"') { cell += '"'; i++; } else if (c === '"') quoted = false;
+      else cell += c;
+    } else if (c === '"') quoted = true;
+    else if (c === ",") { row.push(cell); cell = ""; }
+    else if (c === "\n") { row.push(cell); rows.push(row); row = []; cell = ""; }
+    else if (c !== "\r") cell += c;
+  }
+  const columns = rows.shift() || [];
+  return rows.map((cells) => {
+    const made = {};
+    columns.forEach((name, n) => {
+      if (cells[n] !== "") made[name] = NUMBERS.has(name) ? Number(cells[n]) : cells[n];
+    });
+    return made;
+  });
+}
+
+/** The answer to a query: {rows, sequence}; `at` is a transaction number, null for now. */
+export async function select(query, at = null) {
+  const path = at === null ? "/sparql" : `/sparql?at=${at}`;
+  const answer = await fetch(path, {
+    method: "POST",
+    headers: { "Content-Type": "application/sparql-query", Accept: "text/csv" },
+    body: query,
+  });
+  if (!answer.ok) throw new Error((await answer.text()).slice(0, 300));
+  return { rows: rowsOf(await answer.text()), sequence: Number(answer.headers.get("Here-Sequence") || 0) };
+}
+
+/** Bytes of a zlib stream in base64. */
+async function inflated(text) {
+  const packed = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
+  return new Uint8Array(await new Response(stream).arrayBuffer());
+}
+
+/** Rings of corners [x, y] of a polygon in WKT. */
+function ringsOf(text) {
+  return [...text.matchAll(/\(([^()]+)\)/g)].map((ring) =>
+    ring[1].split(",").map((corner) => corner.trim().split(/\s+/).map(Number)));
+}
+
+const QUAD = /^<([^>]*)> <([^>]*)> (?:<([^>]*)>|"((?:[^"\\]|\\.)*)"\S*) <([^>]*)> \.$/;
+
+/** [subject, predicate, value] of an N-Quads line of the map's graph; null for others. */
+function factOf(line) {
+  const found = QUAD.exec(line);
+  if (!found || found[5] !== MAP_GRAPH) return null;
+  const [, subject, predicate, iri, text] = found;
+  return [subject, predicate, iri !== undefined ? iri : JSON.parse(`"${text.replace(/\\'/g, "'")}"`)];
+}
+
+export class MapData extends EventTarget {
+  constructor(base) {
+    super();
+    this.base = base;
+    this.objects = new Map();
+    this.places = new Map();
+    this.doors = [];
+    this.floor = [];
+    this.robot = null;
+    this.trail = [];
+    this.sequence = 0; // of the state that is shown
+    this.last = 0; // of the map's last transaction
+    this.past = null; // the transaction whose state is shown; null: the present
+    this.labels = new Map(); // of categories
+    this.kinds = new Map();
+    this._loading = 0;
+  }
+
+  /** Read everything of the state `past`, or of the present. */
+  async load(past = null) {
+    const number = ++this._loading;
+    if (!this.labels.size) await this._readCategories();
+    const names = ["objects", "places", "beliefs", "doors", "robot", "floor"];
+    const answers = await Promise.all(names.map((name) => select(QUERIES[name], past)));
+    const [objects, places, beliefs, doors, robot, floor] = answers.map((answer) => answer.rows);
+    const tiles = await Promise.all(floor.map((tile) => this._tile(tile)));
+    if (number !== this._loading) return; // another state was asked for meanwhile
+    this.past = past;
+    this.sequence = past ?? Math.min(...answers.map((answer) => answer.sequence));
+    this.last = Math.max(this.last, this.sequence);
+    this.objects = new Map();
+    objects.filter((one) => this._isObject(one)).forEach((one) => this.objects.set(one.iri, one));
+    this._takePlaces(places, beliefs);
+    this.doors = doors;
+    this.floor = tiles.filter(Boolean);
+    this.robot = robot[0] || null;
+    this.trail = [];
+    this._tell("changed");
+  }
+
+  /** Follow the feed of changes from the state that was read. */
+  follow() {
+    if (this._feed) this._feed.close();
+    const feed = new EventSource(`/changes?since=${this.sequence}`);
+    this._feed = feed;
+    feed.onopen = () => this._tell("on");
+    feed.onerror = () => {
+      this._tell("off");
+      // refused: what lies between is not kept any more, so all is read anew
+      if (feed.readyState === EventSource.CLOSED) setTimeout(() => this.load(null).then(() => this.follow()), 2000);
+    };
+    feed.addEventListener("change", (event) => this._take(JSON.parse(event.data)));
+  }
+
+  labelOf(iri) {
+    return this.labels.get(iri) || iri.replace(/^.*[/#]/, "");
+  }
+
+  nameOf(one) {
+    return one.label || this.labelOf(one.class || one.iri);
+  }
+
+  _take(change) {
+    this.last = Math.max(this.last, change.sequence);
+    this._tell("transaction", change);
+    if (this.past !== null) return;
+    this.sequence = change.sequence;
+    let around = false, back = false;
+    const touched = new Set();
+    for (const [lines, added] of [[change.removed, false], [change.added, true]]) {
+      for (const line of lines) {
+        const fact = factOf(line);
+        if (!fact) continue;
+        const [subject, predicate, value] = fact;
+        back ||= !added && predicate === RDF_TYPE && value === `${HERE}DepartedObject`;
+        if (/\/(place|door|floor)\//.test(subject.slice(this.base.length - 1))) { around = true; continue; }
+        const field = FIELDS[predicate];
+        if (!field) continue;
+        const one = this._at(subject, added);
+        if (!one) continue;
+        touched.add(one);
+        if (added) {
+          if (field === "class" && one.class && !this.kinds.has(value)) continue;
+          one[field] = NUMBERS.has(field) ? Number(value) : value;
+        } else if (String(one[field]) === value || NUMBERS.has(field)) delete one[field];
+      }
+    }
+    for (const one of touched) {
+      if (one === this.robot) this.trail.push([one.x, one.y]);
+      else if (!this._isObject(one)) this.objects.delete(one.iri);
+    }
+    if (this.trail.length > 2000) this.trail.splice(0, 500);
+    if (around) this._readSurroundings();
+    // of what left and was found again, only the differences are in the feed
+    if (back) this.load(null).catch(() => {});
+    this._tell("changed");
+  }
+
+  _at(iri, make) {
+    if (this.robot && iri === this.robot.iri) return this.robot;
+    if (!this.objects.has(iri) && make) this.objects.set(iri, { iri });
+    return this.objects.get(iri);
+  }
+
+  _isObject(one) {
+    return one.existence !== undefined && one.x !== undefined && one.y !== undefined && this.kinds.get(one.class) === "object";
+  }
+
+  /** Places, doors and floor change often while a robot drives: they are read once a second. */
+  _readSurroundings() {
+    if (this._soon) return;
+    this._soon = setTimeout(async () => {
+      try {
+        const names = ["places", "beliefs", "doors", "floor", "robot"];
+        const [places, beliefs, doors, floor, robot] = (await Promise.all(names.map((name) => select(QUERIES[name])))).map((a) => a.rows);
+        const tiles = await Promise.all(floor.map((tile) => this._tile(tile)));
+        if (this.past === null) {
+          this._takePlaces(places, beliefs);
+          this.doors = doors;
+          this.floor = tiles.filter(Boolean);
+          this.robot = this.robot || robot[0] || null;
+          this._tell("changed");
+        }
+      } finally {
+        this._soon = null;
+      }
+    }, 1000);
+  }
+
+  _takePlaces(rows, beliefs) {
+    const before = this.places;
+    this.places = new Map();
+    for (const row of rows) {
+      const kept = before.get(row.iri);
+      const rings = row.outline ? ringsOf(row.outline)
+        : [[[row.xmin, row.ymin], [row.xmax, row.ymin], [row.xmax, row.ymax], [row.xmin, row.ymax]]];
+      this.places.set(row.iri, { ...kept, ...row, rings, beliefs: [] });
+    }
+    for (const { iri, class: category, belief } of beliefs) this.places.get(iri)?.beliefs.push([category, belief]);
+    this.places.forEach((place) => place.beliefs.sort((a, b) => b[1] - a[1]));
+  }
+
+  async _readCategories() {
+    for (const { class: iri, label, kind } of (await select(QUERIES.categories)).rows) {
+      this.labels.set(iri, label);
+      this.kinds.set(iri, kind.endsWith("Place") ? "place" : "object");
+    }
+  }
+
+  /** A tile with its cells and, in minutes since 1970, when they were last viewed; kept by its text. */
+  async _tile(row) {
+    this._tiles ??= new Map();
+    const key = `${row.cells}|${row.viewed || ""}`;
+    if (!this._tiles.has(key)) {
+      if (this._tiles.size > 4000) this._tiles.clear();
+      try {
+        const cells = await inflated(row.cells);
+        const viewed = row.viewed ? new Uint32Array((await inflated(row.viewed)).buffer) : null;
+        this._tiles.set(key, { cells, viewed, side: Math.sqrt(cells.length) });
+      } catch {
+        this._tiles.set(key, null); // what is no floor is not drawn
+      }
+    }
+    const held = this._tiles.get(key);
+    return held && Number.isInteger(held.side) ? { ...row, ...held } : null;
+  }
+
+  _tell(name, detail) {
+    this.dispatchEvent(new CustomEvent(name, { detail }));
+  }
+}

@@ -1,0 +1,79 @@
+"""What all tools share: the open map, its identity, names of things, times."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+from kg.errors import QueryParameterError, UnknownCategoryError
+from kg.history.timestamps import iso
+from kg.maps.semantic_map import SemanticMap
+from planner.agents.answers import MapIdentity
+from planner.freespace.places import Row
+
+
+@dataclass(frozen=True, slots=True)
+class MapContext:
+    """An open map and in whose name it is written; without `author` it is only read."""
+
+    semantic_map: SemanticMap
+    author: Callable[[], str] | None = None
+    most: int = 50  # categories and places that a description lists
+
+    @property
+    def writable(self) -> bool:
+        """Whether there are tools that write."""
+        return self.author is not None
+
+    def identity(self) -> MapIdentity:
+        """The map and its state; taken first, so that an answer is no older than it says."""
+        return MapIdentity(
+            untrusted_title=self.semantic_map.title,
+            base=self.semantic_map.base,
+            sequence=self.semantic_map.sequence,
+        )
+
+    def is_thing(self, what: str) -> bool:
+        """Whether a text names one object rather than a kind or a place."""
+        return self.iri(what).startswith(f"{self.semantic_map.base}object/")
+
+    def iri(self, what: str) -> str:
+        """The IRI that ``object/17`` is short for."""
+        return what if "://" in what else self.semantic_map.base + what
+
+    def place(self, text: str) -> str:
+        """IRI of a place by its label, number or IRI, or by what one place alone is believed to be.
+
+        Raises QueryParameterError, which lists the places, where there is none or several.
+        """
+        try:
+            return self.semantic_map.place_named(text)
+        except QueryParameterError as error:
+            try:
+                believed = self.semantic_map.places(text)
+            except UnknownCategoryError:
+                raise error from None
+            if len(believed) > 1:
+                iris = ", ".join(place.iri for place in believed)
+                raise QueryParameterError(f"several places are such; name one of {iris}") from None
+            if not believed:
+                raise
+            return believed[0].iri
+
+
+def age(stamp: float) -> float:
+    """[s] from a stamp to now, 0 for one in the future."""
+    return round(max(time.time() - stamp, 0.0), 1)
+
+
+def time_or_none(value: object) -> str | None:
+    """A time as ISO 8601 in UTC; None for what is no time."""
+    return iso(value.astimezone(UTC).timestamp()) if isinstance(value, datetime) else None
+
+
+def number_or_none(row: Row, column: str) -> float | None:
+    """A number of a row; None where it has none there."""
+    value = row.get(column)
+    return round(float(value), 6) if isinstance(value, int | float) else None

@@ -1,0 +1,357 @@
+"""Tools that read a map: where things are, what is where, what is known of them, and why."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from datetime import datetime
+from typing import Annotated, Final
+
+from pydantic import Field
+
+from kg.errors import QueryParameterError
+from kg.history.timestamps import iso
+from kg.maps.semantic_map import SemanticMap
+from kg.records import PlaceRecord
+from kg.workers.limited_queries import LimitedQueries
+from planner.agents import answers as a
+from planner.agents.map_context import MapContext, age, number_or_none, time_or_none
+from planner.freespace.places import Row
+from planner.goals.known_objects import KnownObject, known_objects
+from planner.goals.status import PlaceStatus, status
+from planner.goals.targets import resolve
+from planner.goals.whereabouts import whereabouts
+
+Word = Annotated[str, Field(min_length=1, max_length=100)]
+ThingName = Annotated[str, Field(min_length=1, max_length=300, description="object/17 or its IRI")]
+Limit = Annotated[int, Field(ge=1, le=100, description="most to list")]
+Metres = Annotated[float, Field(ge=-1e7, le=1e7, allow_inf_nan=False, description="map frame, m")]
+Least = Annotated[float, Field(ge=0, le=1, description="existence from which on objects count")]
+Radius = Annotated[float, Field(gt=0, le=1000, description="metres over the floor")]
+
+_CHANGES: Final = 12  # listed of a transaction
+_SAME_SPOT: Final = 0.01  # [m] to find an object where it is
+
+
+class MapTools:
+    """The reading tools of one map. Every method is a tool; its docstring is what agents read."""
+
+    def __init__(self, context: MapContext, queries: LimitedQueries) -> None:
+        self._context, self._queries = context, queries
+
+    @property
+    def _map(self) -> SemanticMap:
+        return self._context.semantic_map
+
+    def describe_map(self) -> a.MapDescription:
+        """What this map is: title, categories with counts, places with beliefs, robot pose.
+
+        Ask this first.
+        """
+        identity, description = self._context.identity(), self._map.description
+        counted = self._map.ask("summary").records()
+        places, robot = self._map.places(), self._map.robot()
+        most = self._context.most
+        return a.MapDescription(
+            map=identity,
+            created=time_or_none(_moment(description.created)),
+            licence=description.licence,
+            objects=sum(int(str(row["count"])) for row in counted),
+            categories=[
+                a.CategoryCount(
+                    untrusted_category=str(row["category"]),
+                    count=int(str(row["count"])),
+                    last_seen=time_or_none(row["lastSeen"]),
+                )
+                for row in counted[:most]
+            ],
+            categories_left_out=max(len(counted) - most, 0),
+            places=[self._summary(place) for place in places[:most]],
+            places_left_out=max(len(places) - most, 0),
+            robot=None
+            if robot is None
+            else a.Pose(
+                x=round(float(robot.p_map[0]), 3),
+                y=round(float(robot.p_map[1]), 3),
+                heading=round(robot.heading, 4),
+                time=iso(robot.stamp),
+                age_seconds=age(robot.stamp),
+            ),
+            writable=self._context.writable,
+        )
+
+    def where_is(self, what: Word, limit: Limit = 10) -> a.WhereIs:
+        """Where something is: a category (cup), a synonym, a need ("something to sit on"), or one
+        thing (object/17). Surest first, with place, position, probability and age.
+
+        Where the map knows none, `status` says whether it is gone, hidden, or was never looked for.
+        """
+        identity = self._context.identity()
+        if self._context.is_thing(what):
+            return a.WhereIs(map=identity, things=[self._one(self._context.iri(what))])
+        (target,) = resolve(self._map, (what,))
+        known = known_objects(self._map, target, located=limit)
+        listed, left_out = known_things(known, limit)
+        if known or target.iri is None:
+            return a.WhereIs(map=identity, things=listed, left_out=left_out)
+        found = status(self._map, target.iri)
+        return a.WhereIs(map=identity, things=[], status=found.value, untrusted_proof=found.proof)
+
+    def what_is_at(
+        self, x: Metres, y: Metres, radius: Radius = 0.5, least: Least = 0.5, limit: Limit = 20
+    ) -> a.AtPoint:
+        """What is at a point of the floor: the place it is in, and objects within `radius`."""
+        identity = self._context.identity()
+        place = next((p for p in self._map.places() if p.area.contains(x, y)), None)
+        rows = self._within(x, y, radius, least)
+        return a.AtPoint(
+            map=identity,
+            things=[thing(row) for row in rows[:limit]],
+            left_out=max(len(rows) - limit, 0),
+            place=None if place is None else place.iri,
+            untrusted_place=None if place is None else place.label,
+        )
+
+    def what_is_near(
+        self, what: ThingName, radius: Radius = 2.0, least: Least = 0.5, limit: Limit = 20
+    ) -> a.Things:
+        """Objects around one thing (object/17), nearest first; `what_is_at` takes a point."""
+        identity, iri = self._context.identity(), self._context.iri(what)
+        x, y = self._position(iri)
+        rows = [row for row in self._within(x, y, radius, least) if row["object"] != iri]
+        return _things(identity, rows, limit)
+
+    def what_is_in(
+        self,
+        what: Annotated[
+            str, Field(min_length=1, max_length=300, description="place, or object/17")
+        ],
+        least: Least = 0.5,
+        limit: Limit = 20,
+    ) -> a.Things:
+        """Objects in a place (kitchen, its label, place/1), or on and in a thing (object/17)."""
+        identity = self._context.identity()
+        if not self._context.is_thing(what):
+            place = self._context.place(what)
+            rows = self._map.ask("objects-in-place", place=place, least=least).records()
+            return _things(identity, rows, limit)
+        iri = self._context.iri(what)
+        self._position(iri)  # refuses what is no object
+        related = self._map.ask("related", object=iri).records()
+        rows = [
+            row
+            for row in related
+            if row["relation"] in ("on", "inside")
+            and (number_or_none(row, "existence") or 0) >= least
+        ]
+        return _things(identity, rows, limit)
+
+    def status(
+        self,
+        what: Annotated[
+            str, Field(min_length=1, max_length=300, description="category, or object/17")
+        ],
+        place: Annotated[
+            str | None,
+            Field(max_length=300, description="only there: label, kind (kitchen), place/1"),
+        ] = None,
+        limit: Limit = 20,
+    ) -> a.StatusAnswer:
+        """Whether something is present, gone (its place was viewed and it is not there), hidden
+        (part of its place was never in view) or never looked for; when, and the proof.
+        """
+        identity = self._context.identity()
+        where = None if place is None else self._context.place(place)
+        found = status(self._map, what, where)
+        return a.StatusAnswer(
+            map=identity,
+            status=found.value,
+            untrusted_target=found.target,
+            untrusted_proof=found.proof,
+            places=[_place_status(one) for one in found.places[:limit]],
+            left_out=max(len(found.places) - limit, 0),
+        )
+
+    def why(
+        self,
+        what: Annotated[
+            str,
+            Field(
+                min_length=1,
+                max_length=600,
+                description="object/17, place/1, or a fact: object/17 here:inPlace place/1",
+            ),
+        ],
+        limit: Limit = 40,
+    ) -> a.WhyAnswer:
+        """Why the map holds a thing or a fact: the frame, box, pose, rule, model or person behind
+        it, and the transaction that wrote it.
+        """
+        identity = self._context.identity()
+        steps = [step for reason in self._map.why(what) for step in reason.walk()]
+        return a.WhyAnswer(
+            map=identity,
+            steps=[
+                a.Step(depth=depth, kind=step.kind, untrusted_text=step.text, iri=step.iri)
+                for depth, step in steps[:limit]
+            ],
+            left_out=max(len(steps) - limit, 0),
+        )
+
+    def history(self, what: ThingName, last: Limit = 10) -> a.HistoryAnswer:
+        """How one thing (object/17, place/1) changed: its last transactions, when and by what."""
+        identity = self._context.identity()
+        entries, count = deque[a.Event](maxlen=last), 0
+        for entry in self._map.log(what):
+            count += 1
+            entries.append(
+                a.Event(
+                    sequence=entry.sequence,
+                    time=iso(entry.time),
+                    kind=entry.cause.kind,
+                    untrusted_by=entry.cause.by,
+                    untrusted_note=entry.cause.note,
+                    untrusted_changes=list(entry.changes[:_CHANGES]),
+                    changes_left_out=max(len(entry.changes) - _CHANGES, 0),
+                )
+            )
+        return a.HistoryAnswer(map=identity, events=list(entries), left_out=count - len(entries))
+
+    def ask_sparql(
+        self,
+        query: Annotated[str, Field(min_length=1, max_length=20_000)],
+        limit: Annotated[int, Field(ge=1, le=500, description="most rows to return")] = 50,
+    ) -> a.Rows:
+        """Any SPARQL 1.1 query that reads (SELECT, ASK, CONSTRUCT, DESCRIBE), for what no other
+        tool answers. Prefixes here:, graph:, rdfs: are declared; 10 s, 4 MB.
+
+        Example: SELECT ?cup ?z WHERE { ?cup a here:Cup ; here:z ?z } ORDER BY ?z LIMIT 10
+        """
+        identity, table = self._context.identity(), self._queries.ask(query)
+        return a.Rows(
+            map=identity,
+            untrusted_columns=list(table.columns),
+            untrusted_rows=[[_plain(cell) for cell in row] for row in table.rows[:limit]],
+            left_out=max(len(table.rows) - limit, 0),
+        )
+
+    def _one(self, iri: str) -> a.KnownThing:
+        x, y = self._position(iri)
+        for row in self._within(x, y, _SAME_SPOT, 0.0):
+            if row["object"] == iri:
+                where = whereabouts(self._map, iri)
+                return a.KnownThing(
+                    **thing(row).model_dump(exclude={"distance"}), untrusted_where=where
+                )
+        raise self._unknown(iri)
+
+    def _position(self, iri: str) -> tuple[float, float]:
+        rows = self._map.ask("whereabouts", object=iri).records()
+        if not rows:
+            raise self._unknown(iri)
+        return float(str(rows[0]["x"])), float(str(rows[0]["y"]))
+
+    def _unknown(self, iri: str) -> QueryParameterError:
+        return QueryParameterError(
+            f"{iri} is no object of the map now; history and status tell what became of it, "
+            "where_is finds objects by category"
+        )
+
+    def _within(self, x: float, y: float, radius: float, least: float) -> list[Row]:
+        found = self._map.ask("objects-within-radius", x=x, y=y, radius=radius, least=least)
+        return list(found.records())
+
+    def _summary(self, place: PlaceRecord) -> a.PlaceSummary:
+        top = max(place.beliefs, key=lambda iri: (place.beliefs[iri], iri), default=None)
+        viewed = place.viewed
+        return a.PlaceSummary(
+            iri=place.iri,
+            untrusted_label=place.label,
+            untrusted_category=None if top is None else self._map.catalogue.label(top),
+            probability=None if top is None else round(place.beliefs[top], 4),
+            viewed_share=None if viewed is None else viewed.share,
+            last_viewed=None if viewed is None else iso(viewed.last),
+            xmin=place.xmin,
+            xmax=place.xmax,
+            ymin=place.ymin,
+            ymax=place.ymax,
+        )
+
+
+def known_things(known: Sequence[KnownObject], limit: int) -> tuple[list[a.KnownThing], int]:
+    """The first of them as they are answered, and how many are left out."""
+    return [_known(one) for one in known[:limit]], max(len(known) - limit, 0)
+
+
+def _known(one: KnownObject) -> a.KnownThing:
+    return a.KnownThing(
+        iri=one.iri,
+        untrusted_label=one.label,
+        untrusted_category=one.own or one.category,
+        probability=round(one.existence, 6),
+        x=round(float(one.p_map[0]), 3),
+        y=round(float(one.p_map[1]), 3),
+        last_seen=time_or_none(one.last_seen),
+        age_seconds=None if one.last_seen is None else age(one.last_seen.timestamp()),
+        observations=one.observations,
+        untrusted_where=one.where,
+        may_be=[a.Alternative(untrusted_category=c, probability=p) for c, p in one.may_be],
+        untrusted_frame=one.frame,
+        found_by=one.found_by,
+    )
+
+
+def _things(identity: a.MapIdentity, rows: Sequence[Row], limit: int) -> a.Things:
+    listed = [thing(row) for row in rows[:limit]]
+    return a.Things(map=identity, things=listed, left_out=max(len(rows) - limit, 0))
+
+
+def thing(row: Row) -> a.Thing:
+    """A row of a shipped query about objects; columns that it lacks stay empty."""
+    existence, seen = number_or_none(row, "existence"), row.get("lastSeen")
+    place, count = row.get("place"), number_or_none(row, "observations")
+    relation = row.get("relation")
+    return a.Thing(
+        iri=str(row["object"]),
+        untrusted_label=str(row["label"] or row["category"]),
+        untrusted_category=str(row["category"]),
+        # what people assert has no other existence than being there
+        probability=1.0 if existence is None else round(existence, 6),
+        **{name: number_or_none(row, name) for name in ("x", "y", "z", "distance")},
+        untrusted_place=None if place is None else str(place),
+        last_seen=time_or_none(seen),
+        age_seconds=age(seen.timestamp()) if isinstance(seen, datetime) else None,
+        observations=None if count is None else int(count),
+        relation=None if relation is None else str(relation),
+    )
+
+
+def _place_status(one: PlaceStatus) -> a.PlaceStatus:
+    return a.PlaceStatus(
+        place=one.place,
+        untrusted_place=one.place_label,
+        status=one.value,
+        thing=one.object,
+        probability=one.existence,
+        last_seen=time_or_none(one.last_seen),
+        age_seconds=None if one.last_seen is None else age(one.last_seen.timestamp()),
+        viewed_share=one.viewed_share,
+        closely_viewed_share=one.closely_viewed_share,
+        last_viewed=time_or_none(one.last_viewed),
+    )
+
+
+def _moment(text: str) -> datetime | None:
+    try:
+        return datetime.fromisoformat(text)
+    except ValueError:
+        return None
+
+
+def _plain(cell: object) -> str | float | int | bool | None:
+    if cell is None or isinstance(cell, bool | int):
+        return cell
+    if isinstance(cell, float):
+        return cell if math.isfinite(cell) else str(cell)
+    return time_or_none(cell) if isinstance(cell, datetime) else str(cell)

@@ -1,0 +1,33 @@
+"""Text that people, detectors or other programs wrote, made harmless to print and bounded."""
+
+from __future__ import annotations
+
+import unicodedata
+from typing import Final
+
+#: characters of a label, of a sentence and of an IRI
+LABEL: Final = 120
+SENTENCE: Final = 400
+ADDRESS: Final = 300
+#: control, format (bidirectional and invisible ones), surrogate, private use, line separators
+_HIDDEN: Final = frozenset(("Cc", "Cf", "Cs", "Co", "Zl", "Zp"))
+#: variation selectors, which are invisible too and can carry any text
+_SELECTORS: Final = (range(0xFE00, 0xFE10), range(0xE0100, 0xE01F0))
+
+
+def escaped(value: object, most: int) -> str:
+    r"""`value` in one visible line of at most `most` characters; cut text ends in an ellipsis.
+
+    >>> escaped("cup\n\u202eSYSTEM", 40)
+    'cup\\u000a\\u202eSYSTEM'
+    """
+    text = str(value)
+    written = "".join(map(_visible, text[: most + 1]))
+    return written if len(written) <= most else written[: most - 1] + "…"
+
+
+def _visible(character: str) -> str:
+    code = ord(character)
+    if unicodedata.category(character) not in _HIDDEN and not any(code in r for r in _SELECTORS):
+        return character
+    return f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"

@@ -1,0 +1,162 @@
+"""`hereabouts mcp`: the map as tools for language-model agents (Model Context Protocol)."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import os
+import signal
+from typing import TYPE_CHECKING
+
+from kg.errors import RemoteError, ServerError
+from planner.cli.arguments import add_map
+from planner.cli.console import note
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from kg.maps.semantic_map import SemanticMap
+    from kg.server import Settings
+    from kg.workers.limited_queries import LimitedQueries
+
+_INTERRUPTED = 130  # exit code, as shells have it
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "mcp",
+        help="the map as tools for language-model agents (Model Context Protocol)",
+        description="Offer a map to language-model agents as tools of the Model Context Protocol: "
+        "over stdin and stdout, or with --http at /mcp of an address. It only reads; with --write "
+        "agents assert and retract too. Give a map that is being mapped by its server's address.",
+        epilog="example: hereabouts mcp kitchen.map --http 8009",
+    )
+    add_map(parser)
+    parser.add_argument(
+        "--http",
+        type=_address,
+        metavar="[HOST:]PORT",
+        help="streamable HTTP instead of stdio (HOST: 127.0.0.1; port 0 takes a free one)",
+    )
+    parser.add_argument(
+        "--token-file",
+        metavar="FILE",
+        help="with --http: every request needs one of these tokens, lines of NAME TOKEN",
+    )
+    parser.add_argument(
+        "--public-host",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="with --http: a name by which other machines know this server (again for more)",
+    )
+    parser.add_argument(
+        "--write",
+        action="store_true",
+        help="agents may assert and retract: in the name of --by, of the token's holder with "
+        "--http, or of the holder of the served map's token",
+    )
+    parser.add_argument("--by", metavar="NAME", help="in whose name agents write to a folder")
+    parser.set_defaults(run=run, usage_error=parser.error)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Serve the tools until stdin ends, or until interrupted."""
+    _refuse_nonsense(arguments)
+    if importlib.util.find_spec("mcp") is None:
+        raise ServerError("this needs the package mcp: pip install 'hereabouts[mcp]'")
+    return _serve(arguments)
+
+
+def _serve(arguments: argparse.Namespace) -> int:
+    from kg.opening import open_map
+    from kg.workers.limited_queries import LimitedQueries
+    from planner.agents.map_context import MapContext
+    from planner.agents.tool_server import PATH, ToolHttpServer, tool_server
+
+    settings, author = _settings(arguments), _author(arguments)
+    access = "reading and writing" if arguments.write else "reading only"
+    with (
+        open_map(arguments.map, read_only=not arguments.write) as semantic_map,
+        LimitedQueries(semantic_map) as queries,
+    ):
+        context = MapContext(semantic_map, author)
+        # of a served map, changes of the ontology by others are noticed by this alone
+        semantic_map.listen(lambda change: None)
+        if settings is None:
+            _end_on_signals(queries, semantic_map)
+            note(f"tools of {semantic_map.title} on stdin and stdout ({access})")
+            tool_server(context, queries).run("stdio")
+        else:
+            server = ToolHttpServer(context, queries, settings)
+            url = server.url.rstrip("/") + PATH
+            note(f"tools of {semantic_map.title} at {url} ({access}); Ctrl+C ends")
+            signal.signal(signal.SIGTERM, _end)
+            server.run()
+    return 0
+
+
+def _end(number: int, frame: object) -> None:
+    # so that everything is closed on the way out, which the signal's default is not waiting for
+    raise SystemExit(0)
+
+
+def _end_on_signals(queries: LimitedQueries, semantic_map: SemanticMap) -> None:
+    """Close the map and leave on SIGTERM and Ctrl+C: a thread that reads stdin cannot be ended."""
+
+    def end(number: int, frame: object) -> None:
+        queries.close()
+        semantic_map.close()
+        os._exit(0 if number == signal.SIGTERM else _INTERRUPTED)
+
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, end)
+
+
+def _refuse_nonsense(arguments: argparse.Namespace) -> None:
+    from kg.store.sparql_client import is_url
+
+    over_http = arguments.http is not None
+    folder_on_stdio = not over_http and not is_url(arguments.map)
+    if (arguments.token_file or arguments.public_host) and not over_http:
+        arguments.usage_error("--token-file and --public-host are for --http")
+    if arguments.by is not None and not (arguments.write and folder_on_stdio):
+        arguments.usage_error("--by is for --write to a folder by stdio; else tokens have names")
+    if arguments.write and over_http and not arguments.token_file:
+        arguments.usage_error("who may write over HTTP? --token-file FILE")
+    if arguments.write and folder_on_stdio and not (arguments.by or "").strip():
+        arguments.usage_error("in whose name do agents write? --by NAME")
+
+
+def _author(arguments: argparse.Namespace) -> Callable[[], str] | None:
+    """Who writes; None where nobody does. Raises RemoteError without a served map's token."""
+    from kg.store.credentials import HINT, token_for
+    from kg.store.sparql_client import is_url
+    from planner.agents.tool_server import token_holder
+
+    if not arguments.write:
+        return None
+    if is_url(arguments.map) and token_for(arguments.map) is None:
+        raise RemoteError(f"no token to write to the map with; {HINT}")
+    if arguments.http is not None:
+        return token_holder
+    return lambda: arguments.by or ""
+
+
+def _settings(arguments: argparse.Namespace) -> Settings | None:
+    from kg.server import BearerTokens, Settings
+
+    if arguments.http is None:
+        return None
+    host, port = arguments.http
+    tokens = BearerTokens.load(arguments.token_file) if arguments.token_file else BearerTokens()
+    public_hosts = tuple(arguments.public_host)
+    return Settings(host, port, tokens, public=True, public_hosts=public_hosts)
+
+
+def _address(text: str) -> tuple[str, int]:
+    host, _, port = text.rpartition(":")
+    if not (port.isascii() and port.isdigit() and int(port) < 65536):
+        raise argparse.ArgumentTypeError(f"needs a port, or HOST:PORT, got {text!r}")
+    return host.strip("[]") or "127.0.0.1", int(port)

@@ -1,0 +1,173 @@
+"""`hereabouts teach`: what kind of room a place is, shown by images of it."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, TypeVar
+
+from kg.errors import LayoutError, ModelError, RecordingError, UnknownCategoryError
+from planner.cli.arguments import add_device, add_json, add_map
+from planner.cli.console import note, write_json
+from planner.cli.recording_arguments import add_camera_options, open_given_recording
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from kg.maps.semantic_map import SemanticMap
+    from kg.records import PlaceRecord
+    from perception.frames import SceneClassifier
+    from perception.inference.scene_classifier import OnnxSceneClassifier
+
+Item = TypeVar("Item")
+
+_MOST: Final = 40  # images of a place from a recording or a folder, evenly spaced
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "teach",
+        help="teach the scene classifier what kind of room a place is",
+        description="Show the scene classifier what a place of the map looks like, and what kind "
+        "of room it is: by the frames of a mapped recording that were taken in it, or by a folder "
+        "of images. Kept in the map's folder, and used by `hereabouts map` into that map from two "
+        "kinds of rooms on. Teaching a place again replaces what it was taught by.",
+        epilog="example: hereabouts teach home.map place/2 kitchen --images photographs/kitchen",
+    )
+    add_map(parser)
+    parser.add_argument("place", metavar="PLACE", help="place/2, its label or IRI")
+    parser.add_argument(
+        "category", nargs="+", metavar="CATEGORY", help="kind of room: kitchen, home office, ..."
+    )
+    source = parser.add_mutually_exclusive_group(required=True)
+    source.add_argument(
+        "--recording", metavar="DIR", help="recording in the map; frames taken in the place count"
+    )
+    source.add_argument("--images", metavar="DIR", help="folder of images of the place")
+    parser.add_argument(
+        "--scene",
+        default="default",
+        metavar="NAME|FILE",
+        help="scene classifier with an output `features` (default: the bundled one)",
+    )
+    add_device(parser)
+    add_json(parser)
+    parser.set_defaults(usage_error=parser.error)
+    add_camera_options(parser.add_argument_group("recording"))
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Describe the images, and keep what they are examples of."""
+    from kg.opening import open_map
+    from kg.store.sparql_client import is_url
+    from perception.inference.scene_classifier import load_scene_classifier
+    from perception.inference.taught_rooms import RoomExamples, room_examples
+
+    if is_url(arguments.map):
+        raise ModelError(f"rooms are taught to the folder of a map, {arguments.map} is an address")
+    folder = Path(arguments.map)
+    network = load_scene_classifier(arguments.scene, device=arguments.device)
+    with open_map(arguments.map, read_only=True) as semantic_map:
+        place = _place(semantic_map, arguments.place)
+        label = _label(semantic_map, " ".join(arguments.category), network)
+        images = _seen_from(semantic_map, place, arguments) if arguments.recording else None
+        if images is None:
+            images = _photographs(Path(arguments.images))
+        taught = room_examples(network, images, label=label, place=place.iri)
+    before = RoomExamples.load(folder)
+    examples = taught if before is None else before.with_place(taught)
+    examples.save(folder)
+    kinds = {kind: examples.label.count(kind) for kind in dict.fromkeys(examples.label)}
+    if arguments.json:
+        found = {"place": place.iri, "category": label, "images": len(taught.label)}
+        write_json(found | {"taught": kinds, "network": network.name})
+        return 0
+    told = ", ".join(f"{kind} ({number})" for kind, number in kinds.items())
+    name = place.label or place.iri
+    note(f"{name}: {len(taught.label)} images of {label}; taught so far: {told}")
+    if len(kinds) < 2:
+        note("one kind of room alone changes nothing: teach another one, to tell them apart")
+    return 0
+
+
+def with_taught_rooms(scene: SceneClassifier | None, address: str) -> SceneClassifier | None:
+    """`scene`, with the rooms that the map at `address` was taught."""
+    from perception.inference.scene_classifier import OnnxSceneClassifier
+    from perception.inference.taught_rooms import RoomExamples, TaughtSceneClassifier
+
+    examples = RoomExamples.load(Path(address)) if isinstance(scene, OnnxSceneClassifier) else None
+    if examples is None or not isinstance(scene, OnnxSceneClassifier):
+        return scene
+    if len(set(examples.label)) < 2:
+        return scene
+    note(f"rooms taught in this map: {', '.join(dict.fromkeys(examples.label))}")
+    return TaughtSceneClassifier(scene, examples)
+
+
+def _place(semantic_map: SemanticMap, name: str) -> PlaceRecord:
+    """The place of that short name, label or IRI."""
+    places = semantic_map.places()
+    short = {place.iri.removeprefix(semantic_map.base): place for place in places}
+    for found in (short.get(name), *(p for p in places if name in (p.iri, p.label))):
+        if found is not None:
+            return found
+    some = ", ".join(list(short)[:8]) or "none, map or find some first"
+    raise LayoutError(f"no place {name!r} in this map; there are: {some}")
+
+
+def _label(semantic_map: SemanticMap, name: str, network: OnnxSceneClassifier) -> str:
+    """What the network's labels, else the ontology, call that category."""
+    catalogue = semantic_map.catalogue
+    category = catalogue.for_label(name, "place")
+    if category is None:
+        raise UnknownCategoryError(
+            f"no kind of place {name!r}; `hereabouts ontology` lists them, such as kitchen, office"
+        )
+    for label in network.labels:
+        same = catalogue.for_label(label, "place")
+        if same is not None and same.iri == category.iri:
+            return label
+    return category.label
+
+
+def _seen_from(
+    semantic_map: SemanticMap, place: PlaceRecord, arguments: argparse.Namespace
+) -> Iterator[NDArray[np.uint8]]:
+    """Images of the recording's frames whose camera stood in the place."""
+    from mapping.resumption import resumed
+
+    recording = open_given_recording(arguments)
+    if recording.name not in {record.name for record in semantic_map.recordings()}:
+        raise LayoutError(f"{recording.name!r} is not in this map; map it first, or give --images")
+    poses = (
+        (index, frame.T_map_cam[:2, 3], frame)
+        for index, frame in enumerate(resumed(recording, semantic_map).frames())
+    )
+    inside = [index for index, (x, y), _ in poses if place.area.contains(float(x), float(y))]
+    if not inside:
+        raise LayoutError(f"no frame of {recording.name} was taken in {place.label or place.iri}")
+    chosen = set(_spaced(inside))
+    frames = resumed(recording, semantic_map).frames()
+    return (frame.rgb for index, frame in enumerate(frames) if index in chosen)
+
+
+def _photographs(folder: Path) -> Iterator[NDArray[np.uint8]]:
+    from perception.recordings.image_files import COLOUR_SUFFIXES, read_colour
+
+    try:
+        found = sorted(p for p in folder.iterdir() if p.suffix.lower() in COLOUR_SUFFIXES)
+    except OSError as error:
+        raise RecordingError(f"cannot read {folder}: {error.strerror}") from error
+    if not found:
+        raise RecordingError(f"no images in {folder}: .jpg or .png files would work")
+    return (read_colour(path) for path in _spaced(found))
+
+
+def _spaced(items: list[Item]) -> list[Item]:
+    """At most _MOST of them, evenly spaced."""
+    step = max(len(items) / _MOST, 1.0)
+    return [items[int(i * step)] for i in range(min(len(items), _MOST))]

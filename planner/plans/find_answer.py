@@ -1,0 +1,63 @@
+"""The answer to "where is it?" as plain values, for programs: the known objects and the plan."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from kg.maps.semantic_map import SemanticMap
+from planner.goals.known_objects import known_json
+from planner.goals.targets import resolve
+from planner.plans.report import plan_json
+from planner.plans.search_state import build_search
+from planner.plans.view_plan import ViewPlan, plan
+
+Start = tuple[float, float, float]  # x, y [m], heading [rad]
+
+
+def find_answer(semantic_map: SemanticMap, wanted: Sequence[str]) -> dict[str, object]:
+    """What `find --json` prints for `wanted`, by default settings from where the robot is.
+
+    Raises QueryParameterError for what is no object, UnknownCategoryError for an unknown word.
+    """
+    found = planned(semantic_map, wanted)
+    targets = resolve(semantic_map, wanted)
+    if found is None:
+        return empty_answer([target.label for target in targets])
+    return {**plan_json(found), "known": known_json(semantic_map, targets)}
+
+
+def planned(
+    semantic_map: SemanticMap, wanted: Sequence[str], start: Start | None = None
+) -> ViewPlan | None:
+    """The plan for `wanted` by default settings, from `start` or from where the robot is.
+
+    None for a map without floor. Raises as `find_answer`.
+    """
+    state = build_search(semantic_map, wanted)
+    if state is None:
+        return None
+    if start is None:
+        robot = semantic_map.robot()
+        start = (
+            (0.0, 0.0, 0.0)
+            if robot is None
+            else (float(robot.p_map[0]), float(robot.p_map[1]), robot.heading)
+        )
+    x, y, heading = start
+    return plan(state, (x, y), heading=heading, time_limit=math.inf)
+
+
+def empty_answer(targets: Sequence[str]) -> dict[str, object]:
+    """The answer of a map without floor, where there is nowhere to look."""
+    return {
+        "target": ", ".join(targets),
+        "targets": list(targets),
+        "goals": [],
+        "expected_seconds": None,
+        "probability": 0.0,
+        "present": 0.0,
+        "steps": [],
+        "alternatives": [],
+        "known": [],
+    }

@@ -1,0 +1,111 @@
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from kg.maps.object_pictures import MOST_BYTES, ObjectPictures
+from kg.opening import create_map, in_memory_map
+from mapping.mapper import Mapper
+from perception.frames import Frame
+from perception.object_picture import LONGEST, object_picture
+
+BOX = (20.0, 14.0, 44.0, 34.0)
+RED = (200, 30, 30)
+CHECKERED = (np.indices((49, 65)).sum(0) // 2 % 2 * 255).astype(np.uint8)
+
+
+@pytest.fixture
+def coloured(step_back):
+    """Callable: number -> a view of a wall with something red on it."""
+
+    def view(number: int) -> Frame:
+        frame = step_back(number)
+        frame.rgb[14:34, 20:44] = RED
+        return frame
+
+    return view
+
+
+def decoded(data: bytes) -> np.ndarray:
+    return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)[:, :, ::-1]
+
+
+def mapped(folder, coloured, detections, **options):
+    with (
+        create_map(folder, base="https://example.org/map/") as semantic_map,
+        Mapper(semantic_map, recording="room", **options) as mapper,
+    ):
+        for number in range(3):
+            mapper.add(coloured(number), detections)
+        objects = semantic_map.objects()
+        return objects, [ObjectPictures(folder).path_of(one) for one in objects]
+
+
+def test_each_object_has_the_picture_of_its_best_observation(tmp_path, coloured, make_detections):
+    (cup,), (path,) = mapped(tmp_path / "a.map", coloured, make_detections(("cup", 0.9, BOX)))
+    assert path.parent == tmp_path / "a.map" / "pictures"
+    picture = decoded(path.read_bytes())
+    middle = picture[picture.shape[0] // 2, picture.shape[1] // 2].astype(int)
+    assert np.abs(middle - RED).max() < 30
+    assert max(picture.shape) <= LONGEST and path.stat().st_size <= MOST_BYTES
+    assert cup.evidence is not None
+
+
+def test_no_picture_is_kept_of_a_person(tmp_path, coloured, make_detections):
+    (person,), pictures = mapped(
+        tmp_path / "a.map", coloured, make_detections(("person", 0.9, BOX))
+    )
+    assert person.category.endswith("#Person")
+    assert pictures == [None]
+    assert not (tmp_path / "a.map" / "pictures").exists()
+
+
+def test_pictures_can_be_left_out(tmp_path, coloured, make_detections):
+    detections = make_detections(("cup", 0.9, BOX))
+    _, pictures = mapped(tmp_path / "a.map", coloured, detections, pictures=False)
+    assert pictures == [None]
+
+
+def test_a_map_in_memory_keeps_none_and_is_mapped(coloured, make_detections):
+    with in_memory_map(base="https://example.org/map/") as semantic_map:
+        mapper = Mapper(semantic_map)
+        for number in range(3):
+            mapper.add(coloured(number), make_detections(("cup", 0.9, BOX)))
+        assert len(semantic_map.objects()) == 1
+
+
+def test_a_folder_that_cannot_be_written_does_not_stop_the_mapping(
+    tmp_path, coloured, make_detections
+):
+    folder = tmp_path / "a.map"
+    with create_map(folder, base="https://example.org/map/") as semantic_map:
+        (folder / "pictures").write_text("in the way")
+        mapper = Mapper(semantic_map)
+        for number in range(3):
+            mapper.add(coloured(number), make_detections(("cup", 0.9, BOX)))
+        assert len(semantic_map.objects()) == 1
+
+
+def test_people_in_a_picture_are_made_unrecognisable():
+    rgb = np.repeat(CHECKERED[:, :, None], 3, axis=2)
+    everybody = np.array([[0, 0, 65, 49]], np.float32)
+    nobody = np.zeros((0, 4), np.float32)
+    sharp = decoded(object_picture(rgb, BOX, nobody, MOST_BYTES))
+    coarse = decoded(object_picture(rgb, BOX, everybody, MOST_BYTES))
+    assert sharp.std() > 60
+    assert coarse.std() < sharp.std() / 3
+
+
+@pytest.mark.parametrize("box", [(70, 60, 90, 80), (10, 10, 10, 10), (-50, -50, -40, -40)])
+def test_a_box_that_shows_nothing_has_no_picture(box):
+    nobody = np.zeros((0, 4), np.float32)
+    rgb = np.zeros((49, 65, 3), np.uint8)
+    data = object_picture(rgb, tuple(map(float, box)), nobody, MOST_BYTES)
+    assert data is None or len(data) <= MOST_BYTES
+
+
+def test_a_picture_that_cannot_be_small_enough_is_none():
+    noise = np.random.default_rng(0).integers(0, 255, (480, 640, 3), np.uint8)
+    nobody = np.zeros((0, 4), np.float32)
+    assert object_picture(noise, (0.0, 0.0, 640.0, 480.0), nobody, 500) is None

@@ -1,0 +1,126 @@
+"""Rooms taught on the spot, measured on photographs that were not shown."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import pytest
+
+from kg.errors import ModelError
+from perception.evaluation.scene_evaluation import labelled_images
+from perception.frames import SceneScores
+from perception.inference.scene_classifier import load_scene_classifier
+from perception.inference.taught_rooms import (
+    FILE,
+    RoomExamples,
+    TaughtSceneClassifier,
+    room_examples,
+)
+from perception.recordings.image_files import read_colour
+
+FOLDS = 5
+
+
+@pytest.fixture(scope="module")
+def photographs(shared) -> list[tuple[str, np.ndarray]]:
+    folder = shared("data/images/places365_val120")
+    return [(name, read_colour(path)) for name, path in labelled_images(folder)]
+
+
+def accuracy(network, photographs, taught_labels, described) -> float:
+    """Top-1 on five folds, each taught by the others: 16 images a room."""
+    right = []
+    for fold in range(FOLDS):
+        shown = [i for i in range(len(photographs)) if i % FOLDS != fold]
+        shown = [i for i in shown if photographs[i][0] in taught_labels]
+        examples = RoomExamples(
+            network.name,
+            np.stack([described[i][1] for i in shown]),
+            np.array([list(described[i][0].probability.values()) for i in shown], np.float32),
+            tuple(photographs[i][0] for i in shown),
+            ("place",) * len(shown),
+        )
+        taught = TaughtSceneClassifier(network, examples)
+        for i in range(fold, len(photographs), FOLDS):
+            name, rgb = photographs[i]
+            scores = taught.classify_image(rgb).probability
+            assert sum(scores.values()) == pytest.approx(1)
+            right.append(max(scores, key=scores.__getitem__) == name)
+    return sum(right) / len(right)
+
+
+class Unaware:
+    """The bundled network without one of its kinds of rooms: kitchens are to it something else."""
+
+    def __init__(self) -> None:
+        self.network = load_scene_classifier()
+        self.name, self.device = self.network.name, self.network.device
+        self.labels = tuple(label for label in self.network.labels if label != "kitchen")
+
+    def described(self, rgb):
+        scores, features = self.network.described(rgb)
+        rest = {label: scores.probability[label] for label in self.labels}
+        return SceneScores({k: p / sum(rest.values()) for k, p in rest.items()}), features
+
+
+def test_rooms_that_were_taught_are_told_apart(photographs):
+    network = load_scene_classifier()
+    described = [network.described(rgb) for _, rgb in photographs]
+    found = accuracy(network, photographs, network.labels, described)
+    assert found >= 0.83  # 0.75 is asked for; the network alone has 0.83
+
+
+def test_a_room_that_the_network_does_not_know_is_learnt(photographs):
+    network = Unaware()
+    described = [network.described(rgb) for _, rgb in photographs]
+    own = [max(s.probability, key=s.probability.__getitem__) for s, _ in described]
+    before = np.mean([a == name for a, (name, _) in zip(own, photographs, strict=True)])
+    after = accuracy(network, photographs, network.network.labels, described)
+    assert after >= 0.75 and after > before + 0.05
+
+
+def test_one_kind_of_room_changes_little_and_files_come_back(photographs, tmp_path):
+    network = load_scene_classifier()
+    kitchens = [rgb for name, rgb in photographs if name == "kitchen"][:4]
+    examples = room_examples(network, kitchens, label="kitchen", place="p1")
+    taught = TaughtSceneClassifier(network, examples)
+    for _, rgb in photographs[::30]:
+        own, now = (c.classify_image(rgb).probability for c in (network, taught))
+        assert now == pytest.approx(own, abs=0.01)
+    examples.save(tmp_path)
+    again = RoomExamples.load(tmp_path)
+    assert again.label == examples.label
+    np.testing.assert_allclose(again.features, examples.features, rtol=1e-3, atol=1e-6)
+
+
+def examples(place: str, label: str, n: int = 2, network: str = "net") -> RoomExamples:
+    features = np.full((n, 3), len(label), np.float32)
+    return RoomExamples(network, features, np.ones((n, 2), np.float32), (label,) * n, (place,) * n)
+
+
+def test_a_place_that_is_taught_again_forgets_what_it_was_taught_by():
+    both = examples("a", "kitchen").with_place(examples("b", "bedroom"))
+    assert both.label == ("kitchen",) * 2 + ("bedroom",) * 2
+    again = both.with_place(examples("a", "bathroom", 1))
+    assert again.label == ("bedroom", "bedroom", "bathroom")
+    with pytest.raises(ModelError, match="taught to net"):
+        both.with_place(examples("c", "hall", network="other"))
+
+
+@pytest.mark.parametrize("content", ["empty", "text", "pickle", "shapes", "nan", "cut"])
+def test_damaged_files_are_one_line(tmp_path, content):
+    arrays = {"network": np.array("net"), "features": np.zeros((2, 3))}
+    arrays |= {"probability": np.zeros((2, 2)), "label": np.array(["a", "b"])}
+    arrays["place"] = np.array(["p"] if content == "shapes" else ["p", "q"])
+    if content == "pickle":
+        arrays["label"] = np.array([{}, []], object)
+    if content == "nan":
+        arrays["features"] = np.full((2, 3), np.nan)
+    packed = io.BytesIO()
+    np.savez(packed, **arrays)
+    data = {"empty": b"", "text": b"rooms", "cut": packed.getvalue()[:300]}
+    (tmp_path / FILE).write_bytes(data.get(content, packed.getvalue()))
+    with pytest.raises(ModelError, match="is damaged") as caught:
+        RoomExamples.load(tmp_path)
+    assert "\n" not in str(caught.value)
