@@ -266,7 +266,7 @@ def _print_outcome(
     stages = "  ".join(f"{stage} {ms:.1f}" for stage, ms in report.milliseconds.items())
     note(
         f"{report.frames} frames in {report.seconds:.1f} s "
-        f"({report.frames_per_second:.1f} frames/s); ms a frame: {stages}"
+        f"({report.frames_per_second:.1f} frames/s); ms a frame, side by side: {stages}"
         + (f"; networks on {device}" if device else "")
     )
     _note_labels(report)

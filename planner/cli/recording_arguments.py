@@ -120,6 +120,12 @@ def _add_frame_options(camera: argparse._ArgumentGroup) -> None:
     camera.add_argument(
         "--every", type=whole, default=1, metavar="N", help="read the first frame and each N-th"
     )
+    camera.add_argument(
+        "--keyframes",
+        action="store_true",
+        help="read only frames whose camera has moved by 0.1 m or turned by 5 degrees since the "
+        "last one read",
+    )
     camera.add_argument("--limit", type=whole, metavar="N", help="read N frames at most")
     camera.add_argument(
         "--started",
@@ -378,7 +384,9 @@ def open_given_recording(
         check=check and not arguments.no_check,
         start_time=arguments.started,
         streams=given_streams(arguments),
-        selection=Selection(arguments.every, arguments.limit, arguments.start, arguments.stop),
+        selection=Selection(
+            arguments.every, arguments.limit, arguments.start, arguments.stop, arguments.keyframes
+        ),
         listing=listing,
     )
 

@@ -7,6 +7,8 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from perception.camera.poses import rotation_angle
+
 
 def with_drift(
     poses: Iterable[NDArray[np.float64]], share: float, rng: np.random.Generator
@@ -34,7 +36,7 @@ def _disturbed(
     T: NDArray[np.float64], step: NDArray[np.float64], share: float, rng: np.random.Generator
 ) -> NDArray[np.float64]:
     distance = float(np.linalg.norm(step[:3, 3]))
-    turn = float(np.arccos(np.clip((np.trace(step[:3, :3]) - 1) / 2, -1, 1)))
+    turn = rotation_angle(step[:3, :3])
     angle = share * np.hypot(turn, np.deg2rad(15.0) * distance) * rng.standard_normal()
     out = T.copy()
     c, s = np.cos(angle), np.sin(angle)
