@@ -21,6 +21,7 @@ from planner.cli.arguments import join_signed
 COMMANDS = (
     "demo",
     "map_recording",
+    "live",
     "info",
     "convert",
     "ask",
