@@ -119,7 +119,9 @@ class _Transport(xmlrpc.client.Transport):
     accept_gzip_encoding = False
 
     def make_connection(self, host: Any) -> http.client.HTTPConnection:
-        return http.client.HTTPConnection(str(host), timeout=PATIENCE)
+        connection = http.client.HTTPConnection(str(host), timeout=PATIENCE)
+        self._connection = host, connection  # what `close` closes
+        return connection
 
     def parse_response(self, response: Any) -> Any:
         data = response.read(LARGEST_ANSWER + 1)

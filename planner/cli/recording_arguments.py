@@ -76,7 +76,8 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
 def add_live_options(parser: argparse.ArgumentParser) -> None:
     """Declare the options that `open_mapping_inputs` reads, and those of a source of frames."""
     parser.set_defaults(
-        usage_error=parser.error, every=1, limit=None, started=None, start=None, stop=None,
+        usage_error=parser.error, every=1, keyframes=False, limit=None, started=None,
+        start=None, stop=None,
         poses=None, transform=None, sequence=None, align=False,
     )  # fmt: skip
     source = parser.add_argument_group("source")

@@ -11,8 +11,8 @@ from typing import Final, Literal
 
 import numpy as np
 
-from planner.simulation.furniture import QUARTER_TURNS, Facing
-from planner.simulation.house import Item
+from planner.simulation.houses.furniture import QUARTER_TURNS, Facing
+from planner.simulation.houses.house import Item
 
 _FACINGS: Final[tuple[Facing, ...]] = ("north", "west", "south", "east")
 

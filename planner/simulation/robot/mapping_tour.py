@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from kg.errors import RecordingError
 from perception.frames import Frame
-from planner.simulation.camera import SimulatedCamera
-from planner.simulation.floor_grid import FloorGrid
-from planner.simulation.motion import MotionLimits, Pose, drive, look_around
+from planner.simulation.houses.floor_grid import FloorGrid
+from planner.simulation.robot.motion import MotionLimits, Pose, drive, look_around
+from planner.simulation.sensing.camera import SimulatedCamera
 
 #: Name of the demo's recording: only maps of nothing else are the simulated robot's to search.
 DEMO_RECORDING: Final = "demo-tour"

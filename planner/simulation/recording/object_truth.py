@@ -7,10 +7,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from planner.simulation.camera import CameraModel, View
-from planner.simulation.house import House, Item
-from planner.simulation.house_changes import HouseChange
-from planner.simulation.small_things import SurfaceSampler
+from planner.simulation.houses.house import House, Item
+from planner.simulation.houses.small_things import SurfaceSampler
+from planner.simulation.recording.house_changes import HouseChange
+from planner.simulation.sensing.camera import CameraModel, View
 
 LEAST_FRAMES: Final = 3  # things seen well in fewer count neither way
 LEAST_PIXELS: Final = 120.0  # of a thing seen well, in an image 320 wide

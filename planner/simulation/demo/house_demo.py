@@ -29,13 +29,13 @@ from mapping.progress_report import FrameReport, MappingReport
 from mapping.recording_mapper import map_recording
 from planner.execution.events import Event
 from planner.plans.report import plan_json
-from planner.simulation.camera import SimulatedCamera
-from planner.simulation.demo_search import DrivenSearch, PlannedSearch, carry_out, plan_for
-from planner.simulation.house import House, Item, furnished_house
-from planner.simulation.house_robot import SimulatedHouseRobot, simulated_robot
-from planner.simulation.house_truth import ground_truth
-from planner.simulation.mapping_tour import DEMO_RECORDING, SimulatedTour
-from planner.simulation.sensors import SimulatedDetector, SimulatedSceneClassifier
+from planner.simulation.demo.demo_search import DrivenSearch, PlannedSearch, carry_out, plan_for
+from planner.simulation.houses.house import House, Item, furnished_house
+from planner.simulation.houses.house_truth import ground_truth
+from planner.simulation.robot.house_robot import SimulatedHouseRobot, simulated_robot
+from planner.simulation.robot.mapping_tour import DEMO_RECORDING, SimulatedTour
+from planner.simulation.sensing.camera import SimulatedCamera
+from planner.simulation.sensing.sensors import SimulatedDetector, SimulatedSceneClassifier
 from planner.visualization.search_plot import plot_search
 
 TITLE: Final = "hereabouts demo house"

@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perception.frames import Frame
-from planner.simulation.carried_things import Carry
-from planner.simulation.depth_sensor import DepthSensor
-from planner.simulation.furniture import Solid
-from planner.simulation.house import House
-from planner.simulation.ray_casting import FAR, Window, hit, rays_of
-from planner.simulation.shading import Shader
+from planner.simulation.houses.carried_things import Carry
+from planner.simulation.houses.furniture import Solid
+from planner.simulation.houses.house import House
+from planner.simulation.sensing.depth_sensor import DepthSensor
+from planner.simulation.sensing.ray_casting import FAR, Window, hit, rays_of
+from planner.simulation.sensing.shading import Shader
 
 NOTHING = -1  # instance of walls, floor and furnishings
 KEPT_VIEWS: Final = 8  # as many as frames may be between reading and mapping

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from perception.frames import Detections, Frame, SceneScores
 from perception.inference.heads.masks import MaskGrid
-from planner.simulation.camera import NOTHING, SimulatedCamera, View
-from planner.simulation.house import HouseRoom
+from planner.simulation.houses.house import HouseRoom
+from planner.simulation.sensing.camera import NOTHING, SimulatedCamera, View
 
 #: What a detector of COCO classes takes a thing for when it errs.
 MISTAKEN_FOR: Final[Mapping[str, tuple[str, ...]]] = {

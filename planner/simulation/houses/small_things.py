@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.simulation.furniture import OBJECTS, Facing
-from planner.simulation.house import Item
+from planner.simulation.houses.furniture import OBJECTS, Facing
+from planner.simulation.houses.house import Item
 
 TRIES: Final = 30  # random spots tried before a thing stays out
 GAP: Final = 0.03  # [m] between things on one surface

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.simulation.furniture import Solid
-from planner.simulation.house import WALL_HEIGHT, House
-from planner.simulation.ray_casting import Floats, Hits, Rays, Window
+from planner.simulation.houses.furniture import Solid
+from planner.simulation.houses.house import WALL_HEIGHT, House
+from planner.simulation.sensing.ray_casting import Floats, Hits, Rays, Window
 
 FLOOR = -1  # `Canvas.solid` where neither thing nor wall is: floor or ceiling
 CELL = 0.04  # [m] of the lookup tables of the floor

@@ -1,7 +1,7 @@
 """Houses as data: rooms, walls with doorways, and what stands where; and the demo's house.
 
 Map frame: x east, y north, z up, metres, the floor at z = 0. Nothing here is random;
-`planner.simulation.random_house` draws houses.
+`planner.simulation.houses.random_house` draws houses.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.simulation.furniture import FURNISHINGS, OBJECTS, RGB, Facing, Solid, SolidPart
+from planner.simulation.houses.furniture import FURNISHINGS, OBJECTS, RGB, Facing, Solid, SolidPart
 
 WALL_HEIGHT = 2.5  # [m]
 WALL_THICKNESS = 0.10  # [m]

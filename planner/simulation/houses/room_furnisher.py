@@ -8,10 +8,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.simulation.floor_grid import CELL, ROBOT_HEIGHT, FloorGrid
-from planner.simulation.furniture import OBJECTS, Facing
-from planner.simulation.furniture_groups import Group, GroupChoice, Where
-from planner.simulation.house import WALL_THICKNESS, House, HouseRoom, Item, Wall
+from planner.simulation.houses.floor_grid import CELL, ROBOT_HEIGHT, FloorGrid
+from planner.simulation.houses.furniture import OBJECTS, Facing
+from planner.simulation.houses.furniture_groups import Group, GroupChoice, Where
+from planner.simulation.houses.house import WALL_THICKNESS, House, HouseRoom, Item, Wall
 
 TRIES: Final = 24  # random spots tried before a group stays out
 DOOR_ZONE: Final = 0.75  # [m] floor kept free before a doorway

@@ -27,12 +27,12 @@ from planner.execution.protocol import (
     RobotPose,
     StopCommand,
 )
-from planner.simulation.camera import SimulatedCamera
-from planner.simulation.floor_grid import FloorGrid
-from planner.simulation.house import House, furnished_house
-from planner.simulation.mapping_tour import DEMO_RECORDING
-from planner.simulation.motion import MotionLimits, Pose, drive, turn
-from planner.simulation.sensors import SimulatedDetector
+from planner.simulation.houses.floor_grid import FloorGrid
+from planner.simulation.houses.house import House, furnished_house
+from planner.simulation.robot.mapping_tour import DEMO_RECORDING
+from planner.simulation.robot.motion import MotionLimits, Pose, drive, turn
+from planner.simulation.sensing.camera import SimulatedCamera
+from planner.simulation.sensing.sensors import SimulatedDetector
 
 RANGE = (0.8, 4.0)  # [m] where the simulated detector finds small things with fair certainty
 RECALL = 0.6  # over all that is within

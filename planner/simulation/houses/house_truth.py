@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from planner.simulation.house import House
+from planner.simulation.houses.house import House
 from planner.visualization.drawing import GroundTruth
 
 

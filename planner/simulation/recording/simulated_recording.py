@@ -16,15 +16,15 @@ from perception.inference.class_labels import read_labels
 from perception.inference.model_zoo import NETWORKS
 from perception.inference.recorded_detections import save_recorded_detections
 from perception.recordings.recording_writer import RecordingWriter, pose_line, write_text
-from planner.simulation.camera import CameraModel, SimulatedCamera
-from planner.simulation.depth_sensor import KINECT
-from planner.simulation.house import House, HouseRoom
-from planner.simulation.house_changes import HouseChange, carries, changed_house
-from planner.simulation.mapping_tour import START, SimulatedTour
-from planner.simulation.object_truth import VisibilityRecord, object_truth
-from planner.simulation.odometry import with_drift
-from planner.simulation.random_house import random_house
-from planner.simulation.sensors import SENSES, DetectorFaults, SimulatedDetector
+from planner.simulation.houses.house import House, HouseRoom
+from planner.simulation.houses.random_house import random_house
+from planner.simulation.recording.house_changes import HouseChange, carries, changed_house
+from planner.simulation.recording.object_truth import VisibilityRecord, object_truth
+from planner.simulation.robot.mapping_tour import START, SimulatedTour
+from planner.simulation.robot.odometry import with_drift
+from planner.simulation.sensing.camera import CameraModel, SimulatedCamera
+from planner.simulation.sensing.depth_sensor import KINECT
+from planner.simulation.sensing.sensors import SENSES, DetectorFaults, SimulatedDetector
 
 TRUTH: Final = "objects_full_gt.json"
 DETECTIONS: Final = "detections.json"

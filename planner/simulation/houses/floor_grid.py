@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from planner.freespace.geodesic import distance_fields, shortest_path
 from planner.freespace.grid import NO_ROOM, FreeSpace
-from planner.simulation.house import House
+from planner.simulation.houses.house import House
 
 CELL = 0.10  # [m]
 ROBOT_RADIUS = 0.24  # [m]

@@ -9,13 +9,13 @@ from typing import Final
 
 import numpy as np
 
-from planner.simulation.floor_grid import FloorGrid, length_of
-from planner.simulation.floor_plans import Doorway, FloorPlan, PlanRectangle, draw_floor_plan
-from planner.simulation.furniture import OBJECTS, RGB
-from planner.simulation.furniture_groups import GROUPS, single
-from planner.simulation.house import CHALK, OAK, SLATE, WALNUT, House, HouseRoom, Item, Wall
-from planner.simulation.room_furnisher import RoomFurnisher
-from planner.simulation.small_things import (
+from planner.simulation.houses.floor_grid import FloorGrid, length_of
+from planner.simulation.houses.floor_plans import Doorway, FloorPlan, PlanRectangle, draw_floor_plan
+from planner.simulation.houses.furniture import OBJECTS, RGB
+from planner.simulation.houses.furniture_groups import GROUPS, single
+from planner.simulation.houses.house import CHALK, OAK, SLATE, WALNUT, House, HouseRoom, Item, Wall
+from planner.simulation.houses.room_furnisher import RoomFurnisher
+from planner.simulation.houses.small_things import (
     FLOOR,
     IN_PAIRS,
     MEAN_COUNT,

@@ -22,7 +22,7 @@ from planner.plans.rollout import PlanEvaluator
 from planner.plans.search_state import PlanningState, build_search
 from planner.plans.thesis_rules import plan_search
 from planner.plans.view_plan import ViewPlan, plan
-from planner.simulation.house_robot import SimulatedHouseRobot
+from planner.simulation.robot.house_robot import SimulatedHouseRobot
 
 
 @dataclass(frozen=True, slots=True, eq=False)

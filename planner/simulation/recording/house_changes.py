@@ -9,15 +9,13 @@ from typing import Final
 
 import numpy as np
 
-from planner.simulation.camera import CameraModel
-from planner.simulation.carried_things import Carry
-from planner.simulation.floor_grid import FloorGrid
-from planner.simulation.furniture_groups import single
-from planner.simulation.house import House, Item
-from planner.simulation.motion import Pose, with_pauses
-from planner.simulation.random_house import new_thing
-from planner.simulation.room_furnisher import RoomFurnisher
-from planner.simulation.small_things import (
+from planner.simulation.houses.carried_things import Carry
+from planner.simulation.houses.floor_grid import FloorGrid
+from planner.simulation.houses.furniture_groups import single
+from planner.simulation.houses.house import House, Item
+from planner.simulation.houses.random_house import new_thing
+from planner.simulation.houses.room_furnisher import RoomFurnisher
+from planner.simulation.houses.small_things import (
     FLOOR,
     MEAN_COUNT,
     MOVABLE,
@@ -25,6 +23,8 @@ from planner.simulation.small_things import (
     SupportSurface,
     SurfaceSampler,
 )
+from planner.simulation.robot.motion import Pose, with_pauses
+from planner.simulation.sensing.camera import CameraModel
 
 MOVED: Final = 0.20  # share of the small things that stand elsewhere in the next session
 VANISHED: Final = 0.05  # share of them that are gone
