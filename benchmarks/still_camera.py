@@ -18,11 +18,11 @@ import numpy as np
 from kg.maps.semantic_map import SemanticMap
 from kg.opening import in_memory_map
 from mapping.mapper import Mapper
-from planner.simulation.camera import SimulatedCamera
-from planner.simulation.house import House
-from planner.simulation.mapping_tour import SimulatedTour
-from planner.simulation.random_house import random_house
-from planner.simulation.sensors import SENSES, SimulatedDetector
+from planner.simulation.houses.house import House
+from planner.simulation.houses.random_house import random_house
+from planner.simulation.robot.mapping_tour import SimulatedTour
+from planner.simulation.sensing.camera import SimulatedCamera
+from planner.simulation.sensing.sensors import SENSES, SimulatedDetector
 
 HEADER = "| senses | houses | still frames | right objects | left |\n|---|---|---|---|---|"
 BEFORE = 60  # frames of the tour that are mapped first
