@@ -142,11 +142,15 @@ def test_an_iri_with_a_percent_sign_is_found_again_by_its_address(
 def test_a_robot_that_is_nowhere_near_does_not_stop_the_page(
     served: Served, open_page: OPEN_PAGES
 ) -> None:
-    served.map.apply(MapUpdate(robot=RobotRecord(np.array([1e300, 0.0, 0.0]), 0.0, 1.7e9)))
+    served.map.apply(MapUpdate(robot=RobotRecord(np.array([1e30, 0.0, 0.0]), 0.0, 1.7e9)))
     page = open_page(f"#{CUP}")
     says(page, "#about h2", "cup 1")
+
+
+def test_a_plan_without_finite_numbers_is_refused_in_words(serve: Callable[..., Served]) -> None:
     accept = {"Accept": "application/json"}
-    answer = served.get("find", params={"object": "cup"}, headers=accept)
+    server = serve(planner=lambda wanted: {"target": wanted[0], "seconds": float("inf")})
+    answer = server.get("find", params={"object": "cup"}, headers=accept)
     assert answer.status_code == 422
     assert "finite" in answer.json()["detail"]
 
