@@ -27,10 +27,10 @@ from perception.frames import Detector, Frame, Recording, SceneClassifier
 from perception.inference.detector import load_detector
 from perception.inference.scene_classifier import load_scene_classifier
 from perception.recordings.recording import open_recording
-from planner.simulation.camera import SimulatedCamera
-from planner.simulation.house import furnished_house
-from planner.simulation.mapping_tour import SimulatedTour
-from planner.simulation.sensors import SimulatedDetector, SimulatedSceneClassifier
+from planner.simulation.houses.house import furnished_house
+from planner.simulation.robot.mapping_tour import SimulatedTour
+from planner.simulation.sensing.camera import SimulatedCamera
+from planner.simulation.sensing.sensors import SimulatedDetector, SimulatedSceneClassifier
 
 HEADER = (
     "| recording | frames | ms a frame | of it floor | share | floor alone | tiles | floor kB | "

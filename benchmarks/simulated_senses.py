@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perception.frames import Detections
-from planner.simulation.camera import CameraModel, SimulatedCamera, View
-from planner.simulation.house import House
-from planner.simulation.mapping_tour import SimulatedTour
-from planner.simulation.object_truth import VisibilityRecord
-from planner.simulation.random_house import random_house
-from planner.simulation.sensors import SENSES, SimulatedDetector
+from planner.simulation.houses.house import House
+from planner.simulation.houses.random_house import random_house
+from planner.simulation.recording.object_truth import VisibilityRecord
+from planner.simulation.robot.mapping_tour import SimulatedTour
+from planner.simulation.sensing.camera import CameraModel, SimulatedCamera, View
+from planner.simulation.sensing.sensors import SENSES, SimulatedDetector
 
 HEADER = (
     "| senses | frames | detections a frame | recall, seen well | recall, others | wrong label | "

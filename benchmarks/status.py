@@ -34,17 +34,17 @@ from mapping.recording_mapper import map_recording
 from perception.frames import Frame
 from planner.cli.console import print_table
 from planner.goals.status import Value, status
-from planner.simulation.camera import CameraModel, SimulatedCamera, View
-from planner.simulation.depth_sensor import KINECT
-from planner.simulation.furniture import OBJECTS
-from planner.simulation.house import House, HouseRoom
-from planner.simulation.house_changes import changed_house
-from planner.simulation.house_demo import layout_of
-from planner.simulation.mapping_tour import START, SimulatedTour
-from planner.simulation.object_truth import LEAST_FRAMES, VisibilityRecord, object_truth
-from planner.simulation.random_house import random_house
-from planner.simulation.sensors import SENSES, SimulatedDetector
-from planner.simulation.simulated_recording import DAY
+from planner.simulation.demo.house_demo import layout_of
+from planner.simulation.houses.furniture import OBJECTS
+from planner.simulation.houses.house import House, HouseRoom
+from planner.simulation.houses.random_house import random_house
+from planner.simulation.recording.house_changes import changed_house
+from planner.simulation.recording.object_truth import LEAST_FRAMES, VisibilityRecord, object_truth
+from planner.simulation.recording.simulated_recording import DAY
+from planner.simulation.robot.mapping_tour import START, SimulatedTour
+from planner.simulation.sensing.camera import CameraModel, SimulatedCamera, View
+from planner.simulation.sensing.depth_sensor import KINECT
+from planner.simulation.sensing.sensors import SENSES, SimulatedDetector
 
 VALUES: Final[tuple[Value, ...]] = ("present", "gone", "hidden", "never looked")
 SPACING: Final = 0.1  # [m] between samples of floor and tops
@@ -123,7 +123,7 @@ class Session:
         return at[view.depth[v, u] >= z[at] - TOLERANCE]
 
     def truth(self) -> dict[str, dict[str, Any]]:
-        """Entries of the things' truth, by name (`planner.simulation.object_truth`)."""
+        """Entries of the things' truth, by name (`planner.simulation.recording.object_truth`)."""
         found = object_truth(self.camera.house, self._well.frames, sorted(OBJECTS))["objects"]
         return {name: entry | {"shown": name in self.shown} for name, entry in found.items()}
 

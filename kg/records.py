@@ -66,6 +66,21 @@ class ObjectRecord:
 
 
 @dataclass(frozen=True, slots=True)
+class DepartedRecord:
+    """An object that left the spot where it stood, as it was known there."""
+
+    iri: str
+    category: str  # IRI of its class
+    p_map: NDArray[np.float64]  # (3,) [m]
+    peak: float  # its greatest existence, 0..1
+    observations: int
+    first_seen: float  # [s]
+    last_seen: float  # [s]
+    found_gone: float  # [s] when its spot was first known to be empty
+    extent: NDArray[np.float64] | None = None  # (3,) [m] of its box along the map's axes
+
+
+@dataclass(frozen=True, slots=True)
 class PlaceViews:
     """How much of a place, floor and tops of furniture, has been viewed."""
 
@@ -245,7 +260,8 @@ class MapUpdate:
 
     `objects` and `places` hold the whole new record of everything that may have changed (the writer
     works out which triples differ); `removed` holds IRIs of objects, places and doors that left the
-    map.
+    map, and of departed objects to be forgotten. `departed` says of objects among `removed` that
+    they are remembered, and as what.
     """
 
     objects: tuple[ObjectRecord, ...] = ()
@@ -258,3 +274,4 @@ class MapUpdate:
     obstacles: tuple[ObstacleRecord, ...] = ()
     floor: tuple[FloorTile, ...] = ()
     doors: tuple[DoorRecord, ...] = ()
+    departed: tuple[DepartedRecord, ...] = ()

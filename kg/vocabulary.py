@@ -40,6 +40,7 @@ SEMANTIC_MAP: Final = HERE + "SemanticMap"
 RECORDING: Final = HERE + "Recording"
 PLACE_BELIEF: Final = HERE + "PlaceBelief"
 LABEL_BELIEF: Final = HERE + "LabelBelief"
+DEPARTED_OBJECT: Final = HERE + "DepartedObject"
 LOCATED_AT_RELATION: Final = HERE + "LocatedAtRelation"
 NEAR_BY_RELATION: Final = HERE + "NearByRelation"
 
@@ -110,6 +111,8 @@ EXISTENCE: Final = HERE + "existence"
 OBSERVATION_COUNT: Final = HERE + "observationCount"
 FIRST_SEEN: Final = HERE + "firstSeen"
 LAST_SEEN: Final = HERE + "lastSeen"
+FOUND_GONE: Final = HERE + "foundGone"  # of one that left, as is:
+PEAK_EXISTENCE: Final = HERE + "peakExistence"
 
 # individuals: what else they may be
 HAS_LABEL_BELIEF: Final = HERE + "hasLabelBelief"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from types import TracebackType
 from typing import Final, Literal, Self
 
@@ -189,7 +190,8 @@ class Mapper:
                 where = None if robot is None else robot.p_map[:2]
                 changes = self._objects.add_sightings(sightings, stamp, robot=where)
                 changes = self._relations.update(changes)
-            return changes, MapUpdate(changes.updated, changes.removed, robot=robot)
+            update = MapUpdate(changes.updated, changes.removed, robot=robot)
+            return changes, replace(update, departed=changes.departed)
 
         return self._apply(change)
 
@@ -276,6 +278,7 @@ class Mapper:
             robot=robot_at(frame),
             recording=self._progress,
             floor=floor,
+            departed=changes.departed,
         )
 
     def _view_places(self, floor: Sequence[FloorTile]) -> None:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from perception.camera.depth_agreement import Agreement, DepthSamples, agreement, depth_samples
 from perception.camera.depth_registration import register
+from perception.camera.poses import rotation_angle
 from perception.frames import Frame
 
 Floats = NDArray[np.float64]
@@ -145,7 +146,7 @@ def _contradicts(found: Agreement) -> bool:
 
 
 def _turn(T: Floats) -> float:
-    return float(np.arccos(np.clip((np.trace(T[:3, :3]) - 1) / 2, -1, 1)))
+    return rotation_angle(T[:3, :3])
 
 
 def _moved(T: Floats, distance: float, turn: float) -> bool:

@@ -15,7 +15,7 @@ from mapping.mapper import Mapper, Mode
 from mapping.objects.settings import ObjectSettings
 from mapping.places.layout import Layout
 from mapping.progress_report import FrameReport, MappingReport
-from mapping.read_ahead import read_ahead
+from mapping.read_ahead import AHEAD, read_ahead
 from mapping.reference.settings import ReferenceSettings
 from mapping.resumption import resumed
 from perception.frames import (
@@ -50,6 +50,7 @@ def map_recording(
     check_poses: bool = True,
     pictures: bool = True,
     objects: ObjectSettings | None = None,
+    ahead: int = AHEAD,
 ) -> MappingReport:
     """Map the frames of `recording` that `semantic_map` does not hold yet; all of them if `again`.
 
@@ -58,8 +59,8 @@ def map_recording(
     run that ends early, by an error or by being killed, leaves whole frames, and the same call
     continues after them. `on_frame` is called after each frame is
     written; `on_detections` with each frame, its detections and, where the scene classifier was
-    run, its scores. `same_frame` says that the recording's world is the map's. The other arguments
-    are `Mapper`'s.
+    run, its scores. `same_frame` says that the recording's world is the map's. `ahead` frames are
+    read, and detected in, before they are needed. The other arguments are `Mapper`'s.
 
     Raises RecordingError at the first unreadable frame, LayoutError where the layout contradicts
     the ontology, or another recording of that name, or this one by another transform, is in the
@@ -89,9 +90,9 @@ def map_recording(
         pictures=pictures,
     )
     start = 0 if again else min(mapper.frames_applied, len(recording))
-    run = _Run(mapper, recording, detector, scene, fit)
+    run = _Run(mapper, recording, detector, scene, fit, ahead)
     try:
-        with closing(read_ahead(run.detect(start))) as detected:
+        with closing(read_ahead(run.detect(start), ahead)) as detected:
             for index, one in enumerate(detected, start):
                 report, scores = run.map(index, one)
                 if on_detections is not None:
@@ -124,6 +125,7 @@ class _Run:
     detector: Detector
     scene: SceneClassifier | None
     fit: str  # what was found of how the recording fits the map
+    ahead: int  # frames that a stage is ahead of the next
     frames: int = 0
     views: int = 0  # frames that counted for a place
 
@@ -137,7 +139,7 @@ class _Run:
 
     def detect(self, start: int) -> Iterator[_DetectedFrame]:
         """Frames from `start` on with their detections."""
-        with closing(read_ahead(self.read(start))) as frames:
+        with closing(read_ahead(self.read(start), self.ahead)) as frames:
             for frame, read in frames:
                 before = time.perf_counter()
                 detections = self.detector.detect(frame)

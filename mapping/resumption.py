@@ -43,9 +43,9 @@ def resumed(recording: Recording, semantic_map: SemanticMap) -> Recording:
 def _refuse_another(recording: Recording, before: RecordingRecord) -> None:
     last = before.frames_applied - 1
     if 0 <= last < len(recording):
-        frame = next(recording.frames(last)).id
-        if frame != before.last_frame:
+        frame = next(recording.frames(last), None)
+        if frame is not None and frame.id != before.last_frame:
             raise LayoutError(
                 f"another recording {recording.name!r} is in this map: its frame {last + 1} is "
-                f"{before.last_frame}, not {frame}; another name would work"
+                f"{before.last_frame}, not {frame.id}; another name would work"
             )

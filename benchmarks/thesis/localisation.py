@@ -22,11 +22,11 @@ from mapping.projection import to_map
 from mapping.reference.depth_histogram import localise
 from mapping.reference.settings import Estimator, ReferenceSettings
 from perception.frames import Frame
-from planner.simulation.camera import CameraModel
-from planner.simulation.depth_sensor import KINECT, DepthSensor
-from planner.simulation.furniture import GREY, NAVY, Solid, SolidPart
-from planner.simulation.house import Item
-from planner.simulation.ray_casting import FAR, hit, rays_of
+from planner.simulation.houses.furniture import GREY, NAVY, Solid, SolidPart
+from planner.simulation.houses.house import Item
+from planner.simulation.sensing.camera import CameraModel
+from planner.simulation.sensing.depth_sensor import KINECT, DepthSensor
+from planner.simulation.sensing.ray_casting import FAR, hit, rays_of
 
 Floats = NDArray[np.float64]
 

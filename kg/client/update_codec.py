@@ -16,6 +16,7 @@ from kg.errors import InvalidFactError
 from kg.facts.assertions import is_unicode
 from kg.facts.occupancy import decoded, decoded_times, encoded, encoded_times
 from kg.records import (
+    DepartedRecord,
     DoorRecord,
     Evidence,
     FloorTile,
@@ -221,6 +222,20 @@ _OBJECT = _record(
         "labels": _SHARES,
     },
 )
+_DEPARTED = _record(
+    DepartedRecord,
+    {
+        "iri": _TEXT,
+        "category": _TEXT,
+        "p_map": _array(3),
+        "peak": _NUMBER,
+        "observations": _WHOLE,
+        "first_seen": _NUMBER,
+        "last_seen": _NUMBER,
+        "found_gone": _NUMBER,
+        "extent": _optional(_array(3)),
+    },
+)
 _VIEWS = _record(PlaceViews, {"share": _NUMBER, "close_share": _NUMBER, "last": _NUMBER})
 _PLACE = _record(
     PlaceRecord,
@@ -328,5 +343,6 @@ _UPDATE: Final = _record(
         "looks": _list(_LOOK),
         "obstacles": _list(_OBSTACLE),
         "floor": _list(_TILE),
+        "departed": _list(_DEPARTED),
     },
 )

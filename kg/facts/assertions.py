@@ -16,6 +16,7 @@ import numpy as np
 from pyoxigraph import Literal, NamedNode, Quad
 
 from kg import vocabulary as v
+from kg.areas import FARTHEST
 from kg.errors import InvalidFactError
 from kg.facts.agents import agent_iri, agent_quads
 from kg.facts.relations import NOTHING, SINGLE, asserted_relations, perceived_value
@@ -307,8 +308,10 @@ def _position(given: object) -> str:
         x, y, z = (round(float(number), 2) + 0.0 for number in numbers)
     except (TypeError, ValueError, OverflowError):
         x = y = z = math.nan
-    if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
-        raise InvalidFactError(f"a position must be three finite numbers x y z [m], got {given!r}")
+    if not all(abs(number) <= FARTHEST for number in (x, y, z)):
+        raise InvalidFactError(
+            f"a position must be three finite numbers x y z [m], up to {FARTHEST:g}, got {given!r}"
+        )
     return f"{x:g} {y:g} {z:g}" if max(abs(x), abs(y), abs(z)) < 1e4 else f"{x} {y} {z}"
 
 

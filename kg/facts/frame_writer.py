@@ -24,6 +24,8 @@ from kg.facts.assertions import (
     believed_object,
     believed_place,
 )
+from kg.facts.departed_objects import OWN as OWN_OF_DEPARTED
+from kg.facts.departed_objects import departed_quads
 from kg.facts.doors import OWN as OWN_OF_DOORS
 from kg.facts.doors import facts_of_door
 from kg.facts.label_beliefs import OWN as OWN_OF_LABELS
@@ -35,7 +37,7 @@ from kg.facts.relations import OF_NODE, OF_OBJECT, SINGLE, relation_nodes
 from kg.facts.searches import OWN as OWN_OF_SEARCHES
 from kg.facts.searches import facts_of, subjects_of
 from kg.facts.write_cache import WriteCache
-from kg.records import MapUpdate, ObjectRecord, PlaceRecord
+from kg.records import DepartedRecord, MapUpdate, ObjectRecord, PlaceRecord
 from kg.store.sparql_backend import reading_ahead
 from kg.store.transactional import TransactionalStore
 from kg.store.writer_priority import writing
@@ -50,7 +52,7 @@ _LINKS = (NamedNode(v.HAS_RELATION), NamedNode(v.HAS_LABEL_BELIEF))  # to parts 
 _NEXT = NamedNode(v.NEXT_OBJECT)
 _STRUCTURAL = {
     *(v.PLACE, v.BOT_SPACE, v.ROBOT, v.PLACE_BELIEF, v.SOSA_OBSERVATION, v.RECORDING),
-    *(v.FLOOR_TILE, v.DOOR, v.SPATIAL_RELATION, v.LABEL_BELIEF),
+    *(v.FLOOR_TILE, v.DOOR, v.SPATIAL_RELATION, v.LABEL_BELIEF, v.DEPARTED_OBJECT),
 }
 _OWN = {
     *(v.RDF_TYPE, v.RDFS_LABEL, v.X, v.Y, v.Z, v.HEADING, v.IN_CELL, v.IN_PLACE),
@@ -64,6 +66,7 @@ _OWN = {
     *(v.FRAMES_APPLIED, v.LAST_FRAME, v.TRANSFORM, v.SCENE_MODEL),
     *(v.STOREY, v.CELL_SIZE, v.FLOOR_CELLS, v.VIEW_TIMES, *OF_OBJECT, *OF_NODE),
     *OWN_OF_LABELS,
+    *OWN_OF_DEPARTED,
 }
 
 
@@ -139,6 +142,8 @@ class FrameWriter:
         _put(wanted, facts_of(update))
         for iri in update.removed:
             _put(stored, self._everything_of(iri))
+        for departed in update.departed:
+            self._departed(departed, wanted, stored)
         self._advance_number(update.objects, wanted, stored)
         return self._commit(wanted, stored, cause)
 
@@ -211,11 +216,7 @@ class FrameWriter:
         if (label := _asserted_label(assertions, previous)) is not None:
             facts = [q for q in facts if q.predicate != _LABEL]
             facts.append(Quad(node, _LABEL, Literal(label), _MAP))
-        elif (
-            labels
-            and "label" not in previous
-            and Quad(node, _TYPE, NamedNode(believed.category), _MAP) in before
-        ):
+        elif labels and "label" not in previous and _kind(node, believed.category) & before.keys():
             # written once for a new object; people may have edited the label since
             before = {quad: None for quad in before if quad not in labels}
             facts = [q for q in facts if q.predicate != _LABEL]
@@ -227,6 +228,16 @@ class FrameWriter:
             for assertion in assertions.values():
                 about = about_object(assertion, record, time.time())
                 _put(wanted, self._assertions.quads(about))
+
+    def _departed(self, record: DepartedRecord, wanted: _Quads, stored: _Quads) -> None:
+        """Facts of an object that left, with the label that it had."""
+        self._facts.known_category(record.category, f"departed object {record.iri}", "object")
+        _put(wanted, departed_quads(record))
+        node = NamedNode(record.iri)
+        labels = [quad for quad in stored if quad.subject == node and quad.predicate == _LABEL]
+        _put(
+            wanted, labels or [Quad(node, _LABEL, Literal(self._facts.object_label(record)), _MAP)]
+        )
 
     def _place(
         self,
@@ -317,6 +328,12 @@ def _put(quads: _Quads, more: Iterable[Quad]) -> None:
     quads.update(dict.fromkeys(more))
 
 
+def _kind(node: NamedNode, category: str) -> set[Quad]:
+    """Facts that say of an object, or of one that left, what it is."""
+    kind = NamedNode(category)
+    return {Quad(node, _TYPE, kind, _MAP), Quad(node, NamedNode(v.OF_CATEGORY), kind, _MAP)}
+
+
 def _asserted_label(assertions: PropertyAssertions, previous: PropertyAssertions) -> str | None:
     if "label" in assertions:
         return assertions["label"].value
@@ -343,3 +360,6 @@ def _reject_duplicates(update: MapUpdate) -> None:
             raise InvalidFactError(f"{iri} is written {times} times in one update; give one record")
         if iri in update.removed:
             raise InvalidFactError(f"{iri} is both written and removed in one update; choose one")
+    for iri, times in Counter(record.iri for record in update.departed).items():
+        if times > 1 or iri not in update.removed:
+            raise InvalidFactError(f"{iri} departed: give it once, and among what is removed")

@@ -40,7 +40,14 @@ from kg.ontology.catalogue import Catalogue
 from kg.rdf.grid_cells import cell_of
 from kg.rdf.quad_store import QuadStore
 from kg.rdf.wkt import area_of_polygon, polygon_text
-from kg.records import Evidence, ObjectRecord, PlaceRecord, RecordingRecord, RobotRecord
+from kg.records import (
+    DepartedRecord,
+    Evidence,
+    ObjectRecord,
+    PlaceRecord,
+    RecordingRecord,
+    RobotRecord,
+)
 from kg.store.sparql_backend import reading_ahead
 from kg.store.writer_priority import in_pieces
 
@@ -93,7 +100,7 @@ class RecordCodec:
             raise InvalidFactError(f"{what}: first seen must not be after last seen")
         x, y, z = _position(record.p_map, what)
         facts: list[tuple[str, NamedNode | Literal]] = [
-            (v.RDF_TYPE, known_iri(self._known(record.category, what, "object"))),
+            (v.RDF_TYPE, known_iri(self.known_category(record.category, what, "object"))),
             (v.RDFS_LABEL, Literal(self.object_label(record))),
             (v.X, Literal(x)),
             (v.Y, Literal(y)),
@@ -109,7 +116,7 @@ class RecordCodec:
             facts.append((v.IN_PLACE, iri_node(record.place, f"{what}: place")))
         facts += _extent(record, what)
         for category in record.labels:
-            self._known(category, what, "object")
+            self.known_category(category, what, "object")
         parts = relation_quads(record.iri, record.relations or ())
         parts += label_quads(record.iri, record.labels)
         if record.evidence is None:
@@ -297,7 +304,7 @@ class RecordCodec:
             found.append(RecordingRecord(name, applied, last, transform, scene))
         return tuple(sorted(found, key=lambda record: record.name))
 
-    def _known(self, iri: str, what: str, kind: str) -> str:
+    def known_category(self, iri: str, what: str, kind: str) -> str:
         """`iri`, if a category of that `kind` or of several; raises InvalidFactError else."""
         category = self.catalogue.by_iri(iri)
         if category is None:
@@ -311,7 +318,7 @@ class RecordCodec:
             )
         return iri
 
-    def object_label(self, record: ObjectRecord) -> str:
+    def object_label(self, record: ObjectRecord | DepartedRecord) -> str:
         """Default label of an object: its category and its number."""
         number = record.iri.rstrip("/").rpartition("/")[2]
         return f"{self.catalogue.label(record.category)} {number}"
@@ -340,7 +347,7 @@ class RecordCodec:
         held: dict[str, list[tuple[str, Literal]]] = {}
         for category in sorted(record.beliefs.keys() | scene.keys()):
             what = f"place {record.iri}: belief"
-            self._known(category, what, "place")
+            self.known_category(category, what, "place")
             belief, views = record.beliefs.get(category, 0.0), scene.get(category, 0.0)
             stated = [(v.BELIEF, _share(belief, what))]
             scene_share = _share(views, what)

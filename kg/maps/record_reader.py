@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from typing import TYPE_CHECKING
 
 from pyoxigraph import NamedNode, Quad
@@ -10,6 +10,7 @@ from pyoxigraph import NamedNode, Quad
 from kg import vocabulary as v
 from kg.errors import QueryParameterError
 from kg.facts.assertion_service import AssertionService
+from kg.facts.departed_objects import departed_in
 from kg.facts.doors import doors_in
 from kg.facts.networkx_graph import network
 from kg.facts.object_filters import is_believed, select_objects, subcategories
@@ -21,6 +22,7 @@ from kg.query.parameter_resolution import ParameterResolver
 from kg.rdf.skolem import anonymous
 from kg.records import (
     Assertion,
+    DepartedRecord,
     DoorRecord,
     FloorTile,
     LookRecord,
@@ -91,6 +93,10 @@ class RecordReader:
     def robot(self) -> RobotRecord | None:
         """The last pose of the robot."""
         return self._facts.robot(self._store.engine)
+
+    def departed(self, iris: Collection[str] | None) -> tuple[DepartedRecord, ...]:
+        """Objects that left; all, or some."""
+        return tuple(departed_in(self._store.engine, iris))
 
     def doors(self) -> tuple[DoorRecord, ...]:
         """The doors between places."""

@@ -34,6 +34,7 @@ from kg.query.subscriptions import RowsListener, Subscription
 from kg.rdf.quad_store import QuadStore
 from kg.records import (
     Assertion,
+    DepartedRecord,
     DoorRecord,
     FloorTile,
     LookRecord,
@@ -210,6 +211,10 @@ class SemanticMap:
     def objects_among(self, quads: Iterable[Quad]) -> tuple[ObjectRecord, ...]:
         """The objects parsed from `quads` of graph:map, oldest first, without another read."""
         return self._reader.objects_among(quads)
+
+    def departed(self, iris: Collection[str] | None = None) -> tuple[DepartedRecord, ...]:
+        """Objects that left where they stood, all or those among `iris`; the latest last."""
+        return self._reader.departed(iris)
 
     def doors(self) -> tuple[DoorRecord, ...]:
         """The doors between places that were found in the mapped floor."""

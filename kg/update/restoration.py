@@ -38,6 +38,8 @@ _MAP: Final = NamedNode(v.MAP_GRAPH)
 _ASSERTIONS: Final = NamedNode(v.ASSERTIONS_GRAPH)
 _ONTOLOGY: Final = NamedNode(v.ONTOLOGY_GRAPH)
 _COMMONSENSE: Final = NamedNode(v.COMMONSENSE_GRAPH)
+_TYPE: Final = NamedNode(v.RDF_TYPE)
+_DEPARTED: Final = NamedNode(v.DEPARTED_OBJECT)
 _NEXT_OBJECT: Final = NamedNode(v.NEXT_OBJECT)
 _ATTRIBUTED: Final = NamedNode(v.PROV_ATTRIBUTED_TO)
 
@@ -157,6 +159,8 @@ class Restoration:
             for read in (self.pending.before, self._then.quads_for_pattern):
                 if things_in(read(node, None, None, _MAP), self._facts):
                     kinds[iri] = "places" if is_place(read, self._facts, node) else "objects"
+                elif _DEPARTED in (quad.object for quad in read(node, _TYPE, None, _MAP)):
+                    kinds.setdefault(iri, "objects")
         return kinds
 
     def _owner(self, iri: str) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from typing import Self
+from typing import Final, Self
 
 from kg.maps.semantic_map import SemanticMap
 from kg.query.evaluation import Table
@@ -11,6 +11,8 @@ from kg.sparql.vetting import refuse_length, refuse_surrogates, vet
 from kg.store.sparql_backend import SparqlBackend
 from kg.workers.local_evaluation import ACCEPTED, table_of
 from kg.workers.pool import QueryPool
+
+_WAITING: Final = 8  # queries that wait for the worker
 
 
 class LimitedQueries:
@@ -59,6 +61,7 @@ class LimitedQueries:
                     timeout=self._seconds,
                     memory_mb=self._memory,
                     max_result_bytes=self._result,
+                    queue=_WAITING,
                 )
             return self._pool
 

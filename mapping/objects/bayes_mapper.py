@@ -65,7 +65,9 @@ class BayesObjectMapper:
         self._extractor = SightingExtractor(self.labels, self._updater.usual_size, self._settings)
         self._tracks: list[Track] = [self._track(r) for r in self._objects.perceived.values()]
         self._new: set[str | None] = set()  # IRIs that the last frame gave
-        self._identity = IdentityResolver(semantic_map, self._objects, self._settings)
+        self._identity = IdentityResolver(
+            semantic_map, self._objects, self._settings, self._updater.usual_size
+        )
         self._revision = -1  # of the places' rectangles, when objects were last put into places
 
     @property
@@ -205,7 +207,7 @@ class BayesObjectMapper:
                 same = track.written is not None and same_facts(track.written, held[track.iri])
                 kept.append(track if same else self._track(held[track.iri]))
         known = {track.iri for track in kept}
-        self._identity.departures.forget(touched & held.keys())
+        self._identity.refresh(touched)
         self._tracks = kept + [
             self._track(held[iri]) for iri in touched if iri in held and iri not in known
         ]
@@ -332,9 +334,10 @@ class BayesObjectMapper:
         }
         written |= self._moved(written)
         self._objects.update(written)
-        return ObjectChanges(
-            tuple(written.values()), tuple(sorted(removed)), len(new), len(seen), len(missed)
-        )
+        departed, forgotten = self._identity.departures.changes(updater.stamp)
+        removed |= forgotten
+        counts = len(new), len(seen), len(missed)
+        return ObjectChanges(tuple(written.values()), tuple(sorted(removed)), *counts, departed)
 
     def _confirmed(self, touched: Sequence[Track]) -> list[Track]:
         """Candidates that are probable enough to enter the map."""

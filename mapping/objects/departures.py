@@ -1,10 +1,14 @@
-"""Departures: objects that left where they stood, and the moves by which they were found again."""
+"""Departures: objects that left where they stood, and the moves by which they were found again.
+
+What left is in the map, too (`kg.facts.departed_objects`), so that it is found after a restart.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
+from kg.records import DepartedRecord
 from mapping.objects.moves import Absentee, Departed, in_one_spot, moved_things
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.tracks import Track
@@ -29,14 +33,32 @@ class Departures:
     def __init__(self, settings: ObjectSettings) -> None:
         self._settings = settings
         self._left: list[Track] = []  # latest last
+        self._added: list[Track] = []  # by the present frame
+        self._dropped: list[Track] = []  # for them, as they were too many
         self._moves: list[Move] = []
         self._latest: list[Move] = []  # of the present frame
 
     def add(self, lost: Sequence[Track]) -> None:
         """Remember objects that leave the map."""
         self._latest = []
-        self._left += [track for track in lost if track.peak >= _REAL]
-        self._left = self._left[-self._settings.departures :]
+        self._added = [track for track in lost if track.peak >= _REAL]
+        self.remember(self._added)
+        excess = max(len(self._left) - self._settings.departures, 0)
+        self._dropped, self._left = self._left[:excess], self._left[excess:]
+
+    def remember(self, left: Sequence[Track]) -> None:
+        """Remember objects that the map says have left, the latest last."""
+        self._left += left
+
+    def changes(self, now: float) -> tuple[tuple[DepartedRecord, ...], frozenset[str]]:
+        """What the map is to remember since the present frame, at `now` [s], and IRIs to forget."""
+        departed = tuple(t.departed_record(now) for t in self._added if t in self._left)
+        return departed, frozenset(track.iri or "" for track in self._dropped)
+
+    @property
+    def iris(self) -> frozenset[str]:
+        """IRIs of all objects that left."""
+        return frozenset(track.iri or "" for track in self._left)
 
     def forget(self, iris: Collection[str]) -> None:
         """Forget objects that are in the map again."""
@@ -88,7 +110,8 @@ class Departures:
         for move in self._latest:
             self._moves.remove(move)
             self._left.append(move.old)
-        self._latest = []
+        self._left = self._dropped + self._left
+        self._latest, self._dropped = [], []
 
     def __bool__(self) -> bool:
         return bool(self._left)

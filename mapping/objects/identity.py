@@ -3,24 +3,54 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from kg.maps.semantic_map import SemanticMap
 from mapping.objects.departures import Departures
 from mapping.objects.moves import Absentee, Departed
 from mapping.objects.object_cache import ObjectCache
 from mapping.objects.settings import ObjectSettings
-from mapping.objects.tracks import Track
+from mapping.objects.tracks import Track, track_of_departed
+from mapping.objects.usual_sizes import SizeOf
 
 
 class IdentityResolver:
     """Decides which things are objects that left where they stood; `objects` is the map's cache."""
 
     def __init__(
-        self, semantic_map: SemanticMap, objects: ObjectCache, settings: ObjectSettings
+        self,
+        semantic_map: SemanticMap,
+        objects: ObjectCache,
+        settings: ObjectSettings,
+        usual_size: SizeOf,
     ) -> None:
         self._map, self._objects, self._settings = semantic_map, objects, settings
+        self._usual_size = usual_size
         self.departures = Departures(settings)
+        self._remember(None)
+
+    def refresh(self, touched: frozenset[str]) -> None:
+        """Read again which of the things that others `touched` are objects that left."""
+        prefix = self._map.base + "object/"
+        known = self.departures.iris
+        iris = {iri for iri in touched if iri in known or iri.startswith(prefix)}
+        iris -= self._objects.perceived.keys()
+        self.departures.forget(touched - iris)
+        if iris:
+            self.departures.forget(iris - self._remember(iris))
+
+    def _remember(self, iris: Collection[str] | None) -> set[str]:
+        """Remember objects that left by the map, all or those among `iris`; returns their IRIs."""
+        known, catalogue = self.departures.iris, self._map.catalogue
+        records = self._map.departed(iris)
+        self.departures.remember(
+            [
+                track_of_departed(record, self._settings, self._usual_size)
+                for record in records
+                if record.iri not in known and catalogue.by_iri(record.category) is not None
+            ]
+        )
+        return {record.iri for record in records}
 
     def resolve(
         self,
@@ -37,7 +67,7 @@ class IdentityResolver:
         Returns the tracks to be written besides, and those of `tracks` that others go on as;
         changes the IRIs that are `removed`. `now` is the frame's stamp [s].
         """
-        self.departures.add([t for t in lost if not self._fixed(t)])
+        self.departures.add([t for t in lost if not self._fixed(t) and not self._denied(t)])
         also = self._returned(new)
         old = list[Track]()
         gone = {id(track) for track in lost}
@@ -80,6 +110,10 @@ class IdentityResolver:
             other.observations -= move.old.observations
             others.append(other)
         return others
+
+    def _denied(self, track: Track) -> bool:
+        """Whether people assert that an object is not there."""
+        return track.iri is not None and self._objects.asserted_absent(track.iri)
 
     def _fixed(self, track: Track) -> bool:
         """Whether people assert where an object is, or that it is there."""

@@ -50,8 +50,15 @@ class ObjectCache:
 
     def asserted_present(self, iri: str) -> bool:
         """Whether the object's existence is asserted."""
+        return self._asserted_existence(iri) == "present"
+
+    def asserted_absent(self, iri: str) -> bool:
+        """Whether it is asserted that the object is not there."""
+        return self._asserted_existence(iri) == "absent"
+
+    def _asserted_existence(self, iri: str) -> str | None:
         existence = self._assertions.get(iri, {}).get("existence")
-        return existence is not None and existence.value == "present"
+        return None if existence is None else existence.value
 
     def asserted(self, iri: str | None) -> tuple[NDArray[np.float64] | None, str | None]:
         """Position (3,) [m] and category of an object as people assert them.

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
-from kg.records import Evidence, ObjectRecord
+from kg.records import DepartedRecord, Evidence, ObjectRecord
 from mapping.label_resolver import LabelResolver
 from mapping.label_table import LabelTable
 from mapping.objects.detection_localiser import DetectionLocaliser
@@ -33,6 +33,7 @@ class ObjectChanges:
     new: int = 0
     seen: int = 0
     missed: int = 0
+    departed: tuple[DepartedRecord, ...] = ()  # of those removed, what is remembered
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.facts.label_beliefs import STEP
-from kg.records import Evidence, ObjectRecord
+from kg.records import DepartedRecord, Evidence, ObjectRecord
 from mapping.objects.absence import KNOWN, Absence
 from mapping.objects.existence import ViewEvidence, category_probabilities
 from mapping.objects.settings import ObjectSettings
@@ -241,6 +241,21 @@ class Track:
             labels=self.alternatives,
         )
 
+    def departed_record(self, now: float) -> DepartedRecord:
+        """What is remembered of it, found gone at `now` [s]."""
+        assert self.iri is not None
+        return DepartedRecord(
+            iri=self.iri,
+            category=self.category,
+            p_map=self.position,
+            peak=self.peak,
+            observations=self.observations,
+            first_seen=self.first_seen,
+            last_seen=self.last_seen,
+            found_gone=max(now, self.last_seen),
+            extent=self.high - self.low,
+        )
+
 
 def track_of(record: ObjectRecord, settings: ObjectSettings, usual_size: SizeOf) -> Track:
     """Track of an object of the map, with what its record tells of the evidence.
@@ -286,6 +301,24 @@ def track_of(record: ObjectRecord, settings: ObjectSettings, usual_size: SizeOf)
         track.sizes.extend([size] * min(record.observations, 15))
     track.assess(prior)
     return track
+
+
+def track_of_departed(
+    record: DepartedRecord, settings: ObjectSettings, usual_size: SizeOf
+) -> Track:
+    """Track of an object that left the map, as it was known there."""
+    known = ObjectRecord(
+        iri=record.iri,
+        category=record.category,
+        p_map=record.p_map,
+        confidence=3 * record.peak,
+        existence=record.peak,
+        observations=record.observations,
+        first_seen=record.first_seen,
+        last_seen=record.last_seen,
+        extent=record.extent,
+    )
+    return track_of(known, settings, usual_size)
 
 
 def _log_odds(record: ObjectRecord) -> dict[str, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +25,17 @@ CONVENTIONS: dict[str, Callable[[Pose], Pose]] = {
 RIGID_TOLERANCE = 5e-3  # largest entry of R'R - I that rounding and drift of trackers explain
 GRID = 2.0**40  # steps of the numbers of a quaternion that is exact
 LONGEST_GAP = 0.2  # [s] between two poses of a trajectory that are still interpolated
+
+
+def rotation_angle(R: NDArray[np.float64]) -> float:
+    """Angle [rad], 0..pi, of a rotation (3, 3)."""
+    return math.acos(min(max((float(np.trace(R)) - 1) / 2, -1.0), 1.0))
+
+
+def motion(T_from: Pose, T_to: Pose) -> tuple[float, float]:
+    """Distance [m] and angle [rad] between two poses of a camera."""
+    distance = float(np.linalg.norm(T_to[:3, 3] - T_from[:3, 3]))
+    return distance, rotation_angle(T_from[:3, :3].T @ T_to[:3, :3])
 
 
 def checked_pose(T: NDArray[np.float64], where: str) -> Pose:

@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from perception.camera.poses import motion
 from perception.frames import Detections, Detector, Frame
 
 NEW_DISTANCE: Final = 0.1  # [m] of the camera from the last frame of the second network ...
@@ -46,10 +47,8 @@ class DetectorPair:
     def _is_new(self, T_map_cam: NDArray[np.float64]) -> bool:
         if self._looked_from is None:
             return True
-        turn = self._looked_from[:3, :3].T @ T_map_cam[:3, :3]
-        angle = math.acos(min(max((float(np.trace(turn)) - 1) / 2, -1.0), 1.0))
-        moved = float(np.linalg.norm(self._looked_from[:3, 3] - T_map_cam[:3, 3]))
-        return moved >= NEW_DISTANCE or angle >= NEW_ANGLE
+        distance, angle = motion(self._looked_from, T_map_cam)
+        return distance >= NEW_DISTANCE or angle >= NEW_ANGLE
 
 
 def joined(found: list[tuple[str, Detections]]) -> Detections:

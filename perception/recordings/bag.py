@@ -122,8 +122,14 @@ def _posed(index: BagIndex, colour: Stream, streams: Streams) -> Stream | None:
             f"{index.path} has no poses: no transforms of {colour.frame!r}, and no odometry or "
             "pose topic"
         )
-    found = index.poses[pose.topic]
-    child = found.child or colour.frame  # a pose that names no child is the camera's own
+    add_poses(index, pose.topic, colour.frame)
+    return pose
+
+
+def add_poses(index: BagIndex, topic: str, camera: str) -> None:
+    """Add the poses of a topic to the tree; those that name no child are the camera's own."""
+    found = index.poses[topic]
+    child = found.child or camera
     for place, stamp in enumerate(found.stamps):
         numbers = found.rows[7 * place : 7 * place + 7]
         try:
@@ -131,7 +137,6 @@ def _posed(index: BagIndex, colour: Stream, streams: Streams) -> Stream | None:
         except RecordingError as error:
             index.refuse(str(error))
     index.tree.prefer(found.parent, child)
-    return pose
 
 
 def _is_apart(index: BagIndex, colour: Stream, depth: Stream) -> bool:
@@ -152,13 +157,13 @@ def _is_apart(index: BagIndex, colour: Stream, depth: Stream) -> bool:
 def listing_of(index: BagIndex, choice: Choice, streams: Streams) -> RecordingListing:
     """Entries of the chosen streams; raises RecordingError where nothing fits together."""
     entries = _entries(index, choice, streams)
-    camera = _camera(index, choice.camera, choice.colour)
+    camera = camera_of(index, choice.camera, choice.colour)
     noted = _noted(index, "T_map_world") if choice.map_frame == _noted_frame(index) else None
     return RecordingListing(
         entries,
         camera,
         MILLIMETRES,
-        _depth_camera(index, choice, entries[0].stamp) if choice.depth_apart else None,
+        depth_camera_of(index, choice, entries[0].stamp) if choice.depth_apart else None,
         up=np.array([0.0, 0.0, 1.0]),
         T_map_world=None if noted is None else _transform(noted, index.path),
     )
@@ -175,7 +180,7 @@ def _entries(index: BagIndex, choice: Choice, streams: Streams) -> tuple[FrameEn
             f"{index.path}: no stamps of {colour.topic} and {depth.topic} lie within "
             f"{streams.tolerance:g} s"
         )
-    source = MessageSource(index.path, (colour.topic, depth.topic))
+    source = MessageSource(Path(index.path), (colour.topic, depth.topic))
     images = _images(source, colour), _images(source, depth)
     ids = _noted(index, "frames")
     named = isinstance(ids, list) and len(ids) == len(pairs) and all(map(_is_name, ids))
@@ -214,15 +219,17 @@ def _is_name(text: Any) -> bool:
     return isinstance(text, str) and 0 < len(text) < 200 and not set(text) & set("/\\\0\n\r")
 
 
-def _camera(index: BagIndex, info: Stream | None, images: Stream) -> Intrinsics | None:
+def camera_of(index: BagIndex, info: Stream | None, images: Stream) -> Intrinsics | None:
+    """Camera of a stream of images by its CameraInfo; None where it has none."""
     if info is None:
         return None
     where = f"{index.path}, {info.topic}"
     return intrinsics_of(info.first, where, rectified="rect" in images.topic.split("/image")[-1])
 
 
-def _depth_camera(index: BagIndex, choice: Choice, stamp: float) -> DepthCamera:
-    camera = _camera(index, choice.depth_camera, choice.depth)
+def depth_camera_of(index: BagIndex, choice: Choice, stamp: float) -> DepthCamera:
+    """Camera of the depth images, where it is apart from colour's; raises RecordingError."""
+    camera = camera_of(index, choice.depth_camera, choice.depth)
     if camera is None:
         raise RecordingError(
             f"{index.path}: {choice.depth.topic} is in frame {choice.depth.frame!r}, not in "
@@ -246,7 +253,7 @@ def _noted_frame(index: BagIndex) -> str | None:
     return frame if isinstance(frame, str) and frame else None
 
 
-def _transform(numbers: Any, path: Path) -> NDArray[np.float64]:
+def _transform(numbers: Any, path: Path | str) -> NDArray[np.float64]:
     where = f"{path}: the noted T_map_world"
     try:
         T = np.array(numbers, np.float64).reshape(4, 4)

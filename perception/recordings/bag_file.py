@@ -66,7 +66,6 @@ class BagFile:
             self._reader = _reader(path)
             self._reader.open()
         self.close = weakref.finalize(self, _close, self._reader)
-        self._types = message_types(self.is_ros1)
         counts: dict[str, tuple[str, int]] = {}
         for connection in self._reader.connections:
             before = counts.get(connection.topic, ("", 0))[1]
@@ -90,10 +89,15 @@ class BagFile:
 
     def decoded(self, raw: RawMessage) -> Any:
         """The message with its fields."""
-        with _errors(self.path, f"a message of {raw.topic}"):
-            if self.is_ros1:
-                return self._types.deserialize_ros1(raw.data, raw.type)
-            return self._types.deserialize_cdr(raw.data, raw.type)
+        return decoded(raw, self.is_ros1, self.path)
+
+
+def decoded(raw: RawMessage, is_ros1: bool, where: Path | str) -> Any:
+    """A message with its fields; raises RecordingError, beginning with `where`."""
+    with _errors(where, f"a message of {raw.topic}"):
+        types = message_types(is_ros1)
+        deserialize = types.deserialize_ros1 if is_ros1 else types.deserialize_cdr
+        return deserialize(raw.data, raw.type)
 
 
 def _close(reader: Any) -> None:
@@ -126,7 +130,7 @@ def message_types(is_ros1: bool) -> Any:
 
 
 @contextlib.contextmanager
-def _errors(path: Path, what: str = "") -> Iterator[None]:
+def _errors(path: Path | str, what: str = "") -> Iterator[None]:
     """Whatever the parsers of files from anywhere raise, in one line."""
     try:
         yield

@@ -7,7 +7,7 @@ import struct
 from array import array
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,19 @@ TRANSFORMS: Final = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 ODOMETRY: Final = "nav_msgs/msg/Odometry"
 POSES: Final = ("geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PoseWithCovarianceStamped")
 STRING: Final = "std_msgs/msg/String"
+EARLIEST: Final = 1  # [ns] when a message may be recorded; `rosbag play` leaves out those at 0
 NOTE_TOPIC: Final = "/hereabouts/recording"  # what `hereabouts convert` adds to ROS' own messages
+
+
+class Decoder(Protocol):
+    """What messages are decoded by: an open bag, or a live connection."""
+
+    @property
+    def is_ros1(self) -> bool:
+        """Whether they are serialised as ROS 1 does."""
+
+    def decoded(self, raw: RawMessage) -> Any:
+        """The message with its fields; raises RecordingError."""
 
 
 @dataclass(slots=True)
@@ -59,7 +71,7 @@ class PoseRows:
 class BagIndex:
     """All of a bag but its images."""
 
-    path: Path
+    path: Path | str  # of the bag, or where messages come from
     streams: dict[str, Stream] = field(default_factory=dict)
     others: dict[str, tuple[str, int]] = field(default_factory=dict)  # topic -> type, messages
     tree: TransformTree = field(default_factory=TransformTree)
@@ -82,11 +94,12 @@ def read_index(path: Path) -> BagIndex:
         topics = {t.name for t in bag.topics if t.type in wanted or t.name == NOTE_TOPIC}
         index.others = {t.name: (t.type, t.count) for t in bag.topics if t.name not in topics}
         for raw in bag.messages(topics):
-            _add(index, bag, raw)
+            add_message(index, bag, raw)
     return index
 
 
-def _add(index: BagIndex, bag: BagFile, raw: RawMessage) -> None:
+def add_message(index: BagIndex, bag: Decoder, raw: RawMessage) -> None:
+    """Add a message; raises RecordingError where it cannot be decoded."""
     if raw.topic == NOTE_TOPIC:
         index.note = _note(bag.decoded(raw), index.path)
     elif raw.type in TRANSFORMS:
@@ -95,7 +108,7 @@ def _add(index: BagIndex, bag: BagFile, raw: RawMessage) -> None:
         _add_stamped(index, bag, raw)
 
 
-def _add_transforms(index: BagIndex, bag: BagFile, raw: RawMessage) -> None:
+def _add_transforms(index: BagIndex, bag: Decoder, raw: RawMessage) -> None:
     stream = index.streams.setdefault(raw.topic, Stream(raw.topic, raw.type))
     stream.times.append(raw.time)
     stream.stamps.append(raw.time)
@@ -104,7 +117,7 @@ def _add_transforms(index: BagIndex, bag: BagFile, raw: RawMessage) -> None:
         index.refuse(why)
 
 
-def _add_stamped(index: BagIndex, bag: BagFile, raw: RawMessage) -> None:
+def _add_stamped(index: BagIndex, bag: Decoder, raw: RawMessage) -> None:
     stream = index.streams.get(raw.topic)
     is_pose = raw.type == ODOMETRY or raw.type in POSES
     message: Any = bag.decoded(raw) if stream is None or is_pose else None
@@ -116,9 +129,9 @@ def _add_stamped(index: BagIndex, bag: BagFile, raw: RawMessage) -> None:
             stream.first = None  # pixels are not kept
     if is_pose:
         _add_pose(index, raw.topic, message)
-    stamp = nanoseconds(message.header) if message else _stamp(raw, bag.is_ros1, index.path)
+    stamp = nanoseconds(message.header) if message else header_stamp(raw, bag.is_ros1, index.path)
     stream.times.append(raw.time)
-    stream.stamps.append(stamp or raw.time)
+    stream.stamps.append(stamp or (raw.time if raw.time > EARLIEST else 0))
 
 
 def _add_pose(index: BagIndex, topic: str, message: Any) -> None:
@@ -132,7 +145,7 @@ def _add_pose(index: BagIndex, topic: str, message: Any) -> None:
     rows.stamps.append(nanoseconds(message.header))
 
 
-def _stamp(raw: RawMessage, is_ros1: bool, path: Path) -> int:
+def header_stamp(raw: RawMessage, is_ros1: bool, path: Path | str) -> int:
     """Stamp [ns] of a message that begins with a header, without decoding the rest."""
     try:
         if is_ros1:
@@ -145,7 +158,7 @@ def _stamp(raw: RawMessage, is_ros1: bool, path: Path) -> int:
     return int(sec) * NANOSECONDS + int(nsec)
 
 
-def _note(message: Any, path: Path) -> dict[str, Any]:
+def _note(message: Any, path: Path | str) -> dict[str, Any]:
     try:
         note = json.loads(message.data)
     except (ValueError, RecursionError) as error:

@@ -25,7 +25,7 @@ from perception.camera.image_decoding import MILLIMETRES, metres
 from perception.camera.poses import Pose, quaternion_from_pose
 from perception.frames import Frame
 from perception.recordings.bag_file import message_types
-from perception.recordings.bag_index import NOTE_TOPIC
+from perception.recordings.bag_index import EARLIEST, NOTE_TOPIC
 from perception.recordings.recording import FolderRecording
 from perception.ros.headers import NANOSECONDS
 
@@ -255,7 +255,8 @@ class _Writer:
     def _write(self, topic: str, stamp: int, message: Any) -> None:
         types, kind = self._types, _TOPICS[topic]
         serialize = types.serialize_ros1 if self._is_ros1 else types.serialize_cdr
-        self._bag.write(self._connections[topic], stamp, serialize(message, kind))
+        time = max(stamp, EARLIEST)
+        self._bag.write(self._connections[topic], time, serialize(message, kind))
 
 
 def whole_millimetres(depth: NDArray[np.float32]) -> NDArray[np.uint16] | None:

@@ -59,13 +59,14 @@ class FolderRecording:
     def frames(self, start: int = 0) -> Iterator[Frame]:
         """Frames from index `start` on; raises RecordingError at the first unreadable one."""
         for entry in self.listing.entries[start:]:
-            yield self._frame(entry)
+            yield self.decoded(entry)
 
     def frame(self, index: int) -> Frame:
         """Frame of that index."""
-        return self._frame(self.listing.entries[index])
+        return self.decoded(self.listing.entries[index])
 
-    def _frame(self, entry: FrameEntry) -> Frame:
+    def decoded(self, entry: FrameEntry) -> Frame:
+        """The frame of an entry by this recording's camera; raises RecordingError."""
         camera = self.rectifier.camera
         rgb = entry.colour.colour()
         if rgb.shape[1::-1] != (camera.width, camera.height):

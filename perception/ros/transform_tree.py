@@ -17,6 +17,7 @@ from perception.camera.poses import Pose, Trajectory, pose_from_quaternion
 from perception.ros.headers import NANOSECONDS, frame_name, nanoseconds
 
 LONGEST_GAP: Final = 1.0  # [s] between two transforms of one link that are still interpolated
+MOST_LINKS: Final = 10_000  # in a tree that keeps little
 TOLERANCE: Final = 0.02  # [s] before its first and after its last that a transform still holds
 
 
@@ -27,9 +28,14 @@ def pose_numbers(position: Any, orientation: Any) -> tuple[float, ...]:
 
 
 class TransformTree:
-    """Links of frames to their parents, each a static transform or one over time."""
+    """Links of frames to their parents, each a static transform or one over time.
 
-    def __init__(self) -> None:
+    With `kept` a link has that many transforms at most, the latest; it forgets those before time
+    went back, as where a simulation begins anew; and links are MOST_LINKS at most.
+    """
+
+    def __init__(self, kept: int | None = None) -> None:
+        self._kept, self._count = kept, 0
         self._links: dict[str, dict[str, _Link]] = {}  # child -> parent -> link
         self._preferred: dict[str, str] = {}
 
@@ -58,7 +64,13 @@ class TransformTree:
             raise RecordingError(f"{where}: a link needs two frames")
         t, q = np.array(numbers[:3], np.float64), np.array(numbers[3:], np.float64)
         pose_from_quaternion(t, q, where)
+        if self._kept is not None and parent not in self._links.get(child, ()):
+            if self._count >= MOST_LINKS:
+                raise RecordingError(f"{where}: there are {MOST_LINKS} other links already")
+            self._count += 1
         link = self._links.setdefault(child, {}).setdefault(parent, _Link())
+        if self._kept is not None:
+            link.forget(0 if static else stamp, self._kept)
         link.add(0 if static else stamp, numbers, static)
 
     def prefer(self, parent: str, child: str) -> None:
@@ -174,6 +186,15 @@ class _Link:
             return
         self._rows.extend((stamp / NANOSECONDS, *numbers))
         self._ordered = None
+
+    def forget(self, stamp: int, kept: int) -> None:
+        """Forget what is not needed once a transform of `stamp` [ns] comes."""
+        if self.static or not len(self):
+            return
+        if stamp / NANOSECONDS < self._rows[-8] - LONGEST_GAP:
+            self._rows = array("d")
+        elif len(self) >= 2 * kept:
+            self._rows = self._rows[-8 * kept :]
 
     def trajectory(self) -> Trajectory:
         if self._ordered is None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Annotated, Final
 
 from pydantic import Field
@@ -22,7 +24,7 @@ Wanted = Annotated[
 ]
 Degrees = Annotated[float, Field(ge=-360, le=360, description="0 along x")]
 
-_PATIENCE: Final = 60.0  # [s] to wait for another plan: one is made at a time
+_WAITING: Final = 8  # plans that are made or wait, one being made at a time
 _KNOWN: Final = 5  # objects listed of each target
 _REASONS: Final = 3  # of each look
 _FACTS: Final = 6  # of each reason
@@ -34,6 +36,7 @@ class SearchTools:
     def __init__(self, context: MapContext) -> None:
         self._context = context
         self._planning = threading.Lock()
+        self._waiting = threading.BoundedSemaphore(_WAITING)
 
     def find_plan(
         self,
@@ -51,12 +54,8 @@ class SearchTools:
         if (x is None) != (y is None):
             raise QueryParameterError("give both x and y, or neither to start where the robot is")
         start = None if x is None or y is None else (x, y, math.radians(heading_degrees))
-        if not self._planning.acquire(timeout=_PATIENCE):
-            raise PoolBusyError("other plans are being made; try again in a minute")
-        try:
+        with self._turn():
             found = planned(context.semantic_map, what, start)
-        finally:
-            self._planning.release()
         known = [
             one
             for target in resolve(context.semantic_map, what)
@@ -78,6 +77,17 @@ class SearchTools:
             left_out=max(len(steps) - limit, 0),
         )
 
+    @contextmanager
+    def _turn(self) -> Iterator[None]:
+        """One plan is made at a time, and few wait: each holds one of the server's threads."""
+        if not self._waiting.acquire(blocking=False):
+            raise PoolBusyError("other plans are being made; try again in a minute")
+        try:
+            with self._planning:
+                yield
+        finally:
+            self._waiting.release()
+
     def next_look(
         self,
         what: Wanted,
@@ -87,7 +97,8 @@ class SearchTools:
     ) -> a.PlanAnswer:
         """The first look of the best plan from x, y (or from where the robot is): where to go now.
 
-        Looks that the map was told of count as taken; ask again after each.
+        What is viewed while the map is being mapped counts. A look that the map does not hear of is
+        proposed again: then follow the order of `find_plan`.
         """
         return self.find_plan(what, x, y, heading_degrees, 1)
 

@@ -22,6 +22,7 @@ from planner.cli.text_table import printable
 COMMANDS = (
     "demo",
     "map_recording",
+    "live",
     "info",
     "convert",
     "ask",

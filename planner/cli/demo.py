@@ -18,7 +18,7 @@ from planner.cli.console import (
 
 if TYPE_CHECKING:
     from kg.query.query_files import Table
-    from planner.simulation.house_demo import DemoProgress, DemoReport
+    from planner.simulation.demo.house_demo import DemoProgress, DemoReport
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -42,7 +42,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the demo and tell what happened."""
-    from planner.simulation.house_demo import run_demo
+    from planner.simulation.demo.house_demo import run_demo
 
     with progress() as bar:
         task = bar.add_task("map", total=None, status="")
@@ -104,7 +104,7 @@ def _print_answer(table: Table) -> None:
 
 def _tell_plan(report: DemoReport) -> None:
     from planner.plans.report import plan_lines
-    from planner.simulation.house_demo import TARGET
+    from planner.simulation.demo.house_demo import TARGET
 
     plan, thesis = report.planned.plan, report.planned.thesis
     heading(f"Where is the {TARGET}?")
@@ -120,8 +120,8 @@ def _tell_plan(report: DemoReport) -> None:
 
 
 def _tell_search(report: DemoReport) -> None:
-    from planner.simulation.demo_search import in_short
-    from planner.simulation.house_demo import TARGET
+    from planner.simulation.demo.demo_search import in_short
+    from planner.simulation.demo.house_demo import TARGET
 
     run = report.search
     heading(f"Meanwhile somebody brings home an {TARGET}. The robot goes and looks")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +14,7 @@ from planner.cli.arguments import MAP_HELP, add_json, add_keep, keep_seconds, ti
 from planner.cli.console import note, print_table, progress, write_json
 from planner.cli.recording_arguments import (
     Inputs,
+    MappingInputs,
     add_recording_options,
     open_given_recording,
     open_inputs,
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from mapping.label_table import LabelTable
     from mapping.progress_report import FrameReport, MappingReport
     from mapping.recording_mapper import OnDetections
-    from perception.frames import Detections, Frame, SceneScores
+    from perception.frames import Detections, Frame, Recording, SceneScores
     from planner.viewers.viewer import Viewer
 
 _TOLD = 10  # labels named in one note
@@ -42,12 +43,19 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         epilog="example: hereabouts map recordings/kitchen --into kitchen.map",
     )
     parser.add_argument("recording", metavar="RECORDING", help="folder of the recording")
-    parser.add_argument("--into", required=True, metavar="MAP", help=MAP_HELP)
-    parser.add_argument("--pictures", metavar="DIR", help="save frames with boxes and scene scores")
-    add_viewers(parser)
     parser.add_argument(
         "--again", action="store_true", help="map frames again that this map already holds"
     )
+    add_map_options(parser)
+    add_recording_options(parser)
+    parser.set_defaults(run=run)
+
+
+def add_map_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the options that `open_for_mapping` and `print_outcome` read."""
+    parser.add_argument("--into", required=True, metavar="MAP", help=MAP_HELP)
+    parser.add_argument("--pictures", metavar="DIR", help="save frames with boxes and scene scores")
+    add_viewers(parser)
     parser.add_argument(
         "--base", metavar="IRI", help="base IRI of a new map (default: a unique one)"
     )
@@ -58,17 +66,37 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     )
     add_keep(parser, "default: all of the past; the rest is dropped while mapping")
     add_json(parser)
-    add_recording_options(parser)
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Map the recording, and say what was found."""
+    inputs = open_inputs(arguments)
+    with open_for_mapping(arguments, inputs) as (semantic_map, on_detections):
+        if inputs.corrected and _correct_poses(inputs, semantic_map, arguments):
+            return 0
+        inputs = replace(inputs, scene=with_taught_rooms(inputs.scene, arguments.into))
+        if inputs.align:
+            inputs = align_with_map(inputs, semantic_map)
+        report = map_with_progress(
+            inputs, semantic_map, on_detections=on_detections, again=arguments.again
+        )
+        if report.frames == 0:
+            note(
+                f"all {report.skipped} frames are already in this map; --again maps them once more"
+            )
+        print_outcome(semantic_map, report, arguments, inputs.device)
+    return 0
+
+
+@contextmanager
+def open_for_mapping(
+    arguments: argparse.Namespace, inputs: MappingInputs
+) -> Iterator[tuple[SemanticMap, OnDetections | None]]:
+    """The map to write into, and what is called with each mapped frame."""
     from kg.opening import open_or_create_map
     from kg.store.gc_scheduling import settled
 
     keep = keep_seconds(arguments)
-    inputs = open_inputs(arguments)
     if inputs.labels is not None:
         _refuse_unknown_categories(inputs.labels, arguments.into)
     save = _picture_saver(Path(arguments.pictures)) if arguments.pictures else None
@@ -83,17 +111,8 @@ def run(arguments: argparse.Namespace) -> int:
         _refuse_other_base(semantic_map, arguments)
         if keep is not None:
             semantic_map.retain(keep)
-        if inputs.corrected and _correct_poses(inputs, semantic_map, arguments):
-            return 0
-        inputs = replace(inputs, scene=with_taught_rooms(inputs.scene, arguments.into))
-        if inputs.align:
-            inputs = align_with_map(inputs, semantic_map)
         with settled():
-            report = map_with_progress(
-                inputs, semantic_map, on_detections=on_detections, again=arguments.again
-            )
-        _print_outcome(semantic_map, report, arguments, inputs.device)
-    return 0
+            yield semantic_map, on_detections
 
 
 def _refuse_other_base(semantic_map: SemanticMap, arguments: argparse.Namespace) -> None:
@@ -168,21 +187,39 @@ def map_with_progress(
     again: bool = False,
 ) -> MappingReport:
     """Run the mapping pipeline under a progress bar."""
+    return map_frames(
+        inputs.recording, inputs, semantic_map, on_detections=on_detections, again=again
+    )
+
+
+def map_frames(
+    recording: Recording,
+    inputs: MappingInputs,
+    semantic_map: SemanticMap,
+    *,
+    on_detections: OnDetections | None = None,
+    again: bool = False,
+    lost: Callable[[], str] | None = None,
+) -> MappingReport:
+    """Run the mapping pipeline on frames; `lost` says of live ones how many were left out."""
+    from mapping.read_ahead import AHEAD
     from mapping.recording_mapper import map_recording
 
     with progress() as bar:
-        task = bar.add_task(inputs.recording.name, total=len(inputs.recording), status="")
+        total = len(recording) if lost is None else None
+        task = bar.add_task(recording.name, total=total, status="")
 
         def on_frame(report: FrameReport) -> None:
             rate = report.frames_per_second
             bar.update(
                 task,
                 completed=report.index + 1,
-                status=f"{rate:4.1f} frames/s  {report.objects} objects",
+                status=f"{rate:4.1f} frames/s  {report.objects} objects"
+                + ("" if lost is None else f"  {lost()}"),
             )
 
         return map_recording(
-            inputs.recording,
+            recording,
             semantic_map,
             inputs.detector,
             inputs.scene,
@@ -199,6 +236,7 @@ def map_with_progress(
             check_poses=inputs.check,
             pictures=inputs.pictures,
             objects=inputs.objects,
+            ahead=AHEAD if lost is None else 1,
         )
 
 
@@ -251,14 +289,17 @@ def _picture_saver(folder: Path) -> OnDetections:
     return save
 
 
-def _print_outcome(
-    semantic_map: SemanticMap, report: MappingReport, arguments: argparse.Namespace, device: str
+def print_outcome(
+    semantic_map: SemanticMap,
+    report: MappingReport,
+    arguments: argparse.Namespace,
+    device: str,
+    more: Mapping[str, object] | None = None,
 ) -> None:
+    """Say what was found; `more` is for `--json`."""
     if arguments.json:
-        write_json(report.to_json() | {"device": device or None})
+        write_json({**report.to_json(), "device": device or None, **(more or {})})
         return
-    if report.frames == 0:
-        note(f"all {report.skipped} frames are already in this map; --again maps them once more")
     if report.fit:
         note(report.fit)
     summary = semantic_map.ask("summary")
@@ -266,7 +307,7 @@ def _print_outcome(
     stages = "  ".join(f"{stage} {ms:.1f}" for stage, ms in report.milliseconds.items())
     note(
         f"{report.frames} frames in {report.seconds:.1f} s "
-        f"({report.frames_per_second:.1f} frames/s); ms a frame: {stages}"
+        f"({report.frames_per_second:.1f} frames/s); ms a frame, side by side: {stages}"
         + (f"; networks on {device}" if device else "")
     )
     _note_labels(report)

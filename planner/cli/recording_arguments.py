@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -12,6 +12,9 @@ from planner.cli.arguments import add_device, positive, whole
 from planner.cli.models import named_detector
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from mapping.label_table import LabelTable
     from mapping.mapper import Mode
     from mapping.objects.settings import ObjectSettings
@@ -30,11 +33,10 @@ ONE: Final = "one"
 _THRESHOLDS: Final = {"bayes": 0.2, "reference": 0.4}
 
 
-@dataclass(frozen=True, slots=True)
-class Inputs:
-    """Everything a mapping run reads, opened and checked before the map is touched."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MappingInputs:
+    """Everything a mapping run needs but frames, opened and checked before the map is touched."""
 
-    recording: FolderRecording
     detector: Detector
     scene: SceneClassifier | None
     layout: Layout | None
@@ -43,10 +45,8 @@ class Inputs:
     mode: Mode
     labels: LabelTable | None
     floor: bool  # whether depth also goes into the floor
-    align: bool = False  # whether a recording new to a map is aligned with it
-    same_frame: bool = False  # whether its world is said to be the map's
+    same_frame: bool = False  # whether the frames' world is said to be the map's
     check: bool = True  # whether depth is compared with poses
-    corrected: bool = False  # whether its poses were given by file
     pictures: bool = True  # whether small pictures of objects are kept
     objects: ObjectSettings | None = None  # of the Bayes mapper; None: its own
 
@@ -54,6 +54,15 @@ class Inputs:
     def device(self) -> str:
         """What the networks run on; "" where there are none."""
         return str(getattr(self.detector, "device", None) or getattr(self.scene, "device", ""))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Inputs(MappingInputs):
+    """Everything a run reads that maps a recording."""
+
+    recording: FolderRecording
+    align: bool = False  # whether a recording new to a map is aligned with it
+    corrected: bool = False  # whether its poses were given by file
 
 
 def add_recording_options(parser: argparse.ArgumentParser) -> None:
@@ -64,8 +73,26 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
     _add_mapping_options(parser.add_argument_group("mapping"))
 
 
-def add_camera_options(camera: argparse._ArgumentGroup) -> None:
-    """Declare the options that `open_given_recording` reads."""
+def add_live_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the options that `open_mapping_inputs` reads, and those of a source of frames."""
+    parser.set_defaults(
+        usage_error=parser.error, every=1, keyframes=False, limit=None, started=None,
+        start=None, stop=None,
+        poses=None, transform=None, sequence=None, align=False,
+    )  # fmt: skip
+    source = parser.add_argument_group("source")
+    _add_source_options(source)
+    _add_stream_options(source)
+    source.add_argument(
+        "--same-frame",
+        action="store_true",
+        help="the world of a folder that is new to the map is that of the map's other recordings",
+    )
+    _add_network_options(parser.add_argument_group("networks"))
+    _add_mapping_options(parser.add_argument_group("mapping"))
+
+
+def _add_source_options(camera: argparse._ArgumentGroup) -> None:
     camera.add_argument(
         "--format",
         default="auto",
@@ -75,12 +102,6 @@ def add_camera_options(camera: argparse._ArgumentGroup) -> None:
     camera.add_argument("--intrinsics", metavar="FILE", help="intrinsics.json, .txt or K.txt")
     camera.add_argument(
         "--depth-scale", type=positive, metavar="N", help="depth units in a metre, e.g. 1000"
-    )
-    camera.add_argument(
-        "--poses",
-        metavar="FILE",
-        help="trajectory in TUM format instead of the recording's own poses; what a map has of the "
-        "recording already moves with it",
     )
     camera.add_argument(
         "--pose-convention",
@@ -98,6 +119,17 @@ def add_camera_options(camera: argparse._ArgumentGroup) -> None:
         "--up",
         metavar="AXIS",
         help="the world's up: x, y, z, -x, -y, -z or a vector A,B,C (default: read, else found)",
+    )
+
+
+def add_camera_options(camera: argparse._ArgumentGroup) -> None:
+    """Declare the options that `open_given_recording` reads."""
+    _add_source_options(camera)
+    camera.add_argument(
+        "--poses",
+        metavar="FILE",
+        help="trajectory in TUM format instead of the recording's own poses; what a map has of the "
+        "recording already moves with it",
     )
     _add_frame_options(camera)
     _add_stream_options(camera)
@@ -119,6 +151,12 @@ def add_camera_options(camera: argparse._ArgumentGroup) -> None:
 def _add_frame_options(camera: argparse._ArgumentGroup) -> None:
     camera.add_argument(
         "--every", type=whole, default=1, metavar="N", help="read the first frame and each N-th"
+    )
+    camera.add_argument(
+        "--keyframes",
+        action="store_true",
+        help="read only frames whose camera has moved by 0.1 m or turned by 5 degrees since the "
+        "last one read",
     )
     camera.add_argument("--limit", type=whole, metavar="N", help="read N frames at most")
     camera.add_argument(
@@ -278,28 +316,42 @@ def _add_mapping_options(places: argparse._ArgumentGroup) -> None:
 
 def open_inputs(arguments: argparse.Namespace) -> Inputs:
     """Open and check everything a run needs; raises before any map exists or changes."""
+    from perception.inference.recorded_detections import RecordedDetector
+
+    _refuse_places(arguments)
+    recording = open_given_recording(arguments)
+    opened = open_mapping_inputs(arguments)
+    detector = opened.detector
+    if isinstance(detector, RecordedDetector):
+        detector.detect(next(recording.frames()))  # of another recording: said before a map is made
+    return Inputs(
+        **{each.name: getattr(opened, each.name) for each in fields(MappingInputs)},
+        recording=recording,
+        align=arguments.align,
+        corrected=arguments.poses is not None,
+    )
+
+
+def open_mapping_inputs(arguments: argparse.Namespace) -> MappingInputs:
+    """Open and check everything a run needs but frames; raises before any map exists or changes."""
     from mapping.label_table import load_label_table
     from mapping.objects.settings import ObjectSettings
     from perception.inference.detector_pair import DetectorPair
-    from perception.inference.recorded_detections import RecordedDetector, open_detector
+    from perception.inference.recorded_detections import open_detector
     from perception.inference.scene_classifier import load_scene_classifier
 
-    if arguments.places == FOUND and not arguments.floor:
-        arguments.usage_error("--places found takes the mapped floor; leave out --no-floor")
-    recording = open_given_recording(arguments)
+    _refuse_places(arguments)
     threshold = arguments.threshold or min(_THRESHOLDS.values())
     device = arguments.device
-    detector = open_detector(_detector_file(arguments), threshold=threshold, device=device)
-    if isinstance(detector, RecordedDetector):
-        detector.detect(next(recording.frames()))  # of another recording: said before a map is made
+    name = _detector_file(arguments)
+    detector: Detector = open_detector(name, threshold=threshold, device=device)
     if arguments.second_detector is not None:
         second = open_detector(arguments.second_detector, threshold=threshold, device=device)
         detector = DetectorPair(detector, second)
     scene = None
     if arguments.scene != "none":
         scene = load_scene_classifier(arguments.scene, device=device)
-    return Inputs(
-        recording=recording,
+    return MappingInputs(
         detector=detector,
         scene=scene,
         layout=None if arguments.places in (None, FOUND, ONE) else _layout(arguments.places),
@@ -308,13 +360,16 @@ def open_inputs(arguments: argparse.Namespace) -> Inputs:
         mode=arguments.mode,
         labels=load_label_table(Path(arguments.labels_map)) if arguments.labels_map else None,
         floor=arguments.floor,
-        align=arguments.align,
         same_frame=arguments.same_frame,
         check=not arguments.no_check,
         pictures=not arguments.no_pictures,
-        corrected=arguments.poses is not None,
         objects=ObjectSettings(min_score=arguments.threshold) if arguments.threshold else None,
     )
+
+
+def _refuse_places(arguments: argparse.Namespace) -> None:
+    if arguments.places == FOUND and not arguments.floor:
+        arguments.usage_error("--places found takes the mapped floor; leave out --no-floor")
 
 
 def _weighs_objects(arguments: argparse.Namespace) -> bool:
@@ -346,18 +401,23 @@ def _detector_file(arguments: argparse.Namespace) -> str:
 
 
 def open_given_recording(
-    arguments: argparse.Namespace, *, check: bool = True, listing: RecordingListing | None = None
+    arguments: argparse.Namespace,
+    *,
+    check: bool = True,
+    listing: RecordingListing | None = None,
+    T_map_world: NDArray[np.float64] | None = None,
 ) -> FolderRecording:
     """Open the recording that the options of the group "recording" describe.
 
-    With `check` false depth is not compared with the poses; `listing` is what was read already.
+    With `check` false depth is not compared with the poses; `listing` is what was read already,
+    `T_map_world` (4, 4) what is known already.
     """
     from mapping.transform_file import load_transform
     from perception.camera.intrinsics import load_intrinsics
     from perception.recordings.recording import open_recording
     from perception.recordings.selection import Selection
 
-    transform = None
+    transform = T_map_world
     if arguments.sequence is not None and arguments.transform is None:
         arguments.usage_error("--sequence names a transform of the file that --transform gives")
     if arguments.transform is not None and arguments.align:
@@ -378,7 +438,9 @@ def open_given_recording(
         check=check and not arguments.no_check,
         start_time=arguments.started,
         streams=given_streams(arguments),
-        selection=Selection(arguments.every, arguments.limit, arguments.start, arguments.stop),
+        selection=Selection(
+            arguments.every, arguments.limit, arguments.start, arguments.stop, arguments.keyframes
+        ),
         listing=listing,
     )
 

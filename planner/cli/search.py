@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from planner.execution.events import Event
     from planner.execution.options import SearchOptions
     from planner.execution.robot import Robot
-    from planner.simulation.house import House, Item
+    from planner.simulation.houses.house import House, Item
     from planner.viewers.viewer import Viewer
 
 #: exit codes; 1 is an error, 2 wrong usage
@@ -148,7 +148,7 @@ def _refuse_nonsense(arguments: argparse.Namespace) -> None:
 
 def _robot(arguments: argparse.Namespace, semantic_map: SemanticMap) -> Robot:
     if arguments.robot == "sim":
-        from planner.simulation.house_robot import simulated_robot
+        from planner.simulation.robot.house_robot import simulated_robot
 
         return simulated_robot(semantic_map, _house(arguments), seed=arguments.seed)
     if arguments.robot.startswith("http"):
@@ -163,8 +163,8 @@ def _robot(arguments: argparse.Namespace, semantic_map: SemanticMap) -> Robot:
 
 
 def _house(arguments: argparse.Namespace) -> House:
-    from planner.simulation.house import furnished_house
-    from planner.simulation.house_demo import HIDDEN
+    from planner.simulation.demo.house_demo import HIDDEN
+    from planner.simulation.houses.house import furnished_house
 
     own = {HIDDEN.label: HIDDEN}
     items = [own.get(text) or _item(text) for text in arguments.hide or own]
@@ -172,8 +172,8 @@ def _house(arguments: argparse.Namespace) -> House:
 
 
 def _item(text: str) -> Item:
-    from planner.simulation.furniture import OBJECTS
-    from planner.simulation.house import Item
+    from planner.simulation.houses.furniture import OBJECTS
+    from planner.simulation.houses.house import Item
 
     label, _, where = text.partition("@")
     try:
@@ -192,7 +192,7 @@ def _item(text: str) -> Item:
 
 def _clock(robot: Robot, semantic_map: SemanticMap) -> Callable[[], float]:
     """The time to write: now, or in the simulated house the time it is there."""
-    from planner.simulation.house_robot import SimulatedHouseRobot
+    from planner.simulation.robot.house_robot import SimulatedHouseRobot
 
     mapped = semantic_map.robot()
     if not isinstance(robot, SimulatedHouseRobot) or mapped is None:

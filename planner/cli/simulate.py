@@ -11,7 +11,7 @@ from planner.cli.arguments import add_json, count, share
 from planner.cli.console import note, print_table, progress, write_json
 
 if TYPE_CHECKING:
-    from planner.simulation.simulated_recording import SimulatedSession, SimulationOptions
+    from planner.simulation.recording.simulated_recording import SimulatedSession, SimulationOptions
 
 _COLUMNS = ("folder", "frames", "objects", "detections", "moved", "carried", "vanished", "new")
 
@@ -69,7 +69,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 def run_house(arguments: argparse.Namespace) -> int:
     """Simulate, and say what lies where."""
-    from planner.simulation.simulated_recording import simulate_house
+    from planner.simulation.recording.simulated_recording import simulate_house
 
     folder = Path(arguments.output)
     with progress() as bar:
@@ -91,8 +91,8 @@ def run_house(arguments: argparse.Namespace) -> int:
 
 
 def _options(arguments: argparse.Namespace) -> SimulationOptions:
-    from planner.simulation.sensors import SENSES
-    from planner.simulation.simulated_recording import SimulationOptions
+    from planner.simulation.recording.simulated_recording import SimulationOptions
+    from planner.simulation.sensing.sensors import SENSES
 
     return SimulationOptions(
         size=arguments.size,

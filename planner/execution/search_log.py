@@ -23,6 +23,7 @@ from kg.records import (
     SearchState,
 )
 from kg.transactions import Cause
+from mapping.objects.object_mapper import ObjectChanges
 from mapping.places.viewed_floor import FloorView, ViewedFloor
 from planner.execution.protocol import RobotPose
 
@@ -152,24 +153,26 @@ class SearchLog:
         self.obstacles.append(record)
         return record
 
-    def change(self, note: str, objects: Sequence[ObjectRecord], removed: Sequence[str]) -> None:
+    def change(self, note: str, changes: ObjectChanges) -> None:
         """Write objects that a look has put in doubt, and drop those it has done away with."""
-        update = MapUpdate(tuple(objects), tuple(removed), search=self.record)
-        self._write(note, update, shown=False)
+        self._write(note, replace(_update(changes), search=self.record), shown=False)
 
     def end(
         self,
         state: SearchState,
         pose: RobotPose | None,
-        objects: Sequence[ObjectRecord] = (),
-        removed: Sequence[str] = (),
+        changes: ObjectChanges | None = None,
     ) -> None:
-        """Write how the search, or this run of it, ended."""
+        """Write how the search, or this run of it, ended, and `changes` that its looks lead to."""
         self.record = replace(self.record, state=state, ended=self._clock())
         robot = None if pose is None else self._robot(pose)
         floor, places = self._floor.take_rest()
-        update = MapUpdate(
-            tuple(objects), tuple(removed), places, robot, search=self.record, floor=floor
+        update = replace(
+            _update(changes or ObjectChanges()),
+            places=places,
+            robot=robot,
+            search=self.record,
+            floor=floor,
         )
         self._write(state, update, shown=False)
 
@@ -201,11 +204,16 @@ class SearchLog:
         return Cause("search", self.name, note)
 
 
+def _update(changes: ObjectChanges) -> MapUpdate:
+    return MapUpdate(changes.updated, changes.removed, departed=changes.departed)
+
+
 def _without(update: MapUpdate, things: Sequence[str]) -> MapUpdate:
     """`update` but for the objects among `things`."""
     kept = tuple(record for record in update.objects if record.iri not in things)
     removed = tuple(iri for iri in update.removed if iri not in things)
-    return replace(update, objects=kept, removed=removed)
+    departed = tuple(record for record in update.departed if record.iri not in things)
+    return replace(update, objects=kept, removed=removed, departed=departed)
 
 
 def recent_obstacles(

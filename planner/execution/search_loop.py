@@ -14,7 +14,8 @@ from typing import Any, Final, Literal
 
 from kg.errors import HereaboutsError, RobotError
 from kg.maps.semantic_map import SemanticMap
-from kg.records import ObjectRecord, SearchState
+from kg.records import DepartedRecord, ObjectRecord, SearchState
+from mapping.objects.object_mapper import ObjectChanges
 from planner.execution.detection_verification import DetectionVerifier, Spot, TargetDetection
 from planner.execution.object_updates import ObjectUpdates
 from planner.execution.options import SearchOptions, SearchOutcome
@@ -368,7 +369,7 @@ class _Run:
             return
         changes = self._objects.decay(sighting.object, recall=self._adapter.recall)
         if changes.missed:
-            self._log.change("looked again in vain", changes.updated, changes.removed)
+            self._log.change("looked again in vain", changes)
 
     def _blocked(self, goal: NextView, message: Blocked) -> None:
         pose = self._robot.pose
@@ -436,17 +437,18 @@ class _Run:
             self._reporter.note(f"could not be stopped: {error}")
 
     def _end(self, state: SearchState) -> None:
-        objects, removed = ((), ()) if state == "stopped" else self._not_seen()
+        changes = ObjectChanges() if state == "stopped" else self._not_seen()
         self._note_progress()
-        self._log.end(state, self._robot.pose_if_known, objects, removed)
+        self._log.end(state, self._robot.pose_if_known, changes)
 
-    def _not_seen(self) -> tuple[tuple[ObjectRecord, ...], tuple[str, ...]]:
+    def _not_seen(self) -> ObjectChanges:
         """What the map holds of what was wanted, and looks should have shown and did not.
 
         Applied once the search is over: until then the planning state holds it.
         """
         kinds = {kind for target in self._targets for kind in target.kinds}
         kept, gone = dict[str, ObjectRecord](), list[str]()
+        departed = list[DepartedRecord]()
         for record in self._objects.of(kinds):
             times = sum(
                 self._adapter.shows(look, record.p_map)
@@ -457,7 +459,9 @@ class _Run:
                 changes = self._objects.decay(record.iri, times, self._adapter.recall)
                 kept |= {changed.iri: changed for changed in changes.updated}
                 gone += changes.removed
-        return tuple(r for iri, r in kept.items() if iri not in gone), tuple(gone)
+                departed += changes.departed
+        updated = tuple(record for iri, record in kept.items() if iri not in gone)
+        return ObjectChanges(updated, tuple(gone), departed=tuple(departed))
 
     def _note_progress(self) -> None:
         left = self._adapter.left if self._wanted() else 0.0

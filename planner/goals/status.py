@@ -142,6 +142,12 @@ def _of_thing(semantic_map: SemanticMap, what: str) -> Status:
             viewed = datetime.fromtimestamp(views.last, UTC)
             proof += f"; {where} last viewed {stamp(viewed)}"
         return Status(what, value, proof, ())
+    for left in semantic_map.departed((iri,)):
+        seen, gone = (datetime.fromtimestamp(t, UTC) for t in (left.last_seen, left.found_gone))
+        x, y, _ = left.p_map
+        area = next((p.label for p in labels.values() if p.area.contains(x, y)), "no place")
+        proof = f"left ({x:.2f}, {y:.2f}) in {area}: last seen {stamp(seen)}, gone {stamp(gone)}"
+        return Status(what, "gone", proof, ())
     *_, last = semantic_map.log(iri)
     if not any(change.endswith("removed") for change in last.changes):
         raise QueryParameterError(f"{what} is no object; `hereabouts ask MAP objects` lists them")

@@ -16,6 +16,7 @@ from kg.history.storage.row_codec import Coded, Delta, Term, decode_delta
 from kg.transactions import Cause
 
 _TYPE = NamedNode(v.RDF_TYPE)
+_DEPARTED = NamedNode(v.DEPARTED_OBJECT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +70,9 @@ def _words(log: HistoryLog, node: int, delta: Delta, base: str) -> Iterator[str]
         removed, added = _by_predicate(log, delta.removed), _by_predicate(log, delta.added)
         if _TYPE in removed and _TYPE not in added:
             yield f"{about}: removed" if about else "removed"
+            return
+        if _TYPE in removed and _DEPARTED in added.get(_TYPE, ()):
+            yield "left where it stood"
             return
         lines = list(_steps(removed, added, base))
     if about:

@@ -32,6 +32,7 @@ VIEWS = 3  # frames named of those a place's belief rests on
 
 _MAP, _ASSERTIONS = NamedNode(v.MAP_GRAPH), NamedNode(v.ASSERTIONS_GRAPH)
 _SUBJECT = NamedNode(v.RELATION_SUBJECT)
+_DEPARTED = NamedNode(v.DEPARTED_OBJECT)
 #: Facts that follow from an assertion of a property.
 _SAID_OF = {
     v.RDF_TYPE: "category",
@@ -80,6 +81,8 @@ class Explainer:
         if not facts:
             return self._background_or_removed(iri)
         types = [q for q in facts if q.predicate.value == v.RDF_TYPE]
+        if _DEPARTED in (quad.object for quad in types):
+            return self._departed(iri, types[0])
         reasons = [self.fact(q) for q in types if _is_informative(q)]
         reasons += [self.fact(q) for q in facts if q.graph_name == _ASSERTIONS and q not in types]
         reasons += self._alternatives(facts)
@@ -268,6 +271,16 @@ class Explainer:
         reasons = [made] if commit.cause.kind != "frame" else [Explanation("rule", REMOVAL), made]
         text = f"{short(iri, self._base)} is no longer in the map"
         return Explanation("was", text, iri.value, tuple(reasons))
+
+    def _departed(self, iri: NamedNode, typed: Quad) -> Explanation:
+        """Why an object is no longer where it stood."""
+        spot = ", ".join(self._text(iri, axis) for axis in (v.X, v.Y, v.Z))
+        text = (
+            f"{self._text(iri, v.RDFS_LABEL)} left ({spot}) m: last seen "
+            f"{self._text(iri, v.LAST_SEEN)}, found gone {self._text(iri, v.FOUND_GONE)}"
+        )
+        reasons = Explanation("rule", REMOVAL), self._made(typed)
+        return Explanation("was", text, iri.value, reasons)
 
     def _was(
         self, subject: NamedNode, predicate: NamedNode, value: Term | None, held: list[Quad]

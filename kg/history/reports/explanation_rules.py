@@ -29,7 +29,11 @@ _BELIEF: Final = "mean over all views of the scene model's probability of the ca
 _CAMERA: Final = "the camera's pose in the latest frame"
 
 _FLOOR: Final = "the mapped floor, split into rooms at its doors (docs/explanation/mapping.md)"
-
+REMOVAL: Final = (
+    "an object leaves the map when too many frames should have shown it and did not: its existence "
+    "is below 0.02, or three distinct views went through its volume; in reference mode when its "
+    "confidence is no longer positive (eq. 3.4)"
+)
 RULES: Final[dict[str, str]] = {
     v.RDF_TYPE: "the detector's label, found among the labels of the ontology",
     v.RDFS_LABEL: "the category's label and the object's number, when it was new",
@@ -72,6 +76,7 @@ RULES: Final[dict[str, str]] = {
     v.BOT_ADJACENT_ZONE: _FLOOR,
     v.BOT_INTERFACE_OF: _FLOOR,
     v.WIDTH: _FLOOR,
+    v.FOUND_GONE: REMOVAL,
     v.HEADING: "the direction of the camera's axis, seen from above",
 }
 
@@ -88,11 +93,6 @@ _PLACE_TYPE: Final = (
 BELIEF_OF_PLACE: Final = (
     "the belief from the views, times how well each object in the place fits the category, as far "
     "as it is believed to exist (docs/explanation/placement.md)"
-)
-REMOVAL: Final = (
-    "an object leaves the map when too many frames should have shown it and did not: its existence "
-    "is below 0.02, or three distinct views went through its volume; in reference mode when its "
-    "confidence is no longer positive (eq. 3.4)"
 )
 
 

@@ -166,13 +166,14 @@ export class MapData extends EventTarget {
     this._tell("transaction", change);
     if (this.past !== null) return;
     this.sequence = change.sequence;
-    let around = false;
+    let around = false, back = false;
     const touched = new Set();
     for (const [lines, added] of [[change.removed, false], [change.added, true]]) {
       for (const line of lines) {
         const fact = factOf(line);
         if (!fact) continue;
         const [subject, predicate, value] = fact;
+        back ||= !added && predicate === RDF_TYPE && value === `${HERE}DepartedObject`;
         if (/\/(place|door|floor)\//.test(subject.slice(this.base.length - 1))) { around = true; continue; }
         const field = FIELDS[predicate];
         if (!field) continue;
@@ -191,6 +192,8 @@ export class MapData extends EventTarget {
     }
     if (this.trail.length > 2000) this.trail.splice(0, 500);
     if (around) this._readSurroundings();
+    // of what left and was found again, only the differences are in the feed
+    if (back) this.load(null).catch(() => {});
     this._tell("changed");
   }
 

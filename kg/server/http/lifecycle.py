@@ -111,6 +111,5 @@ def _listen(host: str, port: int) -> socket.socket:
     except (OSError, OverflowError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise ServerError(
-            f"cannot listen at {host}, port {port}: {reason}; try another --port (0 takes a free "
-            "one)"
+            f"cannot listen at {host}, port {port}: {reason}; try another port (0 takes a free one)"
         ) from error

@@ -12,6 +12,7 @@ import pytest
 from kg.client.update_codec import update_from_json, update_to_json
 from kg.errors import InvalidFactError
 from kg.records import (
+    DepartedRecord,
     DoorRecord,
     Evidence,
     FloorTile,
@@ -68,6 +69,18 @@ FULL = MapUpdate(
         ObstacleRecord(f"{BASE}search/1/obstacle/1", f"{BASE}search/1", 1, 1e9, (0.0, 1.0), "door"),
     ),
     floor=(FloorTile(0, -1, 2, 0.05, 0.05, CELLS, 1e9),),
+    departed=(
+        DepartedRecord(
+            BASE + "object/3",
+            "https://w3id.org/hereabouts#Cup",
+            np.array([1.0, 2.0, 0.5]),
+            0.9,
+            3,
+            1.0,
+            2.0,
+            3.0,
+        ),
+    ),
     doors=(DoorRecord(f"{BASE}door/1-2", 1.0, 2.0, 0.9, (f"{BASE}place/1", f"{BASE}place/2")),),
 )
 

@@ -157,6 +157,7 @@ def test_things_with_any_iri_can_be_spoken_of(home: SemanticMap) -> None:
         ("place/1", "position", "1 2 3", "of places cannot be asserted"),
         ("object/1", "position", "1 2", "three finite numbers"),
         ("object/1", "position", "1 2 nan", "three finite numbers"),
+        ("object/1", "position", "1e7 2 0", "up to 1e"),
         ("object/1", "existence", "maybe", "present or absent"),
         ("object/1", "label", " ", "at least one character"),
     ],

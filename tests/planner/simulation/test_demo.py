@@ -12,9 +12,8 @@ import rdflib
 from kg.errors import GraphError, MapBusyError
 from kg.opening import create_map, open_map
 from planner.cli import build_parser, main
-from planner.simulation.demo_search import in_short
-from planner.simulation.house import furnished_house
-from planner.simulation.house_demo import (
+from planner.simulation.demo.demo_search import in_short
+from planner.simulation.demo.house_demo import (
     STAGES,
     TARGET,
     DemoProgress,
@@ -22,8 +21,9 @@ from planner.simulation.house_demo import (
     make_room,
     run_demo,
 )
-from planner.simulation.house_robot import SimulatedHouseRobot
-from planner.simulation.motion import Pose
+from planner.simulation.houses.house import furnished_house
+from planner.simulation.robot.house_robot import SimulatedHouseRobot
+from planner.simulation.robot.motion import Pose
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from planner.simulation.depth_sensor import KINECT, DepthSensor
+from planner.simulation.sensing.depth_sensor import KINECT, DepthSensor
 
 
 def measured(

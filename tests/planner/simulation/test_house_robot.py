@@ -17,11 +17,11 @@ from planner.execution.options import SearchOptions
 from planner.execution.search_loop import search
 from planner.goals.known_objects import known_objects
 from planner.goals.targets import resolve
-from planner.simulation.demo_search import plan_for
-from planner.simulation.house import House, furnished_house
-from planner.simulation.house_demo import HIDDEN, layout_of
-from planner.simulation.house_robot import simulated_robot
-from planner.simulation.mapping_tour import DEMO_RECORDING, START
+from planner.simulation.demo.demo_search import plan_for
+from planner.simulation.demo.house_demo import HIDDEN, layout_of
+from planner.simulation.houses.house import House, furnished_house
+from planner.simulation.robot.house_robot import simulated_robot
+from planner.simulation.robot.mapping_tour import DEMO_RECORDING, START
 
 
 def _mapped(semantic_map: SemanticMap, house: House) -> None:

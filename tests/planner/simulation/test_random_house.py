@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from kg.opening import in_memory_map
-from planner.simulation.camera import CameraModel
-from planner.simulation.carried_things import Carry
-from planner.simulation.floor_grid import FloorGrid
-from planner.simulation.floor_plans import LAYOUTS, FloorPlan, draw_floor_plan
-from planner.simulation.house import House
-from planner.simulation.house_changes import carries, changed_house
-from planner.simulation.motion import Pose
-from planner.simulation.object_truth import supporting
-from planner.simulation.random_house import random_house, walls_of
-from planner.simulation.small_things import MOVABLE, STANDS_ON, SURFACES
+from planner.simulation.houses.carried_things import Carry
+from planner.simulation.houses.floor_grid import FloorGrid
+from planner.simulation.houses.floor_plans import LAYOUTS, FloorPlan, draw_floor_plan
+from planner.simulation.houses.house import House
+from planner.simulation.houses.random_house import random_house, walls_of
+from planner.simulation.houses.small_things import MOVABLE, STANDS_ON, SURFACES
+from planner.simulation.recording.house_changes import carries, changed_house
+from planner.simulation.recording.object_truth import supporting
+from planner.simulation.robot.motion import Pose
+from planner.simulation.sensing.camera import CameraModel
 
 SEEDS = range(12)
 

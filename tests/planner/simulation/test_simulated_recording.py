@@ -12,9 +12,9 @@ from mapping.places.layout import load_layout
 from perception.camera.poses import read_trajectory
 from perception.inference.recorded_detections import load_recorded_detections
 from perception.recordings.recording import open_recording
-from planner.simulation.odometry import with_drift
-from planner.simulation.sensors import SENSES
-from planner.simulation.simulated_recording import SimulationOptions, simulate_house
+from planner.simulation.recording.simulated_recording import SimulationOptions, simulate_house
+from planner.simulation.robot.odometry import with_drift
+from planner.simulation.sensing.sensors import SENSES
 
 SMALL = SimulationOptions(size=(160, 120), senses=SENSES["hard"], stride=3)
 

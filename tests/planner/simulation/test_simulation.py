@@ -13,14 +13,14 @@ from kg.errors import LayoutError, RecordingError
 from kg.ontology.catalogue import Catalogue
 from kg.opening import in_memory_map
 from perception.frames import Frame
-from planner.simulation.camera import NOTHING, CameraModel, SimulatedCamera
-from planner.simulation.floor_grid import FloorGrid, length_of
-from planner.simulation.furniture import FURNISHINGS, OBJECTS, Solid, SolidPart
-from planner.simulation.house import House, HouseRoom, Item, Wall, furnished_house
-from planner.simulation.mapping_tour import SimulatedTour
-from planner.simulation.motion import MotionLimits, Pose, drive, look_around, turn
-from planner.simulation.ray_casting import FAR, hit, rays_of
-from planner.simulation.sensors import (
+from planner.simulation.houses.floor_grid import FloorGrid, length_of
+from planner.simulation.houses.furniture import FURNISHINGS, OBJECTS, Solid, SolidPart
+from planner.simulation.houses.house import House, HouseRoom, Item, Wall, furnished_house
+from planner.simulation.robot.mapping_tour import SimulatedTour
+from planner.simulation.robot.motion import MotionLimits, Pose, drive, look_around, turn
+from planner.simulation.sensing.camera import NOTHING, CameraModel, SimulatedCamera
+from planner.simulation.sensing.ray_casting import FAR, hit, rays_of
+from planner.simulation.sensing.sensors import (
     CLUTTER_TAKEN_FOR,
     LOOKS_LIKE,
     MISTAKEN_FOR,

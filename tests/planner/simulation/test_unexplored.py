@@ -18,12 +18,12 @@ from planner.execution.options import SearchOptions
 from planner.execution.search_loop import search
 from planner.plans.search_state import build_search
 from planner.plans.view_plan import plan
-from planner.simulation.camera import SimulatedCamera
-from planner.simulation.house import House, HouseRoom, Item, Wall
-from planner.simulation.house_robot import SimulatedHouseRobot
-from planner.simulation.mapping_tour import SimulatedTour
-from planner.simulation.motion import Pose
-from planner.simulation.sensors import SimulatedDetector, SimulatedSceneClassifier
+from planner.simulation.houses.house import House, HouseRoom, Item, Wall
+from planner.simulation.robot.house_robot import SimulatedHouseRobot
+from planner.simulation.robot.mapping_tour import SimulatedTour
+from planner.simulation.robot.motion import Pose
+from planner.simulation.sensing.camera import SimulatedCamera
+from planner.simulation.sensing.sensors import SimulatedDetector, SimulatedSceneClassifier
 
 OAK = (0.76, 0.58, 0.40)
 #: beside the door, so that it is not seen through it

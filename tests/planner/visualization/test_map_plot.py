@@ -15,8 +15,8 @@ from kg.maps.semantic_map import SemanticMap
 from kg.opening import in_memory_map
 from kg.records import MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
 from planner.goals.search_goals import Goal
-from planner.simulation.house import furnished_house
-from planner.simulation.house_truth import ground_truth
+from planner.simulation.houses.house import furnished_house
+from planner.simulation.houses.house_truth import ground_truth
 from planner.visualization.label_placement import place_labels
 from planner.visualization.layout import Extent, Sheet
 from planner.visualization.map_plot import plot_map

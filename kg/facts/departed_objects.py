@@ -1,0 +1,110 @@
+"""Facts of objects that left the map: where each stood, when it was seen, when it was found gone.
+
+They are stated of the object's own IRI, so that one found elsewhere, also after a restart, goes on
+as the same. The class is none of the ontology's categories: what reads objects passes them over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import Final
+
+import numpy as np
+from pyoxigraph import Literal, NamedNode, Quad
+
+from kg import vocabulary as v
+from kg.errors import InvalidFactError
+from kg.facts.literals import (
+    Properties,
+    first,
+    iri_node,
+    iri_order,
+    known_iri,
+    number_literal,
+    properties_of,
+    stamp_of,
+    time_literal,
+)
+from kg.rdf.quad_store import QuadStore
+from kg.records import DepartedRecord
+from kg.store.sparql_backend import reading_ahead
+
+#: Predicates that only objects that left have.
+OWN: Final = frozenset((v.FOUND_GONE, v.PEAK_EXISTENCE))
+
+_MAP: Final = NamedNode(v.MAP_GRAPH)
+_TYPE: Final = NamedNode(v.RDF_TYPE)
+_DEPARTED: Final = NamedNode(v.DEPARTED_OBJECT)
+_EXTENT: Final = (v.EXTENT_X, v.EXTENT_Y, v.EXTENT_Z)
+
+
+def departed_quads(record: DepartedRecord) -> list[Quad]:
+    """Facts of an object that left, but for its label.
+
+    Raises InvalidFactError for numbers that are not finite or out of range.
+    """
+    what = f"departed object {record.iri}"
+    if record.observations < 1:
+        raise InvalidFactError(f"{what}: observations must be 1 or more, got {record.observations}")
+    if not record.first_seen <= record.last_seen <= record.found_gone:
+        raise InvalidFactError(
+            f"{what}: first seen, last seen and found gone must be in this order"
+        )
+    facts: list[tuple[str, NamedNode | Literal]] = [
+        (v.RDF_TYPE, _DEPARTED),
+        (v.OF_CATEGORY, iri_node(record.category, what)),
+        (v.PEAK_EXISTENCE, number_literal(record.peak, f"{what}: peak", least=0.0, most=1.0)),
+        (v.OBSERVATION_COUNT, Literal(record.observations)),
+        (v.FIRST_SEEN, time_literal(record.first_seen, f"{what}: first seen")),
+        (v.LAST_SEEN, time_literal(record.last_seen, f"{what}: last seen")),
+        (v.FOUND_GONE, time_literal(record.found_gone, f"{what}: found gone")),
+        *_numbers((v.X, v.Y, v.Z), record.p_map, f"{what}: position"),
+    ]
+    if record.extent is not None:
+        facts += _numbers(_EXTENT, record.extent, f"{what}: extent", least=0.0)
+    node = iri_node(record.iri, "object")
+    return [Quad(node, known_iri(predicate), value, _MAP) for predicate, value in facts]
+
+
+def departed_in(store: QuadStore, iris: Collection[str] | None = None) -> list[DepartedRecord]:
+    """Objects that left, or those among `iris`, by when they were found gone; oldest first."""
+    if iris is None:
+        quads = store.quads_for_pattern(None, _TYPE, _DEPARTED, _MAP)
+        nodes = [quad.subject for quad in quads if isinstance(quad.subject, NamedNode)]
+    else:
+        nodes = [iri_node(iri, "object") for iri in iris]
+    found = list[DepartedRecord]()
+    with reading_ahead(store, nodes):
+        for node in nodes:
+            held = properties_of(store, node.value, _MAP)
+            left = v.DEPARTED_OBJECT in held.get(v.RDF_TYPE, ())
+            if left and {v.OF_CATEGORY, v.X, v.Y} <= held.keys():
+                found.append(_record(node.value, held))
+    return sorted(found, key=lambda record: (record.found_gone, iri_order(record.iri)))
+
+
+def _record(iri: str, held: Properties) -> DepartedRecord:
+    x, y, z = (float(first(held, axis, "0")) for axis in (v.X, v.Y, v.Z))
+    sides = [float(first(held, side, "0")) for side in _EXTENT if side in held]
+    return DepartedRecord(
+        iri=iri,
+        category=first(held, v.OF_CATEGORY, ""),
+        p_map=np.array([x, y, z]),
+        peak=float(first(held, v.PEAK_EXISTENCE, "1")),
+        observations=int(first(held, v.OBSERVATION_COUNT, "1")),
+        first_seen=stamp_of(held, v.FIRST_SEEN),
+        last_seen=stamp_of(held, v.LAST_SEEN),
+        found_gone=stamp_of(held, v.FOUND_GONE),
+        extent=np.array(sides) if len(sides) == 3 else None,
+    )
+
+
+def _numbers(
+    predicates: tuple[str, ...], values: np.ndarray, what: str, least: float = -np.inf
+) -> list[tuple[str, Literal]]:
+    if np.shape(values) != (3,):
+        raise InvalidFactError(f"{what} must have shape (3,), got {np.shape(values)}")
+    return [
+        (predicate, number_literal(value, what, least=least))
+        for predicate, value in zip(predicates, values, strict=True)
+    ]

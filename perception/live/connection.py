@@ -1,0 +1,90 @@
+"""Connections to what publishes messages, and what they are given to."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Iterator, Mapping
+from typing import Final, Protocol
+
+from perception.recordings.bag_file import RawMessage
+from perception.recordings.bag_index import IMAGES
+
+FIRST_PAUSE: Final = 0.5  # [s] before a broken connection is tried again; doubled each time, ...
+LONGEST_PAUSE: Final = 10.0  # ... up to this
+LARGEST_IMAGE: Final = 1 << 27  # [bytes] of a message with an image
+LARGEST_OTHER: Final = 1 << 20  # ... of any other message
+MOST_SAID: Final = 100  # warnings of one source
+
+_log = logging.getLogger(__name__)
+
+
+class Inbox(Protocol):
+    """What a connection asks and tells; from any thread."""
+
+    def wanted(self, topics: Mapping[str, str]) -> set[str]:
+        """Those of `topics` (name -> type, e.g. sensor_msgs/msg/Image) to subscribe to."""
+
+    def offer(self, raw: RawMessage, *, is_ros1: bool) -> None:
+        """A message came, serialised as ROS 1 or as ROS 2 does."""
+
+
+class Connection(Protocol):
+    """Something that publishes messages."""
+
+    @property
+    def address(self) -> str:
+        """Where it is, for people."""
+
+    def run(self, inbox: Inbox, ended: threading.Event) -> None:
+        """Give what comes to `inbox` until `ended`; connects again where it breaks off."""
+
+
+def largest(type_: str) -> int:
+    """Size [bytes] above which a message of that type is refused."""
+    return LARGEST_IMAGE if type_ in IMAGES else LARGEST_OTHER
+
+
+def full_name(type_: str) -> str:
+    """Name of a message type as ROS 2 has it: sensor_msgs/msg/Image for sensor_msgs/Image."""
+    package, _, name = type_.partition("/")
+    return type_ if name.startswith("msg/") else f"{package}/msg/{name}"
+
+
+class Retry:
+    """Pauses between attempts to connect, each twice as long.
+
+    What fails is said once: for several connections to one peer, with the same set `said`, too.
+    """
+
+    def __init__(
+        self, where: str, ended: threading.Event, said: set[tuple[str, str]] | None = None
+    ) -> None:
+        self._where, self._ended = where, ended
+        self._said = set[tuple[str, str]]() if said is None else said
+        self._pauses, self._failing = _pauses(), False
+
+    def failed(self, error: object) -> None:
+        """Say why, and wait."""
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        if (self._where, reason) not in self._said and len(self._said) < MOST_SAID:
+            _log.warning("%s: %s; trying again", self._where, reason)
+            self._said.add((self._where, reason))
+        self._failing = True
+        self.wait()
+
+    def wait(self) -> None:
+        """Wait, longer each time."""
+        self._ended.wait(next(self._pauses))
+
+    def worked(self) -> None:
+        """Begin anew with short pauses."""
+        if self._failing:
+            self._pauses, self._failing = _pauses(), False
+
+
+def _pauses() -> Iterator[float]:
+    pause = FIRST_PAUSE
+    while True:
+        yield pause
+        pause = min(2 * pause, LONGEST_PAUSE)

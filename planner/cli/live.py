@@ -1,0 +1,202 @@
+"""`hereabouts live`: frames that come now become a map."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+from urllib.parse import urlsplit
+
+from kg.errors import RecordingError
+from planner.cli.arguments import positive, whole
+from planner.cli.console import note
+from planner.cli.map_recording import (
+    add_map_options,
+    map_frames,
+    open_for_mapping,
+    print_outcome,
+)
+from planner.cli.recording_arguments import (
+    MappingInputs,
+    add_live_options,
+    given_streams,
+    open_given_recording,
+    open_mapping_inputs,
+)
+from planner.cli.teach import with_taught_rooms
+
+if TYPE_CHECKING:
+    from mapping.progress_report import MappingReport
+    from perception.live.connection import Connection
+    from perception.live.stream import StreamCounts
+
+SOURCES: Final = "ros1://HOST:11311, ws://HOST:8765 (Foxglove), or a folder that is being written"
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "live",
+        help="map frames as they come: from ROS 1, a Foxglove WebSocket or a growing folder",
+        description="Map what a robot publishes now, until Ctrl+C or SIGTERM, which end it after a "
+        "whole frame. Frames that come while earlier ones are mapped are dropped, but for the "
+        "newest, and counted; those of a folder are all mapped. Started again it goes on.",
+        epilog="example: hereabouts live ros1://localhost:11311 --into kitchen.map",
+    )
+    parser.add_argument("recording", metavar="SOURCE", help=SOURCES)
+    add_map_options(parser)
+    parser.add_argument("--limit", type=whole, metavar="N", help="end after N frames")
+    parser.add_argument(
+        "--idle", type=positive, metavar="SECONDS", help="end where no frame came for so long"
+    )
+    add_live_options(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Map what comes, until it is ended."""
+    inputs = open_mapping_inputs(arguments)
+    connection = _connection(arguments.recording)
+    mapped = _map_folder if connection is None else partial(_map_stream, connection)
+    with _until_signal() as ended:
+        mapped(arguments, inputs, ended)
+    return 0
+
+
+def _connection(source: str) -> Connection | None:
+    """What `source` is the address of; None: a folder. Raises RecordingError for neither."""
+    scheme = urlsplit(source).scheme if "://" in source else ""
+    if scheme in ("ros1", "ws", "wss"):
+        _require_ros(source, "rosbags")
+    if scheme == "ros1":
+        from perception.live.ros1 import Ros1Master
+
+        return Ros1Master.at(source)
+    if scheme in ("ws", "wss"):
+        _require_ros(source, "websockets")
+        from perception.live.foxglove import FoxgloveServer
+
+        return FoxgloveServer(source)
+    if scheme or not Path(source).is_dir():
+        raise RecordingError(
+            f"{source!r} is no source of frames and no folder; known are {SOURCES}"
+        )
+    return None
+
+
+def _require_ros(source: str, package: str) -> None:
+    from importlib.util import find_spec
+
+    if find_spec(package) is None:
+        raise RecordingError(f"{source} needs the package {package}: pip install 'hereabouts[ros]'")
+
+
+@contextmanager
+def _until_signal() -> Iterator[threading.Event]:
+    """An event that the first Ctrl+C or SIGTERM sets; a second one ends the program."""
+    ended = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield ended  # only a program's main thread hears signals
+        return
+    numbers = (signal.SIGINT, signal.SIGTERM)
+
+    def end(number: int, frame: object) -> None:
+        ended.set()
+        for each in numbers:
+            signal.signal(each, before[each])
+
+    before = {number: signal.signal(number, end) for number in numbers}
+    try:
+        yield ended
+    finally:
+        for number in numbers:
+            signal.signal(number, before[number])
+
+
+def _map_stream(
+    connection: Connection,
+    arguments: argparse.Namespace,
+    inputs: MappingInputs,
+    ended: threading.Event,
+) -> None:
+    from perception.camera.image_decoding import MILLIMETRES
+    from perception.camera.intrinsics import load_intrinsics
+    from perception.live.live_recording import LiveRecording
+    from perception.live.stream import FrameStream
+
+    given = arguments.intrinsics
+    stream = FrameStream(
+        connection.address,
+        given_streams(arguments),
+        load_intrinsics(Path(given)) if given else None,
+        arguments.depth_scale or MILLIMETRES,
+    )
+    recording = LiveRecording(
+        arguments.name or "live", connection, stream, ended, arguments.limit, arguments.idle
+    )
+    with open_for_mapping(arguments, inputs) as (semantic_map, on_detections):
+        inputs = replace(inputs, scene=with_taught_rooms(inputs.scene, arguments.into))
+        note(f"listening to {connection.address}; Ctrl+C ends it")
+        report = map_frames(
+            recording,
+            inputs,
+            semantic_map,
+            on_detections=on_detections,
+            lost=lambda: f"{stream.counts.dropped} dropped",
+        )
+        counts = stream.counts
+        print_outcome(semantic_map, report, arguments, inputs.device, _as_json(counts, report))
+        note(_told(counts, report))
+
+
+def _as_json(counts: StreamCounts, report: MappingReport) -> dict[str, Any]:
+    return {
+        "received": counts.received,
+        "dropped": counts.dropped + counts.taken - report.frames,
+        "without_depth": counts.without_depth,
+        "without_pose": counts.without_pose,
+        "unreadable": counts.unreadable,
+    }
+
+
+def _told(counts: StreamCounts, report: MappingReport) -> str:
+    numbers = _as_json(counts, report)
+    rest = ", ".join(f"{number} {name.replace('_', ' ')}" for name, number in numbers.items())
+    return f"{report.frames} frames mapped: {rest}"
+
+
+def _map_folder(
+    arguments: argparse.Namespace, inputs: MappingInputs, ended: threading.Event
+) -> None:
+    from mapping.alignment.recording_fit import check_fit
+    from mapping.resumption import resumed
+    from perception.live.growing_folder import GrowingRecording, first_opened
+    from perception.recordings.recording import FolderRecording
+
+    given = argparse.Namespace(**vars(arguments) | {"limit": None})
+    first = first_opened(lambda: open_given_recording(given), ended, level=arguments.up is not None)
+    if first is None:
+        return
+    given.started = first.start_time or None  # of stamps that count from zero
+    with open_for_mapping(arguments, inputs) as (semantic_map, on_detections):
+        inputs = replace(inputs, scene=with_taught_rooms(inputs.scene, arguments.into))
+        placed = resumed(first, semantic_map)
+        fit = check_fit(placed, semantic_map, same_frame=arguments.same_frame)
+
+        def reopened() -> FolderRecording:
+            return open_given_recording(given, check=False, T_map_world=placed.T_map_world)
+
+        recording = GrowingRecording(reopened(), reopened, ended, arguments.limit, arguments.idle)
+        note(f"reading {arguments.recording} as it grows; Ctrl+C ends it")
+        report = map_frames(
+            recording, inputs, semantic_map, on_detections=on_detections, lost=lambda: ""
+        )
+        if fit:
+            note(fit)
+        print_outcome(semantic_map, report, arguments, inputs.device)

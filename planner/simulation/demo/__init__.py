@@ -1,0 +1,1 @@
+"""The demo: a simulated robot maps the demo house, then searches it."""

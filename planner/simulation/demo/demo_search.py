@@ -1,0 +1,138 @@
+"""The demo's search: planned for the simulated robot, carried out by it; its events in short."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kg.errors import LayoutError
+from kg.maps.semantic_map import SemanticMap
+from planner.execution.events import Event
+from planner.execution.options import SearchOptions, SearchOutcome, percent
+from planner.execution.search_loop import search
+from planner.execution.viewpoint_adapter import motion_of, sensor_of
+from planner.plans.baselines import Baseline, rated, turns_at_stops
+from planner.plans.report import fact_chain, without_sources
+from planner.plans.rollout import PlanEvaluator
+from planner.plans.search_state import PlanningState, build_search
+from planner.plans.thesis_rules import plan_search
+from planner.plans.view_plan import ViewPlan, plan
+from planner.simulation.robot.house_robot import SimulatedHouseRobot
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlannedSearch:
+    """What is planned before the robot leaves."""
+
+    plan: ViewPlan
+    thesis: Baseline  # the thesis' rule, rated on the same belief
+    options: str  # of `hereabouts find` that make it plan for this robot
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DrivenSearch:
+    """What came of it."""
+
+    outcome: SearchOutcome
+    events: tuple[Event, ...]
+    driven: NDArray[np.float64]  # (n, 2) [m] where the robot was
+    p_found: NDArray[np.float64] | None  # (3,) [m] where the map has the target, if it was found
+
+    @property
+    def found(self) -> bool:
+        """Whether it was found."""
+        return self.outcome.state == "found"
+
+    @property
+    def distance(self) -> float:
+        """[m] driven."""
+        return float(np.linalg.norm(np.diff(self.driven, axis=0), axis=1).sum())
+
+    @property
+    def in_vain(self) -> int:
+        """Looks that showed nothing of what was wanted."""
+        return sum(event.kind == "look" and not event.data["found"] for event in self.events)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values."""
+        return {
+            "found": self.found,
+            "looks": self.outcome.looks,
+            "explored_in_vain": self.in_vain,
+            "seconds": round(self.outcome.seconds, 1),
+            "distance": round(self.distance, 2),
+            "events": [event.to_json() for event in self.events],
+        }
+
+
+def plan_for(semantic_map: SemanticMap, target: str, robot: SimulatedHouseRobot) -> PlannedSearch:
+    """Where `hereabouts find` would have `robot` look for `target` from where the map has it.
+
+    Raises LayoutError where the map has no robot or no floor.
+    """
+    hello, here = robot.hello, semantic_map.robot()
+    sensor, motion = sensor_of(hello), motion_of(hello)
+    state = build_search(semantic_map, [target], sensor=sensor, motion=motion)
+    if here is None or state is None:
+        raise LayoutError("the map has neither a robot nor places: nothing was mapped into it")
+    start = here.p_map[:2]
+    found = plan(state, start, heading=here.heading, time_limit=math.inf)
+    return PlannedSearch(
+        plan=found,
+        thesis=_thesis_rule(semantic_map, target, state, found, here.heading),
+        options=f"--speed {motion.speed:g} --turn-rate {math.degrees(motion.turn_rate):.1f} "
+        f"--range {sensor.near:g},{sensor.far:g} --recall {sensor.recall:g}",
+    )
+
+
+def _thesis_rule(
+    semantic_map: SemanticMap, target: str, state: PlanningState, found: ViewPlan, heading: float
+) -> Baseline:
+    """Goals by nearest first with a whole turn at each, as far as the plan finds as much."""
+    evaluator = PlanEvaluator(state, state.robot_state(found.start, heading))
+    goals = [step.goal.p_map for step in plan_search(semantic_map, target, found.start).steps]
+    chosen = evaluator.play([step.view for step in found.steps])
+    return rated("the thesis' rule", turns_at_stops(evaluator, goals), chosen)
+
+
+def carry_out(
+    semantic_map: SemanticMap,
+    target: str,
+    robot: SimulatedHouseRobot,
+    on_event: Callable[[Event], None],
+) -> DrivenSearch:
+    """Search for `target` with `robot`; looks and findings go into the map, at the house's time."""
+    events = list[Event]()
+    here = semantic_map.robot()
+    began = 0.0 if here is None else here.stamp
+
+    def receive(event: Event) -> None:
+        events.append(event)
+        on_event(event)
+
+    options = SearchOptions(on_event=receive, clock=lambda: began + robot.seconds)
+    outcome = search(semantic_map, [target], robot, options)
+    spots = {o.iri: o.p_map for o in semantic_map.objects()}
+    p_found = next((spots[iri] for iri in outcome.found if iri in spots), None)
+    return DrivenSearch(outcome, tuple(events), robot.driven, p_found)
+
+
+def in_short(events: Iterable[Event]) -> Iterator[str]:
+    """Lines of events; of a plan the weightiest reason, once and without its sources."""
+    before = ""
+    for event in events:
+        if event.kind != "plan" or not event.data["why"]:
+            yield event.text
+            continue
+        reason, data = without_sources(event.data["why"][0]).partition(": ")[2], event.data
+        why = f": {fact_chain(reason.split('; '))}" if reason != before else ""
+        before = reason
+        yield (
+            f"to {data['place']} ({data['x']:.1f}, {data['y']:.1f}), finds it with "
+            f"{percent(data['probability'])}{why}"
+        )

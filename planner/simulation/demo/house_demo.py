@@ -1,0 +1,323 @@
+"""The demo: a simulated robot maps a house it has never seen, answers questions, finds an apple.
+
+Only the robot's body and senses are simulated (`planner.simulation`). The mapper, the graph on
+disk, the questions, the search goals, the plan, the export and the picture are the real ones.
+"""
+
+from __future__ import annotations
+
+import resource
+import shutil
+import sys
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from kg.areas import Rectangle
+from kg.errors import GraphError, MapBusyError
+from kg.export.serialization import export_map
+from kg.maps.semantic_map import SemanticMap
+from kg.opening import create_map, open_map
+from kg.query.query_files import Table
+from mapping.evaluation.class_scores import MapScore, Truth, score_map
+from mapping.places.layout import Layout, LayoutPlace
+from mapping.progress_report import FrameReport, MappingReport
+from mapping.recording_mapper import map_recording
+from planner.execution.events import Event
+from planner.plans.report import plan_json
+from planner.simulation.demo.demo_search import DrivenSearch, PlannedSearch, carry_out, plan_for
+from planner.simulation.houses.house import House, Item, furnished_house
+from planner.simulation.houses.house_truth import ground_truth
+from planner.simulation.robot.house_robot import SimulatedHouseRobot, simulated_robot
+from planner.simulation.robot.mapping_tour import DEMO_RECORDING, SimulatedTour
+from planner.simulation.sensing.camera import SimulatedCamera
+from planner.simulation.sensing.sensors import SimulatedDetector, SimulatedSceneClassifier
+from planner.visualization.search_plot import plot_search
+
+TITLE: Final = "hereabouts demo house"
+TARGET: Final = "apple"
+#: What somebody brings home after the tour, when the robot does not look.
+HIDDEN: Final = Item(TARGET, 7.05, 8.30, 0.85)
+STAGES: Final = ("map", "ask", "plan", "search", "export", "picture")
+
+
+@dataclass(frozen=True, slots=True)
+class DemoProgress:
+    """How far the demo is."""
+
+    stage: str  # one of STAGES
+    done: int  # steps of this stage
+    total: int
+    note: str = ""  # what the step was about
+
+
+@dataclass(frozen=True, slots=True)
+class DemoAnswer:
+    """One question of the demo, as `hereabouts ask` would put it, and what came back."""
+
+    question: str
+    query: str  # name of the shipped query
+    parameters: Mapping[str, str | float]
+    table: Table
+
+
+@dataclass(frozen=True, slots=True)
+class DemoReport:
+    """Everything the demo did."""
+
+    map_path: Path
+    export_path: Path
+    picture_path: Path
+    mapping: MappingReport
+    score: MapScore  # of the map against the house
+    rooms_right: int  # places whose likeliest category is their room's
+    rooms: int
+    answers: tuple[DemoAnswer, ...]
+    planned: PlannedSearch
+    search: DrivenSearch
+    hidden_in: str  # category of the room the target truly is in
+    position_error: float | None  # [m] of the found target, None where it was not found
+    triples: int  # exported
+    seconds: float  # [s] wall clock of the whole demo
+    peak_memory: float  # [MB] of this process
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values, for `--json`."""
+        return {
+            "map": str(self.map_path),
+            "export": str(self.export_path),
+            "picture": str(self.picture_path),
+            "mapping": self.mapping.to_json(),
+            "score": self.score.to_json(),
+            "rooms": self.rooms,
+            "rooms_right": self.rooms_right,
+            "answers": [
+                {
+                    "question": a.question,
+                    "query": a.query,
+                    "parameters": dict(a.parameters),
+                    "rows": [{k: _plain(v) for k, v in row.items()} for row in a.table.records()],
+                }
+                for a in self.answers
+            ],
+            "plan": plan_json(self.planned.plan),
+            "thesis_rule": {
+                "expected_seconds": round(self.planned.thesis.expected_seconds, 3),
+                "probability": round(self.planned.thesis.probability, 6),
+                "plan_seconds": round(self.planned.thesis.plan_seconds, 3),
+            },
+            "search": {**self.search.to_json(), "position_error": self.position_error},
+            "triples": self.triples,
+            "seconds": round(self.seconds, 2),
+            "peak_memory_mb": round(self.peak_memory, 1),
+        }
+
+
+OnProgress = Callable[[DemoProgress], None]
+
+
+def run_demo(
+    folder: Path | str,
+    on_progress: OnProgress | None = None,
+    *,
+    seed: int = 0,
+) -> DemoReport:
+    """Map the house into `folder`/demo.map, question it, search it, write map.ttl and map.png.
+
+    What an earlier demo left is replaced, other people's files are not (`make_room`). `seed`
+    decides what the senses get wrong. Raises GraphError or PictureError where `folder` cannot be
+    written.
+    """
+    began = time.perf_counter()
+    report = on_progress or (lambda progress: None)
+    folder = Path(folder)
+    map_path = folder / "demo.map"
+    make_room(folder)
+    house = furnished_house()
+    camera = SimulatedCamera(house, seed=seed)
+    tour = SimulatedTour(camera, name=DEMO_RECORDING)
+    with create_map(map_path, title=TITLE) as semantic_map:
+        mapping = _map(semantic_map, tour, camera, report)
+        answers = _ask(semantic_map, report)
+        score, right = score_house(semantic_map, house), _rooms_right(semantic_map, house)
+        robot = simulated_robot(semantic_map, house.with_objects([HIDDEN]), seed=seed)
+        report(DemoProgress("plan", 0, 1, TARGET))
+        planned = plan_for(semantic_map, TARGET, robot)
+        run = _search(semantic_map, robot, len(planned.plan.steps), report)
+        report(DemoProgress("export", 0, 1))
+        triples = export_map(semantic_map, folder / "map.ttl")
+        report(DemoProgress("picture", 0, 1))
+        picture = plot_search(
+            semantic_map,
+            run.outcome.search,
+            folder / "map.png",
+            driven=run.driven,
+            title=f"Demo house: the search for an {TARGET}",
+            truth=ground_truth(house),
+        )
+    report(DemoProgress("picture", 1, 1, str(picture)))
+    return DemoReport(
+        map_path=map_path,
+        export_path=folder / "map.ttl",
+        picture_path=picture,
+        mapping=mapping,
+        score=score,
+        rooms_right=right,
+        rooms=len(house.rooms),
+        answers=answers,
+        planned=planned,
+        search=run,
+        hidden_in=_room_of(house, HIDDEN),
+        position_error=_error(run),
+        triples=triples,
+        seconds=time.perf_counter() - began,
+        peak_memory=_peak_memory(),
+    )
+
+
+def make_room(folder: Path) -> None:
+    """Remove the map that an earlier demo left in `folder`.
+
+    Raises GraphError, and removes nothing, where demo.map is not the demo's own, or where map.ttl
+    or map.png lie there without one; MapBusyError where another process has the map open.
+    """
+    map_path = folder / "demo.map"
+    if not (map_path.exists() or map_path.is_symlink()):
+        for output in (folder / "map.ttl", folder / "map.png"):
+            if output.exists():
+                raise GraphError(
+                    f"{output} lies there without the demo's demo.map, so it stays; "
+                    "another folder, or moving it away, would work"
+                )
+        return
+    if not _made_by_demo(map_path):
+        raise GraphError(
+            f"{map_path} was not made by the demo, so it stays; "
+            "another folder, or moving it away, would work"
+        )
+    shutil.rmtree(map_path)
+
+
+def _made_by_demo(map_path: Path) -> bool:
+    if map_path.is_symlink():
+        return False
+    try:
+        with open_map(map_path) as old:
+            return old.title == TITLE and {r.name for r in old.recordings()} <= {DEMO_RECORDING}
+    except MapBusyError:
+        raise
+    except GraphError:
+        return False
+
+
+def layout_of(house: House) -> Layout:
+    """The rooms as places to be categorised; nothing is said about what kind they are."""
+    return Layout(
+        tuple(
+            LayoutPlace(
+                number,
+                f"place {number}",
+                Rectangle(room.xmin, room.xmax, room.ymin, room.ymax),
+            )
+            for number, room in enumerate(house.rooms, start=1)
+        )
+    )
+
+
+def score_house(semantic_map: SemanticMap, house: House) -> MapScore:
+    """How good the map's objects are against what really stands in the house, all classes."""
+    label = semantic_map.catalogue.label
+    truth = Truth(
+        names=tuple(f"{item.label} {number}" for number, item in enumerate(house.objects)),
+        labels=tuple(item.label for item in house.objects),
+        p_world=np.array([item.centre() for item in house.objects]),
+        complete_for=tuple(
+            c.label for c in semantic_map.catalogue.categories if c.kind == "object"
+        ),
+    )
+    objects = [(label(record.category), record.p_map) for record in semantic_map.objects()]
+    return score_map(objects, truth, np.eye(4))
+
+
+def _map(
+    semantic_map: SemanticMap, tour: SimulatedTour, camera: SimulatedCamera, report: OnProgress
+) -> MappingReport:
+    places = [c.label for c in semantic_map.catalogue.categories if c.kind == "place"]
+
+    def receive(frame: FrameReport) -> None:
+        report(DemoProgress("map", frame.index + 1, frame.total, f"{frame.objects} objects"))
+
+    return map_recording(
+        tour,
+        semantic_map,
+        SimulatedDetector(camera),
+        SimulatedSceneClassifier(camera, places),
+        layout=layout_of(camera.house),
+        on_frame=receive,
+    )
+
+
+def _ask(semantic_map: SemanticMap, report: OnProgress) -> tuple[DemoAnswer, ...]:
+    """Three questions; the third builds on the answer to the second."""
+    answers: list[DemoAnswer] = []
+
+    def ask(question: str, query: str, **parameters: str | float) -> Table:
+        report(DemoProgress("ask", len(answers), 3, question))
+        answers.append(
+            DemoAnswer(question, query, parameters, semantic_map.ask(query, **parameters))
+        )
+        return answers[-1].table
+
+    ask("Is there anything to eat?", "objects-by-category", category="food")
+    beliefs = ask("Which rooms are what?", "places-above-belief", threshold=0.3).records()
+    kitchens = [str(row["label"]) for row in beliefs if row["category"] == "kitchen"]
+    if kitchens:
+        ask("What is in the kitchen?", "objects-in-place", place=kitchens[0])
+    return tuple(answers)
+
+
+def _search(
+    semantic_map: SemanticMap, robot: SimulatedHouseRobot, planned: int, report: OnProgress
+) -> DrivenSearch:
+    looks = 0
+
+    def receive(event: Event) -> None:
+        nonlocal looks
+        looks += event.kind == "look"
+        report(DemoProgress("search", looks, max(looks, planned), event.kind))
+
+    return carry_out(semantic_map, TARGET, robot, receive)
+
+
+def _rooms_right(semantic_map: SemanticMap, house: House) -> int:
+    believed = semantic_map.ask("places").records()
+    top = {str(row["label"]): row["category"] for row in believed}
+    return sum(
+        top.get(f"place {number}") == room.category
+        for number, room in enumerate(house.rooms, start=1)
+    )
+
+
+def _room_of(house: House, item: Item) -> str:
+    room = house.room_at(item.x, item.y)
+    return room.category if room else "outside"
+
+
+def _error(run: DrivenSearch) -> float | None:
+    if run.p_found is None:
+        return None
+    return float(np.linalg.norm(run.p_found - HIDDEN.centre()))
+
+
+def _plain(value: object) -> object:
+    return value if value is None or isinstance(value, str | int | float | bool) else str(value)
+
+
+def _peak_memory() -> float:
+    """[MB] largest resident size of this process so far."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / 1e6 if sys.platform == "darwin" else peak / 1e3

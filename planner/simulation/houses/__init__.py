@@ -1,0 +1,1 @@
+"""Simulated houses: floor plans, furniture, furnishing, carried things, the grid of the floor."""

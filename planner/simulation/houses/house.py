@@ -1,0 +1,299 @@
+"""Houses as data: rooms, walls with doorways, and what stands where; and the demo's house.
+
+Map frame: x east, y north, z up, metres, the floor at z = 0. Nothing here is random;
+`planner.simulation.houses.random_house` draws houses.
+"""
+
+from __future__ import annotations
+
+import colorsys
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.simulation.houses.furniture import FURNISHINGS, OBJECTS, RGB, Facing, Solid, SolidPart
+
+WALL_HEIGHT = 2.5  # [m]
+WALL_THICKNESS = 0.10  # [m]
+DOOR_HEIGHT = 2.05  # [m]
+WALL_COLOUR: RGB = (0.93, 0.91, 0.86)
+
+
+@dataclass(frozen=True, slots=True)
+class HouseRoom:
+    """One room: the rectangle between its walls' centre lines."""
+
+    name: str
+    category: str  # label of its place category
+    xmin: float  # [m]
+    xmax: float
+    ymin: float
+    ymax: float
+    floor: str  # "planks" or "tiles"
+    floor_colour: RGB
+    viewpoints: tuple[tuple[float, float], ...]  # where a tour stops to look around [m]
+    part_of: str = ""  # name of the room it is a part of: an L-shaped room has two rectangles
+
+    @property
+    def centre(self) -> NDArray[np.float64]:
+        """(2,) [m] the middle of the rectangle."""
+        return np.array([(self.xmin + self.xmax) / 2, (self.ymin + self.ymax) / 2])
+
+    def contains(self, x: float, y: float) -> bool:
+        """Whether a point [m] lies in the room."""
+        return self.xmin <= x < self.xmax and self.ymin <= y < self.ymax
+
+
+@dataclass(frozen=True, slots=True)
+class Wall:
+    """A straight wall along x or y, with the doorways that interrupt it."""
+
+    start: tuple[float, float]  # [m]
+    end: tuple[float, float]
+    doors: tuple[tuple[float, float], ...] = ()  # (from, to) along the wall's axis [m]
+
+    @property
+    def along_x(self) -> bool:
+        """Whether the wall runs east to west."""
+        return self.start[1] == self.end[1]
+
+    def pieces(self) -> list[tuple[float, float]]:
+        """(from, to) of the stretches of wall between the doorways [m]."""
+        axis = 0 if self.along_x else 1
+        edges = [self.start[axis], *(e for door in self.doors for e in door), self.end[axis]]
+        return list(zip(edges[::2], edges[1::2], strict=True))
+
+    def solids(self) -> list[Solid]:
+        """The wall and the lintels over its doorways."""
+        stretches = [(a, b, 0.0) for a, b in self.pieces()]
+        stretches += [(a, b, DOOR_HEIGHT) for a, b in self.doors]
+        half = WALL_THICKNESS / 2
+        out = []
+        for a, b, bottom in stretches:
+            lo, hi = np.array([a - half, self.start[1] - half]), np.array([b + half, 0.0])
+            if bottom:
+                lo[0], hi[0] = a, b
+            hi[1] = self.start[1] + half
+            if not self.along_x:
+                lo, hi = self._turned(lo[0], hi[0])
+            out.append(Solid("box", np.append(lo, bottom), np.append(hi, WALL_HEIGHT), WALL_COLOUR))
+        return out
+
+    def _turned(self, a: float, b: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        half = WALL_THICKNESS / 2
+        return np.array([self.start[0] - half, a]), np.array([self.start[0] + half, b])
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """A thing of the house: one of the classes of `furniture`, somewhere, turned somehow."""
+
+    label: str
+    x: float  # middle of its footprint [m]
+    y: float
+    z: float = 0.0  # what it stands on [m]
+    facing: Facing = "north"
+    name: str = ""  # identity, unique in the house; "" where nobody asks for it
+    scale: tuple[float, float, float] = (1.0, 1.0, 1.0)  # of width, depth and height
+    hue: float = 0.0  # turn of its colours on the colour circle, 0..1
+    tone: float = 1.0  # brightness of its colours, as a share
+    lit: bool = False  # its screen is on: no depth comes back from it
+
+    @property
+    def parts(self) -> tuple[SolidPart, ...]:
+        """Its solids in its own coordinates."""
+        parts = OBJECTS[self.label] if self.label in OBJECTS else FURNISHINGS[self.label]
+        return parts if self.scale == (1, 1, 1) else tuple(p.scaled(self.scale) for p in parts)
+
+    def solids(self) -> list[Solid]:
+        """Its solids in the map frame."""
+        at = (self.x, self.y, self.z)
+        return [self._finished(part.placed(at, self.facing), part) for part in self.parts]
+
+    def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Lower and upper corner (3,) [m] of its bounding box in the map frame."""
+        solids = self.solids()
+        return np.min([s.lo for s in solids], axis=0), np.max([s.hi for s in solids], axis=0)
+
+    def centre(self) -> NDArray[np.float64]:
+        """(3,) [m] geometrical centre in the map frame: the middle of its bounding box."""
+        lo, hi = self.bounds()
+        return np.asarray((lo + hi) / 2, dtype=np.float64)
+
+    def _finished(self, solid: Solid, part: SolidPart) -> Solid:
+        """`solid` in the colours of this item, and without depth where its surface gives none."""
+        no_return = part.surface == "glass" or (part.surface == "screen" and self.lit)
+        if not no_return and self.hue == 0 and self.tone == 1:
+            return solid
+        hue, saturation, value = colorsys.rgb_to_hsv(*solid.colour)
+        colour = colorsys.hsv_to_rgb(hue + self.hue, saturation, min(1.0, value * self.tone))
+        return replace(solid, colour=colour, depth_return=not no_return)
+
+
+@dataclass(frozen=True, slots=True)
+class House:
+    """Rooms, walls and things; `objects` are what a detector could name, in a fixed order."""
+
+    rooms: tuple[HouseRoom, ...]
+    walls: tuple[Wall, ...]
+    objects: tuple[Item, ...]
+    furnishings: tuple[Item, ...] = field(default=())
+
+    @property
+    def extent(self) -> tuple[float, float, float, float]:
+        """(xmin, xmax, ymin, ymax) of all rooms [m]."""
+        return (
+            min(r.xmin for r in self.rooms),
+            max(r.xmax for r in self.rooms),
+            min(r.ymin for r in self.rooms),
+            max(r.ymax for r in self.rooms),
+        )
+
+    def room(self, name: str) -> HouseRoom:
+        """The room of that name; KeyError where there is none."""
+        return {room.name: room for room in self.rooms}[name]
+
+    def room_at(self, x: float, y: float) -> HouseRoom | None:
+        """The room a point [m] lies in."""
+        return next((room for room in self.rooms if room.contains(x, y)), None)
+
+    def with_objects(self, items: Iterable[Item]) -> House:
+        """The same house after somebody brought `items`; instance numbers of the others stay."""
+        return replace(self, objects=(*self.objects, *items))
+
+
+def furnished_house() -> House:
+    """The demo's house: 11.4 m x 9.2 m, seven rooms, 54 objects of COCO classes."""
+    return House(ROOMS, WALLS, OBJECTS_OF_THE_HOUSE, FURNISHINGS_OF_THE_HOUSE)
+
+
+OAK: RGB = (0.76, 0.58, 0.40)
+WALNUT: RGB = (0.60, 0.44, 0.32)
+SLATE: RGB = (0.66, 0.68, 0.69)
+CHALK: RGB = (0.86, 0.87, 0.86)
+
+# in the order a tour visits them
+ROOMS = (
+    HouseRoom("corridor", "corridor", 0, 11.4, 4, 5.4, "planks", OAK, ((2.6, 4.7), (8.4, 4.7))),
+    HouseRoom(
+        "bedroom", "bedroom", 7.4, 11.4, 5.4, 9.2, "planks", WALNUT, ((9.2, 6.3), (8.3, 7.2))
+    ),
+    HouseRoom("bathroom", "shower", 8.6, 11.4, 0, 4, "tiles", CHALK, ((10.0, 2.4),)),
+    HouseRoom("home office", "home office", 5, 8.6, 0, 4, "planks", WALNUT, ((6.7, 2.4),)),
+    HouseRoom(
+        "dining room", "dining room", 4, 7.4, 5.4, 9.2, "planks", OAK, ((5.7, 6.1), (4.7, 8.2))
+    ),
+    HouseRoom("kitchen", "kitchen", 0, 4, 5.4, 9.2, "tiles", SLATE, ((1.9, 6.7), (2.9, 7.6))),
+    HouseRoom("living room", "living room", 0, 5, 0, 4, "planks", OAK, ((2.3, 3.0), (3.2, 0.75))),
+)
+
+WALLS = (
+    Wall((0, 0), (11.4, 0)),
+    Wall((0, 9.2), (11.4, 9.2)),
+    Wall((0, 0), (0, 9.2)),
+    Wall((11.4, 0), (11.4, 9.2)),
+    Wall((0, 4), (11.4, 4), doors=((2.1, 3.2), (6.3, 7.2), (9.5, 10.4))),
+    Wall((0, 5.4), (11.4, 5.4), doors=((1.5, 2.4), (5.2, 6.1), (8.9, 9.8))),
+    Wall((5, 0), (5, 4)),
+    Wall((8.6, 0), (8.6, 4)),
+    Wall((4, 5.4), (4, 9.2), doors=((6.5, 7.7),)),
+    Wall((7.4, 5.4), (7.4, 9.2)),
+)
+
+OBJECTS_OF_THE_HOUSE = (
+    # living room
+    Item("tv", 0.28, 2.0, 0.46, "east"),
+    Item("vase", 0.28, 2.7, 0.46),
+    Item("couch", 4.45, 1.9, 0, "west"),
+    Item("teddy bear", 4.40, 2.45, 0.42, "west"),
+    Item("chair", 2.0, 0.45, 0, "north"),
+    Item("remote", 2.65, 1.75, 0.42),
+    Item("cup", 2.35, 2.05, 0.42),
+    Item("book", 0.26, 1.35, 0.46, "east"),
+    Item("potted plant", 0.45, 3.5),
+    Item("clock", 3.2, 0.08, 1.55, "north"),
+    # home office
+    Item("laptop", 6.25, 0.42, 0.74, "north"),
+    Item("tv", 7.15, 0.22, 0.74, "north"),
+    Item("keyboard", 7.05, 0.55, 0.74),
+    Item("mouse", 7.42, 0.55, 0.74),
+    Item("scissors", 5.85, 0.50, 0.74),
+    Item("chair", 6.75, 1.15, 0, "south"),
+    Item("book", 8.38, 2.55, 0.89, "west"),
+    Item("book", 8.38, 1.85, 1.29, "west"),
+    Item("backpack", 5.25, 2.0, 0, "east"),
+    Item("potted plant", 8.2, 3.6),
+    # bathroom
+    Item("toilet", 11.0, 1.45, 0, "west"),
+    Item("sink", 8.90, 1.9, 0.84, "east"),
+    Item("toothbrush", 8.85, 2.4, 0.84),
+    Item("hair drier", 8.90, 1.45, 0.84),
+    Item("bottle", 10.95, 0.12, 0.52),
+    # kitchen
+    Item("refrigerator", 0.42, 8.8, 0, "south"),
+    Item("sink", 1.45, 8.85, 0.90, "south"),
+    Item("microwave", 2.15, 8.9, 0.90, "south"),
+    Item("oven", 2.85, 8.85, 0, "south"),
+    Item("toaster", 3.40, 8.9, 0.90, "south"),
+    Item("banana", 0.36, 6.55, 0.90),
+    Item("bowl", 0.36, 7.05, 0.90),
+    Item("bottle", 0.30, 7.55, 0.90),
+    Item("knife", 0.42, 7.85, 0.90),
+    Item("chair", 3.55, 5.9, 0, "west"),
+    # dining room
+    Item("dining table", 5.7, 7.5),
+    Item("chair", 5.25, 6.85, 0, "north"),
+    Item("chair", 6.15, 6.85, 0, "north"),
+    Item("chair", 5.25, 8.15, 0, "south"),
+    Item("chair", 6.15, 8.15, 0, "south"),
+    Item("wine glass", 5.15, 7.3, 0.75),
+    Item("vase", 5.7, 7.55, 0.75),
+    Item("cake", 6.25, 7.45, 0.75),
+    Item("potted plant", 7.05, 5.8),
+    # bedroom
+    Item("bed", 9.6, 8.1, 0, "south"),
+    Item("clock", 10.85, 8.85, 0.50, "south"),
+    Item("book", 8.35, 8.9, 0.50, "south"),
+    Item("cell phone", 11.0, 8.72, 0.50),
+    Item("suitcase", 7.75, 5.85, 0, "east"),
+    Item("handbag", 10.9, 7.35, 0.48, "west"),
+    Item("chair", 10.9, 7.35, 0, "west"),
+    # corridor
+    Item("bench", 7.6, 5.12, 0, "south"),
+    Item("umbrella", 0.30, 5.1),
+    Item("potted plant", 11.0, 4.7),
+)
+
+FURNISHINGS_OF_THE_HOUSE = (
+    Item("low board", 0.28, 2.0, 0, "east"),
+    Item("rug", 2.6, 1.9),
+    Item("coffee table", 2.5, 1.9),
+    Item("picture", 4.93, 1.9, 1.3, "west"),
+    Item("window", 1.2, 0.04, 0.95, "north"),
+    Item("desk", 6.6, 0.42),
+    Item("bookcase", 8.38, 2.2, 0, "west"),
+    Item("picture", 5.07, 2.6, 1.3, "east"),
+    Item("window", 6.6, 0.04, 1.05, "north"),
+    Item("vanity", 8.90, 1.9, 0, "east"),
+    Item("bathtub", 10.1, 0.43),
+    Item("window", 11.36, 2.6, 1.05, "west"),
+    Item("counter", 1.30, 8.87, 0, "south"),
+    Item("counter", 2.05, 8.87, 0, "south"),
+    Item("counter", 3.45, 8.87, 0, "south"),
+    Item("counter", 0.33, 6.35, 0, "east"),
+    Item("counter", 0.33, 7.35, 0, "east"),
+    Item("window", 1.5, 9.16, 1.2, "south"),
+    Item("sideboard", 7.10, 8.0, 0, "west"),
+    Item("picture", 7.33, 7.3, 1.35, "west"),
+    Item("window", 5.7, 9.16, 0.95, "south"),
+    Item("cabinet", 8.4, 8.9, 0, "south"),
+    Item("cabinet", 10.85, 8.9, 0, "south"),
+    Item("lamp", 8.55, 8.95, 0.50),
+    Item("lamp", 10.65, 9.0, 0.50),
+    Item("wardrobe", 11.05, 6.2, 0, "west"),
+    Item("picture", 9.6, 9.13, 1.4, "south"),
+    Item("picture", 4.4, 5.33, 1.3, "south"),
+    Item("rug", 9.6, 6.9),
+)

@@ -1,0 +1,169 @@
+"""The robot of the demo house, speaking the protocol: rendered pictures, a faulty detector."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kg.errors import LayoutError
+from kg.maps.semantic_map import SemanticMap
+from mapping.projection import to_map
+from mapping.reference.depth_histogram import localise
+from mapping.reference.settings import ReferenceSettings
+from planner.execution.protocol import (
+    Aborted,
+    Arrived,
+    Command,
+    Detected,
+    DetectionsMessage,
+    GoTo,
+    Hello,
+    LookAround,
+    Message,
+    RobotPose,
+    StopCommand,
+)
+from planner.simulation.houses.floor_grid import FloorGrid
+from planner.simulation.houses.house import House, furnished_house
+from planner.simulation.robot.mapping_tour import DEMO_RECORDING
+from planner.simulation.robot.motion import MotionLimits, Pose, drive, turn
+from planner.simulation.sensing.camera import SimulatedCamera
+from planner.simulation.sensing.sensors import SimulatedDetector
+
+RANGE = (0.8, 4.0)  # [m] where the simulated detector finds small things with fair certainty
+RECALL = 0.6  # over all that is within
+
+
+class SimulatedHouseRobot:
+    """A `Robot` in the house; its clock is that of its motion, so it is as fast as it can think."""
+
+    name = "the simulated robot"
+
+    def __init__(self, house: House, start: Pose, *, seed: int = 0) -> None:
+        self._camera = SimulatedCamera(house, seed=seed)
+        self._detector = SimulatedDetector(self._camera)
+        self._floor = FloorGrid(house)
+        self._gait = MotionLimits()
+        self._settings = ReferenceSettings()
+        self._pose = replace(start, seconds=0.0)
+        self._been = [self._pose.xy]
+        self._under_way: Iterator[Message] = iter(())
+        self._pictures = 0
+
+    @property
+    def driven(self) -> NDArray[np.float64]:
+        """(n, 2) [m] where it has been, the start first."""
+        return np.array(self._been)
+
+    @property
+    def seconds(self) -> float:
+        """[s] since it began to move."""
+        return self._pose.seconds
+
+    @property
+    def hello(self) -> Hello:
+        """What it says of itself."""
+        model = self._camera.model
+        return Hello(
+            name=self.name,
+            speed=self._gait.speed,
+            turn_rate=self._gait.turn_rate,
+            near=RANGE[0],
+            far=RANGE[1],
+            field_of_view=2 * math.atan(model.width / 2 / model.focal),
+            recall=RECALL,
+        )
+
+    def send(self, command: Command) -> None:
+        """Begin with `command`; what was under way is dropped."""
+        if isinstance(command, Hello):
+            self._under_way = self._greet()
+        elif isinstance(command, GoTo):
+            self._under_way = self._drive(command)
+        elif isinstance(command, LookAround):
+            self._under_way = self._look(command)
+        elif isinstance(command, StopCommand):
+            self._under_way = iter(())
+
+    def receive(self, seconds: float) -> Message | None:
+        """What happens next, at once; None where nothing will."""
+        return next(self._under_way, None)
+
+    def close(self) -> None:
+        """Stand still."""
+        self._under_way = iter(())
+
+    def _greet(self) -> Iterator[Message]:
+        yield self.hello
+        yield self._told()
+
+    def _drive(self, goal: GoTo) -> Iterator[Message]:
+        try:
+            path = self._floor.path(self._pose.xy, np.array([goal.x, goal.y]))
+        except LayoutError as error:
+            yield Aborted(str(error))
+            return
+        for pose in drive(self._pose, path, self._gait):
+            yield self._move(pose)
+            yield self._picture()
+        towards = math.remainder(goal.heading - self._pose.heading, 2 * math.pi)
+        for pose in turn(self._pose, towards, self._gait):
+            yield self._move(pose)
+            yield self._picture()
+        yield Arrived(goal.id)
+
+    def _look(self, look: LookAround) -> Iterator[Message]:
+        seen = list(self._picture().objects)
+        for pose in turn(self._pose, look.turn, self._gait):
+            yield self._move(pose)
+            seen += self._picture().objects
+        yield DetectionsMessage(look.id, tuple(seen))
+
+    def _move(self, pose: Pose) -> RobotPose:
+        self._pose = pose
+        self._been.append(pose.xy)
+        return self._told()
+
+    def _told(self) -> RobotPose:
+        pose = self._pose
+        return RobotPose(pose.x, pose.y, pose.heading, pose.seconds)
+
+    def _picture(self) -> DetectionsMessage:
+        pose = self._pose
+        self._pictures += 1
+        T_map_cam = self._camera.model.pose(pose.x, pose.y, pose.heading)
+        frame = self._camera.frame(f"search-{self._pictures:06d}", T_map_cam, pose.seconds)
+        seen = self._detector.detect(frame)
+        objects = []
+        for box, score, label in zip(seen.xyxy, seen.score, seen.label, strict=True):
+            p_cam = localise(frame, box, self._settings)
+            if p_cam is None or not RANGE[0] <= p_cam[2] <= self._settings.max_depth:
+                continue
+            x, y, z = (float(c) for c in to_map(T_map_cam, p_cam))
+            objects.append(Detected(label, float(score), x, y, z))
+        return DetectionsMessage(None, tuple(objects), self._told())
+
+
+def simulated_robot(
+    semantic_map: SemanticMap, house: House | None = None, *, seed: int = 0
+) -> SimulatedHouseRobot:
+    """The robot in `house` (default: the demo's), where the map says that it is.
+
+    Raises LayoutError where anything but the demo's own recording was mapped.
+    """
+    house = house or furnished_house()
+    if {recording.name for recording in semantic_map.recordings()} != {DEMO_RECORDING}:
+        raise LayoutError(
+            "the simulated robot searches maps that `hereabouts demo` made, and this is none; a "
+            "robot of your own is --robot stdio:COMMAND or http://..."
+        )
+    robot = semantic_map.robot()
+    if robot is None:
+        x, y = house.rooms[0].viewpoints[0]
+        return SimulatedHouseRobot(house, Pose(x, y, 0.0, 0.0), seed=seed)
+    start = Pose(float(robot.p_map[0]), float(robot.p_map[1]), robot.heading, 0.0)
+    return SimulatedHouseRobot(house, start, seed=seed)

@@ -1,0 +1,225 @@
+"""A registered RGB-D camera in the house: colour, noisy depth, and what each pixel shows."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perception.frames import Frame
+from planner.simulation.houses.carried_things import Carry
+from planner.simulation.houses.furniture import Solid
+from planner.simulation.houses.house import House
+from planner.simulation.sensing.depth_sensor import DepthSensor
+from planner.simulation.sensing.ray_casting import FAR, Window, hit, rays_of
+from planner.simulation.sensing.shading import Shader
+
+NOTHING = -1  # instance of walls, floor and furnishings
+KEPT_VIEWS: Final = 8  # as many as frames may be between reading and mapping
+NEAREST = 0.05  # [m] depth of the plane that cuts what reaches behind the camera
+_CORNERS = np.array(np.meshgrid([False, True], [False, True], [False, True])).reshape(3, 8).T
+#: pairs of corners that an edge of a box joins
+_EDGES = np.array(
+    [(a, b) for a in range(8) for b in range(a) if sum(_CORNERS[a] ^ _CORNERS[b]) == 1]
+)
+
+
+@dataclass(frozen=True, slots=True)
+class CameraModel:
+    """Pinhole camera and depth sensor."""
+
+    width: int = 320  # [px]
+    height: int = 240
+    focal: float = 280.0  # [px]: a field of view of 59 x 46 deg, near a Kinect's 58 x 48
+    depth: DepthSensor = field(default_factory=DepthSensor)
+    mount_height: float = 1.25  # [m] above the floor
+    pitch: float = np.deg2rad(14.0)  # [rad] downwards
+
+    @property
+    def K(self) -> NDArray[np.float64]:  # noqa: N802 the symbol everywhere
+        """(3, 3) intrinsics [px]."""
+        u, v = (self.width - 1) / 2, (self.height - 1) / 2
+        return np.array([[self.focal, 0, u], [0, self.focal, v], [0, 0, 1.0]])
+
+    def pose(self, x: float, y: float, heading: float) -> NDArray[np.float64]:
+        """T_map_cam (4, 4) of a robot at (x, y) [m] that faces `heading` [rad]."""
+        forward = np.array([np.cos(heading), np.sin(heading), 0.0])
+        optical = np.cos(self.pitch) * forward - np.sin(self.pitch) * np.array([0, 0, 1.0])
+        right = np.array([np.sin(heading), -np.cos(heading), 0.0])
+        T = np.eye(4)
+        T[:3, :3] = np.column_stack([right, np.cross(optical, right), optical])
+        T[:3, 3] = x, y, self.mount_height
+        return T
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """What the camera truly sees: free of noise, and with the identity of every pixel."""
+
+    T_map_cam: NDArray[np.float64]  # (4, 4)
+    depth: NDArray[np.float32]  # (H, W) [m] true
+    instance: NDArray[np.int32]  # (H, W) index into House.objects, NOTHING elsewhere
+    furnishing: NDArray[np.int32]  # (H, W) index into House.furnishings, NOTHING elsewhere
+    incidence: NDArray[np.float32]  # (H, W) cosine between the ray and the surface's normal
+    returns: NDArray[np.bool_]  # (H, W) whether the surface gives depth at all
+    rgb: NDArray[np.uint8]  # (H, W, 3)
+    silhouette: dict[int, float]  # instance -> pixels it would fill with nothing in front of it
+    inside: dict[int, float]  # instance -> share of its projected bounding box inside the image
+
+
+class SimulatedCamera:
+    """Renders the house. The same pose, time and frame id always give the same frame."""
+
+    def __init__(
+        self,
+        house: House,
+        model: CameraModel | None = None,
+        seed: int = 0,
+        carries: Sequence[Carry] = (),
+    ) -> None:
+        self.house = house
+        self.model = model or CameraModel()
+        self._seed = seed
+        self._carries = tuple(carries)
+        owners = [(s, i, NOTHING) for i, o in enumerate(house.objects) for s in o.solids()]
+        owners += [(s, NOTHING, i) for i, o in enumerate(house.furnishings) for s in o.solids()]
+        owners += [(s, NOTHING, NOTHING) for wall in house.walls for s in wall.solids()]
+        self._solids: list[Solid] = [s for s, _, _ in owners]
+        self._instance = np.array([i for _, i, _ in owners] + [NOTHING], np.int32)
+        self._furnishing = np.array([i for _, _, i in owners] + [NOTHING], np.int32)
+        self._returns = np.array([s.depth_return for s in self._solids] + [True])
+        self._painter = Shader(house, self._solids)
+        self._direction_cam = self._directions()
+        # frames are read while detectors still look at earlier ones
+        self._views = lru_cache(KEPT_VIEWS)(self._render)
+
+    def frame(self, frame_id: str, T_map_cam: NDArray[np.float64], stamp: float) -> Frame:
+        """One frame as a real sensor would give it."""
+        view = self.view(T_map_cam, stamp)
+        depth = self.model.depth.measure(
+            view.depth, view.incidence, view.returns, self.random(frame_id, "depth")
+        )
+        return Frame(frame_id, view.rgb, depth, self.model.K, T_map_cam.copy(), stamp)
+
+    def view(self, T_map_cam: NDArray[np.float64], stamp: float = 0.0) -> View:
+        """What is truly seen from a pose; the last few are kept, for the senses look at them."""
+        return self._views(T_map_cam.tobytes(), stamp if self._carries else 0.0)
+
+    def random(self, frame_id: str, purpose: str) -> np.random.Generator:
+        """Randomness that depends on seed, frame and purpose alone, not on the order."""
+        return np.random.default_rng([self._seed, zlib.crc32(f"{purpose}/{frame_id}".encode())])
+
+    def _directions(self) -> NDArray[np.float32]:
+        m = self.model
+        u = (np.arange(m.width) - m.K[0, 2]) / m.focal
+        v = (np.arange(m.height) - m.K[1, 2]) / m.focal
+        grid_u, grid_v = np.meshgrid(u, v)
+        return np.stack([grid_u, grid_v, np.ones_like(grid_u)]).astype(np.float32)
+
+    def _solids_at(self, stamp: float) -> list[Solid]:
+        """All solids, those of carried things where they are at `stamp` [s]."""
+        offsets = {carry.index: carry.offset(stamp) for carry in self._carries}
+        return [
+            solid.shifted(offset) if (offset := offsets.get(int(i))) is not None else solid
+            for solid, i in zip(self._solids, self._instance, strict=False)
+        ]
+
+    def _render(self, pose: bytes, stamp: float) -> View:
+        """The view from `pose`, the bytes of T_map_cam (4, 4)."""
+        T_map_cam = np.frombuffer(pose).reshape(4, 4)
+        solids = self._solids_at(stamp) if self._carries else self._solids
+        boxes = self._projected(solids, T_map_cam)
+        rays = rays_of(self._direction_cam, T_map_cam)
+        canvas = self._painter.canvas(rays)
+        silhouettes: dict[int, NDArray[np.bool_]] = {}
+        hidden: dict[int, float] = {}
+        for k, window, nearest in self._in_sight(boxes):
+            instance = int(self._instance[k])
+            if nearest > 0.5 and canvas.depth[window].max() < nearest:
+                area = canvas.depth[window].size
+                hidden[instance] = hidden.get(instance, 0.0) + 0.6 * area
+                continue
+            hits = hit(solids[k], rays, window)
+            if instance != NOTHING:
+                mask = silhouettes.setdefault(instance, np.zeros(canvas.depth.shape, np.bool_))
+                mask[window] |= hits.t < FAR
+            canvas.put(window, hits, k)
+        return View(
+            T_map_cam=T_map_cam.copy(),
+            depth=canvas.depth,
+            instance=self._instance[canvas.solid],
+            furnishing=self._furnishing[canvas.solid],
+            incidence=self._painter.incidence(canvas, rays),
+            returns=self._returns[canvas.solid],
+            rgb=self._painter.paint(canvas, rays),
+            silhouette={i: hidden.get(i, 0.0) + float(m.sum()) for i, m in silhouettes.items()},
+            inside={i: self._inside(boxes, i) for i in silhouettes},
+        )
+
+    def _projected(self, solids: list[Solid], T_map_cam: NDArray[np.float64]) -> _Boxes:
+        """Boxes in the image around what of each solid lies before the camera."""
+        m = self.model
+        lo_map, hi_map = np.array([s.lo for s in solids]), np.array([s.hi for s in solids])
+        corners = np.where(_CORNERS, hi_map[:, None], lo_map[:, None])  # (n, 8, 3)
+        p_cam = (corners - T_map_cam[:3, 3]) @ T_map_cam[:3, :3]
+        z = p_cam[..., 2]
+        nearest, furthest = z.min(axis=1), z.max(axis=1)
+        cut = (nearest < NEAREST) & (furthest > NEAREST)
+        before = np.maximum(z, NEAREST)[..., None]
+        uv = p_cam[..., :2] / before * m.focal + m.K[:2, 2]
+        lo, hi = uv.min(axis=1), uv.max(axis=1)
+        if cut.any():
+            ends = self._cut_edges(p_cam[cut])
+            uv_cut = np.where(z[cut][..., None] < NEAREST, np.nan, uv[cut])
+            both = np.concatenate([uv_cut, ends], axis=1)
+            lo[cut], hi[cut] = np.nanmin(both, axis=1), np.nanmax(both, axis=1)
+        return _Boxes(np.floor(lo), np.ceil(hi) + 1, nearest, furthest, cut)
+
+    def _cut_edges(self, p_cam: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n, 12, 2) [px] where edges of boxes (n, 8, 3) [m] meet the plane NEAREST, else nan."""
+        a, b = p_cam[:, _EDGES[:, 0]], p_cam[:, _EDGES[:, 1]]
+        crossing = (a[..., 2] < NEAREST) != (b[..., 2] < NEAREST)
+        rise = np.where(crossing, b[..., 2] - a[..., 2], np.nan)
+        share = (NEAREST - a[..., 2]) / rise
+        point = a + share[..., None] * (b - a)
+        return np.asarray(point[..., :2] / NEAREST * self.model.focal + self.model.K[:2, 2])
+
+    def _inside(self, boxes: _Boxes, instance: int) -> float:
+        own = np.flatnonzero(self._instance[:-1] == instance)
+        if boxes.behind[own].any():
+            return 0.5  # it stands beside the camera: some unknown part of it is cut off
+        lo, hi = boxes.lo[own].min(axis=0), boxes.hi[own].max(axis=0)
+        size = self.model.width, self.model.height
+        seen = np.maximum(np.minimum(hi, size) - np.maximum(lo, 0), 0)
+        return float(np.prod(seen / np.maximum(hi - lo, 1)))
+
+    def _in_sight(self, boxes: _Boxes) -> list[tuple[int, Window, float]]:
+        """(solid, pixels it may fill, least depth) of what the frustum touches, nearest first."""
+        size = self.model.width, self.model.height
+        lo, hi = np.maximum(boxes.lo, 0), np.minimum(boxes.hi, size)
+        seen = (boxes.furthest > NEAREST) & (lo < hi).all(axis=1)
+        order = np.flatnonzero(seen)[np.argsort(boxes.nearest[seen], kind="stable")]
+        return [
+            (
+                int(k),
+                (slice(int(lo[k, 1]), int(hi[k, 1])), slice(int(lo[k, 0]), int(hi[k, 0]))),
+                float(boxes.nearest[k]),
+            )
+            for k in order
+        ]
+
+
+@dataclass(frozen=True, slots=True)
+class _Boxes:
+    """Projected bounding boxes of n solids, not cut by the image."""
+
+    lo: NDArray[np.float64]  # (n, 2) [px]
+    hi: NDArray[np.float64]  # (n, 2) [px]
+    nearest: NDArray[np.float64]  # (n,) [m] depth
+    furthest: NDArray[np.float64]  # (n,) [m]
+    behind: NDArray[np.bool_]  # (n,) whether a corner lies behind the camera

@@ -1,0 +1,377 @@
+"""Simulated senses: a detector and a scene classifier with the faults of real ones.
+
+The networks hereabouts ships are trained on photographs and see little in drawn pictures, so in the
+simulated house these two stand in for them. They know the truth of each pixel and spoil it: missed
+and doubtful objects, shifted boxes, wrong names, things that are not there. Everything behind them
+is the real system. Each draw depends on the seed and the frame alone, not on what was asked before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perception.frames import Detections, Frame, SceneScores
+from perception.inference.heads.masks import MaskGrid
+from planner.simulation.houses.house import HouseRoom
+from planner.simulation.sensing.camera import NOTHING, SimulatedCamera, View
+
+#: What a detector of COCO classes takes a thing for when it errs.
+MISTAKEN_FOR: Final[Mapping[str, tuple[str, ...]]] = {
+    "apple": ("orange", "sports ball"),
+    "backpack": ("handbag", "suitcase"),
+    "banana": ("carrot", "hot dog"),
+    "bed": ("couch",),
+    "bench": ("dining table", "chair"),
+    "book": ("cell phone", "remote"),
+    "bottle": ("vase", "cup"),
+    "bowl": ("cup", "sink"),
+    "cake": ("bowl", "donut"),
+    "cell phone": ("remote", "book"),
+    "chair": ("bench", "couch"),
+    "clock": ("tv", "frisbee"),
+    "couch": ("bed", "chair"),
+    "cup": ("bowl", "vase", "bottle"),
+    "dining table": ("bench", "bed"),
+    "hair drier": ("bottle", "remote"),
+    "handbag": ("backpack", "suitcase"),
+    "keyboard": ("laptop", "remote"),
+    "knife": ("scissors", "toothbrush"),
+    "laptop": ("tv", "keyboard"),
+    "microwave": ("oven", "tv"),
+    "mouse": ("remote", "cell phone"),
+    "orange": ("apple", "sports ball"),
+    "oven": ("microwave", "refrigerator"),
+    "potted plant": ("vase", "broccoli"),
+    "refrigerator": ("oven", "microwave"),
+    "remote": ("cell phone", "mouse"),
+    "scissors": ("knife", "toothbrush"),
+    "sink": ("bowl", "toilet"),
+    "sports ball": ("orange", "apple"),
+    "suitcase": ("backpack", "handbag"),
+    "teddy bear": ("dog", "cat"),
+    "toaster": ("microwave", "suitcase"),
+    "toilet": ("sink", "chair"),
+    "toothbrush": ("knife", "scissors"),
+    "tv": ("laptop", "microwave"),
+    "umbrella": ("vase", "handbag"),
+    "vase": ("potted plant", "cup", "bottle"),
+    "wine glass": ("cup", "vase"),
+}
+
+#: What a detector of COCO classes takes furnishings for that have no name in COCO.
+CLUTTER_TAKEN_FOR: Final[Mapping[str, tuple[str, ...]]] = {
+    "basket": ("vase", "potted plant", "bowl"),
+    "bathtub": ("sink", "toilet"),
+    "bookcase": ("refrigerator", "book"),
+    "cabinet": ("suitcase", "oven", "microwave"),
+    "candle": ("cup", "bottle"),
+    "cardboard box": ("suitcase", "microwave"),
+    "coffee table": ("bench", "chair"),
+    "counter": ("oven", "refrigerator"),
+    "curtain": ("umbrella", "person"),
+    "desk": ("bench",),
+    "jar": ("cup", "vase", "bottle"),
+    "lamp": ("vase", "potted plant", "umbrella"),
+    "low board": ("bench", "suitcase"),
+    "picture": ("tv", "clock"),
+    "sideboard": ("oven", "refrigerator"),
+    "speaker": ("cell phone", "suitcase", "remote"),
+    "tissue box": ("book", "cell phone"),
+    "vanity": ("refrigerator", "oven"),
+    "wardrobe": ("refrigerator",),
+    "waste bin": ("cup", "vase", "toilet"),
+    "window": ("tv", "refrigerator"),
+}
+
+#: What a scene network takes a room for when it errs (Places categories that look alike).
+LOOKS_LIKE: Final[Mapping[str, tuple[str, ...]]] = {
+    "bedroom": ("hotel room", "dorm room", "nursery"),
+    "corridor": ("lobby", "staircase", "locker room"),
+    "dining room": ("dinette home", "living room", "banquet hall"),
+    "home office": ("office", "bedroom", "living room"),
+    "kitchen": ("kitchenette", "galley", "restaurant kitchen"),
+    "living room": ("parlor", "hotel room", "waiting room"),
+    "shower": ("jail cell", "locker room", "laundromat"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class DetectorFaults:
+    """How far the simulated detector is from perfect.
+
+    Pixels are those of an image 320 wide; larger images are scaled down for networks too. Scores
+    are 0.25 + 0.7 times a draw from a Beta distribution, times, for things that are there, how
+    easily they are seen.
+    """
+
+    recall: float = 0.90  # of a large thing in full view
+    half_size: float = 7.0  # [px] square root of the visible area at which recall has halved
+    half_visible: float = 0.45  # share of a thing in view at which recall has halved
+    half_inside: float = 0.0  # share of a thing within the image at which recall has halved
+    jitter: float = 0.03  # standard deviation of each side of a box, as a share of its size
+    confusion: float = 0.01  # share of detections under a wrong name
+    false_alarms: float = 0.01  # per frame, each somewhere else
+    clutter: float = 0.0  # share of furnishings that are taken for an object, from one side
+    clutter_recall: float = 0.4  # how often they are, in views from that side
+    uneven: bool = False  # whether some things are missed and misnamed more than others
+    true_score: tuple[float, float] = (6.0, 1.5)  # of the Beta distribution
+    false_score: tuple[float, float] = (1.5, 6.0)
+    threshold: float = 0.30  # no score below this is reported
+
+
+#: Presets of `hereabouts simulate --senses`.
+SENSES: Final[Mapping[str, DetectorFaults]] = {
+    "demo": DetectorFaults(),
+    "hard": DetectorFaults(
+        recall=0.7,
+        half_size=8.0,
+        half_inside=0.25,
+        jitter=0.05,
+        confusion=0.08,
+        false_alarms=0.3,
+        clutter=0.06,
+        uneven=True,
+        true_score=(4.0, 2.0),
+        false_score=(2.0, 4.5),
+        threshold=0.25,
+    ),
+}
+#: [rad] half the range of directions from which clutter looks like something
+CLUTTER_SIDE: Final = np.deg2rad(50.0)
+#: share of a thing's wrong labels that are the same one, beside its part of the others
+FAVOURED: Final = 0.6
+
+#: cells of a mask's side; networks answer masks of 28 x 28 cells (Mask R-CNN) and the like
+MASK_CELLS: Final = 28
+
+# box, score, label, and which pixels of the image show it
+_Found = tuple[NDArray[np.float64], float, str, NDArray[np.bool_] | None]
+
+
+class SimulatedDetector:
+    """A `Detector` that looks at the truth of each pixel and spoils it."""
+
+    name = "simulated-detector"
+
+    def __init__(
+        self,
+        camera: SimulatedCamera,
+        faults: DetectorFaults | None = None,
+        *,
+        masks: bool = False,
+    ) -> None:
+        self._camera, self._masks = camera, masks
+        self._faults = faults or DetectorFaults()
+        self._pixel = camera.model.width / 320  # [px] a pixel of DetectorFaults
+
+    def detect(self, frame: Frame) -> Detections:
+        """What is seen in `frame`, best score first."""
+        view = self._camera.view(frame.T_map_cam, frame.stamp)
+        rng = self._camera.random(frame.id, "detector")
+        found = [d for i in np.unique(view.instance) if (d := self._look(int(i), view, rng))]
+        if self._faults.clutter:
+            found += [
+                d for i in np.unique(view.furnishing) if (d := self._mistake(int(i), view, rng))
+            ]
+        found += [self._imagine(view, rng) for _ in range(rng.poisson(self._faults.false_alarms))]
+        found.sort(key=lambda d: -d[1])
+        return Detections(
+            xyxy=np.array([d[0] for d in found], np.float32).reshape(-1, 4),
+            score=np.array([d[1] for d in found], np.float32),
+            label=tuple(d[2] for d in found),
+            mask=tuple(_coarse_mask(d[0], d[3]) for d in found) if self._masks else (),
+        )
+
+    def chance(self, visible: float, silhouette: float, inside: float = 1.0) -> float:
+        """Recall for a thing of which `visible` pixels of `silhouette` are seen.
+
+        `inside` is the share of it that the border of the image leaves.
+        """
+        f = self._faults
+        size = np.log2(max(np.sqrt(visible) / self._pixel, 1e-3) / f.half_size)
+        share = visible / max(silhouette, visible, 1.0)
+        chance = f.recall * _sigmoid(size / 0.35) * _sigmoid((share - f.half_visible) / 0.08)
+        return float(
+            chance * _sigmoid((inside - f.half_inside) / 0.06) if f.half_inside else chance
+        )
+
+    def _look(self, instance: int, view: View, rng: np.random.Generator) -> _Found | None:
+        if instance == NOTHING:
+            return None
+        pixels = view.instance == instance
+        box, visible = _box_around(pixels)
+        chance = self.chance(visible, view.silhouette[instance], view.inside[instance])
+        chance, confusion, favourite = self._of_this_thing(instance, chance)
+        draw, wrong = rng.random(), rng.random()
+        ease = min(chance / max(self._faults.recall, 1e-9), 1.0)
+        score = self._score(self._faults.true_score, rng, ease)
+        box = box + self._shift(box, rng)
+        label = self._camera.house.objects[instance].label
+        others = MISTAKEN_FOR.get(label, ())
+        if others and wrong < confusion:
+            which = int(rng.integers(len(others)))
+            if favourite is not None and rng.random() < FAVOURED:
+                which = favourite % len(others)
+            label, score = others[which], 0.7 * score
+        if draw >= chance or score < self._faults.threshold:
+            return None
+        return self._inside(box, view), score, label, pixels
+
+    def _of_this_thing(self, instance: int, chance: float) -> tuple[float, float, int | None]:
+        """(recall, confusion, number of the favoured wrong label) for one thing of the house.
+
+        Uneven faults: the odds of recall vary by a factor of e^0.5 either way, and most of the
+        confusion falls on few things.
+        """
+        if not self._faults.uneven:
+            return chance, self._faults.confusion, None
+        item = self._camera.house.objects[instance]
+        fixed = self._camera.random(item.name or str(instance), "unevenness")
+        factor = np.exp(0.5 * fixed.standard_normal())
+        odds = factor * chance / max(1 - chance, 1e-9)
+        confusion = min(self._faults.confusion * fixed.gamma(0.5) / 0.5, 0.6)
+        return float(odds / (1 + odds)), float(confusion), int(fixed.integers(12))
+
+    def _mistake(self, furnishing: int, view: View, rng: np.random.Generator) -> _Found | None:
+        """A furnishing taken for an object: always for the same, from one side."""
+        if furnishing == NOTHING:
+            return None
+        item = self._camera.house.furnishings[furnishing]
+        labels = CLUTTER_TAKEN_FOR.get(item.label, ())
+        fixed = self._camera.random(item.name or str(furnishing), "clutter")
+        is_clutter, side = fixed.random() < self._faults.clutter, fixed.uniform(-np.pi, np.pi)
+        if not labels or not is_clutter:
+            return None
+        label = labels[fixed.integers(len(labels))]
+        x, y = item.centre()[:2] - view.T_map_cam[:2, 3]
+        turned = abs((np.arctan2(y, x) - side + np.pi) % (2 * np.pi) - np.pi)
+        pixels = view.furnishing == furnishing
+        box, visible = _box_around(pixels)
+        ease = _sigmoid(np.log2(np.sqrt(visible) / self._pixel / self._faults.half_size) / 0.35)
+        score = self._score(self._faults.false_score, rng)
+        if turned > CLUTTER_SIDE or rng.random() >= self._faults.clutter_recall * ease:
+            return None
+        if score < self._faults.threshold:
+            return None
+        return self._inside(box + self._shift(box, rng), view), score, label, pixels
+
+    @staticmethod
+    def _score(beta: tuple[float, float], rng: np.random.Generator, ease: float = 1.0) -> float:
+        return float(0.25 + 0.70 * ease * rng.beta(*beta))
+
+    def _shift(self, box: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
+        size = np.array([box[2] - box[0], box[3] - box[1]] * 2)
+        return (self._faults.jitter * size + 0.4 * self._pixel) * rng.standard_normal(4)
+
+    def _imagine(self, view: View, rng: np.random.Generator) -> _Found:
+        height, width = view.depth.shape
+        labels = sorted(MISTAKEN_FOR)
+        centre = rng.random(2) * (width, height)
+        half = rng.uniform(8, 40, 2) * self._pixel
+        box = np.concatenate([centre - half, centre + half])
+        score = max(self._score(self._faults.false_score, rng), self._faults.threshold)
+        return self._inside(box, view), score, labels[rng.integers(len(labels))], None
+
+    @staticmethod
+    def _inside(box: NDArray[np.float64], view: View) -> NDArray[np.float64]:
+        """`box` within the image, at least two pixels on each side."""
+        height, width = view.depth.shape
+        lo = np.clip(np.minimum(box[:2], box[2:]), 0, (width - 2, height - 2))
+        hi = np.minimum(np.maximum(np.maximum(box[:2], box[2:]), lo + 2), (width, height))
+        return np.concatenate([lo, hi])
+
+
+def _coarse_mask(
+    box: NDArray[np.float64], pixels: NDArray[np.bool_] | None
+) -> NDArray[np.bool_] | None:
+    """The true pixels (H, W) of a thing within a box, as coarse as networks answer masks."""
+    if pixels is None:
+        return None
+    box = box.astype(np.float32)
+    x1, y1, x2, y2 = (float(side) for side in box)
+    cells = (np.arange(MASK_CELLS) + 0.5) / MASK_CELLS
+    rows = np.minimum(y1 + cells * (y2 - y1), pixels.shape[0] - 1).astype(np.intp)
+    columns = np.minimum(x1 + cells * (x2 - x1), pixels.shape[1] - 1).astype(np.intp)
+    grid = pixels[np.ix_(rows, columns)].astype(np.float32) - np.float32(0.5)
+    mask = MaskGrid(grid, (x1, y1, x2, y2)).within(box, pixels.shape)
+    return mask if mask.any() else None
+
+
+@dataclass(frozen=True, slots=True)
+class SceneFaults:
+    """How far the simulated scene classifier is from perfect."""
+
+    sure: float = 0.62  # mean probability given to the category it settles for
+    confusion: float = 0.15  # share of frames in which it settles for one that looks alike
+
+
+class SimulatedSceneClassifier:
+    """A `SceneClassifier` for the room most of the picture shows; `labels` are all it knows.
+
+    Raises ValueError where `labels` lacks the category of a room.
+    """
+
+    name = "simulated-scenes"
+
+    def __init__(
+        self, camera: SimulatedCamera, labels: Sequence[str], faults: SceneFaults | None = None
+    ) -> None:
+        missing = {room.category for room in camera.house.rooms} - set(labels)
+        if missing:
+            raise ValueError(f"labels must name every room of the house, lacks {sorted(missing)}")
+        self._camera = camera
+        self._labels = tuple(labels)
+        self._faults = faults or SceneFaults()
+
+    def classify(self, frame: Frame) -> SceneScores:
+        """Probability of each label for `frame`; they sum to one."""
+        rng = self._camera.random(frame.id, "scene")
+        probability = rng.dirichlet(np.full(len(self._labels), 0.05))
+        room = self.room_seen(frame)
+        if room is None:
+            return SceneScores(dict(zip(self._labels, map(float, probability), strict=True)))
+        alike = [label for label in LOOKS_LIKE[room.category] if label in self._labels]
+        settled = room.category
+        if alike and rng.random() < self._faults.confusion:
+            settled = alike[rng.integers(len(alike))]
+        sure = rng.beta(8 * self._faults.sure, 8 * (1 - self._faults.sure))
+        rest = rng.dirichlet(np.full(len(alike) + 1, 0.8))
+        probability *= 0.35 * (1 - sure)
+        for label, share in zip([*alike, room.category], rest, strict=True):
+            probability[self._labels.index(label)] += 0.65 * (1 - sure) * share
+        probability[self._labels.index(settled)] += sure
+        return SceneScores(dict(zip(self._labels, map(float, probability), strict=True)))
+
+    def room_seen(self, frame: Frame) -> HouseRoom | None:
+        """The room that most pixels of `frame` lie in."""
+        view = self._camera.view(frame.T_map_cam, frame.stamp)
+        rows, cols = np.mgrid[4 : view.depth.shape[0] : 8, 4 : view.depth.shape[1] : 8]
+        depth = view.depth[rows, cols]
+        u, v = (cols - frame.K[0, 2]) / frame.K[0, 0], (rows - frame.K[1, 2]) / frame.K[1, 1]
+        p_cam = np.stack([u * depth, v * depth, depth]).reshape(3, -1)
+        p_map = frame.T_map_cam[:3, :3] @ p_cam + frame.T_map_cam[:3, 3:]
+        counts = [_count(room, p_map) for room in self._camera.house.rooms]
+        best = int(np.argmax(counts))
+        return self._camera.house.rooms[best] if counts[best] else None
+
+
+def _box_around(mask: NDArray[np.bool_]) -> tuple[NDArray[np.float64], int]:
+    """Box (4,) [px] around the marked pixels of an image, and how many they are."""
+    rows, cols = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    box = np.array([cols[0], rows[0], cols[-1] + 1, rows[-1] + 1], np.float64)
+    return box, int(np.count_nonzero(mask))
+
+
+def _count(room: HouseRoom, p_map: NDArray[np.float64]) -> int:
+    x, y = p_map[0], p_map[1]
+    inside = (x >= room.xmin) & (x < room.xmax) & (y >= room.ymin) & (y < room.ymax)
+    return int(np.count_nonzero(inside))
+
+
+def _sigmoid(x: float) -> float:
+    return float(1 / (1 + np.exp(-x)))

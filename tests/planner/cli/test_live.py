@@ -1,0 +1,137 @@
+"""`hereabouts live` from a growing folder and a Foxglove peer: ended, killed, started again."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from kg.opening import open_map
+from planner.cli import main
+
+ROOT = Path(__file__).resolve().parents[3]
+Prints = Callable[..., str]
+
+
+def frames_applied(path: Path) -> int:
+    with open_map(path, read_only=True) as semantic_map:
+        return sum(record.frames_applied for record in semantic_map.recordings())
+
+
+def objects(prints: Prints, path: Path) -> list[object]:
+    rows = "SELECT ?x ?y ?e { ?o here:existence ?e ; here:x ?x ; here:y ?y } ORDER BY ?x"
+    return list(json.loads(prints("ask", path, "-e", rows, "--format", "json")))
+
+
+@pytest.mark.parametrize("words", [["nowhere"], ["ftp://host"], ["ros1://"], ["ros1://h:port"]])
+def test_what_is_no_source_is_refused_before_a_map_is_made(
+    words: list[str], fails: Callable[..., str], tmp_path: Path
+) -> None:
+    into = tmp_path / "new.map"
+    assert "ros1://" in fails("live", *words, "--into", into)
+    assert not into.exists()
+
+
+def test_a_growing_folder_makes_the_map_of_the_finished_one(
+    kitchen: Path, kitchen_map: Path, prints: Prints, tmp_path: Path
+) -> None:
+    growing, into = tmp_path / "growing" / "kitchen", tmp_path / "live.map"
+    growing.mkdir(parents=True)
+    for path in kitchen.glob("*.txt"):
+        if "frame" not in path.name:
+            shutil.copy(path, growing)
+    numbers = sorted(path.name[:12] for path in kitchen.glob("*.color.*"))
+
+    def add(number: str) -> None:
+        for path in sorted(kitchen.glob(f"{number}.*")):
+            whole = path.read_bytes()
+            with (growing / path.name).open("wb") as file:  # a reader may see half of it
+                file.write(whole[: len(whole) // 2])
+                file.flush()
+                time.sleep(0.01)
+                file.write(whole[len(whole) // 2 :])
+
+    def write() -> None:
+        for number in numbers:
+            add(number)
+            time.sleep(0.05)
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    report = json.loads(prints("live", growing, "--into", into, "--idle", 5, "--json"))
+    writer.join()
+    assert report["frames"] == len(numbers) == 8
+    assert objects(prints, into) == objects(prints, kitchen_map) != []
+    again = json.loads(prints("map", growing, "--into", into, "--json"))
+    assert (again["frames"], again["skipped"]) == (0, 8)
+
+
+@contextmanager
+def live(source: str, into: Path, *words: str) -> Iterator[subprocess.Popen[str]]:
+    command = [sys.executable, "-m", "planner.cli", "live", source, "--into", str(into), *words]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def test_live_is_ended_killed_and_started_again(kitchen: Path, tmp_path: Path) -> None:
+    pytest.importorskip("rosbags")
+    pytest.importorskip("websockets")
+    from perception.recordings.bag_file import BagFile
+    from perception.recordings.bag_writer import COLOUR, DEPTH
+    from tests.perception.live.foxglove_peer import foxglove_peer
+
+    assert main(["convert", str(kitchen), "-o", str(tmp_path / "kitchen.mcap")]) == 0
+    with BagFile(tmp_path / "kitchen.mcap") as bag:
+        raws = list(bag.messages([topic.name for topic in bag.topics]))
+    into = tmp_path / "live.map"
+    topics = [COLOUR, DEPTH, "/tf", "/tf_static"]
+
+    def play(until: Callable[[], bool]) -> None:
+        while not until():
+            for raw in raws:
+                peer.publish(raw)
+                if raw.topic == DEPTH:
+                    time.sleep(0.1)
+                if until():
+                    return
+
+    with foxglove_peer({raw.topic: raw.type for raw in raws}, "cdr") as peer:
+        with live(peer.address, into, "--limit", "3", "--json") as process:
+            peer.wait_for(topics)
+            play(lambda: process.poll() is not None)
+            report = json.loads(process.communicate()[0])
+        assert process.returncode == 0
+        assert report["frames"] == 3 == frames_applied(into)
+        lost = [report[k] for k in ("dropped", "without_depth", "without_pose", "unreadable")]
+        assert report["received"] == 3 + sum(lost)
+
+        peer.hang_up()
+        with live(peer.address, into, "--pictures", str(tmp_path / "seen")) as process:
+            peer.wait_for(topics)
+            play(lambda: len(list(tmp_path.glob("seen/*"))) >= 2)
+            process.kill()
+        killed = frames_applied(into)
+        assert killed >= 5
+
+        peer.hang_up()
+        with live(peer.address, into, "--json", "--pictures", str(tmp_path / "more")) as process:
+            peer.wait_for(topics)
+            play(lambda: len(list(tmp_path.glob("more/*"))) >= 2)
+            process.send_signal(signal.SIGTERM)
+            report = json.loads(process.communicate()[0])
+        assert process.returncode == 0
+        assert frames_applied(into) == killed + report["frames"]
