@@ -462,6 +462,7 @@ class Taken {
   take(x, y, width, height, always = false) {
     if (!always && (x < 2 || y < 2 || x + width > this._size[0] - 2 || y + height > this._size[1] - 2)) return false;
     const box = [x, y, x + width, y + height], keys = [];
+    if (!(box[2] > 0 && box[3] > 0 && x < this._size[0] && y < this._size[1])) return always; // far off, or no number
     for (let i = Math.floor(x / 64); i <= Math.floor(box[2] / 64); i++) {
       for (let j = Math.floor(y / 64); j <= Math.floor(box[3] / 64); j++) keys.push(i * 4099 + j);
     }
