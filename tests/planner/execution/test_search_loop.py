@@ -359,7 +359,7 @@ def test_what_the_robot_saw_by_the_way_is_in_the_map_too(semantic_map: SemanticM
 
 def test_an_object_that_another_absorbs_leaves_the_map(semantic_map: SemanticMap) -> None:
     table = semantic_map.catalogue.find("dining table").iri
-    x, y, z = APPLE[1:4]
+    x, y = APPLE[1:3]
     halves = [
         ObjectRecord(
             iri=f"{semantic_map.base}object/{number}",
