@@ -14,7 +14,7 @@ from collections.abc import Iterable, Sequence
 from itertools import chain
 from pathlib import Path
 
-from kg.errors import HereaboutsError, MapNotFoundError
+from kg.errors import GraphError, HereaboutsError, MapNotFoundError
 from planner.cli.arguments import join_signed
 from planner.cli.text_table import printable
 
@@ -56,6 +56,9 @@ COMMANDS = (
 )
 
 
+#: options that name what a command writes
+_OUTPUTS = ("output", "picture", "pictures", "mcap", "rerun")
+
 #: command of each module whose name is not the command's
 _NAMED = {"map_recording": "map", "assert_": "assert", "import_maps": "import"}
 
@@ -80,6 +83,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = sys.argv[1:] if argv is None else argv
     arguments = build_parser(_modules_for(words)).parse_args(join_signed(words))
     try:
+        _refuse_output_in_a_map(arguments)
         return int(arguments.run(arguments))
     except HereaboutsError as error:
         text = printable(" ".join(str(error).split()))
@@ -92,6 +96,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("interrupted: whole frames so far are kept", file=sys.stderr)  # noqa: T201
         return 130
+
+
+def _refuse_output_in_a_map(arguments: argparse.Namespace) -> None:
+    """Refuse to write a file, a picture or a folder into the folder of a map."""
+    for name in _OUTPUTS:
+        given = getattr(arguments, name, None)
+        if not isinstance(given, str):
+            continue
+        path = Path(given).resolve()
+        for folder in (path, *path.parents):
+            if (folder / "store").is_dir() and (folder / "lock").exists():
+                raise GraphError(
+                    f"{given} lies in the folder of the map {folder.name}; a file outside of it, "
+                    f"{path.name} say, would work"
+                )
 
 
 def _swapped(arguments: argparse.Namespace, error: HereaboutsError) -> str:

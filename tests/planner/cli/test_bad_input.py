@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from kg.opening import create_map
 from planner.cli import main
 
 Fails = Callable[..., str]
@@ -258,3 +259,16 @@ def test_an_update_of_bytes_that_are_no_text(lab: Path, update: str, fails: Fail
 def test_a_file_of_bytes_that_are_no_text(lab: Path, tmp_path: Path, fails: Fails) -> None:
     (tmp_path / "update.ru").write_bytes(b"\xff\xfe\xfd")
     assert "cannot read the update" in fails("update", lab, tmp_path / "update.ru")
+
+
+@pytest.mark.parametrize("output", ["history.sqlite", "store/new.json", "../a.map", "new/x.json"])
+@pytest.mark.parametrize("command", ["export", "plot"])
+def test_nothing_is_written_into_the_folder_of_a_map(
+    command: str, output: str, tmp_path: Path, fails: Fails
+) -> None:
+    folder = tmp_path / "a.map"
+    create_map(folder).close()
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    told = fails(command, folder, "-o", folder / output)
+    assert "the folder of the map a.map" in told
+    assert before == {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
