@@ -14,6 +14,7 @@ FOLDER: Final = "pictures"  # in the folder of a map
 MOST_BYTES: Final = 10_000  # of one picture
 MOST_PICTURES: Final = 5_000  # of one map; the oldest are dropped
 _NUMBER = re.compile(r".*/object/([0-9]{1,18})")
+_NAME = re.compile(r"[0-9]{1,18}-[0-9a-f]{8}\.jpg")
 
 
 class ObjectPictures:
@@ -25,7 +26,9 @@ class ObjectPictures:
     def path_of(self, record: ObjectRecord) -> Path | None:
         """File of the observation that explains `record`; None where none is kept."""
         path = self._path(record)
-        return path if path is not None and path.is_file() else None
+        if path is None or path.is_symlink() or not path.is_file():
+            return None  # a link may lead to files that are not the map's
+        return path if path.stat().st_size <= MOST_BYTES else None
 
     def write(self, record: ObjectRecord, jpeg: bytes) -> None:
         """Keep `jpeg` as the picture of the observation that explains `record`.
@@ -58,7 +61,7 @@ class ObjectPictures:
         """Drop the oldest pictures beyond the number that is kept."""
         if not self._folder.is_dir():
             return
-        paths = list(self._folder.glob("*.jpg"))
+        paths = [path for path in self._folder.iterdir() if _NAME.fullmatch(path.name)]
         if len(paths) > MOST_PICTURES:
             for path in sorted(paths, key=lambda p: p.stat().st_mtime)[:-MOST_PICTURES]:
                 path.unlink(missing_ok=True)

@@ -10,7 +10,9 @@ changes nothing: there is nothing to tell it from.
 from __future__ import annotations
 
 import io
+import tokenize
 import zipfile
+import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +28,11 @@ from perception.inference.scene_classifier import OnnxSceneClassifier
 FILE: Final = "taught_rooms.npz"  # in the folder of a map
 MOST_EXAMPLES: Final = 5000
 _LARGEST: Final = 1 << 28  # bytes of the file
+#: what zipfile, zlib and numpy raise for damaged files
+_DAMAGE: Final = (
+    *(OSError, ValueError, KeyError, TypeError, EOFError, SyntaxError, RuntimeError),
+    *(zipfile.BadZipFile, zlib.error, tokenize.TokenError),
+)
 _PENALTY: Final = 0.003
 _STEPS: Final = 300
 _CONSTANT: Final = 0.3  # value of the feature that stands for the intercept
@@ -137,7 +144,7 @@ class RoomExamples:
                     tuple(map(str, data["label"].tolist())),
                     tuple(map(str, data["place"].tolist())),
                 )
-        except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+        except _DAMAGE as error:
             raise ModelError(
                 f"{path} is damaged ({error}); without it rooms can be taught again"
             ) from error
@@ -180,6 +187,11 @@ class TaughtSceneClassifier:
     def classify_image(self, rgb: NDArray[np.uint8]) -> SceneScores:
         """Probability of each scene category for an image (H, W, 3)."""
         found, features = self._network.described(rgb)
+        if features.shape != self._mean.shape:
+            raise ModelError(
+                f"rooms were taught to another {self.name}: {len(self._mean)} features, not "
+                f"{len(features)}; teaching them again would work"
+            )
         scores = dict(found.probability)
         own = np.array(list(scores.values()))
         log = np.log(self._own(own)) + (self._centred(features[None]) @ self._weights)[0]

@@ -16,6 +16,7 @@ from pathlib import Path
 
 from kg.errors import HereaboutsError, MapNotFoundError
 from planner.cli.arguments import join_signed
+from planner.cli.text_table import printable
 
 #: command modules, in the order `hereabouts --help` lists them
 COMMANDS = (
@@ -81,7 +82,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         return int(arguments.run(arguments))
     except HereaboutsError as error:
-        text = " ".join(str(error).split())
+        text = printable(" ".join(str(error).split()))
         print(f"error: {text}{_swapped(arguments, error)}", file=sys.stderr)  # noqa: T201
         return 1
     except BrokenPipeError:

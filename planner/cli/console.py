@@ -11,7 +11,7 @@ from datetime import datetime
 from typing import TYPE_CHECKING, TextIO
 
 from kg.vocabulary import GRAPH, HERE, PREFIXES
-from planner.cli.text_table import text_blocks, text_table
+from planner.cli.text_table import printable, text_blocks, text_table
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -40,7 +40,7 @@ def err() -> Console:
 
 def note(message: str) -> None:
     """A line on stderr, dim where colours are on."""
-    print(_styled(message, "2", sys.stderr), file=sys.stderr)  # noqa: T201
+    print(_styled(printable(message), "2", sys.stderr), file=sys.stderr)  # noqa: T201
 
 
 def write(text: str) -> None:

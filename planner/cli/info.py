@@ -14,6 +14,7 @@ from planner.cli.recording_arguments import (
     given_streams,
     open_given_recording,
 )
+from planner.cli.text_table import printable
 
 if TYPE_CHECKING:
     from perception.recordings.depth_check import DepthFindings
@@ -113,7 +114,7 @@ def _tell(
         write("")
         width = max(map(len, facts))
         for name, value in facts.items():
-            write(f" {name:{width}}  {value}")
+            write(f" {name:{width}}  {printable(str(value))}")
     if findings.error is not None:
         raise RecordingError(findings.error)
     return 0

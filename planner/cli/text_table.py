@@ -8,6 +8,7 @@ from typing import Final
 
 _LEAST: Final = 3  # columns of a terminal that a folded cell keeps
 _RULE: Final = "─"
+_DIRECTIONS: Final = "\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"
 
 
 def text_table(
@@ -19,7 +20,7 @@ def text_table(
     space between its columns.
     """
     gap = "   " if width >= 120 else "  "
-    cells = [[_printable(cell) for cell in row] for row in (header, *rows)]
+    cells = [[printable(cell) for cell in row] for row in (header, *rows)]
     widths = _fitted(
         [
             max(max(map(_columns, cell.split("\n"))) for cell in column)
@@ -38,7 +39,7 @@ def text_blocks(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     width = max((_columns(name) for name in header), default=0)
     blocks = [
         "\n".join(
-            f" {_printable(name):{width}}  {_printable(cell)}".rstrip()
+            f" {printable(name):{width}}  {printable(cell)}".rstrip()
             for name, cell in zip(header, row, strict=True)
             if cell
         )
@@ -102,8 +103,11 @@ def _columns(text: str) -> int:
     )
 
 
-def _printable(text: str) -> str:
-    """The text without characters that control a terminal; line breaks stay."""
+def printable(text: str) -> str:
+    """The text without characters that control a terminal or turn its direction of writing."""
     lines = text.expandtabs(4).splitlines() or [""]
-    kept = ("".join(c for c in line if unicodedata.category(c) != "Cc") for line in lines)
+    kept = (
+        "".join(c for c in line if unicodedata.category(c) != "Cc" and c not in _DIRECTIONS)
+        for line in lines
+    )
     return "\n".join(kept)

@@ -33,6 +33,7 @@ class DetectionUpdate:
     """Effect of one message of detections on the map."""
 
     updated: tuple[ObjectRecord, ...]  # to be written
+    removed: tuple[str, ...]  # IRIs of objects that others have absorbed
     detections: tuple[AssociatedDetection, ...]  # of known labels
     unknown: tuple[str, ...]  # labels that no category of objects has
 
@@ -60,7 +61,7 @@ class ObjectUpdates:
         changes = self._relations.update(found)
         detections = tuple(self._associated(thing, sighting) for thing, sighting in sightings)
         unknown = dict.fromkeys(thing.label for thing, category in named if category is None)
-        return DetectionUpdate(changes.updated, detections, tuple(unknown))
+        return DetectionUpdate(changes.updated, changes.removed, detections, tuple(unknown))
 
     def of(self, categories: Collection[str]) -> tuple[ObjectRecord, ...]:
         """Objects of these categories (IRIs) at present, assertions applied."""

@@ -304,6 +304,8 @@ class _Run:
         self, things: Sequence[Detected], pose: RobotPose
     ) -> tuple[list[TargetDetection], list[ObjectRecord]]:
         update = self._objects.add(things, self._options.clock(), pose)
+        if update.removed:
+            self._log.change("merged with others", ObjectChanges(removed=update.removed))
         for label in update.unknown:
             if label not in self._unknown and len(self._unknown) < 100:
                 self._unknown.add(label)

@@ -109,3 +109,13 @@ def test_a_picture_that_cannot_be_small_enough_is_none():
     noise = np.random.default_rng(0).integers(0, 255, (480, 640, 3), np.uint8)
     nobody = np.zeros((0, 4), np.float32)
     assert object_picture(noise, (0.0, 0.0, 640.0, 480.0), nobody, 500) is None
+
+
+def test_pictures_of_others_are_not_dropped(tmp_path, monkeypatch):
+    monkeypatch.setattr("kg.maps.object_pictures.MOST_PICTURES", 1)
+    (tmp_path / "pictures").mkdir()
+    for name in ("1-0123abcd.jpg", "2-0123abcd.jpg", "holiday.jpg", "holiday-2.jpg"):
+        (tmp_path / "pictures" / name).write_bytes(b"")
+    ObjectPictures(tmp_path).limit()
+    left = {path.name for path in (tmp_path / "pictures").iterdir()}
+    assert left >= {"holiday.jpg", "holiday-2.jpg"} and len(left) == 3

@@ -34,4 +34,10 @@ async def find(serving: AppState, request: Request) -> Response:
         plan = await run_in_threadpool(serving.planner, wanted)
     finally:
         serving.planning.release()
-    return Response(json.dumps(plan, ensure_ascii=False) + "\n", media_type="application/json")
+    try:
+        text = json.dumps(plan, ensure_ascii=False, allow_nan=False)
+    except ValueError as error:
+        raise Problem(
+            422, "no plan: a way is of no finite length; is the robot's position right?"
+        ) from error
+    return Response(f"{text}\n", media_type="application/json")

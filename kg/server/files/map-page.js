@@ -114,7 +114,7 @@ function filter() {
 
 function choose(iri, go = false) {
   view.selected = iri;
-  history.replaceState(null, "", iri ? `#${path(iri)}` : "#");
+  history.replaceState(null, "", iri ? `#${encodeURI(path(iri))}` : "#");
   const one = data.objects.get(iri), place = data.places.get(iri);
   if (go && one) view.goTo(one.x, one.y);
   if (go && place) view.goTo((place.xmin + place.xmax) / 2, (place.ymin + place.ymax) / 2, view.scale);
@@ -318,8 +318,8 @@ async function find(event) {
   if (!wanted) { view.plan = null; byId("plan").replaceChildren(); return view.draw(); }
   byId("plan").replaceChildren(element("p", "planning …"));
   const answer = await fetch(`/find?object=${encodeURIComponent(wanted)}`, { headers: { Accept: "application/json" } });
-  const found = await answer.json();
-  if (!answer.ok) return byId("plan").replaceChildren(element("p", found.detail || found.title));
+  const found = await answer.json().catch(() => ({ title: `no plan: the server answered ${answer.status}` }));
+  if (!answer.ok || !found.steps) return byId("plan").replaceChildren(element("p", found.detail || found.title));
   view.plan = found;
   const known = found.known.slice(0, 4).map((one) => element("li", "", button(one.label, () => choose(one.iri, true)),
     ` ${one.where || ""}, existence ${one.existence.toFixed(2)}${one.last_seen ? `, seen ${ago(one.last_seen)} ago` : ""}`));
@@ -411,7 +411,8 @@ data.addEventListener("transaction", ({ detail }) => {
 window.addEventListener("hashchange", fromAddress);
 
 function fromAddress() {
-  const name = decodeURIComponent(location.hash.slice(1));
+  let name = location.hash.slice(1);
+  try { name = decodeURIComponent(name); } catch { /* a stray percent sign: taken as it is */ }
   const iri = [name, data.base + name].find((one) => data.objects.has(one) || data.places.has(one));
   choose(iri || null, true);
 }

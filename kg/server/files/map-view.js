@@ -1,7 +1,9 @@
 // The map as a picture on a canvas: floor, places, objects with labels that do not overlap, robot, plan.
 
 const NEAR = 16; // [px] of a click from what it meant
-const LABELS = 400; // drawn at once, at most
+const LABELS = 400; // drawn at once, at most; fewer while the map is being moved
+const TRIED = 1500; // objects that a label is tried for
+const MANY = 3000; // objects in view from which on they are small squares
 
 /** A colour that a category always has. */
 export function colourOf(label, dark) {
@@ -24,10 +26,11 @@ export class MapView {
     this.onPick = () => {};
     this._pictures = new Map(); // of tiles
     this._widths = new Map(); // of labels [px]
+    this._colours = new Map(); // of categories
     this._fitted = false;
     this._listen();
     new ResizeObserver(() => this._resize()).observe(canvas);
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { this._pictures.clear(); this.draw(); });
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { this._pictures.clear(); this._colours.clear(); this.draw(); });
     this._resize();
   }
 
@@ -35,6 +38,14 @@ export class MapView {
   draw() {
     if (this._waiting) return;
     this._waiting = requestAnimationFrame(() => { this._waiting = 0; this._draw(); });
+  }
+
+  /** Draw without most names until the map has rested for a moment. */
+  _move() {
+    clearTimeout(this._rest);
+    this._moving = true;
+    this._rest = setTimeout(() => { this._moving = false; this.draw(); }, 150);
+    this.draw();
   }
 
   /** Show all of the map. */
@@ -71,7 +82,7 @@ export class MapView {
     const [x, y] = this.toMap(u, v);
     this.scale = Math.min(Math.max(this.scale * factor, 0.5), 800);
     this.centre = [x - (u - this.width / 2) / this.scale, y + (v - this.height / 2) / this.scale];
-    this.draw();
+    this._move();
   }
 
   _resize() {
@@ -109,7 +120,7 @@ export class MapView {
       }
       moved += Math.hypot(now[0] - before[0], now[1] - before[1]);
       this.centre = [this.centre[0] - (now[0] - before[0]) / this.scale, this.centre[1] + (now[1] - before[1]) / this.scale];
-      this.draw();
+      this._move();
     });
     const end = (event) => {
       if (pointers.delete(event.pointerId) && event.type === "pointerup" && moved < 6) this._pick(...at(event));
@@ -271,16 +282,16 @@ export class MapView {
       const [u, v] = this.toScreen(one.x, one.y);
       if (u < -50 || v < -50 || u > this.width + 50 || v > this.height + 50) continue;
       this._seen.push([one, u, v]);
-      const colour = colourOf(this.data.labelOf(one.class), this.dark);
+      const colour = this._colour(one.class);
       const key = `${colour}|${Math.round(Math.max(one.existence, 0.15) * 5)}`;
       if (!dots.has(key)) dots.set(key, []);
       dots.get(key).push([one, u, v]);
     }
-    const radius = this._seen.length > 3000 ? 2.5 : Math.min(Math.max(this.scale / 14, 3.5), 7);
+    const many = this._seen.length > MANY, radius = many ? 2.5 : Math.min(Math.max(this.scale / 14, 3.5), 7);
     for (const [key, group] of dots) {
       const [colour, alpha] = key.split("|");
       c.fillStyle = c.strokeStyle = colour;
-      if (this.layers.boxes && this.scale > 18) {
+      if (this.layers.boxes && this.scale > 18 && !many) {
         c.lineWidth = 1;
         for (const [one, u, v] of group) {
           if (!one.dx) continue;
@@ -293,13 +304,21 @@ export class MapView {
       }
       c.globalAlpha = alpha / 5;
       c.beginPath();
-      for (const [, u, v] of group) { c.moveTo(u + radius, v); c.arc(u, v, radius, 0, 7); }
+      for (const [, u, v] of group) {
+        if (many) c.rect(u - 2, v - 2, 4, 4);
+        else { c.moveTo(u + radius, v); c.arc(u, v, radius, 0, 7); }
+      }
       c.fill();
     }
     c.globalAlpha = 1;
-    for (const [, u, v] of this._seen.slice(0, 1500)) taken.take(u - radius, v - radius, 2 * radius, 2 * radius, true);
+    for (const [, u, v] of this._seen.slice(0, TRIED)) taken.take(u - radius, v - radius, 2 * radius, 2 * radius, true);
     const chosen = this.data.objects.get(this.selected);
     if (chosen) this._halo(c, chosen, radius);
+  }
+
+  _colour(category) {
+    if (!this._colours.has(category)) this._colours.set(category, colourOf(this.data.labelOf(category), this.dark));
+    return this._colours.get(category);
   }
 
   _halo(c, one, radius) {
@@ -322,10 +341,11 @@ export class MapView {
   _labels(c, taken) {
     c.font = "12px system-ui, sans-serif";
     const first = (a, b) => (b[0].iri === this.selected) - (a[0].iri === this.selected) || b[0].existence - a[0].existence || a[0].iri.length - b[0].iri.length || (a[0].iri < b[0].iri ? -1 : 1);
-    const sorted = this._seen.length > 4000 ? this._seen : [...this._seen].sort(first);
+    const sorted = this._seen.length > MANY ? this._seen : [...this._seen].sort(first);
+    const most = this._moving && sorted.length > LABELS ? LABELS / 8 : LABELS;
     let drawn = 0;
-    for (const [one, u, v] of sorted) {
-      if (drawn >= LABELS) break;
+    for (const [one, u, v] of sorted.slice(0, this._moving ? TRIED / 8 : TRIED)) {
+      if (drawn >= most) break;
       const name = this.data.nameOf(one).slice(0, 40);
       if (!this._widths.has(name)) this._widths.set(name, c.measureText(name).width);
       const width = this._widths.get(name);
@@ -442,6 +462,7 @@ class Taken {
   take(x, y, width, height, always = false) {
     if (!always && (x < 2 || y < 2 || x + width > this._size[0] - 2 || y + height > this._size[1] - 2)) return false;
     const box = [x, y, x + width, y + height], keys = [];
+    if (!(box[2] > 0 && box[3] > 0 && x < this._size[0] && y < this._size[1])) return always; // far off, or no number
     for (let i = Math.floor(x / 64); i <= Math.floor(box[2] / 64); i++) {
       for (let j = Math.floor(y / 64); j <= Math.floor(box[3] / 64); j++) keys.push(i * 4099 + j);
     }

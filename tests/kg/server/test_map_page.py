@@ -7,9 +7,10 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 
-from kg.records import MapUpdate
+from kg.records import MapUpdate, RobotRecord
 from planner.plans.find_answer import find_answer
 
 if TYPE_CHECKING:
@@ -113,6 +114,45 @@ def test_address_of_an_object_selects_it(open_page: OPEN_PAGES) -> None:
     says(page, "#about h2", "cup 1")
     says(page, "#about dl", "1.00, 0.50, 0.80 m")
     says(page, "#about-history", "new here:Cup")
+
+
+@pytest.mark.parametrize("fragment", ["#%E0%A4%A", "#javascript:alert(1)", "#%22%3E<img src=x>"])
+def test_an_address_that_names_nothing_selects_nothing(
+    fragment: str, served: Served, open_page: OPEN_PAGES
+) -> None:
+    page = open_page(fragment)
+    says(page, "#about", "Nothing is selected")
+    served.put(3, "bowl", 2.0, 2.0)
+    says(page, "#count", "3 of 3 objects")
+
+
+def test_an_iri_with_a_percent_sign_is_found_again_by_its_address(
+    served: Served, open_page: OPEN_PAGES
+) -> None:
+    odd = "https://x/t%41b"
+    served.write(f"INSERT DATA {{ <{odd}> a here:Cup ; rdfs:label 'odd' ; here:x 1 ; here:y 1 }}")
+    page = open_page()
+    page.click("text=All objects")
+    page.click("#objects >> text=odd")
+    says(page, "#about h2", "odd")
+    page.reload()
+    says(page, "#about h2", "odd")
+
+
+def test_a_robot_that_is_nowhere_near_does_not_stop_the_page(
+    served: Served, open_page: OPEN_PAGES
+) -> None:
+    served.map.apply(MapUpdate(robot=RobotRecord(np.array([1e30, 0.0, 0.0]), 0.0, 1.7e9)))
+    page = open_page(f"#{CUP}")
+    says(page, "#about h2", "cup 1")
+
+
+def test_a_plan_without_finite_numbers_is_refused_in_words(serve: Callable[..., Served]) -> None:
+    accept = {"Accept": "application/json"}
+    server = serve(planner=lambda wanted: {"target": wanted[0], "seconds": float("inf")})
+    answer = server.get("find", params={"object": "cup"}, headers=accept)
+    assert answer.status_code == 422
+    assert "finite" in answer.json()["detail"]
 
 
 def test_changes_arrive_without_reloading(served: Served, open_page: OPEN_PAGES) -> None:

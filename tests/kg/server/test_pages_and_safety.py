@@ -84,3 +84,7 @@ def test_an_object_has_its_picture_or_none(
         for other in ("2", "1%00", "x", "9" * 40):
             assert served.get(f"pictures/{other}").status_code == 204, other
         assert served.get("pictures/..%2Fhistory.sqlite").status_code == 404
+        (kept,) = (folder / "pictures").iterdir()
+        kept.rename(tmp_path / "elsewhere.jpg")
+        kept.symlink_to(tmp_path / "elsewhere.jpg")
+        assert served.get("pictures/1").status_code == 204  # what is not the map's is not shown

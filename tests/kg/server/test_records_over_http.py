@@ -27,6 +27,7 @@ from kg.maps.cache_invalidation import PerceivedObjects
 from kg.maps.semantic_map import SemanticMap
 from kg.opening import open_map
 from kg.records import (
+    DepartedRecord,
     FloorTile,
     LookRecord,
     MapUpdate,
@@ -134,6 +135,18 @@ def test_what_was_deleted_in_between_is_not_brought_back_unseen(served: Served) 
             far.apply(cup_at(far, 2.5))
         assert objects.refresh() >= {CUP}
         assert list(objects) == [CHAIR]
+
+
+def test_what_left_is_remembered_and_found_again_from_afar(served: Served) -> None:
+    with open_far(served) as far:
+        (cup,) = far.perceived_objects((CUP,))
+        seen = cup.first_seen, cup.last_seen, cup.last_seen + 5
+        left = DepartedRecord(CUP, cup.category, cup.p_map, 0.9, cup.observations, *seen)
+        far.apply(MapUpdate(removed=(CUP,), departed=(left,)))
+        assert [held.iri for held in far.departed()] == [CUP]
+        assert [held.iri for held in served.map.departed((CUP, CHAIR))] == [CUP]
+        far.apply(cup_at(far, 4.0))
+        assert (place_of(served.map, CUP), served.map.departed()) == (4.0, ())
 
 
 def test_an_edit_of_something_else_is_in_nobodys_way_and_is_heard_of(served: Served) -> None:

@@ -108,7 +108,7 @@ def test_a_place_that_is_taught_again_forgets_what_it_was_taught_by():
         both.with_place(examples("c", "hall", network="other"))
 
 
-@pytest.mark.parametrize("content", ["empty", "text", "pickle", "shapes", "nan", "cut"])
+@pytest.mark.parametrize("content", ["empty", "text", "pickle", "shapes", "nan", "cut", "bits"])
 def test_damaged_files_are_one_line(tmp_path, content):
     arrays = {"network": np.array("net"), "features": np.zeros((2, 3))}
     arrays |= {"probability": np.zeros((2, 2)), "label": np.array(["a", "b"])}
@@ -118,9 +118,21 @@ def test_damaged_files_are_one_line(tmp_path, content):
     if content == "nan":
         arrays["features"] = np.full((2, 3), np.nan)
     packed = io.BytesIO()
-    np.savez(packed, **arrays)
+    np.savez_compressed(packed, **arrays)
     data = {"empty": b"", "text": b"rooms", "cut": packed.getvalue()[:300]}
+    data["bits"] = b"".join((packed.getvalue()[:60], b"\xff" * 9, packed.getvalue()[69:]))
     (tmp_path / FILE).write_bytes(data.get(content, packed.getvalue()))
     with pytest.raises(ModelError, match="is damaged") as caught:
         RoomExamples.load(tmp_path)
     assert "\n" not in str(caught.value)
+
+
+def test_features_of_another_network_by_that_name_are_refused():
+    network = load_scene_classifier()
+    shape = (2, len(network.labels))
+    other = RoomExamples(
+        network.name, np.eye(2, 3, dtype=np.float32), np.full(shape, 0.1, np.float32),
+        ("kitchen", "hall"), ("a", "b"),
+    )  # fmt: skip
+    with pytest.raises(ModelError, match="3 features"):
+        TaughtSceneClassifier(network, other).classify_image(np.zeros((64, 64, 3), np.uint8))

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from planner.cli import main
+from planner.cli.console import note
 from planner.cli.text_table import text_table
 
 
@@ -50,3 +53,10 @@ def test_every_table_fits_and_shows_all(rows: list[tuple[str, str, str]], width:
     assert max(map(len, table.splitlines())) <= width
     shown = sorted(table.replace(" ", "").replace("─", "").replace("\n", ""))
     assert shown == sorted("onetwothree" + "".join("".join(row) for row in rows))
+
+
+def test_errors_and_notes_do_not_control_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["info", "no\x1b[2Jfolder\u202e"]) == 1
+    note("of a file: \x1b]0;title\x07")
+    shown = capsys.readouterr().err
+    assert "no[2Jfolder" in shown and shown.replace("\n", "").isprintable()

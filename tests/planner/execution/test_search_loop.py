@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from kg.errors import GraphError, LayoutError, RobotError, UnknownCategoryError
 from kg.maps.semantic_map import SemanticMap
 from kg.ontology.lint import check_map
 from kg.opening import in_memory_map
-from kg.records import MapUpdate, SearchState
+from kg.records import MapUpdate, ObjectRecord, SearchState
 from planner.execution.events import Event
 from planner.execution.options import SearchOptions
 from planner.execution.protocol import Command, Message, RobotPose, encoded, message_of
@@ -354,3 +355,25 @@ def test_what_the_robot_saw_by_the_way_is_in_the_map_too(semantic_map: SemanticM
     run(semantic_map, "apple", objects=things, on_event=events.append)
     assert len(semantic_map.objects("oven")) == 1
     assert any("flux capacitor" in e.text for e in events if e.kind == "note")
+
+
+def test_an_object_that_another_absorbs_leaves_the_map(semantic_map: SemanticMap) -> None:
+    table = semantic_map.catalogue.find("dining table").iri
+    x, y = APPLE[1:3]
+    halves = [
+        ObjectRecord(
+            iri=f"{semantic_map.base}object/{number}",
+            category=table,
+            p_map=np.array([x + shift, y, 0.7]),
+            confidence=2.7,
+            existence=0.9,
+            observations=9,
+            first_seen=0.0,
+            last_seen=0.0,
+        )
+        for number, shift in ((1, -0.1), (2, 0.25))
+    ]
+    semantic_map.apply(MapUpdate(objects=tuple(halves)))
+    run(semantic_map, "apple", objects=[APPLE, ["dining table", x, y, 0.7, 0.9]])
+    assert len(semantic_map.objects("dining table")) == 1
+    assert _well_made(semantic_map)

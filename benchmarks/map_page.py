@@ -1,0 +1,118 @@
+"""How the live map's page copes: `python benchmarks/map_page.py [--objects N]`.
+
+Serves a map of N objects, opens it in headless Chromium (software rendering) and prints: seconds to
+the first picture, frames a second while panning for five seconds, how far the page is behind after
+30 changes a second for ten seconds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+from playwright.sync_api import Page, sync_playwright
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from kg.maps.semantic_map import SemanticMap
+from kg.opening import in_memory_map
+from kg.records import MapUpdate, ObjectRecord, PlaceRecord
+from kg.server import MapServer, Settings
+
+QUIET = ("background-networking", "component-update", "sync", "quic", "gpu")
+PAN = """async (canvas) => {
+  let frames = 0;
+  const box = canvas.getBoundingClientRect(), ended = performance.now() + 5000;
+  const send = (kind, x) => canvas.dispatchEvent(new PointerEvent(kind,
+    { pointerId: 1, clientX: box.left + x, clientY: box.top + 200, bubbles: true }));
+  canvas.setPointerCapture = () => {};
+  send("pointerdown", 300);
+  while (performance.now() < ended) {
+    await new Promise((done) => requestAnimationFrame(done));
+    send("pointermove", 300 + 200 * Math.sin(frames++ / 20));
+  }
+  send("pointerup", 300);
+  return frames / 5;
+}"""
+
+
+def thing(
+    semantic_map: SemanticMap, number: int, p_map: np.ndarray, labels: list[str]
+) -> ObjectRecord:
+    """An object of a category that its number gives."""
+    return ObjectRecord(
+        iri=f"{semantic_map.base}object/{number}",
+        category=labels[number % len(labels)],
+        p_map=p_map,
+        confidence=2.4,
+        existence=0.8,
+        observations=3,
+        first_seen=1.7e9,
+        last_seen=1.7e9 + number,
+        place=semantic_map.place_iri(1),
+    )
+
+
+def filled(semantic_map: SemanticMap, count: int) -> list[ObjectRecord]:
+    """Objects all over a hall of one square metre each."""
+    side = float(np.sqrt(count))
+    labels = [c.iri for c in semantic_map.catalogue.categories if c.kind == "object"]
+    hall = PlaceRecord(semantic_map.place_iri(1), "hall", 0, side, 0, side)
+    places = np.random.default_rng(0).uniform(0, side, (count, 2))
+    objects = [
+        thing(semantic_map, n + 1, np.array([x, y, 0.8]), labels) for n, (x, y) in enumerate(places)
+    ]
+    for start in range(0, count, 500):
+        update = MapUpdate(objects=tuple(objects[start : start + 500]), places=(hall,))
+        semantic_map.apply(update)
+    return objects
+
+
+def behind(
+    page: Page, semantic_map: SemanticMap, objects: list[ObjectRecord]
+) -> tuple[float, float]:
+    """Changes made a second, for ten seconds, and seconds until the page shows the last."""
+    started, made = time.perf_counter(), 0
+    while time.perf_counter() < started + 10:
+        one = objects[made % len(objects)]
+        one.p_map[0] += 0.1
+        semantic_map.apply(MapUpdate(objects=(one,)))
+        made += 1
+        time.sleep(max(0.0, started + made / 30 - time.perf_counter()))
+    ended = time.perf_counter()
+    page.wait_for_selector(f"#sequence:text('{semantic_map.sequence}')", timeout=60_000)
+    return made / (ended - started), time.perf_counter() - ended
+
+
+def main() -> None:
+    """Serve, open, measure."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--objects", type=int, default=10_000)
+    count = parser.parse_args().objects
+    with in_memory_map(title="hall", base="https://example.org/hall/") as semantic_map:
+        objects = filled(semantic_map, count)
+        with MapServer(semantic_map, Settings(port=0)) as server, sync_playwright() as playwright:
+            browser = playwright.chromium.launch(
+                executable_path=shutil.which("chromium"),
+                args=["--no-sandbox", *(f"--disable-{name}" for name in QUIET)],
+            )
+            page = browser.new_page(viewport={"width": 1300, "height": 900})
+            started = time.perf_counter()
+            page.goto(server.url)
+            page.wait_for_selector("html[data-ready]", timeout=120_000)
+            first = time.perf_counter() - started
+            rate = page.evaluate_handle("document.getElementById('canvas')").evaluate(PAN)
+            made, late = behind(page, semantic_map, objects)
+            browser.close()
+    sys.stdout.write(
+        f"{count} objects: first picture after {first:.2f} s; {rate:.0f} frames a second while "
+        f"panning; {made:.0f} changes a second, the page {late:.2f} s behind at their end\n"
+    )
+
+
+if __name__ == "__main__":
+    main()
