@@ -11,6 +11,7 @@ import struct
 import threading
 from dataclasses import dataclass
 from typing import Any, Final
+from urllib.parse import urlsplit
 
 from kg.errors import RecordingError
 from perception.live.connection import LARGEST_IMAGE, Inbox, Retry, full_name, largest
@@ -22,6 +23,7 @@ MOST_CHANNELS: Final = 10_000
 PATIENCE: Final = 5.0  # [s] for a connection
 TICK: Final = 0.2  # [s]
 _MESSAGE: Final = struct.Struct("<BIQ")
+_LATEST: Final = (1 << 63) - 1  # [ns]
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +39,18 @@ class FoxgloveServer:
     """A Foxglove WebSocket server."""
 
     address: str  # ws://HOST:PORT or wss://HOST:PORT
+
+    @classmethod
+    def at(cls, address: str) -> FoxgloveServer:
+        """The server at an address; raises RecordingError."""
+        try:
+            parts = urlsplit(address)
+            known = bool(parts.hostname) and parts.port != 0
+        except ValueError:
+            known = False
+        if not known:
+            raise RecordingError(f"{address!r} is no address; ws://localhost:8765 is one")
+        return cls(address)
 
     def run(self, inbox: Inbox, ended: threading.Event) -> None:
         """Give what comes to `inbox` until `ended`."""
@@ -123,10 +137,12 @@ class _Session:
     def _received(self, data: bytes) -> None:
         if len(data) < _MESSAGE.size or data[0] != 1:
             return  # time, or an answer to what was not asked
-        _, number, time = _MESSAGE.unpack_from(data)
+        _, number, stamp = _MESSAGE.unpack_from(data)
         channel = self._subscribed.get(number)
         if channel is None or len(data) - _MESSAGE.size > largest(channel.type):
             return
         self._retry.worked()
-        raw = RawMessage(channel.topic, channel.type, time, bytes(data[_MESSAGE.size :]))
+        raw = RawMessage(
+            channel.topic, channel.type, min(stamp, _LATEST), bytes(data[_MESSAGE.size :])
+        )
         self._inbox.offer(raw, is_ros1=channel.is_ros1)

@@ -69,19 +69,22 @@ class HeldImages:
 
     def __init__(self) -> None:
         self.images = deque[LiveImage]()
-        self._bytes = 0
+        self.size = 0  # [bytes]
 
     def add(self, image: LiveImage) -> None:
-        """Add one; the first go where they become too many."""
+        """Add one; the first go where they become too many, and all where time went back."""
+        if self.images and image.stamp < self.images[-1].stamp - NANOSECONDS:
+            self.images.clear()
+            self.size = 0
         self.images.append(image)
-        self._bytes += len(image.raw.data)
-        while len(self.images) > 1 and (len(self.images) > HELD or self._bytes > HELD_BYTES):
+        self.size += len(image.raw.data)
+        while len(self.images) > 1 and (len(self.images) > HELD or self.size > HELD_BYTES):
             self.drop(self.images[0])
 
     def drop(self, image: LiveImage) -> None:
         """Drop one."""
         self.images.remove(image)
-        self._bytes -= len(image.raw.data)
+        self.size -= len(image.raw.data)
 
     @property
     def seconds(self) -> NDArray[np.float64]:

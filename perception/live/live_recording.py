@@ -43,16 +43,24 @@ class LiveRecording:
 
     def frames(self, start: int = 0) -> Iterator[Frame]:
         """Frames from now on, whatever `start` is: the map goes on where it was left."""
-        closed = threading.Event()
-        thread = threading.Thread(
-            target=self.connection.run, args=(self.stream, closed), name="live", daemon=True
-        )
+        closed, failed = threading.Event(), list[Exception]()
+
+        def receive() -> None:
+            try:
+                self.connection.run(self.stream, closed)
+            except Exception as error:  # noqa: BLE001 - raised again by the caller's thread
+                failed.append(error)
+                self.ended.set()
+
+        thread = threading.Thread(target=receive, name="live", daemon=True)
         thread.start()
         try:
             yield from self._until_ended()
         finally:
             closed.set()
             thread.join(PATIENCE)
+        if failed:
+            raise failed[0]
 
     def _until_ended(self) -> Iterator[Frame]:
         last, given, said = time.monotonic(), 0, ""

@@ -46,6 +46,7 @@ PATIENCE: Final = 0.5  # [s] for a nearer partner, and for transforms that reach
 SETTLING: Final = 1.0  # [s] between the first choice of topics that is possible and the choice ...
 SILENT: Final = 3.0  # ... where there are topics without a message
 TICK: Final = 0.02  # [s] between two looks at transforms
+MOST_BYTES: Final = 1 << 28  # of the images of all topics that wait
 TRANSFORMS_KEPT: Final = 4000  # of a link
 STAMPS_KEPT: Final = 1000  # of a stream, before topics are chosen
 _WANTED: Final = {*IMAGES, CAMERA, *TRANSFORMS, ODOMETRY, *POSES}
@@ -75,13 +76,13 @@ class FrameStream:
     """Frames of a connection's messages; the newest first, and none twice.
 
     `intrinsics` of colour are used instead of those of its CameraInfo; `depth_scale` [units a
-    metre] is that of 16-bit depth.
+    metre] is that of 16-bit depth, by default the intrinsics', else millimetres.
     """
 
     address: str
     streams: Streams = field(default_factory=Streams)
     intrinsics: Intrinsics | None = None
-    depth_scale: float = MILLIMETRES
+    depth_scale: float | None = None
     problem: str = ""  # why there are no frames yet
     _counts: StreamCounts = field(default_factory=StreamCounts)
     _came: Counter[str] = field(default_factory=Counter)  # images of a topic
@@ -130,7 +131,7 @@ class FrameStream:
         with self._changed:
             try:
                 self._add(raw, decoder)
-            except RecordingError as error:
+            except (RecordingError, ValueError, ArithmeticError) as error:
                 self._tell(raw.topic, error)
 
     def next_frame(self, seconds: float) -> Frame | None:
@@ -163,6 +164,9 @@ class FrameStream:
             stamp = header_stamp(raw, decoder.is_ros1, self.address) or raw.time
             image = LiveImage(raw, decoder, stamp, time.monotonic())
             self._held.setdefault(raw.topic, HeldImages()).add(image)
+            while sum(held.size for held in self._held.values()) > MOST_BYTES:
+                largest = max(self._held.values(), key=lambda held: held.size)
+                largest.drop(largest.images[0])
             self._changed.notify_all()
 
     def _is_used(self, topic: str) -> bool:
@@ -316,9 +320,9 @@ class FrameStream:
             name=self.address,
             format="live",
             T_map_world=np.eye(4),
-            listing=RecordingListing((), camera, self.depth_scale, apart),
+            listing=RecordingListing((), camera, MILLIMETRES, apart),
             rectifier=Rectifier.for_camera(camera.fitted(width, height)),
-            depth_scale=camera.depth_scale or self.depth_scale,
+            depth_scale=self.depth_scale or camera.depth_scale or MILLIMETRES,
             start_time=time.time() - entry.stamp if relative else 0.0,
         )
 

@@ -61,8 +61,14 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 def run(arguments: argparse.Namespace) -> int:
     """Map what comes, until it is ended."""
-    inputs = open_mapping_inputs(arguments)
     connection = _connection(arguments.recording)
+    given = arguments.format != "auto" or arguments.pose_convention != "camera-to-world"
+    if connection is not None and (given or arguments.up or arguments.same_frame):
+        arguments.usage_error(
+            "--format, --pose-convention, --up and --same-frame are for folders; the poses of "
+            "topics are in a map frame with z up (--map-frame)"
+        )
+    inputs = open_mapping_inputs(arguments)
     mapped = _map_folder if connection is None else partial(_map_stream, connection)
     with _until_signal() as ended:
         mapped(arguments, inputs, ended)
@@ -82,7 +88,7 @@ def _connection(source: str) -> Connection | None:
         _require_ros(source, "websockets")
         from perception.live.foxglove import FoxgloveServer
 
-        return FoxgloveServer(source)
+        return FoxgloveServer.at(source)
     if scheme or not Path(source).is_dir():
         raise RecordingError(
             f"{source!r} is no source of frames and no folder; known are {SOURCES}"
@@ -125,7 +131,6 @@ def _map_stream(
     inputs: MappingInputs,
     ended: threading.Event,
 ) -> None:
-    from perception.camera.image_decoding import MILLIMETRES
     from perception.camera.intrinsics import load_intrinsics
     from perception.live.live_recording import LiveRecording
     from perception.live.stream import FrameStream
@@ -135,7 +140,7 @@ def _map_stream(
         connection.address,
         given_streams(arguments),
         load_intrinsics(Path(given)) if given else None,
-        arguments.depth_scale or MILLIMETRES,
+        arguments.depth_scale,
     )
     recording = LiveRecording(
         arguments.name or "live", connection, stream, ended, arguments.limit, arguments.idle

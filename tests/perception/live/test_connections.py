@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -159,6 +160,9 @@ def test_addresses_that_are_none_are_refused() -> None:
         with pytest.raises(RecordingError, match="ros1://localhost:11311"):
             Ros1Master.at(address)
     assert Ros1Master.at("ros1://robot").port == 11311
+    for address in ("ws://", "ws://:8765", "ws://host:port"):
+        with pytest.raises(RecordingError, match="ws://localhost:8765"):
+            FoxgloveServer.at(address)
 
 
 @pytest.mark.parametrize(("suffix", "encoding"), [(".bag", "ros1"), (".mcap", "cdr")])
@@ -173,6 +177,7 @@ def test_foxglove_channels_become_frames(
         assert np.array_equal(frame_of(made), room.frame(5).rgb)
         peer.hang_up()
         peer.wait_for([COLOUR, DEPTH, "/tf", "/tf_static"])
+        published(peer, [replace(raw, time=(1 << 64) - 1, data=b"\xff" * 99) for raw in raws])
         published(peer, raws)
         frame_of(made)
 

@@ -174,3 +174,15 @@ def moved(raw: RawMessage, seconds: int) -> RawMessage:
     for header in headers:
         header.stamp = replace(header.stamp, sec=header.stamp.sec + seconds)
     return replace(raw, data=bytes(types.serialize_ros1(message, raw.type)))
+
+
+def test_all_that_waits_is_bounded_in_size(
+    messages: Messages, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    raws = [raw for raw in messages(".bag") if raw.topic == DEPTH]
+    most = 3 * len(raws[0].data)
+    monkeypatch.setattr(stream, "MOST_BYTES", most)
+    made = FrameStream("peer")
+    for number in range(20):
+        offered(made, [replace(raw, topic=f"/depth_{number}") for raw in raws])
+    assert 0 < sum(held.size for held in made._held.values()) <= most
