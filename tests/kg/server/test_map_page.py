@@ -27,7 +27,7 @@ pytestmark = pytest.mark.skipif(
 QUIET = ("background-networking", "component-update", "sync", "quic", "gpu")
 HOSTILE = '<img src=x onerror="alert(1)">'
 CUP = "object/1"
-PATIENCE = 20_000  # [ms] for what comes at once, on a machine however slow
+PATIENCE = 120_000  # [ms] for what comes at once, on a machine however slow
 OPEN_PAGES = Callable[..., Any]
 
 
