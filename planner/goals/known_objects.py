@@ -54,7 +54,7 @@ def known_objects(
     """
     places = {place.iri: place for place in semantic_map.places()}
     others = dict[str, list[tuple[str, float]]]()
-    for row in semantic_map.ask("may-be").records():
+    for row in semantic_map.ask("may-be", least=0.0).records():
         alternative = str(row["other"]), number(row, "probability")
         others.setdefault(str(row["object"]), []).append(alternative)
     found: dict[str, KnownObject] = {}

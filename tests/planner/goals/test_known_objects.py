@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -47,6 +49,12 @@ def test_it_is_an_answer_for_bowls_too(chart: SemanticMap) -> None:
     assert line(chart, "bowl") == (
         "perhaps cup 1, which may be a bowl: at (1.0, 2.0) m at (1.0, 2.0), 0.30 sure"
     )
+
+
+def test_a_thing_that_is_hardly_there_has_its_alternatives_too(chart: SemanticMap) -> None:
+    (cup,) = chart.objects()
+    chart.apply(MapUpdate(objects=(replace(cup, existence=0.3, confidence=0.9),)))
+    assert line(chart, "cup").endswith("0.30 sure, may also be a bowl (0.30)")
 
 
 def test_json_has_the_alternatives(chart: SemanticMap) -> None:
