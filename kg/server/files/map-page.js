@@ -93,6 +93,7 @@ function list() {
   any.value = "";
   places.replaceChildren(any, ...options);
   places.value = data.places.has(chosen) ? chosen : "";
+  describeChanges();
 }
 
 function placeName(place) {
@@ -112,8 +113,25 @@ function filter() {
 
 // ---------------------------------------------------------------- one thing
 
+let described = ""; // what is shown of the selected thing, and since when
+let describedAt = 0;
+
+function selectedThing() {
+  return data.objects.get(view.selected) || data.places.get(view.selected) || null;
+}
+
+/** Describe the selected thing anew where it has changed: once a second, and not while somebody types. */
+function describeChanges() {
+  if (!view.selected || JSON.stringify(selectedThing()) === described) return;
+  const typing = document.activeElement?.matches("#about input");
+  if (typing || performance.now() < describedAt + 1000) setTimeout(refresh, 500);
+  else choose(view.selected);
+}
+
 function choose(iri, go = false) {
   view.selected = iri;
+  described = JSON.stringify(selectedThing());
+  describedAt = performance.now();
   history.replaceState(null, "", iri ? `#${encodeURI(path(iri))}` : "#");
   const one = data.objects.get(iri), place = data.places.get(iri);
   if (go && one) view.goTo(one.x, one.y);
@@ -188,15 +206,13 @@ function slot(id, title) {
 }
 
 /** The picture of an object's best observation, where one is kept. */
-async function showPicture(iri) {
+function showPicture(iri) {
   const number = /^object\/(\d+)$/.exec(path(iri));
   if (!number || !data.objects.has(iri)) return;
-  const address = `/pictures/${number[1]}`;
-  if ((await fetch(address)).status !== 200 || view.selected !== iri) return;
   const picture = new Image();
-  picture.src = address;
   picture.alt = `${data.nameOf(data.objects.get(iri))} as it was seen best`;
-  byId("about").querySelector("h2 + div")?.replaceChildren(picture);
+  picture.onload = () => { if (view.selected === iri) byId("about").querySelector("h2 + div")?.replaceChildren(picture); };
+  picture.src = `/pictures/${number[1]}`;
 }
 
 /** Fill in what the server is asked for about a thing. */

@@ -163,6 +163,17 @@ def test_changes_arrive_without_reloading(served: Served, open_page: OPEN_PAGES)
     says(page, "#count", "2 of 2 objects")
 
 
+def test_what_is_said_of_the_selected_thing_follows_it(
+    served: Served, open_page: OPEN_PAGES
+) -> None:
+    page = open_page(f"#{CUP}")
+    says(page, "#about dl", "1.00, 0.50, 0.80 m")
+    served.move(1, 3.25)
+    says(page, "#about dl", "3.25, 0.50, 0.80 m")
+    served.map.apply(MapUpdate(removed=(f"{served.map.base}{CUP}",)))
+    says(page, "#about", "Nothing is selected")
+
+
 def test_the_past_is_shown_as_it_was(served: Served, open_page: OPEN_PAGES) -> None:
     first = served.map.sequence
     served.put(3, "bowl", 2.0, 2.0)
