@@ -37,7 +37,7 @@ from kg.server.http.problems import Problem, problem_of, problem_response, witho
 from kg.server.linked_data.description import dataset_description
 from kg.server.linked_data.memento import timegate, timemap
 from kg.server.linked_data.resource_pages import resource, skolem, thing_at_path
-from kg.server.linked_data.root_page import RootPage
+from kg.server.linked_data.root_page import root_page
 
 _log = logging.getLogger("hereabouts.server")
 
@@ -58,7 +58,7 @@ def application(serving: AppState) -> ASGIApp:
     _measure(serving)
     get, write = ["GET"], ["GET", "POST", "PUT", "DELETE"]
     table: list[tuple[str, Answer, list[str]]] = [
-        ("/", RootPage().answer, get),
+        ("/", root_page, get),
         ("/sparql", sparql, ["GET", "POST"]),
         ("/sparql/", sparql, ["GET", "POST"]),
         ("/graphs", graph_store, write),

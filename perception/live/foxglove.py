@@ -35,13 +35,13 @@ class _Channel:
 
 
 @dataclass(frozen=True, slots=True)
-class FoxgloveServer:
-    """A Foxglove WebSocket server."""
+class FoxgloveConnection:
+    """A connection to a Foxglove WebSocket server."""
 
     address: str  # ws://HOST:PORT or wss://HOST:PORT
 
     @classmethod
-    def at(cls, address: str) -> FoxgloveServer:
+    def at(cls, address: str) -> FoxgloveConnection:
         """The server at an address; raises RecordingError."""
         try:
             parts = urlsplit(address)

@@ -119,10 +119,11 @@ def _by_viewpoints(
     semantic_map: SemanticMap, state: PlanningState, arguments: argparse.Namespace
 ) -> int:
     from planner.goals.known_objects import known_json
+    from planner.plans.find_answer import robot_start
     from planner.plans.report import plan_json
     from planner.plans.view_plan import plan
 
-    x, y, facing = arguments.start or _robot(semantic_map)
+    x, y, facing = arguments.start or robot_start(semantic_map)
     found = plan(state, (x, y), heading=facing, budget=arguments.budget, time_limit=math.inf)
     if arguments.picture:
         from planner.visualization.plan_plot import plot_plan
@@ -151,12 +152,12 @@ def _print_known(
 ) -> bool:
     """Print what the map has of each target; whether all of them are surely known."""
     from planner.goals.candidate_queries import map_time
-    from planner.goals.known_objects import answer_lines, known_objects
+    from planner.goals.known_objects import LISTED, answer_lines, known_objects
     from planner.goals.status import status
 
     now, sure = _moment(arguments.at) or map_time(semantic_map), []
     for target in state.targets:
-        known = known_objects(semantic_map, target)
+        known = known_objects(semantic_map, target, located=LISTED)
         for line in answer_lines(known, now):
             write(line)
         sure.append(bool(known) and known[0].sure)
@@ -166,14 +167,6 @@ def _print_known(
         elif not known:
             write(f"nothing to {target.label.partition(' to ')[2] or target.label} is in the map")
     return all(sure)
-
-
-def _robot(semantic_map: SemanticMap) -> tuple[float, float, float]:
-    """Position [m] and heading [rad]; the map's origin while it is nowhere."""
-    robot = semantic_map.robot()
-    if robot is None:
-        return 0.0, 0.0, 0.0
-    return float(robot.p_map[0]), float(robot.p_map[1]), robot.heading
 
 
 def _nothing(found: ViewPlan, budget: float | None) -> str:
@@ -201,6 +194,7 @@ def _by_reference(semantic_map: SemanticMap, arguments: argparse.Namespace) -> i
     """The thesis' rule or its baseline, on one target and without geometry."""
     from planner.freespace.travel import Travel
     from planner.goals.search_goals import resolve_target
+    from planner.plans.find_answer import robot_start
     from planner.plans.thesis_rules import brute_force, plan_search
 
     if len(arguments.object) > 1:
@@ -216,7 +210,7 @@ def _by_reference(semantic_map: SemanticMap, arguments: argparse.Namespace) -> i
         )
     target = arguments.object[0]
     travel = Travel(speed=arguments.speed) if arguments.speed else None
-    x, y, _ = arguments.start or _robot(semantic_map)
+    x, y, _ = arguments.start or robot_start(semantic_map)
     if arguments.rule == "brute-force":
         category = resolve_target(semantic_map.catalogue, target)
         places = semantic_map.places()
@@ -232,12 +226,11 @@ def _without_floor(semantic_map: SemanticMap, arguments: argparse.Namespace) -> 
     from planner.goals.targets import resolve
     from planner.plans.find_answer import empty_answer
 
-    labels = [target.label for target in resolve(semantic_map, arguments.object)]
-    queried = [iri for target in resolve(semantic_map, arguments.object) for iri in target.queried]
+    targets = resolve(semantic_map, arguments.object)
     if arguments.json:
-        write_json(empty_answer(labels))
+        write_json(empty_answer([target.label for target in targets]))
         return 0
-    for iri in queried:
+    for iri in (iri for target in targets for iri in target.queried):
         note(explain_none(semantic_map, iri))
     return 0
 

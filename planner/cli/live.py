@@ -86,9 +86,9 @@ def _connection(source: str) -> Connection | None:
         return Ros1Master.at(source)
     if scheme in ("ws", "wss"):
         _require_ros(source, "websockets")
-        from perception.live.foxglove import FoxgloveServer
+        from perception.live.foxglove import FoxgloveConnection
 
-        return FoxgloveServer.at(source)
+        return FoxgloveConnection.at(source)
     if scheme or not Path(source).is_dir():
         raise RecordingError(
             f"{source!r} is no source of frames and no folder; known are {SOURCES}"

@@ -19,6 +19,7 @@ from planner.goals.targets import Target
 from planner.goals.whereabouts import whereabouts
 
 _LEAST: Final = 0.05  # existence below which an object is no answer
+LISTED: Final = 5  # objects that an answer in words lists
 _SURE: Final = 0.5  # place belief from which on its category is named
 
 
@@ -94,7 +95,7 @@ def _kind(semantic_map: SemanticMap, place: PlaceRecord | None) -> str:
     return f" ({kind})" if kind and kind.casefold() not in place.label.casefold() else ""
 
 
-def answer_lines(known: Sequence[KnownObject], now: float, most: int = 5) -> list[str]:
+def answer_lines(known: Sequence[KnownObject], now: float, most: int = LISTED) -> list[str]:
     """Known objects in sentences: what, where, when last seen, how sure, by what evidence.
 
     `now` [s since 1970] is the moment that ages count from.

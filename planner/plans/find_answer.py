@@ -37,15 +37,16 @@ def planned(
     state = build_search(semantic_map, wanted)
     if state is None:
         return None
-    if start is None:
-        robot = semantic_map.robot()
-        start = (
-            (0.0, 0.0, 0.0)
-            if robot is None
-            else (float(robot.p_map[0]), float(robot.p_map[1]), robot.heading)
-        )
-    x, y, heading = start
+    x, y, heading = start or robot_start(semantic_map)
     return plan(state, (x, y), heading=heading, time_limit=math.inf)
+
+
+def robot_start(semantic_map: SemanticMap) -> Start:
+    """Where the robot is; the map's origin while it is nowhere."""
+    robot = semantic_map.robot()
+    if robot is None:
+        return 0.0, 0.0, 0.0
+    return float(robot.p_map[0]), float(robot.p_map[1]), robot.heading
 
 
 def empty_answer(targets: Sequence[str]) -> dict[str, object]:

@@ -18,7 +18,7 @@ pytest.importorskip("rosbags")
 pytest.importorskip("websockets")
 from kg.errors import RecordingError
 from perception.live import connection, ros1, stream
-from perception.live.foxglove import FoxgloveServer
+from perception.live.foxglove import FoxgloveConnection
 from perception.live.ros1 import Ros1Master
 from perception.live.stream import FrameStream
 from perception.recordings.bag_file import RawMessage
@@ -162,7 +162,7 @@ def test_addresses_that_are_none_are_refused() -> None:
     assert Ros1Master.at("ros1://robot").port == 11311
     for address in ("ws://", "ws://:8765", "ws://host:port"):
         with pytest.raises(RecordingError, match="ws://localhost:8765"):
-            FoxgloveServer.at(address)
+            FoxgloveConnection.at(address)
 
 
 @pytest.mark.parametrize(("suffix", "encoding"), [(".bag", "ros1"), (".mcap", "cdr")])
@@ -171,7 +171,7 @@ def test_foxglove_channels_become_frames(
 ) -> None:
     raws = messages(suffix)
     types = types_of(raws, ros1=encoding == "ros1")
-    with foxglove_peer(types, encoding) as peer, running(FoxgloveServer(peer.address)) as made:
+    with foxglove_peer(types, encoding) as peer, running(FoxgloveConnection(peer.address)) as made:
         peer.wait_for([COLOUR, DEPTH, "/tf", "/tf_static"])
         published(peer, raws)
         assert np.array_equal(frame_of(made), room.frame(5).rgb)
@@ -204,7 +204,7 @@ def test_a_hostile_foxglove_server_is_left_or_ignored(
     raws = messages(".mcap")
     with foxglove_peer(types_of(raws, ros1=False), "cdr") as peer:
         peer.greeting = [greeting]
-        with running(FoxgloveServer(peer.address)) as made:
+        with running(FoxgloveConnection(peer.address)) as made:
             until = time.monotonic() + 20
             while not peer.connections:
                 assert time.monotonic() < until
@@ -220,7 +220,7 @@ def test_what_is_no_foxglove_server_is_tried_again(
 ) -> None:
     peer = Ros1Peer({})
     try:
-        with running(FoxgloveServer(f"ws://127.0.0.1:{peer.master.server_address[1]}")):
+        with running(FoxgloveConnection(f"ws://127.0.0.1:{peer.master.server_address[1]}")):
             until = time.monotonic() + 20
             while "trying again" not in caplog.text:
                 assert time.monotonic() < until
