@@ -7,13 +7,14 @@ import json
 import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 from benchmarks.command_line import run
 from benchmarks.questions import __doc__ as about
 from benchmarks.questions.asking import DOORS, Answered, answered_by, ask, differing, table
 from benchmarks.questions.blind import BlindAnswers
 from benchmarks.questions.generator import questions_of
-from benchmarks.questions.graph_maps import mapped, true
+from benchmarks.questions.graph_maps import mapped, true, truths
 from benchmarks.questions.house_drives import SESSIONS, drive
 from benchmarks.questions.plain_map import PlainMap
 from benchmarks.questions.question_file import Question, load_questions, read_json, save_questions
@@ -83,7 +84,7 @@ def _ask(arguments: argparse.Namespace) -> int:
         put = [one for one in questions if one.house == number]
         demo, hard = mapped(house, "demo"), mapped(house, "hard")
         asked = {
-            "true map": true(house, demo.semantic_map),
+            "true map": true(*truths(house), demo.semantic_map),
             "demo senses": demo,
             "hard senses": hard,
         }
@@ -113,7 +114,7 @@ def _report(found: Sequence[Answered], *, wrong: bool) -> None:
 
 
 def _answer(arguments: argparse.Namespace) -> int:
-    answers = {}
+    answers = dict[str, Any]()
     for number, questions in _by_house(load_questions(arguments.folder)):
         before = arguments.maps / f"{number}-before.json"
         then = read_json(before) if before.exists() else None

@@ -150,7 +150,7 @@ class _Asker:
             if there or anchor["category"] in _CARRIERS:
                 text = f"What is on or in {_the(anchor)}?"
                 nearby = (d for d in self._facts.doubtful if _distance(_spot(d), anchor) < 1.0)
-                ignored = _labels(nearby, there)
+                ignored = _labels(nearby, there or ())
                 yield text, parameters, {"ignore": ignored, "mix": bool(there)}
 
     def _last_seen(self) -> Iterator[Drawn]:
@@ -212,7 +212,7 @@ class _Asker:
         for label, room in self._rooms.items():
             (x0, y0), _, (x1, y1), _ = room["outline"][0]
             if x0 <= x < x1 and y0 <= y < y1:
-                return label
+                return str(label)
         return None
 
     def _ignored(self, reached: Callable[[Thing, float], bool]) -> list[str]:

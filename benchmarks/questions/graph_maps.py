@@ -20,6 +20,7 @@ from kg.records import (
     ObjectRecord,
     PlaceRecord,
     PlaceViews,
+    RecordingRecord,
     Relation,
 )
 from mapping.places.layout import load_layout
@@ -51,16 +52,20 @@ def mapped(house: Path, senses: str) -> AskedMap:
     return AskedMap(semantic_map, since)
 
 
-def true(house: Path, floor_of: SemanticMap) -> AskedMap:
+def true(
+    before: Mapping[str, Any], now: Mapping[str, Any], floor_of: SemanticMap | None = None
+) -> AskedMap:
     """The truth of both moments in a map in memory, on the floor that another map has seen."""
-    semantic_map, before, now = in_memory_map(base=_BASE), *truths(house)
-    floor = MapUpdate(floor=floor_of.floor(), robot=floor_of.robot(), doors=floor_of.doors())
-    for recording in floor_of.recordings():
-        semantic_map.apply(MapUpdate(recording=recording))
+    semantic_map = in_memory_map(base=_BASE)
+    for name in SESSIONS:
+        drive = RecordingRecord(name, 1, "", np.eye(4))
+        semantic_map.apply(MapUpdate(recording=drive))
     semantic_map.apply(_update(semantic_map, before))
     since = f"#{semantic_map.sequence}"
     semantic_map.apply(_update(semantic_map, now))
-    semantic_map.apply(floor)
+    if floor_of is not None:
+        robot, doors = floor_of.robot(), floor_of.doors()
+        semantic_map.apply(MapUpdate(floor=floor_of.floor(), robot=robot, doors=doors))
     return AskedMap(semantic_map, since)
 
 

@@ -15,6 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 from benchmarks.status import HouseTruth, Session, surfaces
+from perception.frames import Detections
 from perception.inference.recorded_detections import save_recorded_detections
 from perception.recordings.recording_writer import RecordingWriter, write_text
 from planner.simulation.houses.house import House, HouseRoom, Wall
@@ -27,6 +28,7 @@ from planner.simulation.sensing.depth_sensor import KINECT
 from planner.simulation.sensing.sensors import SENSES, SimulatedDetector
 
 SESSIONS: Final = ("session-1", "session-2")
+_SPREAD: Final = DAY / 2  # [s] over which houses are driven through, each at its own time
 _SIDES: Final = (-0.2, 0.2)  # [m] from the middle of a wall into the rooms beside it
 
 
@@ -60,7 +62,8 @@ def drive(seed: int, folder: Path) -> HouseFacts:
         if number:
             house = changed_house(house, random).house
         camera = SimulatedCamera(house, CameraModel(depth=KINECT), 1000 * seed + number)
-        tour = SimulatedTour(camera, name=name, start=START + number * DAY)
+        start = START + number * DAY + 3571.0 * seed % _SPREAD
+        tour = SimulatedTour(camera, name=name, start=start)
         session = Session(camera, tour, 1.0, np.concatenate([points, truth.spots()]))
         stamps = _write(folder / name, session)
         truth.add(session, len(points))
@@ -99,7 +102,8 @@ def _doors(room: HouseRoom, house: House) -> list[tuple[Wall, tuple[float, float
 def _write(folder: Path, session: Session) -> dict[str, float]:
     """Write a drive with the detections of each preset of the senses; stamps of its frames."""
     detectors = {name: SimulatedDetector(session.camera, SENSES[name]) for name in SENSES}
-    stamps, found = dict[str, float](), {name: {} for name in SENSES}
+    stamps = dict[str, float]()
+    found: dict[str, dict[str, Detections]] = {name: {} for name in SENSES}
     with RecordingWriter(folder, up=(0, 0, 1)) as writer:
         for frame in session.frames():
             writer.add(frame)

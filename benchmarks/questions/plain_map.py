@@ -58,21 +58,25 @@ class PlainMap:
 
     def nearest(self, category: str, to: str, to_room: str) -> list[float] | None:
         origin = self._one(to, to_room)
-        found = [one for one in self._of(category) if origin and one is not origin]
-        best = min(found, key=lambda one: _away(one, origin), default=None)
-        return None if best is None else best["position"]
+        if origin is None:
+            return None
+        others = [one for one in self._of(category) if one is not origin]
+        best = min(others, key=lambda one: _away(one, origin), default=None)
+        return None if best is None else list(best["position"])
 
     def within_radius(self, radius: float, of: str, of_room: str) -> list[str] | None:
         origin = self._one(of, of_room)
-        near = [one for one in self.things if origin and _away(one, origin) <= radius]
-        return None if origin is None else _categories(one for one in near if one is not origin)
+        if origin is None:
+            return None
+        near = (one for one in self.things if _away(one, origin) <= radius)
+        return _categories(one for one in near if one is not origin)
 
     def between(self, one: str, one_room: str, other: str, other_room: str) -> list[str] | None:
-        ends = self._one(one, one_room), self._one(other, other_room)
-        if ends[0] is None or ends[1] is None:
+        first, last = self._one(one, one_room), self._one(other, other_room)
+        if first is None or last is None:
             return None
-        inside = (thing for thing in self.things if thing not in ends)
-        return _categories(thing for thing in inside if on_strip(thing, *ends))
+        inside = (thing for thing in self.things if thing not in (first, last))
+        return _categories(thing for thing in inside if on_strip(thing, first, last))
 
     def on_or_in(self, thing: str, thing_room: str) -> list[str] | None:
         carrier = self._one(thing, thing_room)
@@ -104,8 +108,7 @@ class PlainMap:
         )
 
     def never_looked(self, category: str, room: str) -> str:
-        share = self._rooms.get(room, {}).get("viewed_share")
-        share = 1.0 if share is None else share
+        share = self._rooms.get(room, {}).get("viewed_share", 1.0)
         if self.presence(category, room):
             return "present"
         return "never looked" if share < NEVER else "gone" if share >= WHOLE else "hidden"
@@ -116,8 +119,8 @@ class PlainMap:
 
     def plan(self, category: str) -> list[str]:
         def worth(label: str) -> tuple[int, float]:
-            share = self._rooms[label].get("viewed_share")
-            return -self.count_in_place(category, label), 1.0 if share is None else share
+            share = self._rooms[label].get("viewed_share", 1.0)
+            return -self.count_in_place(category, label), share
 
         return sorted(self._rooms, key=worth)
 

@@ -41,7 +41,9 @@ class PythonDoor:
 
     def within_radius(self, radius: float, of: str, of_room: str) -> list[str] | None:
         one = self._one(of, of_room)
-        return one and self._categories(_there(self._map.objects(near=one.iri, radius=radius)))
+        if one is None:
+            return None
+        return self._categories(_there(self._map.objects(near=one.iri, radius=radius)))
 
     def between(self, one: str, one_room: str, other: str, other_room: str) -> list[str] | None:
         first, last = self._one(one, one_room), self._one(other, other_room)
@@ -59,7 +61,9 @@ class PythonDoor:
 
     def on_or_in(self, thing: str, thing_room: str) -> list[str] | None:
         carrier = self._one(thing, thing_room)
-        return carrier and self._categories(
+        if carrier is None:
+            return None
+        return self._categories(
             one
             for one in _there(self._map.objects())
             for relation in one.relations or ()
@@ -84,7 +88,9 @@ class PythonDoor:
 
     def why(self, thing: str, thing_room: str) -> list[str] | None:
         one = self._one(thing, thing_room)
-        return one and one.evidence and [one.evidence.recording, one.evidence.frame]
+        if one is None or one.evidence is None:
+            return None
+        return [one.evidence.recording, one.evidence.frame]
 
     def plan(self, category: str) -> list[str]:
         labels = {place.iri: place.label for place in self._map.places()}

@@ -85,7 +85,7 @@ class SparqlDoor:
         if one is None:
             return None
         (row,) = self.rows("why-object", object=one["object"])
-        return [row["recording"].rpartition("/")[2], row["frame"]]
+        return [row["recording"], row["frame"]]
 
     def _of(self, category: str, room: str | None = None) -> list[Row]:
         rows = self.rows("objects-by-category", category=category)

@@ -36,7 +36,7 @@ def rooms_document(semantic_map: SemanticMap, least: float = 0.5) -> dict[str, A
             {
                 **names.place(place),
                 "outline": [[list(corner) for corner in ring] for ring in place.area.rings],
-                "viewed_share": None if place.viewed is None else round(place.viewed.share, 4),
+                "viewed_share": 0.0 if place.viewed is None else round(place.viewed.share, 4),
                 "adjacent": [names.short(iri) for iri in place.adjacent],
                 "objects": held.get(place.iri, []),
             }
@@ -131,7 +131,6 @@ class _Names:
                 for relation in record.relations or ()
             ],
         }
-
 
     def departed(self, record: DepartedRecord) -> dict[str, Any]:
         return {

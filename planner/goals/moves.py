@@ -8,7 +8,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.maps.semantic_map import Instant, SemanticMap
+from kg.history.timestamps import Instant
+from kg.maps.semantic_map import SemanticMap
 
 _PRESENT: Final = 0.5  # existence from which on a thing is there
 FAR: Final = 0.3  # [m] from which on a thing counts as moved
