@@ -37,9 +37,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         metavar="NAME|FILE.rq|SPARQL",
         help="shipped question, query file or SPARQL text",
     )
-    parser.add_argument(
-        "-e", "--execute", metavar="SPARQL", help="SPARQL text"
-    )
+    parser.add_argument("-e", "--execute", metavar="SPARQL", help="SPARQL text")
     parser.add_argument(
         "-p",
         "--parameter",
