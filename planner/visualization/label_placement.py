@@ -85,8 +85,8 @@ class _Taken:
 def overlapping(boxes: Boxes, taken: Boxes) -> NDArray[np.bool_]:
     """(k,) whether each of `boxes` (k, 4) overlaps one of `taken` (m, 4)."""
     low, high = boxes[:, None, :2], boxes[:, None, 2:]
-    apart = ((taken[:, :2] >= high) | (taken[:, 2:] <= low)).any(axis=2)
-    return ~np.asarray(apart.all(axis=1), np.bool_)
+    apart = np.any((taken[:, :2] >= high) | (taken[:, 2:] <= low), axis=2)
+    return np.asarray(~np.all(apart, axis=1), np.bool_)
 
 
 def _crowded_first(xy: Boxes, reach: float) -> NDArray[np.intp]:

@@ -22,6 +22,7 @@ from planner.visualization.palette import FAINT, INK, OUTLINE, ROUTE
 
 DPI: Final = 160
 LONGER_SIDE: Final = (10.5, 20.0)  # [inch] of the drawing: usually, and where it is crowded
+LARGEST: Final = 2.2  # [inch/m]
 ROOM: Final = 0.45  # [inch^2] an object and its label would like to have
 LEAST_EXTENT: Final = 3.0  # [m] around a lone object
 FLATTEST: Final = 0.14  # shorter side over longer side
@@ -272,7 +273,8 @@ def _height(listing: Listing | None, columns: int) -> float:
 
 def _scale(extent: Extent, spots: NDArray[np.float64]) -> float:
     """[inch/m]; larger where `spots` (n, 2) [m] crowd, so that their labels find room."""
-    usual, most = (side / max(extent.width, extent.height) for side in LONGER_SIDE)
+    longer = max(extent.width, extent.height)
+    usual, most = (min(side / longer, LARGEST) for side in LONGER_SIDE)
     if len(spots) < 2:
         return usual
     low, high = np.percentile(spots, [10, 90], axis=0)
