@@ -239,11 +239,11 @@ def inline_query(sparql: str, values: Mapping[str, object]) -> ParameterizedQuer
 
 
 def resolve_query(question: str | Path, values: Mapping[str, object]) -> ParameterizedQuery:
-    """The question by name, in a ``.rq`` file, or in SPARQL text: what has a blank or a brace."""
+    """The question by name, in a ``.rq`` file, or in SPARQL text: what has a brace or describes."""
     text = str(question)
     if isinstance(question, Path) or (text.endswith(".rq") and "\n" not in text):
         return load_query(question)
-    if any(mark.isspace() or mark == "{" for mark in text):
+    if "{" in text or "<" in text or text.casefold().startswith("describe "):
         return inline_query(text, values)
     return find_query(text)
 

@@ -37,7 +37,7 @@ export class PlanPanel {
       ` ${one.where || ""}, existence ${one.existence.toFixed(2)}${one.last_seen ? `, seen ${this._data.ago(one.last_seen)} ago` : ""}`));
     return [
       element("h3", known.length ? "What the map has" : `No ${wanted} is in the map`), element("ul", "", ...known),
-      element("h3", known.length ? "If it is not there" : "Where to look"),
+      element("h3", "Where to look"),
       element("p", `on this floor with ${plan.present.toFixed(2)}; the plan finds it with ${plan.probability.toFixed(2)}`),
       element("ol", "", ...this._steps(plan)),
     ];
