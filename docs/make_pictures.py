@@ -99,7 +99,9 @@ def demo_map(folder: Path) -> Path:
 def kitchen(folder: Path) -> Path:
     """The map of the recorded kitchen."""
     shared = Path(os.environ.get("HEREABOUTS_SHARED", ROOT.parent / "shared"))
-    hereabouts("map", shared / "data" / "rgbd" / "redkitchen", "--into", folder / "kitchen.map")
+    recording = folder / "kitchen"  # what the map calls its place
+    recording.symlink_to(shared / "data" / "rgbd" / "redkitchen")
+    hereabouts("map", recording, "--into", folder / "kitchen.map")
     return folder / "kitchen.map"
 
 
