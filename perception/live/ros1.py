@@ -12,7 +12,7 @@ import threading
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 from urllib.parse import urlsplit
 
 from kg.errors import RecordingError
@@ -34,6 +34,7 @@ class Ros1Master:
 
     host: str
     port: int
+    caller: str = CALLER  # the name that it and its nodes know us by
 
     @classmethod
     def at(cls, address: str) -> Ros1Master:
@@ -58,6 +59,10 @@ class Ros1Master:
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"http://{host}:{self.port}/"
 
+    def ask(self, method: str, *arguments: Any) -> Any:
+        """Answer of its XML-RPC API; raises one of FAILURES."""
+        return ask(self.uri, method, *arguments, caller=self.caller)
+
     def run(self, inbox: Inbox, ended: threading.Event) -> None:
         """Give what comes to `inbox` until `ended`."""
         retry = Retry(self.address, ended)
@@ -65,7 +70,7 @@ class Ros1Master:
         said = set[tuple[str, str]]()
         while not ended.is_set():
             try:
-                wanted = _publishers(self.uri, inbox)
+                wanted = _publishers(self, inbox)
             except FAILURES as error:
                 retry.failed(error)
                 continue
@@ -73,16 +78,16 @@ class Ros1Master:
             for key in running.keys() - wanted:
                 running.pop(key).close()
             for key in sorted(wanted - running.keys())[: MOST_SUBSCRIPTIONS - len(running)]:
-                running[key] = _Subscription(self.uri, key, inbox, said)
+                running[key] = _Subscription(self, key, inbox, said)
             ended.wait(POLL)
         for one in running.values():
             one.close()
 
 
-def _publishers(uri: str, inbox: Inbox) -> set[_Key]:
+def _publishers(master: Ros1Master, inbox: Inbox) -> set[_Key]:
     """Topics to subscribe to, with the nodes that publish them now."""
-    types = {str(topic): str(type_) for topic, type_ in ask(uri, "getTopicTypes")}
-    publishers, *_ = ask(uri, "getSystemState")
+    types = {str(topic): str(type_) for topic, type_ in master.ask("getTopicTypes")}
+    publishers, *_ = master.ask("getSystemState")
     nodes = {str(topic): [str(node) for node in names] for topic, names in publishers}
     full = {topic: full_name(type_) for topic, type_ in types.items() if nodes.get(topic)}
     return {(topic, types[topic], node) for topic in inbox.wanted(full) for node in nodes[topic]}
@@ -91,7 +96,9 @@ def _publishers(uri: str, inbox: Inbox) -> set[_Key]:
 class _Subscription:
     """A topic of one publisher, received by a thread of its own."""
 
-    def __init__(self, master: str, key: _Key, inbox: Inbox, said: set[tuple[str, str]]) -> None:
+    def __init__(
+        self, master: Ros1Master, key: _Key, inbox: Inbox, said: set[tuple[str, str]]
+    ) -> None:
         self._master, self._inbox, self._said = master, inbox, said
         self._topic, self._type, self._node = key
         self._ended = threading.Event()
@@ -115,15 +122,16 @@ class _Subscription:
 
     def _messages(self) -> Iterator[bytes]:
         """Messages until `close`; raises one of FAILURES where the connection breaks off."""
-        node = ask(self._master, "lookupNode", self._node)
-        protocol = ask(str(node), "requestTopic", self._topic, [["TCPROS"]])
+        caller = self._master.caller
+        node = str(self._master.ask("lookupNode", self._node))
+        protocol = ask(node, "requestTopic", self._topic, [["TCPROS"]], caller=caller)
         if protocol[0] != "TCPROS":
             raise RecordingError(f"no TCPROS, but {str(protocol)[:80]}")
         with socket.create_connection((str(protocol[1]), int(protocol[2])), PATIENCE) as connected:
             wire = Wire(connected, self._topic, self._ended)
             wire.send_fields(
                 {
-                    "callerid": CALLER,
+                    "callerid": caller,
                     "topic": self._topic,
                     "type": self._type,
                     "md5sum": "*",  # any version of the message

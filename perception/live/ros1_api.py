@@ -27,7 +27,7 @@ FAILURES: Final = (
 )
 
 
-def ask(uri: str, method: str, *arguments: Any, caller: str = CALLER) -> Any:
+def ask(uri: str, method: str, *arguments: Any, caller: str) -> Any:
     """Answer of a master or a node; raises one of FAILURES."""
     with xmlrpc.client.ServerProxy(uri, transport=_Transport()) as proxy:
         code, said, answer = getattr(proxy, method)(caller, *arguments)

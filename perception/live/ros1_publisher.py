@@ -13,12 +13,13 @@ import threading
 import time
 import xmlrpc.server
 from collections.abc import Mapping
+from dataclasses import replace
 from socketserver import ThreadingMixIn
 from typing import Any, Final
 
 from perception.live.connection import Retry
 from perception.live.ros1 import Ros1Master
-from perception.live.ros1_api import FAILURES, PATIENCE, ask
+from perception.live.ros1_api import CALLER, FAILURES, PATIENCE
 from perception.live.tcpros import Wire, block
 from perception.recordings.bag_file import message_types
 
@@ -39,8 +40,9 @@ class Ros1Publisher:
     def __init__(
         self, master: Ros1Master, types: Mapping[str, str], latched: frozenset[str] = frozenset()
     ) -> None:
-        self.name = f"/hereabouts_{os.getpid()}_{time.monotonic_ns()}"
-        self._master, self._types, self._latched = master, dict(types), latched
+        self.name = f"{CALLER}_{os.getpid()}_{time.monotonic_ns()}"
+        self._master = replace(master, caller=self.name)
+        self._types, self._latched = dict(types), latched
         self._subscribers: dict[str, list[socket.socket]] = {topic: [] for topic in types}
         self._last: dict[str, bytes] = {}
         self._lock, self._ended = threading.Lock(), threading.Event()
@@ -57,6 +59,11 @@ class Ros1Publisher:
         ]
         for thread in self._threads:
             thread.start()
+
+    @property
+    def master(self) -> Ros1Master:
+        """The master, which and whose nodes know us by this node's name."""
+        return self._master
 
     def subscribers(self, topic: str) -> int:
         """How many hear a topic now."""
@@ -79,7 +86,7 @@ class Ros1Publisher:
         self._ended.set()
         for topic in self._types:
             with contextlib.suppress(*FAILURES):
-                ask(self._master.uri, "unregisterPublisher", topic, self._uri, caller=self.name)
+                self._master.ask("unregisterPublisher", topic, self._uri)
         self._server.shutdown()
         self._server.server_close()
         with contextlib.suppress(OSError):
@@ -88,8 +95,8 @@ class Ros1Publisher:
         with self._lock:
             for connections in self._subscribers.values():
                 for one in connections:
-                    one.close()
-                connections.clear()
+                    with contextlib.suppress(OSError):
+                        one.shutdown(socket.SHUT_RDWR)  # what was sent before arrives all the same
         for thread in self._threads:
             thread.join(PATIENCE)
 
@@ -110,15 +117,17 @@ class Ros1Publisher:
             try:
                 if not self._is_registered():
                     for topic, type_ in self._types.items():
-                        words = (topic, type_.replace("/msg/", "/"), self._uri)
-                        ask(self._master.uri, "registerPublisher", *words, caller=self.name)
+                        short = type_.replace("/msg/", "/")
+                        self._master.ask("registerPublisher", topic, short, self._uri)
                 retry.worked()
+            except OSError:
+                retry.wait()  # who listens to the master says that it is away
             except FAILURES as error:
                 retry.failed(error)
             self._ended.wait(CHECKED)
 
     def _is_registered(self) -> bool:
-        publishers, *_ = ask(self._master.uri, "getSystemState", caller=self.name)
+        publishers, *_ = self._master.ask("getSystemState")
         known = {str(topic) for topic, nodes in publishers if self.name in nodes}
         return known >= self._types.keys()
 
@@ -210,7 +219,7 @@ class _Request(xmlrpc.server.SimpleXMLRPCRequestHandler):
     """A request of limited size, which comes in time."""
 
     protocol_version = "HTTP/1.1"
-    timeout = PATIENCE  # type: ignore[assignment] # the attribute of StreamRequestHandler
+    timeout = PATIENCE
 
     def do_POST(self) -> None:  # noqa: N802 - named by http.server
         length = self.headers.get("content-length", "")

@@ -29,8 +29,12 @@ _ROS1_TYPES: Final = {
     "tf/msg/tfMessage": _TRANSFORMS,
     "move_base_msgs/msg/MoveBaseGoal": "geometry_msgs/PoseStamped target_pose",
     "move_base_msgs/msg/MoveBaseResult": "",
+    "move_base_msgs/msg/MoveBaseFeedback": "geometry_msgs/PoseStamped base_position",
     "move_base_msgs/msg/MoveBaseActionGoal": f"{_ACTION}GoalID goal_id\nMoveBaseGoal goal",
     "move_base_msgs/msg/MoveBaseActionResult": f"{_ACTION}GoalStatus status\nMoveBaseResult result",
+    "move_base_msgs/msg/MoveBaseActionFeedback": (
+        f"{_ACTION}GoalStatus status\nMoveBaseFeedback feedback"
+    ),
 }
 
 

@@ -1,8 +1,9 @@
 """Writer of bags: frames in, a ROS 1 bag, a ROS 2 bag or an MCAP file out.
 
 Images are kept to the last bit (`perception.ros.message_maker`). Topics are called as camera
-drivers call them; poses are transforms of the camera's optical frame in `world`, and `world` in `map`, which has z up. What ROS has no message for, names
-of frames and how the world was levelled, is one string of JSON on a topic of its own.
+drivers call them; poses are transforms of the camera's optical frame in `world`, and `world` in
+`map`, which has z up. What ROS has no message for, names of frames and how the world was levelled,
+is one string of JSON on a topic of its own.
 """
 
 from __future__ import annotations
@@ -31,14 +32,18 @@ COLOUR: Final = "/camera/color/image_raw/compressed"
 COLOUR_INFO: Final = "/camera/color/camera_info"
 DEPTH: Final = "/camera/aligned_depth_to_color/image_raw"
 DEPTH_INFO: Final = "/camera/aligned_depth_to_color/camera_info"
-_TOPICS: Final = {
-    NOTE_TOPIC: "std_msgs/msg/String",
-    "/tf_static": "tf2_msgs/msg/TFMessage",
-    "/tf": "tf2_msgs/msg/TFMessage",
+#: topic -> type
+IMAGE_TOPICS: Final = {
     COLOUR_INFO: "sensor_msgs/msg/CameraInfo",
     COLOUR: "sensor_msgs/msg/CompressedImage",
     DEPTH_INFO: "sensor_msgs/msg/CameraInfo",
     DEPTH: "sensor_msgs/msg/Image",
+}
+_TOPICS: Final = {
+    NOTE_TOPIC: "std_msgs/msg/String",
+    "/tf_static": "tf2_msgs/msg/TFMessage",
+    "/tf": "tf2_msgs/msg/TFMessage",
+    **IMAGE_TOPICS,
 }
 _LATCHED: Final = (NOTE_TOPIC, "/tf_static")
 
