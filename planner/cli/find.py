@@ -133,7 +133,7 @@ def _by_viewpoints(
     if arguments.json:
         write_json({**plan_json(found), "known": known_json(semantic_map, state.targets)})
         return 0
-    known = _print_known(semantic_map, state, arguments)
+    _print_known(semantic_map, state, arguments)
     if not found.steps:
         note(_nothing(found, arguments.budget))
     elif found.probability < _WORTH_A_LOOK and not arguments.explain:
@@ -142,31 +142,29 @@ def _by_viewpoints(
             "worth its way (--explain lists them)"
         )
     else:
-        heading("If it is not there" if known else "Where to look")
+        heading("Where to look")
         _print(found, explain=arguments.explain)
     return 0
 
 
 def _print_known(
     semantic_map: SemanticMap, state: PlanningState, arguments: argparse.Namespace
-) -> bool:
-    """Print what the map has of each target; whether all of them are surely known."""
+) -> None:
+    """Print what the map has of each target."""
     from planner.goals.candidate_queries import map_time
     from planner.goals.known_objects import LISTED, answer_lines, known_objects
     from planner.goals.status import status
 
-    now, sure = _moment(arguments.at) or map_time(semantic_map), []
+    now = _moment(arguments.at) or map_time(semantic_map)
     for target in state.targets:
         known = known_objects(semantic_map, target, located=LISTED)
         for line in answer_lines(known, now):
             write(line)
-        sure.append(bool(known) and known[0].sure)
         if not known and target.iri is not None:
             answer = status(semantic_map, target.iri)
             write(f"no {target.label} is in the map ({answer.value}): {answer.proof}")
         elif not known:
             write(f"nothing to {target.label.partition(' to ')[2] or target.label} is in the map")
-    return all(sure)
 
 
 def _nothing(found: ViewPlan, budget: float | None) -> str:

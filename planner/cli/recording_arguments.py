@@ -96,7 +96,7 @@ def _add_source_options(camera: argparse._ArgumentGroup) -> None:
     camera.add_argument(
         "--format",
         default="auto",
-        help="auto, tum, 7scenes, trajectory-log, hololens or bag (default: auto)",
+        help="auto, tum, 7scenes, trajectory-log, hololens, stray-scanner or bag (default: auto)",
     )
     camera.add_argument("--name", help="name of the recording in the map (default: its folder)")
     camera.add_argument("--intrinsics", metavar="FILE", help="intrinsics.json, .txt or K.txt")

@@ -83,6 +83,13 @@ def test_answers_come_in_every_format(lab: Path, prints: Prints) -> None:
     assert len(triples) == 2 * sum(row["category"] == "chair" for row in rows)
 
 
+def test_sparql_text_is_asked_without_an_option(lab: Path, prints: Prints) -> None:
+    text = "SELECT ?o { ?o here:x ?x FILTER(?x > $least) }"
+    option = prints("ask", lab, "--format", "csv", "-e", text, "-p", "least=0")
+    assert option == prints("ask", lab, text, "--format", "csv", "-p", "least=0")
+    assert len(option.splitlines()) > 1
+
+
 def test_a_query_file_of_ones_own_is_asked(lab: Path, prints: Prints, tmp_path: Path) -> None:
     question = tmp_path / "high-things.rq"
     question.write_text(
