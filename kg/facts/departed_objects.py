@@ -9,20 +9,23 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import Final
 
-import numpy as np
 from pyoxigraph import Literal, NamedNode, Quad
 
 from kg import vocabulary as v
 from kg.errors import InvalidFactError
 from kg.facts.literals import (
+    AXES,
+    SIDES,
     Properties,
+    axes_of,
+    axis_literals,
     first,
     iri_node,
     iri_order,
-    known_iri,
-    number_literal,
     properties_of,
+    share_literal,
     stamp_of,
+    subject_quads,
     time_literal,
 )
 from kg.rdf.quad_store import QuadStore
@@ -35,7 +38,6 @@ OWN: Final = frozenset((v.FOUND_GONE, v.PEAK_EXISTENCE))
 _MAP: Final = NamedNode(v.MAP_GRAPH)
 _TYPE: Final = NamedNode(v.RDF_TYPE)
 _DEPARTED: Final = NamedNode(v.DEPARTED_OBJECT)
-_EXTENT: Final = (v.EXTENT_X, v.EXTENT_Y, v.EXTENT_Z)
 
 
 def departed_quads(record: DepartedRecord) -> list[Quad]:
@@ -53,17 +55,16 @@ def departed_quads(record: DepartedRecord) -> list[Quad]:
     facts: list[tuple[str, NamedNode | Literal]] = [
         (v.RDF_TYPE, _DEPARTED),
         (v.OF_CATEGORY, iri_node(record.category, what)),
-        (v.PEAK_EXISTENCE, number_literal(record.peak, f"{what}: peak", least=0.0, most=1.0)),
+        (v.PEAK_EXISTENCE, share_literal(record.peak, f"{what}: peak")),
         (v.OBSERVATION_COUNT, Literal(record.observations)),
         (v.FIRST_SEEN, time_literal(record.first_seen, f"{what}: first seen")),
         (v.LAST_SEEN, time_literal(record.last_seen, f"{what}: last seen")),
         (v.FOUND_GONE, time_literal(record.found_gone, f"{what}: found gone")),
-        *_numbers((v.X, v.Y, v.Z), record.p_map, f"{what}: position"),
+        *axis_literals(AXES, record.p_map, f"{what}: position"),
     ]
     if record.extent is not None:
-        facts += _numbers(_EXTENT, record.extent, f"{what}: extent", least=0.0)
-    node = iri_node(record.iri, "object")
-    return [Quad(node, known_iri(predicate), value, _MAP) for predicate, value in facts]
+        facts += axis_literals(SIDES, record.extent, f"{what}: extent", least=0.0)
+    return subject_quads(record.iri, facts)
 
 
 def departed_in(store: QuadStore, iris: Collection[str] | None = None) -> list[DepartedRecord]:
@@ -84,27 +85,14 @@ def departed_in(store: QuadStore, iris: Collection[str] | None = None) -> list[D
 
 
 def _record(iri: str, held: Properties) -> DepartedRecord:
-    x, y, z = (float(first(held, axis, "0")) for axis in (v.X, v.Y, v.Z))
-    sides = [float(first(held, side, "0")) for side in _EXTENT if side in held]
     return DepartedRecord(
         iri=iri,
         category=first(held, v.OF_CATEGORY, ""),
-        p_map=np.array([x, y, z]),
+        p_map=axes_of(held, AXES),
         peak=float(first(held, v.PEAK_EXISTENCE, "1")),
         observations=int(first(held, v.OBSERVATION_COUNT, "1")),
         first_seen=stamp_of(held, v.FIRST_SEEN),
         last_seen=stamp_of(held, v.LAST_SEEN),
         found_gone=stamp_of(held, v.FOUND_GONE),
-        extent=np.array(sides) if len(sides) == 3 else None,
+        extent=axes_of(held, SIDES) if held.keys() >= set(SIDES) else None,
     )
-
-
-def _numbers(
-    predicates: tuple[str, ...], values: np.ndarray, what: str, least: float = -np.inf
-) -> list[tuple[str, Literal]]:
-    if np.shape(values) != (3,):
-        raise InvalidFactError(f"{what} must have shape (3,), got {np.shape(values)}")
-    return [
-        (predicate, number_literal(value, what, least=least))
-        for predicate, value in zip(predicates, values, strict=True)
-    ]

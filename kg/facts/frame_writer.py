@@ -31,9 +31,11 @@ from kg.facts.doors import facts_of_door
 from kg.facts.label_beliefs import OWN as OWN_OF_LABELS
 from kg.facts.label_beliefs import label_nodes
 from kg.facts.objects_and_places import RecordCodec
+from kg.facts.observations import observation_of
 from kg.facts.occupancy import OWN as OWN_OF_TILES
 from kg.facts.occupancy import facts_of_tile, iri_of
 from kg.facts.relations import OF_NODE, OF_OBJECT, SINGLE, relation_nodes
+from kg.facts.robot_and_recordings import recording_iri, recording_quads, robot_quads
 from kg.facts.searches import OWN as OWN_OF_SEARCHES
 from kg.facts.searches import facts_of, subjects_of
 from kg.facts.write_cache import WriteCache
@@ -127,11 +129,11 @@ class FrameWriter:
             held = self._recent.of(_node(door.iri))
             _put(stored, (quad for quad in held if quad.predicate.value in OWN_OF_DOORS))
         if update.robot is not None:
-            _put(wanted, self._facts.of_robot(update.robot))
+            _put(wanted, robot_quads(update.robot, self._facts.base))
             stored |= self._recent.of(NamedNode(self._facts.base + "robot"))
         if update.recording is not None:
-            _put(wanted, self._facts.of_recording(update.recording))
-            iri = self._facts.recording_iri(update.recording.name)
+            _put(wanted, recording_quads(update.recording, self._facts.base))
+            iri = recording_iri(update.recording.name, self._facts.base)
             _put(stored, self._owned(iri, _DATASET))
         for tile in update.floor:
             _put(wanted, facts_of_tile(self._facts.base, tile))
@@ -189,7 +191,7 @@ class FrameWriter:
         """Subjects whose quads `update` may change; InvalidFactError for what is no IRI."""
         objects = [*(record.iri for record in update.objects), *update.removed]
         yield from map(_node, objects)
-        yield from (_node(self._facts.observation_iri(iri)) for iri in objects)
+        yield from (_node(observation_of(iri, self._facts.base)) for iri in objects)
         yield from (_node(place.iri) for place in update.places)
         yield from (_node(door.iri) for door in update.doors)
         yield from map(_node, subjects_of(update))
@@ -198,7 +200,7 @@ class FrameWriter:
         if update.robot is not None:
             yield NamedNode(self._facts.base + "robot")
         if update.recording is not None:
-            yield NamedNode(self._facts.recording_iri(update.recording.name))
+            yield NamedNode(recording_iri(update.recording.name, self._facts.base))
 
     def _object(
         self,
@@ -222,7 +224,7 @@ class FrameWriter:
             facts = [q for q in facts if q.predicate != _LABEL]
         _put(wanted, facts)
         stored |= before
-        stored |= self._recent.of(NamedNode(self._facts.observation_iri(record.iri)))
+        stored |= self._recent.of(NamedNode(observation_of(record.iri, self._facts.base)))
         if assertions or previous:
             _put(stored, self._assertions.stored(self._store.engine, record.iri))
             for assertion in assertions.values():
@@ -297,7 +299,7 @@ class FrameWriter:
         engine = self._store.engine
         for node in label_nodes(engine, iri):
             yield from engine.quads_for_pattern(node, None, None, _MAP)
-        for subject in (iri, self._facts.observation_iri(iri), *relation_nodes(engine, iri)):
+        for subject in (iri, observation_of(iri, self._facts.base), *relation_nodes(engine, iri)):
             yield from engine.quads_for_pattern(_node(subject), None, None, _MAP)
             yield from engine.quads_for_pattern(None, None, _node(subject), _MAP)
             for quad in engine.quads_for_pattern(_node(subject), _HAS_BELIEF, None, _MAP):

@@ -5,15 +5,23 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
+from typing import Final
 
+import numpy as np
+from numpy.typing import NDArray
 from pyoxigraph import Literal, NamedNode, Quad
 
+from kg import vocabulary as v
 from kg.errors import InvalidFactError
 from kg.rdf.datetimes import date_time, seconds
 from kg.rdf.quad_store import QuadStore
 
 #: predicate IRI -> objects (IRIs and lexical forms) of one subject
 Properties = dict[str, list[str]]
+AXES: Final = (v.X, v.Y, v.Z)
+SIDES: Final = (v.EXTENT_X, v.EXTENT_Y, v.EXTENT_Z)
+
+_MAP: Final = NamedNode(v.MAP_GRAPH)
 
 
 @lru_cache(maxsize=4096)
@@ -61,6 +69,40 @@ def time_literal(stamp: float, what: str) -> Literal:
         raise InvalidFactError(
             f"{what} must be seconds since 1970 within years 1 to 9999, got {stamp}"
         ) from error
+
+
+def subject_quads(
+    subject: str, facts: Iterable[tuple[str, NamedNode | Literal]], graph: NamedNode = _MAP
+) -> list[Quad]:
+    """Quads of one subject (an IRI) from its predicates' IRIs and values."""
+    node = iri_node(subject, "subject")
+    return [Quad(node, known_iri(predicate), value, graph) for predicate, value in facts]
+
+
+def share_literal(value: float, what: str) -> Literal:
+    """Literal of a share or a probability. Raises InvalidFactError where not within 0..1."""
+    return number_literal(value, what, least=0.0, most=1.0)
+
+
+def axis_literals(
+    predicates: Sequence[str],
+    values: NDArray[np.float64],
+    what: str,
+    *,
+    least: float = -math.inf,
+) -> list[tuple[str, Literal]]:
+    """One literal [m] for each of three axes. Raises InvalidFactError for other shapes."""
+    if np.shape(values) != (3,):
+        raise InvalidFactError(f"{what} must have shape (3,), got {np.shape(values)}")
+    return [
+        (predicate, number_literal(value, what, least=least))
+        for predicate, value in zip(predicates, values, strict=True)
+    ]
+
+
+def axes_of(held: Mapping[str, Sequence[str]], predicates: Sequence[str]) -> NDArray[np.float64]:
+    """(3,) [m] values of three axes; 0 where there is none."""
+    return np.array([float(first(held, predicate, "0")) for predicate in predicates])
 
 
 def properties_of(engine: QuadStore, subject: str, graph: NamedNode) -> Properties:

@@ -7,10 +7,9 @@ object by SPARQL with a class and a position alone; missing properties take defa
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from urllib.parse import quote, unquote
+from urllib.parse import quote
 
 import numpy as np
 from pyoxigraph import Literal, NamedNode, Quad
@@ -20,7 +19,11 @@ from kg.areas import Area, Outline, area_of
 from kg.errors import InvalidFactError
 from kg.facts.label_beliefs import label_quads, labels_of
 from kg.facts.literals import (
+    AXES,
+    SIDES,
     Properties,
+    axes_of,
+    axis_literals,
     by_subject,
     first,
     iri_node,
@@ -29,10 +32,12 @@ from kg.facts.literals import (
     number_literal,
     properties_of,
     quantised,
+    share_literal,
     stamp_of,
-    text_of,
+    subject_quads,
     time_literal,
 )
+from kg.facts.observations import evidence_of, observation_of, observation_quads
 from kg.facts.place_views import facts_of_views, views_of
 from kg.facts.relations import relation_quads, relations_of
 from kg.facts.wkt import CRS
@@ -42,11 +47,8 @@ from kg.rdf.quad_store import QuadStore
 from kg.rdf.wkt import area_of_polygon, polygon_text
 from kg.records import (
     DepartedRecord,
-    Evidence,
     ObjectRecord,
     PlaceRecord,
-    RecordingRecord,
-    RobotRecord,
 )
 from kg.store.sparql_backend import reading_ahead
 from kg.store.writer_priority import in_pieces
@@ -56,10 +58,7 @@ EXTENT_STEP = 0.05  # [m] extents are quantised to; they waver with each view
 MIN_BELIEF = 0.005  # beliefs below it would be stored as zero
 
 _MAP = NamedNode(v.MAP_GRAPH)
-_DATASET = NamedNode(v.DATASET_GRAPH)
 _TYPE = NamedNode(v.RDF_TYPE)
-_EXTENT = (v.EXTENT_X, v.EXTENT_Y, v.EXTENT_Z)
-_DATE_TIME = NamedNode(v.XSD + "dateTime")
 
 
 class RecordCodec:
@@ -77,14 +76,6 @@ class RecordCodec:
         """The categories of the map's ontology."""
         return self._catalogue if isinstance(self._catalogue, Catalogue) else self._catalogue()
 
-    def observation_iri(self, object_iri: str) -> str:
-        """IRI of the observation that explains an object."""
-        return observation_of(object_iri, self.base)
-
-    def recording_iri(self, name: str) -> str:
-        """IRI of the recording called `name`."""
-        return f"{self.base}recording/{quote(name, safe='')}"
-
     def of_object(self, record: ObjectRecord) -> list[Quad]:
         """Facts of an object, of its observation, its relations and what else it may be.
 
@@ -98,16 +89,15 @@ class RecordCodec:
             )
         if record.first_seen > record.last_seen:
             raise InvalidFactError(f"{what}: first seen must not be after last seen")
-        x, y, z = _position(record.p_map, what)
+        position = axis_literals(AXES, record.p_map, f"{what}: position")
+        x, y = (float(value.value) for _, value in position[:2])
         facts: list[tuple[str, NamedNode | Literal]] = [
             (v.RDF_TYPE, known_iri(self.known_category(record.category, what, "object"))),
             (v.RDFS_LABEL, Literal(self.object_label(record))),
-            (v.X, Literal(x)),
-            (v.Y, Literal(y)),
-            (v.Z, Literal(z)),
+            *position,
             (v.IN_CELL, known_iri(cell_of(x, y))),
             (v.CONFIDENCE, _confidence(record.confidence, f"{what}: confidence")),
-            (v.EXISTENCE, _share(record.existence, f"{what}: existence")),
+            (v.EXISTENCE, share_literal(record.existence, f"{what}: existence")),
             (v.OBSERVATION_COUNT, Literal(record.observations)),
             (v.FIRST_SEEN, time_literal(record.first_seen, f"{what}: first seen")),
             (v.LAST_SEEN, time_literal(record.last_seen, f"{what}: last seen")),
@@ -120,11 +110,10 @@ class RecordCodec:
         parts = relation_quads(record.iri, record.relations or ())
         parts += label_quads(record.iri, record.labels)
         if record.evidence is None:
-            return _quads(record.iri, facts) + parts
-        observation = self.observation_iri(record.iri)
-        facts.append((v.EXPLAINED_BY, NamedNode(observation)))
-        evidence = self._of_evidence(record, record.evidence, observation)
-        return _quads(record.iri, facts) + evidence + parts
+            return subject_quads(record.iri, facts) + parts
+        facts.append((v.EXPLAINED_BY, NamedNode(observation_of(record.iri, self.base))))
+        evidence = observation_quads(record.iri, record.evidence, self.base)
+        return subject_quads(record.iri, facts) + evidence + parts
 
     def of_place(self, record: PlaceRecord) -> list[Quad]:
         """Facts of a place and of its beliefs; raises InvalidFactError as `of_object` does."""
@@ -161,7 +150,7 @@ class RecordCodec:
         if (record.views or record.told_by) and held:
             top = max(record.beliefs, key=lambda category: (record.beliefs[category], category))
             facts.append((v.RDF_TYPE, NamedNode(top)))
-        return _quads(record.iri, facts) + held
+        return subject_quads(record.iri, facts) + held
 
     def _outline(self, record: PlaceRecord, what: str) -> list[tuple[str, Literal]]:
         if not record.outline:
@@ -174,49 +163,13 @@ class RecordCodec:
         nodes: list[Quad] = []
         for category, properties in self._held(record).items():
             node = f"{record.iri}/belief/{quote(category.removeprefix(v.HERE), safe='')}"
-            nodes += _quads(record.iri, [(v.HAS_BELIEF, NamedNode(node))])
+            nodes += subject_quads(record.iri, [(v.HAS_BELIEF, NamedNode(node))])
             facts = [
                 (v.RDF_TYPE, known_iri(v.PLACE_BELIEF)),
                 (v.OF_CATEGORY, NamedNode(category)),
             ]
-            nodes += _quads(node, [*facts, *properties])
+            nodes += subject_quads(node, [*facts, *properties])
         return nodes
-
-    def of_robot(self, record: RobotRecord) -> list[Quad]:
-        """Facts of the robot; raises InvalidFactError where its pose is not finite."""
-        x, y, z = _position(record.p_map, "robot")
-        return _quads(
-            self.base + "robot",
-            [
-                (v.RDF_TYPE, known_iri(v.ROBOT)),
-                (v.X, Literal(x)),
-                (v.Y, Literal(y)),
-                (v.Z, Literal(z)),
-                (v.HEADING, number_literal(record.heading, "robot: heading")),
-                (v.LAST_SEEN, time_literal(record.stamp, "robot: stamp")),
-            ],
-        )
-
-    def of_recording(self, record: RecordingRecord) -> list[Quad]:
-        """Facts of a recording, its transform at full precision; raises InvalidFactError."""
-        transform = np.asarray(record.T_map_world, dtype=np.float64)
-        if transform.shape != (4, 4) or not np.isfinite(transform).all():
-            raise InvalidFactError(f"recording {record.name}: transform must be (4, 4) and finite")
-        if record.frames_applied < 0:
-            raise InvalidFactError(
-                f"recording {record.name}: frames applied must be 0 or more, "
-                f"got {record.frames_applied}"
-            )
-        facts: list[tuple[str, NamedNode | Literal]] = [
-            (v.RDF_TYPE, known_iri(v.RECORDING)),
-            (v.RDFS_LABEL, Literal(record.name)),
-            (v.FRAMES_APPLIED, Literal(record.frames_applied)),
-            (v.LAST_FRAME, Literal(record.last_frame)),
-            (v.TRANSFORM, Literal(" ".join(repr(float(n)) for n in transform.flat))),
-        ]
-        if record.scene_model:
-            facts.append((v.SCENE_MODEL, Literal(record.scene_model)))
-        return _quads(self.recording_iri(record.name), facts, _DATASET)
 
     def objects(self, store: QuadStore) -> tuple[ObjectRecord, ...]:
         """All objects of the map, in the order of their numbers."""
@@ -280,30 +233,6 @@ class RecordCodec:
         """The label of a thing, if it has one."""
         return first(properties_of(store, iri, _MAP), v.RDFS_LABEL, "") or None
 
-    def robot(self, store: QuadStore) -> RobotRecord | None:
-        """Last pose of the robot, if there is one."""
-        properties = properties_of(store, self.base + "robot", _MAP)
-        if v.X not in properties:
-            return None
-        heading = float(first(properties, v.HEADING, "0"))
-        return RobotRecord(_point(properties), heading, stamp_of(properties, v.LAST_SEEN))
-
-    def recordings(self, store: QuadStore) -> tuple[RecordingRecord, ...]:
-        """All recordings applied to the map, by name."""
-        kind = NamedNode(v.RECORDING)
-        found = []
-        for quad in store.quads_for_pattern(None, _TYPE, kind, _DATASET):
-            iri = text_of(quad.subject)
-            properties = properties_of(store, iri, _DATASET)
-            numbers = [float(n) for n in first(properties, v.TRANSFORM, "").split()]
-            transform = np.array(numbers).reshape(4, 4) if len(numbers) == 16 else np.eye(4)
-            name = first(properties, v.RDFS_LABEL, self._recording_name(iri))
-            applied = int(first(properties, v.FRAMES_APPLIED, "0"))
-            last = first(properties, v.LAST_FRAME, "")
-            scene = first(properties, v.SCENE_MODEL, "")
-            found.append(RecordingRecord(name, applied, last, transform, scene))
-        return tuple(sorted(found, key=lambda record: record.name))
-
     def known_category(self, iri: str, what: str, kind: str) -> str:
         """`iri`, if a category of that `kind` or of several; raises InvalidFactError else."""
         category = self.catalogue.by_iri(iri)
@@ -323,24 +252,6 @@ class RecordCodec:
         number = record.iri.rstrip("/").rpartition("/")[2]
         return f"{self.catalogue.label(record.category)} {number}"
 
-    def _of_evidence(self, record: ObjectRecord, evidence: Evidence, iri: str) -> list[Quad]:
-        what = f"observation of {record.iri}"
-        if len(evidence.box) != 4 or not all(map(math.isfinite, evidence.box)):
-            raise InvalidFactError(f"{what}: box must be 4 finite numbers, got {evidence.box}")
-        return _quads(
-            iri,
-            [
-                (v.RDF_TYPE, known_iri(v.SOSA_OBSERVATION)),
-                (v.SOSA_FEATURE, iri_node(record.iri, what)),
-                (v.SOSA_RESULT_TIME, time_literal(evidence.stamp, f"{what}: stamp")),
-                (v.FRAME, Literal(evidence.frame)),
-                (v.FROM_RECORDING, known_iri(self.recording_iri(evidence.recording))),
-                (v.BOX, Literal(" ".join(str(round(n)) for n in evidence.box))),
-                (v.SCORE, _share(evidence.score, f"{what}: score")),
-                (v.MODEL, Literal(evidence.model)),
-            ],
-        )
-
     def _held(self, record: PlaceRecord) -> dict[str, list[tuple[str, Literal]]]:
         """Properties of a place's belief in each category."""
         scene = record.scene_beliefs if record.told_by else {}
@@ -349,8 +260,8 @@ class RecordCodec:
             what = f"place {record.iri}: belief"
             self.known_category(category, what, "place")
             belief, views = record.beliefs.get(category, 0.0), scene.get(category, 0.0)
-            stated = [(v.BELIEF, _share(belief, what))]
-            scene_share = _share(views, what)
+            stated = [(v.BELIEF, share_literal(belief, what))]
+            scene_share = share_literal(views, what)
             if views >= MIN_BELIEF:
                 stated.append((v.SCENE_BELIEF, scene_share))
             if max(belief, views) >= MIN_BELIEF:
@@ -375,32 +286,17 @@ class RecordCodec:
         return ObjectRecord(
             iri=iri,
             category=category,
-            p_map=_point(properties),
+            p_map=axes_of(properties, AXES),
             confidence=float(first(properties, v.CONFIDENCE, "1")),
             existence=float(first(properties, v.EXISTENCE, "1")),
             observations=int(first(properties, v.OBSERVATION_COUNT, "1")),
             first_seen=stamp_of(properties, v.FIRST_SEEN),
             last_seen=stamp_of(properties, v.LAST_SEEN),
             place=first(properties, v.IN_PLACE, "") or None,
-            evidence=None if observation is None else self._evidence(observation),
-            extent=_extent_of(properties),
+            evidence=None if observation is None else evidence_of(observation, self.base),
+            extent=axes_of(properties, SIDES) if properties.keys() >= set(SIDES) else None,
             deviation=float(deviation) if deviation else None,
         )
-
-    def _evidence(self, properties: Properties) -> Evidence:
-        numbers = [float(n) for n in first(properties, v.BOX, "0 0 0 0").split()]
-        left, top, right, bottom = numbers
-        return Evidence(
-            frame=first(properties, v.FRAME, ""),
-            recording=self._recording_name(first(properties, v.FROM_RECORDING, "")),
-            stamp=stamp_of(properties, v.SOSA_RESULT_TIME),
-            box=(left, top, right, bottom),
-            score=float(first(properties, v.SCORE, "1")),
-            model=first(properties, v.MODEL, ""),
-        )
-
-    def _recording_name(self, iri: str) -> str:
-        return unquote(iri.removeprefix(self.base + "recording/"))
 
     def _place(
         self, iri: str, properties: Properties, subjects: dict[str, Properties]
@@ -436,32 +332,19 @@ class RecordCodec:
             return record
 
 
-def _quads(
-    subject: str, facts: Iterable[tuple[str, NamedNode | Literal]], graph: NamedNode = _MAP
-) -> list[Quad]:
-    node = iri_node(subject, "subject")
-    return [Quad(node, known_iri(predicate), value, graph) for predicate, value in facts]
-
-
 def _extent(record: ObjectRecord, what: str) -> list[tuple[str, NamedNode | Literal]]:
     """Facts of an object's box and of its position's precision, where they are known."""
     facts: list[tuple[str, NamedNode | Literal]] = []
     if record.extent is not None:
         if np.shape(record.extent) != (3,):
             raise InvalidFactError(f"{what}: extent must be (3,), got {np.shape(record.extent)}")
-        for predicate, side in zip(_EXTENT, record.extent, strict=True):
+        for predicate, side in zip(SIDES, record.extent, strict=True):
             steps = quantised(side / EXTENT_STEP, f"{what}: extent", 0)
             facts.append((predicate, number_literal(steps * EXTENT_STEP, what, least=0.0)))
     if record.deviation is not None:
         deviation = number_literal(record.deviation, f"{what}: position deviation", least=0.0)
         facts.append((v.DEVIATION, deviation))
     return facts
-
-
-def _extent_of(properties: Properties) -> np.ndarray | None:
-    if not all(side in properties for side in _EXTENT):
-        return None
-    return np.array([float(first(properties, side, "0")) for side in _EXTENT])
 
 
 def _quantised_area(outline: Outline, what: str) -> Area:
@@ -471,27 +354,6 @@ def _quantised_area(outline: Outline, what: str) -> Area:
         raise InvalidFactError(f"{what}: {error}") from error
 
 
-def _share(value: float, what: str) -> Literal:
-    return number_literal(value, what, least=0.0, most=1.0)
-
-
 def _confidence(value: float, what: str) -> Literal:
     # above zero means "still in the map" (eq. 3.4), so it is never rounded to zero
     return Literal(0.01) if 0.0 < value < 0.01 else number_literal(value, what, least=0.0)
-
-
-def _position(p_map: np.ndarray, what: str) -> tuple[float, float, float]:
-    if np.shape(p_map) != (3,):
-        raise InvalidFactError(f"{what}: position must have shape (3,), got {np.shape(p_map)}")
-    x, y, z = (quantised(value, f"{what}: position") for value in p_map)
-    return x, y, z
-
-
-def _point(properties: Properties) -> np.ndarray:
-    return np.array([float(first(properties, axis, "0")) for axis in (v.X, v.Y, v.Z)])
-
-
-def observation_of(iri: str, base: str) -> str:
-    """IRI of the observation that explains an object best."""
-    kept = iri.removeprefix(base + "object/")
-    return iri + "/observation" if kept == iri else f"{base}observation/{kept}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from typing import Final
 
 from pyoxigraph import Literal, NamedNode, Quad
@@ -18,6 +18,7 @@ from kg.facts.literals import (
     number_literal,
     properties_of,
     stamp_of,
+    subject_quads,
     text_of,
     time_literal,
 )
@@ -51,11 +52,11 @@ def facts_of(update: MapUpdate) -> Iterator[Quad]:
     Raises InvalidFactError for numbers that are not finite or out of range.
     """
     if update.search is not None:
-        yield from _quads(update.search.iri, _of_search(update.search))
+        yield from subject_quads(update.search.iri, _of_search(update.search))
     for look in update.looks:
-        yield from _quads(look.iri, _of_look(look))
+        yield from subject_quads(look.iri, _of_look(look))
     for obstacle in update.obstacles:
-        yield from _quads(obstacle.iri, _of_obstacle(obstacle))
+        yield from subject_quads(obstacle.iri, _of_obstacle(obstacle))
 
 
 def subjects_of(update: MapUpdate) -> Iterator[str]:
@@ -193,9 +194,3 @@ def _parts(engine: QuadStore, search: str, kind: str) -> Iterator[tuple[str, Pro
 
 def _position(held: Properties) -> tuple[float, float]:
     return float(first(held, v.X, "0")), float(first(held, v.Y, "0"))
-
-
-def _quads(subject: str, facts: Iterable[_Fact]) -> Iterator[Quad]:
-    node = iri_node(subject, "subject")
-    for predicate, value in facts:
-        yield Quad(node, NamedNode(predicate), value, _MAP)

@@ -16,6 +16,7 @@ from kg.facts.networkx_graph import network
 from kg.facts.object_filters import is_believed, select_objects, subcategories
 from kg.facts.objects_and_places import RecordCodec
 from kg.facts.occupancy import tile_of, tiles_in
+from kg.facts.robot_and_recordings import recordings_in, robot_in
 from kg.facts.searches import looks_in, obstacles_in, searches_in
 from kg.ontology.catalogue import StoredCatalogue
 from kg.query.parameter_resolution import ParameterResolver
@@ -92,7 +93,7 @@ class RecordReader:
 
     def robot(self) -> RobotRecord | None:
         """The last pose of the robot."""
-        return self._facts.robot(self._store.engine)
+        return robot_in(self._store.engine, self._facts.base)
 
     def departed(self, iris: Collection[str] | None) -> tuple[DepartedRecord, ...]:
         """Objects that left; all, or some."""
@@ -112,7 +113,7 @@ class RecordReader:
 
     def recordings(self) -> tuple[RecordingRecord, ...]:
         """How far each recording has been applied."""
-        return self._facts.recordings(self._store.engine)
+        return recordings_in(self._store.engine, self._facts.base)
 
     def searches(self) -> tuple[SearchRecord, ...]:
         """The searches made on the map, oldest first."""

@@ -267,8 +267,8 @@ class SemanticMap:
     def query(self, question: str | Path, **parameters: object) -> Table:
         """The result of a query: the name of a shipped one, a ``.rq`` file, or SPARQL text.
 
-        Text with white space is SPARQL; `ask`, `ask_file` and `ask_text` take one kind each, and
-        document the errors.
+        Text with a brace is SPARQL, and what begins with DESCRIBE; `ask`, `ask_file` and
+        `ask_text` take one kind each, and document the errors.
         """
         return self.answer(resolve_query(question, parameters), parameters)
 

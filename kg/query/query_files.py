@@ -239,11 +239,11 @@ def inline_query(sparql: str, values: Mapping[str, object]) -> ParameterizedQuer
 
 
 def resolve_query(question: str | Path, values: Mapping[str, object]) -> ParameterizedQuery:
-    """The question by name, in a ``.rq`` file, or in SPARQL text: what has a blank or a brace."""
+    """The question by name, in a ``.rq`` file, or in SPARQL text: what has a brace or describes."""
     text = str(question)
     if isinstance(question, Path) or (text.endswith(".rq") and "\n" not in text):
         return load_query(question)
-    if any(mark.isspace() or mark == "{" for mark in text):
+    if "{" in text or "<" in text or text.casefold().startswith("describe "):
         return inline_query(text, values)
     return find_query(text)
 
@@ -251,17 +251,6 @@ def resolve_query(question: str | Path, values: Mapping[str, object]) -> Paramet
 def shipped_queries() -> tuple[ParameterizedQuery, ...]:
     """All questions that ship with hereabouts, by name."""
     return tuple(load_query(path) for path in sorted(QUERIES.glob("*.rq")))
-
-
-@cache
-def query_summaries() -> tuple[tuple[str, str, str], ...]:
-    """Name, summary and SPARQL of those that need no parameters."""
-    ready = []
-    for question in shipped_queries():
-        if all(parameter.default is not None for parameter in question.parameters):
-            sparql = question.bind({}, lambda kind, text: text)
-            ready.append((question.name, question.summary, sparql.strip()))
-    return tuple(ready)
 
 
 def find_query(name: str) -> ParameterizedQuery:

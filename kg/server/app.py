@@ -7,9 +7,7 @@ import json
 import logging
 import tempfile
 from collections.abc import AsyncIterator, Awaitable, Callable
-from importlib.resources import files
 from pathlib import Path
-from typing import Final
 
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
@@ -26,7 +24,9 @@ from kg.server.endpoints.assertion_endpoints import assertions
 from kg.server.endpoints.find_endpoint import find
 from kg.server.endpoints.graph_store_protocol import dump, graph_store
 from kg.server.endpoints.history_endpoints import diff, log, why
+from kg.server.endpoints.page_files import page_file
 from kg.server.endpoints.picture_endpoint import picture
+from kg.server.endpoints.question_endpoint import question, questions
 from kg.server.endpoints.restore_endpoint import restore
 from kg.server.endpoints.sparql_protocol import sparql
 from kg.server.endpoints.write_endpoints import labels, numbers, records
@@ -37,20 +37,11 @@ from kg.server.http.problems import Problem, problem_of, problem_response, witho
 from kg.server.linked_data.description import dataset_description
 from kg.server.linked_data.memento import timegate, timemap
 from kg.server.linked_data.resource_pages import resource, skolem, thing_at_path
-from kg.server.linked_data.root_page import root_page
+from kg.server.linked_data.root_page import console_page, root_page
 
 _log = logging.getLogger("hereabouts.server")
 
 Answer = Callable[[AppState, Request], Awaitable[ASGIApp]]
-
-_FILES: Final = {
-    "style.css": "text/css",
-    "console.js": "text/javascript",
-    "map-data.js": "text/javascript",
-    "map-page.js": "text/javascript",
-    "map-view.js": "text/javascript",
-    "icon.svg": "image/svg+xml",
-}
 
 
 def application(serving: AppState) -> ASGIApp:
@@ -59,6 +50,9 @@ def application(serving: AppState) -> ASGIApp:
     get, write = ["GET"], ["GET", "POST", "PUT", "DELETE"]
     table: list[tuple[str, Answer, list[str]]] = [
         ("/", root_page, get),
+        ("/console", console_page, get),
+        ("/queries", questions, get),
+        ("/queries/{name:str}", question, get),
         ("/sparql", sparql, ["GET", "POST"]),
         ("/sparql/", sparql, ["GET", "POST"]),
         ("/graphs", graph_store, write),
@@ -82,7 +76,7 @@ def application(serving: AppState) -> ASGIApp:
         ("/subscribe", subscribe, get),
         ("/health", _health, get),
         ("/metrics", _metrics, get),
-        ("/files/{name:str}", _file, get),
+        ("/files/{name:path}", page_file, get),
         ("/resource", resource, get),
         ("/{path:path}", thing_at_path, get),
     ]
@@ -139,19 +133,6 @@ async def _health(serving: AppState, request: Request) -> Response:
 async def _metrics(serving: AppState, request: Request) -> Response:
     text = await run_in_threadpool(serving.metrics.text)
     return Response(text, headers={"Content-Type": metrics.MEDIA_TYPE})
-
-
-async def _file(serving: AppState, request: Request) -> Response:
-    return file(request)
-
-
-def file(request: Request) -> Response:
-    """A file of the pages; Problem 404 where there is none of that name."""
-    name = request.path_params["name"]
-    if name not in _FILES:
-        raise Problem(404, f"no file {name[:100]!r}; there are: {', '.join(_FILES)}")
-    body = files("kg.server").joinpath("files", name).read_bytes()
-    return Response(body, media_type=_FILES[name], headers={"Cache-Control": "max-age=300"})
 
 
 async def not_this_way(request: Request, error: Exception) -> Response:

@@ -20,6 +20,7 @@ from pyoxigraph import Literal, NamedNode, Quad
 from kg import vocabulary as v
 from kg.facts.assertions import Assertions
 from kg.facts.objects_and_places import RecordCodec
+from kg.facts.observations import observation_of
 from kg.facts.relations import relation_nodes
 from kg.rdf.datetimes import now
 from kg.rdf.grid_cells import cell_of
@@ -70,7 +71,7 @@ def _is_place(pending: ChangeDraft, facts: RecordCodec, subject: NamedNode) -> b
 def _remove_dependents(pending: ChangeDraft, facts: RecordCodec, removed: NamedNode) -> None:
     """Remove the nodes that depend on `removed`."""
     follow = [*pending.after(None, None, removed, _MAP)]
-    owned = {facts.observation_iri(removed.value)}
+    owned = {observation_of(removed.value, facts.base)}
     owned.update(
         quad.object.value
         for quad in pending.removed

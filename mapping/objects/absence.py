@@ -3,7 +3,7 @@
 The prior is that of its class for the time since (`mapping.persistence`). Each view since that
 should show the thing and does not counts by the thing's own rate of detection, a Beta-binomial with
 the detector's recall as its mean, so that a run of misses saturates; rays through its volume
-(`mapping.objects.ray_test`) count besides.
+(`mapping.objects.volume_view`) count besides.
 """
 
 from __future__ import annotations

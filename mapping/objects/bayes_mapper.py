@@ -23,11 +23,11 @@ from mapping.objects.identity import IdentityResolver
 from mapping.objects.merging import duplicates
 from mapping.objects.object_cache import ObjectCache
 from mapping.objects.object_mapper import ObjectChanges
-from mapping.objects.ray_test import in_front
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.sightings import SightingExtractor, ThingSighting
 from mapping.objects.track_updater import TrackUpdater
 from mapping.objects.tracks import Track, count_together, same_facts, track_of
+from mapping.objects.volume_view import in_front
 from mapping.places.place_registry import PlaceRegistry
 from mapping.reference.settings import UnknownLabels
 from mapping.sighting import Sighting

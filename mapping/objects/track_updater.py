@@ -9,11 +9,11 @@ import numpy as np
 from kg.maps.semantic_map import SemanticMap
 from kg.records import Evidence
 from mapping.objects.detector_rates import DetectorRates, rates_of
-from mapping.objects.ray_test import VolumeView, ray_test
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.sightings import ThingSighting
 from mapping.objects.tracks import Track
 from mapping.objects.usual_sizes import UsualSize, size_log_likelihood, usual_sizes
+from mapping.objects.volume_view import VolumeView, ray_test
 from mapping.persistence import departed, listed_half_life
 from perception.frames import Frame
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping
 from contextlib import ExitStack
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from planner.cli.arguments import MAP_HELP, name_value, plain_value
@@ -33,9 +32,12 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         help="ask this map merged with others instead of MAP (repeatable)",
     )
     parser.add_argument(
-        "question", nargs="?", metavar="NAME|FILE.rq", help="shipped question or query file"
+        "question",
+        nargs="?",
+        metavar="NAME|FILE.rq|SPARQL",
+        help="shipped question, query file or SPARQL text",
     )
-    parser.add_argument("-e", "--execute", metavar="SPARQL", help="SPARQL text to run instead")
+    parser.add_argument("-e", "--execute", metavar="SPARQL", help="SPARQL text")
     parser.add_argument(
         "-p",
         "--parameter",
@@ -70,7 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
         # no MAP beside members: the first word is the question
         arguments.map, arguments.question = None, arguments.map
     if (arguments.question is None) == (arguments.execute is None):
-        arguments.usage_error("give a question (NAME or FILE.rq), or SPARQL with -e, not both")
+        arguments.usage_error("give one question: NAME, FILE.rq or SPARQL, or -e SPARQL")
     if (arguments.map is None) == (not arguments.member):
         arguments.usage_error("give MAP, or one --member MAP or more, not both")
     if arguments.member and arguments.at is not None:
@@ -101,17 +103,15 @@ def _ask(
     opened: ExitStack,
 ) -> Table:
     """The answer; text that did not come with hereabouts is evaluated in an isolated process."""
-    from kg.query.query_files import find_query, inline_query, load_query
+    from kg.query.query_files import inline_query, resolve_query
     from kg.query.undeclared_terms import undeclared_terms
     from kg.store.sparql_client import is_url
 
+    values = {name: plain_value(str(text)) for name, text in parameters.items()}
     if arguments.execute is not None:
-        parameters = {name: plain_value(str(text)) for name, text in parameters.items()}
-        question = inline_query(arguments.execute, parameters)
-    elif arguments.question.endswith(".rq"):
-        question = load_query(Path(arguments.question))
+        question = inline_query(arguments.execute, values)
     else:
-        question = find_query(arguments.question)
+        question = resolve_query(arguments.question, values)
     if arguments.all and any(parameter.name == "least" for parameter in question.parameters):
         parameters = {"least": "0", **parameters}
     if not question.shipped:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import argparse
 import json
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from kg.errors import GraphError, QueryParameterError, did_you_mean
-from planner.cli.arguments import add_map, point
+from planner.cli.arguments import add_map, start_pose, whole
 from planner.cli.console import note
 
 if TYPE_CHECKING:
@@ -55,7 +55,17 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "--find", metavar="OBJECT", help="mcap, rrd, bag: the search for this object as well"
     )
     parser.add_argument(
-        "--from", dest="start", type=point, metavar="X,Y", help="where that search starts [m]"
+        "--from",
+        dest="start",
+        type=start_pose,
+        metavar="X,Y[,DEG]",
+        help="where that search starts",
+    )
+    parser.add_argument(
+        "--past",
+        type=whole,
+        metavar="N",
+        help="mcap, rrd, bag: what the map believed before as well, at N moments of its past",
     )
     parser.set_defaults(run=run)
 
@@ -70,6 +80,10 @@ def run(arguments: argparse.Namespace) -> int:
         _refuse_unknown(chosen)
     if arguments.find is not None and chosen not in _SCENES:
         raise QueryParameterError(f"--find is drawn by viewers: --format {', '.join(_SCENES)}")
+    if arguments.past is not None and (chosen not in _SCENES or arguments.at is not None):
+        raise QueryParameterError(
+            f"--past is for viewers, and not with --at: --format {', '.join(_SCENES)}"
+        )
     with ExitStack() as stack:
         semantic_map = stack.enter_context(open_map(arguments.map, read_only=True))
         if arguments.at is not None:
@@ -129,7 +143,7 @@ def _write_document(
 ) -> str:
     from kg.export.plain_documents import geojson_document, rooms_document
     from kg.export.serialization import write_atomically
-    from planner.visualization.map_plot import SHOWN_EXISTENCE
+    from planner.visualization.drawing import SHOWN_EXISTENCE
 
     least = 0.0 if arguments.all else SHOWN_EXISTENCE
     make = geojson_document if chosen == "geojson" else rooms_document
@@ -145,35 +159,35 @@ def _write_scene(
     semantic_map: SemanticMap, output: Path, chosen: str, arguments: argparse.Namespace
 ) -> str:
     from kg.export.serialization import write_atomically
-    from planner.viewers.scene import SceneReader
-    from planner.visualization.map_plot import SHOWN_EXISTENCE
+    from planner.viewers.past_scenes import past_scenes, present_scene
+    from planner.visualization.drawing import SHOWN_EXISTENCE
 
     make = _scene_writer(chosen)
     plan = None if arguments.find is None else _plan(semantic_map, arguments)
     least = 0.0 if arguments.all else SHOWN_EXISTENCE
-    scene = SceneReader(semantic_map, least).read(plan)
-    stamp = time.time() if scene.robot is None else scene.robot.stamp
-    write_atomically(output, make(scene, stamp))
+    scene, stamp = present_scene(semantic_map, least, plan)
+    past = past_scenes(semantic_map, arguments.past, least) if arguments.past else ()
+    write_atomically(output, make(chain(past, [(scene, stamp)])))
     return f"{len(scene.objects)} objects, {len(scene.places)} places"
 
 
-def _scene_writer(chosen: str) -> Callable[[Scene, float], bytes]:
+def _scene_writer(chosen: str) -> Callable[[Iterable[tuple[Scene, float]]], bytes]:
     from planner.viewers.viewer import require
 
     if chosen == "mcap":
         require("foxglove", "foxglove")
-        from planner.viewers.foxglove_viewer import scene_as_mcap
+        from planner.viewers.foxglove_viewer import scenes_as_mcap
 
-        return scene_as_mcap
+        return scenes_as_mcap
     if chosen == "rrd":
         require("rerun", "rerun")
-        from planner.viewers.rerun_viewer import scene_as_rrd
+        from planner.viewers.rerun_viewer import scenes_as_rrd
 
-        return scene_as_rrd
+        return scenes_as_rrd
     require("rosbags", "ros")
-    from planner.viewers.ros_bag import scene_as_bag
+    from planner.viewers.ros_bag import scenes_as_bag
 
-    return scene_as_bag
+    return scenes_as_bag
 
 
 def _plan(semantic_map: SemanticMap, arguments: argparse.Namespace) -> ScenePlan | None:

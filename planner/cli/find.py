@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kg.errors import QueryParameterError
-from planner.cli.arguments import FARTHEST, add_json, add_map, positive, share, speed
+from planner.cli.arguments import add_json, add_map, positive, share, speed, start_pose
 from planner.cli.console import heading, note, print_looks, print_plan, write, write_json
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser.add_argument(
         "--from",
         dest="start",
-        type=_start,
+        type=start_pose,
         metavar="X,Y[,DEG]",
         help="where the search starts [m], and which way it faces [degrees] "
         "(default: where the robot is)",
@@ -119,12 +119,10 @@ def _by_viewpoints(
     semantic_map: SemanticMap, state: PlanningState, arguments: argparse.Namespace
 ) -> int:
     from planner.goals.known_objects import known_json
-    from planner.plans.find_answer import robot_start
+    from planner.plans.find_answer import plan_from
     from planner.plans.report import plan_json
-    from planner.plans.view_plan import plan
 
-    x, y, facing = arguments.start or robot_start(semantic_map)
-    found = plan(state, (x, y), heading=facing, budget=arguments.budget, time_limit=math.inf)
+    found = plan_from(semantic_map, state, arguments.start, budget=arguments.budget)
     if arguments.picture:
         from planner.visualization.plan_plot import plot_plan
 
@@ -133,7 +131,7 @@ def _by_viewpoints(
     if arguments.json:
         write_json({**plan_json(found), "known": known_json(semantic_map, state.targets)})
         return 0
-    known = _print_known(semantic_map, state, arguments)
+    _print_known(semantic_map, state, arguments)
     if not found.steps:
         note(_nothing(found, arguments.budget))
     elif found.probability < _WORTH_A_LOOK and not arguments.explain:
@@ -142,31 +140,29 @@ def _by_viewpoints(
             "worth its way (--explain lists them)"
         )
     else:
-        heading("If it is not there" if known else "Where to look")
+        heading("Where to look")
         _print(found, explain=arguments.explain)
     return 0
 
 
 def _print_known(
     semantic_map: SemanticMap, state: PlanningState, arguments: argparse.Namespace
-) -> bool:
-    """Print what the map has of each target; whether all of them are surely known."""
+) -> None:
+    """Print what the map has of each target."""
     from planner.goals.candidate_queries import map_time
     from planner.goals.known_objects import LISTED, answer_lines, known_objects
     from planner.goals.status import status
 
-    now, sure = _moment(arguments.at) or map_time(semantic_map), []
+    now = _moment(arguments.at) or map_time(semantic_map)
     for target in state.targets:
         known = known_objects(semantic_map, target, located=LISTED)
         for line in answer_lines(known, now):
             write(line)
-        sure.append(bool(known) and known[0].sure)
         if not known and target.iri is not None:
             answer = status(semantic_map, target.iri)
             write(f"no {target.label} is in the map ({answer.value}): {answer.proof}")
         elif not known:
             write(f"nothing to {target.label.partition(' to ')[2] or target.label} is in the map")
-    return all(sure)
 
 
 def _nothing(found: ViewPlan, budget: float | None) -> str:
@@ -243,20 +239,6 @@ def _tell(plan: Plan, *, json: bool) -> int:
     else:
         note(plan.explanation)
     return 0
-
-
-def _start(text: str) -> tuple[float, float, float]:
-    """``X,Y`` in metres or ``X,Y,DEG``; argparse reports anything else as wrong usage."""
-    parts = text.split(",")
-    try:
-        x, y, *facing = (float(part) for part in parts)
-    except ValueError:
-        facing = [math.nan, math.nan]
-    if len(facing) > 1 or not all(math.isfinite(value) for value in facing):
-        raise argparse.ArgumentTypeError(f"needs X,Y in metres or X,Y,DEGREES, got {text!r}")
-    if not (abs(x) <= FARTHEST and abs(y) <= FARTHEST):
-        raise argparse.ArgumentTypeError(f"needs X,Y within {FARTHEST:g} m, got {text!r}")
-    return x, y, math.radians(facing[0]) if facing else 0.0
 
 
 def _seconds(text: str) -> float:

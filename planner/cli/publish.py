@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import argparse
 import signal
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from planner.cli.arguments import add_json
 from planner.cli.console import note, write_json
-
-if TYPE_CHECKING:
-    from kg.publishing.publisher import Publisher
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -52,7 +49,8 @@ def run(arguments: argparse.Namespace) -> int:
     signal.signal(signal.SIGTERM, _end)
     with ThreadPoolExecutor(len(publishers)) as pool:
         try:
-            done = list(pool.map(_once if arguments.once else _follow, publishers))
+            runs = [p.publish if arguments.once else p.follow for p in publishers]
+            done = list(pool.map(_published, runs, [p.address for p in publishers]))
         finally:
             for publisher in publishers:
                 publisher.stop()
@@ -62,24 +60,13 @@ def run(arguments: argparse.Namespace) -> int:
     return 0 if all(done) else 1
 
 
-def _once(publisher: Publisher) -> bool:
+def _published(publish: Callable[[], object], address: str) -> bool:
     from kg.errors import HereaboutsError
 
     try:
-        publisher.publish()
+        publish()
     except HereaboutsError as error:
-        note(f"error: {publisher.address}: {error}")
-        return False
-    return True
-
-
-def _follow(publisher: Publisher) -> bool:
-    from kg.errors import HereaboutsError
-
-    try:
-        publisher.follow()
-    except HereaboutsError as error:
-        note(f"error: {publisher.address}: {error}")
+        note(f"error: {address}: {error}")
         return False
     return True
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from typing import Final
 
@@ -17,7 +18,8 @@ from planner.goals.targets import Target
 SURE: Final = 0.6
 #: Existence from which on the map shows an object, and `status` calls it present.
 LIKELY: Final = 0.5
-
+#: Looks straight at one spot that may hold a target.
+MOST_VERIFICATIONS: Final = 3
 
 Spot = tuple[str, int, int]  # category's IRI, and a square metre of the floor
 
@@ -49,6 +51,7 @@ class DetectionVerifier:
     def __init__(self, settings: ReferenceSettings | None = None) -> None:
         self._kappa = (settings or ReferenceSettings()).kappa
         self._seen: list[tuple[str, NDArray[np.float64]]] = []
+        self._looks: Counter[Spot] = Counter()
 
     def judge(self, target: Target, detection: AssociatedDetection) -> TargetDetection:
         """Whether `detection` is believed to be there: what is found exists rather than not."""
@@ -61,3 +64,11 @@ class DetectionVerifier:
         self._seen.append((category, p_map))
         certain = (again or thing.score >= SURE) and detection.existence >= LIKELY
         return TargetDetection(target, category, thing, detection.iri, certain)
+
+    def open(self, detection: TargetDetection) -> bool:
+        """Whether another look straight at it is worth while."""
+        return self._looks[detection.spot] < MOST_VERIFICATIONS
+
+    def note_look(self, detection: TargetDetection) -> None:
+        """A look straight at it is taken."""
+        self._looks[detection.spot] += 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from itertools import count
@@ -11,8 +12,14 @@ from kg.errors import RobotError
 from planner.execution.protocol import (
     VERSION,
     Aborted,
+    Arrived,
+    Blocked,
     Command,
+    DetectionsMessage,
+    Failed,
+    GoTo,
     Hello,
+    LookAround,
     MalformedMessage,
     Message,
     RobotPose,
@@ -21,6 +28,8 @@ from planner.execution.protocol import (
 from planner.execution.robot import Robot
 
 _POLL: Final = 0.2  # [s] how soon a request to stop is noticed
+_LATE: Final = 5.0  # times the expected seconds after which a robot is late
+_TURN_SPEED: Final = 0.1  # [rad/s] slowest robot that is waited for
 _JUMP: Final = 600.0  # [s] a robot's clock that moves further between two poses was set
 
 
@@ -89,6 +98,29 @@ class RobotSession:
     def halt(self) -> None:
         """Send a stop command."""
         self.send(StopCommand())
+
+    def look_around(self, turn: float, extent: float) -> DetectionsMessage | Failed:
+        """Detections of a look `extent` [rad] wide that begins after a turn by `turn` [rad]."""
+        number = self.next_id()
+        self.send(LookAround(number, turn, extent))
+        limit = 2 * self._timeout + _LATE * 2 * math.pi / _TURN_SPEED
+        for message in self.messages(limit=limit):
+            if isinstance(message, DetectionsMessage) and message.id == number:
+                return message
+            if isinstance(message, Failed) and message.id in (number, None):
+                return message
+        return Failed(number, f"no detections after {limit:.0f} s")
+
+    def turn_to(self, heading: float) -> bool:
+        """Turn on the spot to `heading` [rad, map]; whether the robot says that it did."""
+        number = self.next_id()
+        self.send(GoTo(number, self.pose.x, self.pose.y, heading))
+        for message in self.messages(limit=2 * self._timeout):
+            if isinstance(message, Arrived) and message.id == number:
+                return True
+            if isinstance(message, Blocked | Failed):
+                return False
+        return True
 
     def messages(self, *, poses: bool = False, limit: float | None = None) -> Iterator[Message]:
         """Messages of the robot, without poses unless `poses`; ends after `limit` [s], if given.

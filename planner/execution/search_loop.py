@@ -8,17 +8,19 @@ that the graph does not hold, so that a killed search resumes where its last loo
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Sequence
 from typing import Any, Final, Literal
 
 from kg.errors import HereaboutsError, RobotError
 from kg.maps.semantic_map import SemanticMap
-from kg.records import DepartedRecord, ObjectRecord, SearchState
+from kg.records import ObjectRecord, SearchState
 from mapping.objects.object_mapper import ObjectChanges
-from planner.execution.detection_verification import DetectionVerifier, Spot, TargetDetection
+from planner.execution.detection_verification import DetectionVerifier, TargetDetection
+from planner.execution.failed_goals import FailedGoals
+from planner.execution.missed_objects import decay_missed
 from planner.execution.object_updates import ObjectUpdates
 from planner.execution.options import SearchOptions, SearchOutcome
+from planner.execution.passing_views import PassingViews
 from planner.execution.protocol import (
     Arrived,
     Blocked,
@@ -27,9 +29,9 @@ from planner.execution.protocol import (
     Failed,
     GoTo,
     Hello,
-    LookAround,
     RobotPose,
 )
+from planner.execution.related_objects import RelatedObjects
 from planner.execution.reporter import Reporter
 from planner.execution.robot import Robot
 from planner.execution.robot_session import RobotSession, SearchStopped
@@ -40,9 +42,6 @@ from planner.goals.targets import Target, resolve
 LOST: Final = 3.0  # [m] a robot that arrives this far off is not where it was sent
 OFF: Final = 0.5  # [m] one that arrives this far off could not stand where it was sent
 MOST_LOOKS: Final = 1000
-MOST_VERIFIED: Final = 3  # looks straight at what may be a target
-MOST_FAILURES: Final = 25  # commands that fail with no look between them
-_PASSING: Final = 1.0  # [m] pictures on the way that are nearer to each other show the same
 _LATE: Final = 5.0  # times the expected seconds after which a robot is late
 
 
@@ -102,12 +101,10 @@ class _Run:
         self._objects = ObjectUpdates(semantic_map)
         self._verifier = DetectionVerifier()
         self._found: dict[str, tuple[str, Any]] = {}  # target's text -> object IRI, position
-        self._passing_views: list[tuple[float, float, float]] = []
+        self._passing_views = PassingViews()
         self._unknown: set[str] = set()
-        self._verified: Counter[Spot] = Counter()  # looks straight at what may be a target
-        self._failures: dict[tuple[float, float], int] = {}
-        self._failed = 0
-        self._near = self._related()
+        self._failed_goals = FailedGoals()
+        self._related = RelatedObjects(semantic_map, self._targets)
         self._old_obstacles = recent_obstacles(semantic_map, log.record.iri, options.clock())
         self._before = log.record.seconds
         self._reporter = Reporter(options.on_event, lambda: self._before + session.seconds)
@@ -176,7 +173,7 @@ class _Run:
         """Drive to where the look is to begin; "else": what happened calls for a new plan."""
         number = self._robot.next_id()
         self._robot.send(GoTo(number, goal.x, goal.y, goal.heading))
-        self._passing_views = []
+        self._passing_views = PassingViews()
         limit = self._options.timeout + _LATE * goal.seconds
         for message in self._robot.messages(limit=limit):
             self._refuse_over_budget()
@@ -209,7 +206,7 @@ class _Run:
         if answer is None:
             self._goal_failed(goal, "the look failed")
             return
-        self._failed = 0
+        self._failed_goals.looked()
         pose = self._robot.pose
         middle = goal.middle
         sightings = self._after_look(pose, middle, goal.extent, answer.objects)
@@ -219,16 +216,11 @@ class _Run:
             self._verify(sighting)
 
     def _look_around(self, turn: float, extent: float) -> DetectionsMessage | None:
-        number = self._robot.next_id()
-        self._robot.send(LookAround(number, turn, extent))
-        limit = self._options.timeout * 2 + _LATE * 2 * math.pi / 0.1
-        for message in self._robot.messages(limit=limit):
-            if isinstance(message, DetectionsMessage) and message.id == number:
-                return message
-            if isinstance(message, Failed) and message.id in (number, None):
-                self._reporter.surprise(f"the robot cannot look: {message.reason}")
-                return None
-        return None
+        answer = self._robot.look_around(turn, extent)
+        if isinstance(answer, Failed):
+            self._reporter.surprise(f"the robot cannot look: {answer.reason}")
+            return None
+        return answer
 
     def _after_look(
         self, pose: RobotPose, heading: float, extent: float, things: Sequence[Detected]
@@ -250,10 +242,10 @@ class _Run:
             sorted({kind for target in wanted for kind in target.queried}),
             found=found,
             objects=records,
-            glimpses=self._passing_views,
+            glimpses=tuple(self._passing_views),
             viewed=[*viewed, in_view(pose.x, pose.y, heading, extent)],
         )
-        self._passing_views = []
+        self._passing_views = PassingViews()
         self._reporter.look(look, things, self._adapter.left)
         self._replan_for(records)
         return sightings
@@ -264,9 +256,7 @@ class _Run:
             {
                 s.spot: s
                 for s in sightings
-                if not s.certain
-                and not self._is_found(s)
-                and self._verified[s.spot] < MOST_VERIFIED
+                if not s.certain and not self._is_found(s) and self._verifier.open(s)
             }.values()
         )
 
@@ -276,7 +266,7 @@ class _Run:
         sightings, records = self._add_detections(message.objects, pose)
         found = self._confirm(sightings)
         if not sightings:
-            self._add_passing_view(pose, goal)
+            self._passing_views.add(pose, goal)
         if records:
             self._note_progress()
             self._log.sighting(self._robot.pose, records, found)
@@ -287,18 +277,6 @@ class _Run:
         for sighting in doubtful[:1]:
             self._verify(sighting)
         return True
-
-    def _add_passing_view(self, pose: RobotPose, goal: NextView) -> None:
-        """Add a passing view in vain, unless it repeats the last one or the planned look."""
-        near_goal = math.hypot(pose.x - goal.x, pose.y - goal.y) < _PASSING
-        if near_goal:
-            return
-        if self._passing_views:
-            x, y, heading = self._passing_views[-1]
-            turned = abs(math.remainder(pose.heading - heading, 2 * math.pi))
-            if math.hypot(pose.x - x, pose.y - y) < _PASSING and turned < 0.8:
-                return
-        self._passing_views.append((round(pose.x, 2), round(pose.y, 2), round(pose.heading, 2)))
 
     def _add_detections(
         self, things: Sequence[Detected], pose: RobotPose
@@ -335,8 +313,8 @@ class _Run:
 
     def _verify(self, sighting: TargetDetection) -> None:
         """Look straight at what may be a target until it is likely or a look does not show it."""
-        while not self._is_found(sighting) and self._verified[sighting.spot] < MOST_VERIFIED:
-            self._verified[sighting.spot] += 1
+        while not self._is_found(sighting) and self._verifier.open(sighting):
+            self._verifier.note_look(sighting)
             if not self._shown_again(sighting):
                 return
 
@@ -348,13 +326,8 @@ class _Run:
             f"perhaps {thing.label} at ({thing.x:.1f}, {thing.y:.1f}), score {thing.score:.2f}: "
             "looking again"
         )
-        number = self._robot.next_id()
-        self._robot.send(GoTo(number, pose.x, pose.y, heading))
-        for message in self._robot.messages(limit=2 * self._options.timeout):
-            if isinstance(message, Arrived) and message.id == number:
-                break
-            if isinstance(message, Blocked | Failed):
-                return False
+        if not self._robot.turn_to(heading):
+            return False
         answer = self._look_around(0.0, self._adapter.field_of_view)
         if answer is None:
             return False
@@ -384,14 +357,8 @@ class _Run:
             self._goal_failed(goal, message.reason)
 
     def _goal_failed(self, goal: NextView, reason: str) -> None:
-        """A goal that was not reached twice is not tried a third time."""
         self._reporter.surprise(f"did not work: {reason}")
-        self._failed += 1
-        if self._failed >= MOST_FAILURES:
-            raise RobotError(f"{MOST_FAILURES} commands in a row failed, the last one: {reason}")
-        key = round(goal.x, 1), round(goal.y, 1)
-        self._failures[key] = self._failures.get(key, 0) + 1
-        if self._failures[key] >= 2:
+        if self._failed_goals.add(goal, reason):
             self._unreachable(goal, reason)
 
     def _unreachable(self, goal: NextView, reason: str) -> None:
@@ -399,22 +366,9 @@ class _Run:
         self._log.obstacle(self._robot.pose, goal.x, goal.y, reason)
         self._adapter.blocked(goal.x, goal.y, self._robot.pose)
 
-    def _related(self) -> frozenset[str]:
-        """IRIs of objects that something still wanted is usually near."""
-        found = set()
-        for target in self._wanted():
-            for category in target.queried:
-                rows = self._map.ask("goals-nearby", category=category).records()
-                found |= {str(row["iri"]) for row in rows}
-        return frozenset(found)
-
     def _replan_for(self, records: Sequence[ObjectRecord]) -> bool:
         """Plan afresh where something new was seen that what is wanted is usually near."""
-        if not records or not self._wanted():
-            return False
-        related = self._related()
-        new = [record for record in records if record.iri in related - self._near]
-        self._near = related
+        new = self._related.new_among(records, self._wanted()) if records else []
         if not new:
             return False
         labels = sorted({self._map.catalogue.label(record.category) for record in new})
@@ -439,31 +393,12 @@ class _Run:
             self._reporter.note(f"could not be stopped: {error}")
 
     def _end(self, state: SearchState) -> None:
-        changes = ObjectChanges() if state == "stopped" else self._not_seen()
+        changes = ObjectChanges()
+        if state != "stopped":  # until then the planning state holds it
+            kinds = {kind for target in self._targets for kind in target.kinds}
+            changes = decay_missed(self._objects.of(kinds), self._objects, self._adapter, self._log)
         self._note_progress()
         self._log.end(state, self._robot.pose_if_known, changes)
-
-    def _not_seen(self) -> ObjectChanges:
-        """What the map holds of what was wanted, and looks should have shown and did not.
-
-        Applied once the search is over: until then the planning state holds it.
-        """
-        kinds = {kind for target in self._targets for kind in target.kinds}
-        kept, gone = dict[str, ObjectRecord](), list[str]()
-        departed = list[DepartedRecord]()
-        for record in self._objects.of(kinds):
-            times = sum(
-                self._adapter.shows(look, record.p_map)
-                for look in self._log.looks
-                if look.stamp > record.last_seen and not look.found
-            )
-            if times and record.iri not in self._log.record.found:
-                changes = self._objects.decay(record.iri, times, self._adapter.recall)
-                kept |= {changed.iri: changed for changed in changes.updated}
-                gone += changes.removed
-                departed += changes.departed
-        updated = tuple(record for iri, record in kept.items() if iri not in gone)
-        return ObjectChanges(updated, tuple(gone), departed=tuple(departed))
 
     def _note_progress(self) -> None:
         left = self._adapter.left if self._wanted() else 0.0

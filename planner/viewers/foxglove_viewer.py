@@ -6,6 +6,7 @@ import io
 import math
 import threading
 import time
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Final
 
@@ -160,11 +161,12 @@ class McapFile(FoxgloveViewer):
                 self._writer.flush()
 
 
-def scene_as_mcap(scene: Scene, stamp: float) -> bytes:
-    """An MCAP file of one scene."""
+def scenes_as_mcap(scenes: Iterable[tuple[Scene, float]]) -> bytes:
+    """An MCAP file of scenes, each with its time [s since 1970]."""
     viewer, file = FoxgloveViewer(), io.BytesIO()
     with foxglove.open_mcap(file, context=viewer.context):
-        viewer.show(scene, stamp)
+        for scene, stamp in scenes:
+            viewer.show(scene, stamp)
     return file.getvalue()
 
 

@@ -6,7 +6,7 @@ import ctypes
 import math
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -224,13 +224,16 @@ class RerunFile(RerunViewer):
         self._flushed = time.monotonic()
 
 
-def scene_as_rrd(scene: Scene, stamp: float) -> bytes:
-    """An .rrd file of one scene."""
+def scenes_as_rrd(scenes: Iterable[tuple[Scene, float]]) -> bytes:
+    """An .rrd file of scenes, each with its time [s since 1970]."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "scene.rrd"
-        viewer = RerunFile(scene.title, path)
-        viewer.show(scene, stamp)
-        viewer.close()
+        viewer: RerunFile | None = None
+        for scene, stamp in scenes:
+            viewer = viewer or RerunFile(scene.title, path)
+            viewer.show(scene, stamp)
+        if viewer is not None:
+            viewer.close()
         return path.read_bytes()
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
@@ -15,15 +16,23 @@ from planner.viewers.scene import Scene
 _LATCHED: Final = 1
 
 
-def scene_as_bag(scene: Scene, stamp: float) -> bytes:
-    """A ROS 1 bag with one message a topic, which whoever subscribes later gets as well."""
+def scenes_as_bag(scenes: Iterable[tuple[Scene, float]]) -> bytes:
+    """A ROS 1 bag of scenes, each with its time [s since 1970].
+
+    Whoever subscribes to a topic later gets its last message as well.
+    """
     types = get_typestore(Stores.ROS1_NOETIC)
-    at = max(nanoseconds_of(stamp), 1)  # ROS 1 has no time 0
+    messages = RosMessages(types)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "scene.bag"
         with Writer(path) as bag:
-            for topic, message in RosMessages(types).of(scene, at / 1e9):
-                kind = TOPICS[topic]
-                connection = bag.add_connection(topic, kind, typestore=types, latching=_LATCHED)
-                bag.write(connection, at, bytes(types.serialize_ros1(message, kind)))
+            connections = {
+                topic: bag.add_connection(topic, kind, typestore=types, latching=_LATCHED)
+                for topic, kind in TOPICS.items()
+            }
+            for scene, stamp in scenes:
+                at = max(nanoseconds_of(stamp), 1)  # ROS 1 has no time 0
+                for topic, message in messages.of(scene, at / 1e9):
+                    data = bytes(types.serialize_ros1(message, TOPICS[topic]))
+                    bag.write(connections[topic], at, data)
         return path.read_bytes()

@@ -9,7 +9,7 @@ from pyoxigraph import Literal, NamedNode
 
 from kg import vocabulary as v
 from kg.errors import QueryParameterError
-from kg.facts.objects_and_places import observation_of
+from kg.facts.observations import observation_of
 from kg.history.curies import short, word
 from kg.history.storage.log import HistoryLog
 from kg.history.storage.row_codec import Coded, Delta, Term, decode_delta

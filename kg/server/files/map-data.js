@@ -1,4 +1,6 @@
 // The map as the page knows it: read by SPARQL, as it is or as it was, and kept up with the feed of changes.
+import { followChanges } from "/files/change-feed.js";
+import { isNumber, request, select } from "/files/server.js";
 
 const HERE = "https://w3id.org/hereabouts#";
 const RDF_TYPE = "http://www.w3.org/1999/02/22-rdf-syntax-ns#type";
@@ -37,44 +39,6 @@ const FIELDS = {
   [`${HERE}positionDeviation`]: "deviation", [`${HERE}extentX`]: "dx", [`${HERE}extentY`]: "dy",
   [`${HERE}extentZ`]: "dz", [`${HERE}observationCount`]: "count", [`${HERE}heading`]: "heading",
 };
-const NUMBERS = new Set(["x", "y", "z", "existence", "deviation", "dx", "dy", "dz", "count", "heading", "xmin", "xmax",
-  "ymin", "ymax", "share", "belief", "size", "storey"]);
-
-/** Rows of CSV text (RFC 4180) as objects by column. */
-function rowsOf(text) {
-  const rows = [];
-  let row = [], cell = "", quoted = false;
-  for (let i = 0; i < text.length; i++) {
-    const c = text[i];
-    if (quoted) {
-      if (c === '"' && text[i + 1] === '"') { cell += '"'; i++; } else if (c === '"') quoted = false;
-      else cell += c;
-    } else if (c === '"') quoted = true;
-    else if (c === ",") { row.push(cell); cell = ""; }
-    else if (c === "\n") { row.push(cell); rows.push(row); row = []; cell = ""; }
-    else if (c !== "\r") cell += c;
-  }
-  const columns = rows.shift() || [];
-  return rows.map((cells) => {
-    const made = {};
-    columns.forEach((name, n) => {
-      if (cells[n] !== "") made[name] = NUMBERS.has(name) ? Number(cells[n]) : cells[n];
-    });
-    return made;
-  });
-}
-
-/** The answer to a query: {rows, sequence}; `at` is a transaction number, null for now. */
-export async function select(query, at = null) {
-  const path = at === null ? "/sparql" : `/sparql?at=${at}`;
-  const answer = await fetch(path, {
-    method: "POST",
-    headers: { "Content-Type": "application/sparql-query", Accept: "text/csv" },
-    body: query,
-  });
-  if (!answer.ok) throw new Error((await answer.text()).slice(0, 300));
-  return { rows: rowsOf(await answer.text()), sequence: Number(answer.headers.get("Here-Sequence") || 0) };
-}
 
 /** Bytes of a zlib stream in base64. */
 async function inflated(text) {
@@ -84,7 +48,7 @@ async function inflated(text) {
 }
 
 /** Rings of corners [x, y] of a polygon in WKT. */
-function ringsOf(text) {
+export function ringsOf(text) {
   return [...text.matchAll(/\(([^()]+)\)/g)].map((ring) =>
     ring[1].split(",").map((corner) => corner.trim().split(/\s+/).map(Number)));
 }
@@ -97,6 +61,11 @@ function factOf(line) {
   if (!found || found[5] !== MAP_GRAPH) return null;
   const [, subject, predicate, iri, text] = found;
   return [subject, predicate, iri !== undefined ? iri : JSON.parse(`"${text.replace(/\\'/g, "'")}"`)];
+}
+
+/** A time of the map as seconds since 1970. */
+export function seconds(time) {
+  return Date.parse(time) / 1000;
 }
 
 export class MapData extends EventTarget {
@@ -141,16 +110,20 @@ export class MapData extends EventTarget {
 
   /** Follow the feed of changes from the state that was read. */
   follow() {
-    if (this._feed) this._feed.close();
-    const feed = new EventSource(`/changes?since=${this.sequence}`);
-    this._feed = feed;
-    feed.onopen = () => this._tell("on");
-    feed.onerror = () => {
-      this._tell("off");
-      // refused: what lies between is not kept any more, so all is read anew
-      if (feed.readyState === EventSource.CLOSED) setTimeout(() => this.load(null).then(() => this.follow()), 2000);
-    };
-    feed.addEventListener("change", (event) => this._take(JSON.parse(event.data)));
+    followChanges(this.sequence, {
+      onOpen: () => this._tell("on"),
+      onClosed: () => this._tell("off"),
+      onChange: (change) => this._take(change),
+      onGap: () => this._readAnew(),
+    });
+  }
+
+  /** Read all again; returns the map's last transaction. */
+  async _readAnew() {
+    const { sequence } = await (await request("/health", { accept: "application/json" })).json();
+    this.last = sequence;
+    await this.load(this.past);
+    return this.past === null ? this.sequence : sequence;
   }
 
   labelOf(iri) {
@@ -159,6 +132,31 @@ export class MapData extends EventTarget {
 
   nameOf(one) {
     return one.label || this.labelOf(one.class || one.iri);
+  }
+
+  /** An IRI as this map's pages write it: those of its own things without their base. */
+  pathOf(iri) {
+    return iri.startsWith(this.base) ? iri.slice(this.base.length) : iri;
+  }
+
+  /** The name of a place with what it is most probably. */
+  placeName(place) {
+    const best = place.beliefs[0];
+    return best ? `${this.nameOf(place)} (${this.labelOf(best[0])})` : this.nameOf(place);
+  }
+
+  /** When anything was last seen, in seconds since 1970: the time of the map. */
+  lastView() {
+    let latest = 0;
+    for (const one of this.objects.values()) if (one.seen) latest = Math.max(latest, seconds(one.seen));
+    return latest;
+  }
+
+  /** How long before the map's last view something was. */
+  ago(time) {
+    const age = Math.max(this.lastView() - seconds(time), 0);
+    const [count, unit] = age < 90 ? [age, "s"] : age < 5400 ? [age / 60, "min"] : age < 172800 ? [age / 3600, "h"] : [age / 86400, "days"];
+    return `${Math.round(count)} ${unit}`;
   }
 
   _take(change) {
@@ -182,8 +180,8 @@ export class MapData extends EventTarget {
         touched.add(one);
         if (added) {
           if (field === "class" && one.class && !this.kinds.has(value)) continue;
-          one[field] = NUMBERS.has(field) ? Number(value) : value;
-        } else if (String(one[field]) === value || NUMBERS.has(field)) delete one[field];
+          one[field] = isNumber(field) ? Number(value) : value;
+        } else if (String(one[field]) === value || isNumber(field)) delete one[field];
       }
     }
     for (const one of touched) {

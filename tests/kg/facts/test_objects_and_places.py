@@ -16,7 +16,7 @@ from kg.errors import InvalidFactError
 from kg.facts.objects_and_places import RecordCodec
 from kg.ontology.catalogue import Catalogue
 from kg.ontology.loading import load_ontologies
-from kg.records import Evidence, ObjectRecord, PlaceRecord, RecordingRecord, RobotRecord
+from kg.records import Evidence, ObjectRecord, PlaceRecord
 
 BASE = "http://example.org/lab/"
 FACTS = RecordCodec(BASE, Catalogue.from_quads(load_ontologies().quads))
@@ -121,26 +121,6 @@ def test_a_place_is_of_its_top_category_only_once_viewed() -> None:
 
     assert types(place) == {v.PLACE, v.BOT_SPACE}
     assert types(replace(place, views=1)) == {v.PLACE, v.BOT_SPACE, kitchen}
-
-
-@given(metres, metres, st.floats(-math.pi, math.pi), stamps)
-def test_the_robot_comes_back(x: float, y: float, heading: float, stamp: float) -> None:
-    store = stored(FACTS.of_robot(RobotRecord(np.array([x, y, 1.0]), heading, stamp)))
-    back = FACTS.robot(store)
-    assert back is not None
-    np.testing.assert_allclose(back.p_map, [x, y, 1.0], atol=0.00501)
-    assert back.heading == pytest.approx(heading, abs=0.00501)
-    assert back.stamp == pytest.approx(stamp, abs=0.501)
-
-
-@given(texts, st.lists(st.floats(-1e9, 1e9), min_size=16, max_size=16))
-def test_a_recording_comes_back_with_its_transform_to_the_last_bit(
-    name: str, numbers: list[float]
-) -> None:
-    record = RecordingRecord(name, 57, "frame-000056", np.array(numbers).reshape(4, 4))
-    (back,) = FACTS.recordings(stored(FACTS.of_recording(record)))
-    assert (back.name, back.frames_applied, back.last_frame) == (name, 57, "frame-000056")
-    np.testing.assert_array_equal(back.T_map_world, record.T_map_world)
 
 
 CHAIR = ObjectRecord(

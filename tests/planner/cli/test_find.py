@@ -47,7 +47,7 @@ def test_what_is_known_comes_before_the_plan(says: Said) -> None:
     out, _ = says("cup")
     assert out.startswith("cup 2: in place 1 (kitchen) at (3.0, 1.0), 0.90 sure, ")
     assert " sure, " in out.splitlines()[0]
-    assert out.index("cup 2:") < out.index("If it is not there") < out.index("chance")
+    assert out.index("cup 2:") < out.index("Where to look") < out.index("chance")
     (known,) = json.loads(says("cup", "--json")[0])["known"]
     assert known["existence"] >= 0.5
     assert known["last_seen"].startswith("1970-01-01T00:00:00")

@@ -83,6 +83,13 @@ def test_answers_come_in_every_format(lab: Path, prints: Prints) -> None:
     assert len(triples) == 2 * sum(row["category"] == "chair" for row in rows)
 
 
+def test_sparql_text_is_asked_without_an_option(lab: Path, prints: Prints) -> None:
+    text = "SELECT ?o { ?o here:x ?x FILTER(?x > $least) }"
+    option = prints("ask", lab, "--format", "csv", "-e", text, "-p", "least=0")
+    assert option == prints("ask", lab, text, "--format", "csv", "-p", "least=0")
+    assert len(option.splitlines()) > 1
+
+
 def test_a_query_file_of_ones_own_is_asked(lab: Path, prints: Prints, tmp_path: Path) -> None:
     question = tmp_path / "high-things.rq"
     question.write_text(
@@ -147,6 +154,14 @@ def test_all_lists_what_probably_is_not_there_too(lab: Path, prints: Prints) -> 
 def test_the_map_is_drawn(lab: Path, prints: Prints, tmp_path: Path) -> None:
     prints("plot", lab, "-o", tmp_path / "lab.png", "--find", "keyboard", "--from", "0,0")
     assert (tmp_path / "lab.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_plot_and_find_draw_the_same_plan(mapped: Path, prints: Prints, tmp_path: Path) -> None:
+    by_plot, by_find = tmp_path / "plot.svg", tmp_path / "find.svg"
+    prints("plot", mapped, "-o", by_plot, "--find", "banana", "--from", "0,0,90")
+    prints("find", mapped, "banana", "--from", "0,0,90", "--picture", by_find)
+    assert by_plot.read_bytes() == by_find.read_bytes()
+    assert "finds it with" in by_plot.read_text() and "after" in by_plot.read_text()
 
 
 def test_food_is_searched_without_being_prompted(mapped: Path, prints: Prints) -> None:

@@ -27,7 +27,7 @@ from kg.opening import in_memory_map
 from kg.records import FREE, TALL, MapUpdate, RobotRecord
 from perception.frames import Detections, Frame
 from planner.viewers.feed import LiveFeed
-from planner.viewers.foxglove_viewer import FoxgloveServer, McapFile, scene_as_mcap
+from planner.viewers.foxglove_viewer import FoxgloveServer, McapFile, scenes_as_mcap
 from planner.viewers.scene import ScenePlan, SceneReader, SceneStop
 from planner.viewers.viewer import ViewerGroup
 
@@ -56,7 +56,7 @@ BOX = Detections(np.array([[1, 2, 8, 9]], np.float32), np.array([0.9], np.float3
 
 def test_a_map_is_objects_places_relations_floor_and_robot(kitchen: SemanticMap) -> None:
     plan = ScenePlan(((0, 0), (1, 1)), (SceneStop((1, 1), 0.5, "near the cup"),))
-    messages = read(scene_as_mcap(SceneReader(kitchen).read(plan), 1000.0))
+    messages = read(scenes_as_mcap([(SceneReader(kitchen).read(plan), 1000.0)]))
     assert {at for _, _, at, _ in messages} == {1_000_000_000_000}
     by_topic = {topic: content for topic, _, _, content in messages}
     assert {(topic, schema) for topic, schema, _, _ in messages} == {
@@ -86,7 +86,7 @@ def test_the_floor_is_a_grid_with_rows_along_x(kitchen: SemanticMap) -> None:
     scene = SceneReader(kitchen).read()
     assert scene.floor is not None
     states = scene.floor.grid.states
-    messages = read(scene_as_mcap(scene, 1.0))
+    messages = read(scenes_as_mcap([(scene, 1.0)]))
     grid = next(content for topic, _, _, content in messages if topic == "/floor")
     cells = np.frombuffer(grid.data, np.uint8).reshape(-1, grid.column_count, 4)
     assert cells.shape[:2] == states.T.shape
@@ -97,7 +97,7 @@ def test_the_floor_is_a_grid_with_rows_along_x(kitchen: SemanticMap) -> None:
 
 
 def test_an_empty_map_is_a_valid_file() -> None:
-    messages = read(scene_as_mcap(SceneReader(in_memory_map()).read(), math.nan))
+    messages = read(scenes_as_mcap([(SceneReader(in_memory_map()).read(), math.nan)]))
     assert {topic for topic, _, _, _ in messages} >= {"/objects", "/floor"}
 
 

@@ -13,7 +13,7 @@ from kg.errors import PictureError
 from kg.maps.semantic_map import SemanticMap
 from kg.opening import in_memory_map
 from perception.frames import Detections, Frame
-from planner.viewers.rerun_viewer import RerunFile, scene_as_rrd
+from planner.viewers.rerun_viewer import RerunFile, scenes_as_rrd
 from planner.viewers.scene import ScenePlan, SceneReader, SceneStop
 
 
@@ -31,7 +31,7 @@ def read(path: Path) -> dict[str, list[dict[str, Any]]]:
 def test_a_map_is_shapes_floors_lines_and_a_plan(kitchen: SemanticMap, tmp_path: Path) -> None:
     plan = ScenePlan(((0, 0), (1, 1)), (SceneStop((1, 1), 0.5, "near the cup"),))
     path = tmp_path / "kitchen.rrd"
-    path.write_bytes(scene_as_rrd(SceneReader(kitchen).read(plan), 1000.25))
+    path.write_bytes(scenes_as_rrd([(SceneReader(kitchen).read(plan), 1000.25)]))
     entities = read(path)
     labels = {
         label
@@ -53,7 +53,7 @@ def test_a_map_is_shapes_floors_lines_and_a_plan(kitchen: SemanticMap, tmp_path:
 
 def test_an_empty_map_is_a_valid_file(tmp_path: Path) -> None:
     path = tmp_path / "empty.rrd"
-    path.write_bytes(scene_as_rrd(SceneReader(in_memory_map()).read(), float("nan")))
+    path.write_bytes(scenes_as_rrd([(SceneReader(in_memory_map()).read(), float("nan"))]))
     assert "/map/objects/cubes" in read(path)
 
 

@@ -12,7 +12,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from kg.maps.semantic_map import SemanticMap
 from kg.opening import in_memory_map
-from planner.viewers.ros_bag import scene_as_bag
+from planner.viewers.ros_bag import scenes_as_bag
 from planner.viewers.ros_messages import TOPICS, RosMessages
 from planner.viewers.scene import ScenePlan, SceneReader, SceneStop
 
@@ -31,7 +31,7 @@ def test_a_bag_has_markers_floor_robot_and_plan(kitchen: SemanticMap, tmp_path: 
     plan = ScenePlan(((0, 0), (1, 1)), (SceneStop((1, 1), 0.5, "near the cup"),))
     scene = SceneReader(kitchen).read(plan)
     path = tmp_path / "kitchen.bag"
-    path.write_bytes(scene_as_bag(scene, 1000.25))
+    path.write_bytes(scenes_as_bag([(scene, 1000.25)]))
     messages = read(path)
     assert set(messages) == set(TOPICS)
     markers = messages["/hereabouts/markers"].markers
@@ -52,7 +52,7 @@ def test_the_occupancy_grid_is_that_of_the_mapped_floor(
     scene = SceneReader(kitchen).read()
     assert scene.floor is not None
     path = tmp_path / "kitchen.bag"
-    path.write_bytes(scene_as_bag(scene, 1.0))
+    path.write_bytes(scenes_as_bag([(scene, 1.0)]))
     grid = read(path)["/map"]
     data = np.asarray(grid.data, np.int8).reshape(grid.info.height, grid.info.width)
     assert (data == np.array([-1, 0, 100, 100])[scene.floor.grid.states].T).all()
@@ -62,7 +62,7 @@ def test_the_occupancy_grid_is_that_of_the_mapped_floor(
 
 def test_an_empty_map_is_a_bag_that_clears_the_view(tmp_path: Path) -> None:
     path = tmp_path / "empty.bag"
-    path.write_bytes(scene_as_bag(SceneReader(in_memory_map()).read(), 0.0))
+    path.write_bytes(scenes_as_bag([(SceneReader(in_memory_map()).read(), 0.0)]))
     messages = read(path)
     assert list(messages) == ["/hereabouts/markers"]
     assert [marker.action for marker in messages["/hereabouts/markers"].markers] == [3]

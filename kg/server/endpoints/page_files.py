@@ -1,0 +1,37 @@
+"""`/files/NAME`: scripts, styles and pictures of the pages; `vendor/` has libraries of others."""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib.resources import files
+from importlib.resources.abc import Traversable
+from typing import Final
+
+from starlette.requests import Request
+from starlette.responses import Response
+
+from kg.server.app_state import AppState
+from kg.server.http.problems import Problem
+
+_TYPES: Final = {"css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
+
+
+async def page_file(serving: AppState, request: Request) -> Response:
+    """A file of the pages; Problem 404 where there is none of that name."""
+    name, known = request.path_params["name"], _files()
+    if name not in known:
+        raise Problem(404, f"no file {name[:100]!r}; there are: {', '.join(known)}")
+    media_type = _TYPES[name.rpartition(".")[2]]
+    return Response(
+        known[name].read_bytes(), media_type=media_type, headers={"Cache-Control": "max-age=300"}
+    )
+
+
+@cache
+def _files() -> dict[str, Traversable]:
+    folder = files("kg.server").joinpath("files")
+    found = {one.name: one for one in folder.iterdir()}
+    vendored = folder.joinpath("vendor")
+    if vendored.is_dir():
+        found |= {f"vendor/{one.name}": one for one in vendored.iterdir()}
+    return {name: found[name] for name in sorted(found) if name.rpartition(".")[2] in _TYPES}

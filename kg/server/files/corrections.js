@@ -1,0 +1,87 @@
+// Corrections in place: assertions in the name of the holder of a token.
+import { button, byId, element, option, status } from "/files/page-elements.js";
+import { hasToken, request, useToken } from "/files/server.js";
+
+export class Corrections {
+  /** `done()` is called when the token or the map has changed. */
+  constructor(data, done) {
+    this._data = data;
+    this._done = done;
+    this._moving = null; // IRI of what the next click on the map places
+    byId("corrector")?.addEventListener("submit", (event) => this._take(event));
+  }
+
+  /** Offer the names of the categories where one is typed. */
+  offerCategories() {
+    for (const kind of ["object", "place"]) {
+      const known = [...this._data.labels].filter(([iri]) => this._data.kinds.get(iri) === kind);
+      byId(`${kind}-categories`).replaceChildren(...known.map(([, label]) => option(label, "")));
+    }
+  }
+
+  /** The form for a thing; null without a token. */
+  form(thing) {
+    if (!hasToken() || !byId("corrector")) return null;
+    const isPlace = this._data.places.has(thing.iri);
+    const name = element("input"), category = element("input");
+    name.value = thing.label || "";
+    name.setAttribute("aria-label", "name");
+    category.setAttribute("list", isPlace ? "place-categories" : "object-categories");
+    category.setAttribute("aria-label", "category");
+    category.placeholder = isPlace ? "e.g. kitchen" : "e.g. bowl";
+    const made = element("fieldset", "", element("legend", "Correct it"),
+      element("p", "", name, button("rename", () => this._assert(thing.iri, "label", name.value))),
+      element("p", "", category, button("is a", () => this._assert(thing.iri, "category", category.value))));
+    if (!isPlace) {
+      made.append(element("p", "",
+        button("move", () => { this._moving = thing.iri; status("click where it is"); }),
+        button("it is not there", () => this._assert(thing.iri, "existence", "absent"))));
+    }
+    made.append(element("p", "", button("undo", () => this._retract(thing.iri))));
+    return made;
+  }
+
+  /** Put what is being moved where the map was clicked [m]; whether anything is. */
+  place([x, y]) {
+    const iri = this._moving;
+    this._moving = null;
+    if (iri) this._assert(iri, "position", `${x.toFixed(2)} ${y.toFixed(2)} ${(this._data.objects.get(iri)?.z ?? 0).toFixed(2)}`);
+    return iri !== null;
+  }
+
+  _take(event) {
+    event.preventDefault();
+    useToken(byId("token").value.trim());
+    byId("token").value = "";
+    status(hasToken() ? "corrections are open until the page is left" : "");
+    this._done();
+  }
+
+  _assert(iri, property, value) {
+    const body = JSON.stringify({ thing: this._data.pathOf(iri), property, value });
+    return this._send("/assertions", { method: "POST", body }, `${property}: ${value}`);
+  }
+
+  /** Take back the last assertion about a thing. */
+  async _retract(iri) {
+    const address = `/assertions?iri=${encodeURIComponent(this._data.pathOf(iri))}`;
+    try {
+      const { assertions } = await (await request(address, { accept: "application/json" })).json();
+      const last = assertions.sort((a, b) => (a.time > b.time ? 1 : -1)).pop();
+      if (!last) return status("nothing was asserted about it");
+      return this._send(`${address}&property=${last.property}`, { method: "DELETE" }, `retracted: ${last.property}`);
+    } catch (error) {
+      return status(error.message);
+    }
+  }
+
+  async _send(address, options, done) {
+    try {
+      await request(address, { ...options, accept: "application/json", type: "application/json" });
+      status(done);
+      setTimeout(this._done, 700);
+    } catch (error) {
+      status(error.message);
+    }
+  }
+}

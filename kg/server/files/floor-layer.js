@@ -1,0 +1,75 @@
+// The floor as the depth camera saw it, or by when it was last viewed.
+
+const TILES = 4000; // pictures kept
+const OBSTACLE = 3;
+// free, obstacles that one looks over, walls
+const TONES = { light: [null, [241, 243, 245], [214, 219, 225], [92, 102, 112]], dark: [null, [42, 49, 56], [66, 76, 86], [150, 163, 176]] };
+const NEVER = { light: [255, 205, 160], dark: [110, 60, 30] };
+const FRESH = { light: [150, 220, 180], dark: [36, 110, 80] };
+const OLD = { light: [225, 232, 238], dark: [42, 49, 56] };
+
+export class FloorLayer {
+  constructor(view) {
+    this._view = view;
+    this._pictures = new Map(); // by the text of their cells
+  }
+
+  draw(c) {
+    const view = this._view;
+    if (!view.layers.floor && !view.layers.viewed) return;
+    c.imageSmoothingEnabled = false;
+    const latest = view.layers.viewed ? this._latest() : 0;
+    for (const tile of view.data.floor) {
+      const span = tile.side * tile.size, [u, v] = view.toScreen(tile.x, tile.y + span);
+      if (u > view.width || v > view.height || u + span * view.scale < 0 || v + span * view.scale < 0) continue;
+      c.drawImage(this._picture(tile, latest), u, v, span * view.scale, span * view.scale);
+    }
+  }
+
+  /** A tile's picture, a pixel a cell; kept, as tiles seldom change. */
+  _picture(tile, latest) {
+    const viewed = this._view.layers.viewed, scheme = this._view.dark ? "dark" : "light", key = `${viewed}${scheme}`;
+    const kept = this._pictures.get(tile.cells);
+    if (kept && kept.key === key && kept.viewed === tile.viewed) return kept.canvas;
+    const canvas = document.createElement("canvas");
+    canvas.width = canvas.height = tile.side;
+    canvas.getContext("2d").putImageData(imageOf(tile, viewed, latest, scheme), 0, 0);
+    if (this._pictures.size > TILES) this._pictures.clear();
+    this._pictures.set(tile.cells, { key, viewed: tile.viewed, canvas });
+    return canvas;
+  }
+
+  /** When floor was last viewed, in minutes since 1970. */
+  _latest() {
+    let latest = 0;
+    for (const tile of this._view.data.floor) {
+      tile.latest ??= tile.viewed ? tile.viewed.reduce((a, b) => Math.max(a, b), 0) : 0;
+      latest = Math.max(latest, tile.latest);
+    }
+    return latest;
+  }
+}
+
+function imageOf(tile, viewed, latest, scheme) {
+  const n = tile.side, image = new ImageData(n, n);
+  const m = viewed && tile.viewed ? Math.sqrt(tile.viewed.length / 2) : 0; // view times a side
+  for (let x = 0; x < n; x++) for (let y = 0; y < n; y++) {
+    const state = tile.cells[x * n + y];
+    if (!state) continue;
+    let tone = TONES[scheme][state];
+    if (m && state !== OBSTACLE) {
+      const when = tile.viewed[m * m + Math.floor(x * m / n) * m + Math.floor(y * m / n)];
+      tone = when ? viewedTone(latest - when, scheme) : NEVER[scheme];
+    }
+    const at = ((n - 1 - y) * n + x) * 4;
+    image.data.set(tone, at);
+    image.data[at + 3] = 255;
+  }
+  return image;
+}
+
+/** Colour of floor that was last viewed so many minutes before the latest view. */
+function viewedTone(minutes, scheme) {
+  const age = Math.min(Math.log1p(Math.max(minutes, 0)) / Math.log(60 * 24 * 7), 1);
+  return FRESH[scheme].map((value, n) => Math.round(value + (OLD[scheme][n] - value) * age));
+}

@@ -1,0 +1,60 @@
+// What the layers of the map share: colours, text, free room for text, points in polygons.
+
+/** A colour that a category always has. */
+export function colourOf(label, dark) {
+  let hash = 7;
+  for (const c of label) hash = (hash * 31 + c.codePointAt(0)) >>> 0;
+  const hue = (hash * 137.508) % 360;
+  return `hsl(${hue.toFixed(0)} ${dark ? "65% 66%" : "62% 38%"})`;
+}
+
+/** Text with a seam of the background around it. */
+export function drawText(c, view, text, x, y, colour, alpha = 1) {
+  c.globalAlpha = alpha;
+  c.lineWidth = 3;
+  c.lineJoin = "round";
+  c.strokeStyle = view.panel;
+  c.strokeText(text, x, y);
+  c.fillStyle = colour;
+  c.fillText(text, x, y);
+  c.globalAlpha = 1;
+}
+
+/** Begin a path through points of the screen. */
+export function tracePath(c, points) {
+  c.beginPath();
+  points.forEach(([u, v], n) => (n ? c.lineTo(u, v) : c.moveTo(u, v)));
+}
+
+/** Rectangles of the screen that are taken, found by the squares of a grid that they touch. */
+export class Taken {
+  constructor(width, height) {
+    this._size = [width, height];
+    this._cells = new Map();
+  }
+
+  /** Take a rectangle [px] if it is free and on the canvas, or in any case; whether it was taken. */
+  take(x, y, width, height, always = false) {
+    if (!always && (x < 2 || y < 2 || x + width > this._size[0] - 2 || y + height > this._size[1] - 2)) return false;
+    const box = [x, y, x + width, y + height], keys = [];
+    if (!(box[2] > 0 && box[3] > 0 && x < this._size[0] && y < this._size[1])) return always; // far off, or no number
+    for (let i = Math.floor(x / 64); i <= Math.floor(box[2] / 64); i++) {
+      for (let j = Math.floor(y / 64); j <= Math.floor(box[3] / 64); j++) keys.push(i * 4099 + j);
+    }
+    if (!always && keys.some((key) => (this._cells.get(key) || []).some((b) => b[0] < box[2] && box[0] < b[2] && b[1] < box[3] && box[1] < b[3]))) return false;
+    keys.forEach((key) => { if (!this._cells.has(key)) this._cells.set(key, []); this._cells.get(key).push(box); });
+    return true;
+  }
+}
+
+/** Whether a point lies within rings, by the even-odd rule. */
+export function inside(x, y, rings) {
+  let within = false;
+  for (const ring of rings) {
+    for (let i = 0, j = ring.length - 1; i < ring.length; j = i++) {
+      const [xi, yi] = ring[i], [xj, yj] = ring[j];
+      if ((yi > y) !== (yj > y) && x < ((xj - xi) * (y - yi)) / (yj - yi) + xi) within = !within;
+    }
+  }
+  return within;
+}

@@ -1,0 +1,56 @@
+// The search: what is wanted, the plan to find it, and its reasons.
+import { button, byId, element } from "/files/page-elements.js";
+import { request } from "/files/server.js";
+
+const STEPS = 12; // of a plan that are told
+const KNOWN = 4;
+
+export class PlanPanel {
+  constructor(data, view, choose) {
+    this._data = data;
+    this._view = view;
+    this._choose = choose;
+    byId("find").addEventListener("submit", (event) => this._find(event));
+  }
+
+  async _find(event) {
+    event.preventDefault();
+    const wanted = byId("wanted").value.trim();
+    if (!wanted) return this._show(null);
+    byId("plan").replaceChildren(element("p", "planning …"));
+    try {
+      const answer = await request(`/find?object=${encodeURIComponent(wanted)}`, { accept: "application/json" });
+      return this._show(await answer.json(), wanted);
+    } catch (error) {
+      return byId("plan").replaceChildren(element("p", error.message));
+    }
+  }
+
+  _show(plan, wanted) {
+    this._view.plan = plan;
+    byId("plan").replaceChildren(...(plan ? this._told(plan, wanted) : []));
+    this._view.draw();
+  }
+
+  _told(plan, wanted) {
+    const known = plan.known.slice(0, KNOWN).map((one) => element("li", "", button(one.label, () => this._choose(one.iri)),
+      ` ${one.where || ""}, existence ${one.existence.toFixed(2)}${one.last_seen ? `, seen ${this._data.ago(one.last_seen)} ago` : ""}`));
+    return [
+      element("h3", known.length ? "What the map has" : `No ${wanted} is in the map`), element("ul", "", ...known),
+      element("h3", "Where to look"),
+      element("p", `on this floor with ${plan.present.toFixed(2)}; the plan finds it with ${plan.probability.toFixed(2)}`),
+      element("ol", "", ...this._steps(plan)),
+    ];
+  }
+
+  _steps(plan) {
+    const given = new Set(); // reasons, each told once
+    return plan.steps.slice(0, STEPS).map((step, n) => {
+      const reason = step.why.find((one) => !given.has(one.iri));
+      if (reason) given.add(reason.iri);
+      return element("li", "", button(`look ${n + 1}`, () => this._view.goTo(step.x, step.y)),
+        ` by ${Math.round(step.seconds)} s, finds it with ${step.probability.toFixed(3)}`,
+        element("small", reason ? reason.facts.slice(0, 2).join("; ") : ""));
+    });
+  }
+}

@@ -1,0 +1,68 @@
+// The robot, where it went, and where a plan sends it.
+import { tracePath } from "/files/map-drawing.js";
+
+const REACH = 1.2; // [m] of the sector that shows which way to look
+const ARROW = [[12, 0], [-9, 8], [-5, 0], [-9, -8]]; // [px], towards +x
+
+export function drawTrail(c, view) {
+  if (!view.layers.trail || view.data.trail.length < 2) return;
+  c.strokeStyle = view.accent;
+  c.globalAlpha = 0.5;
+  c.lineWidth = 2;
+  tracePath(c, view.data.trail.map(([x, y]) => view.toScreen(x, y)));
+  c.stroke();
+  c.globalAlpha = 1;
+}
+
+export function drawRobot(c, view, taken) {
+  const robot = view.data.robot;
+  if (!robot) return;
+  const [u, v] = view.toScreen(robot.x, robot.y);
+  taken.take(u - 11, v - 11, 22, 22, true);
+  c.save();
+  c.translate(u, v);
+  c.rotate(-robot.heading);
+  tracePath(c, ARROW);
+  c.closePath();
+  c.fillStyle = view.accent;
+  c.strokeStyle = view.panel;
+  c.lineWidth = 2;
+  c.stroke();
+  c.fill();
+  c.restore();
+}
+
+/** The steps of a plan: where to stand, which way to look, in which order. */
+export function drawPlan(c, view) {
+  if (!view.plan) return;
+  const { steps, start } = view.plan, stops = steps.map((step) => view.toScreen(step.x, step.y));
+  c.strokeStyle = c.fillStyle = view.accent;
+  c.lineWidth = 2;
+  c.setLineDash([7, 5]);
+  tracePath(c, [view.toScreen(start[0], start[1]), ...stops]);
+  c.stroke();
+  c.setLineDash([]);
+  c.globalAlpha = 0.18;
+  steps.forEach((step, n) => drawSector(c, stops[n], step, view.scale));
+  c.globalAlpha = 1;
+  c.font = "600 12px system-ui, sans-serif";
+  c.textAlign = "center";
+  stops.forEach(([u, v], n) => {
+    c.fillStyle = view.accent;
+    c.beginPath();
+    c.arc(u, v, 10, 0, 7);
+    c.fill();
+    c.fillStyle = view.panel;
+    c.fillText(String(n + 1), u, v + 4);
+  });
+  c.textAlign = "left";
+}
+
+function drawSector(c, [u, v], step, scale) {
+  const half = Math.min(step.extent, 6.28) / 2;
+  c.beginPath();
+  c.moveTo(u, v);
+  c.arc(u, v, REACH * scale, -step.heading - half, -step.heading + half);
+  c.closePath();
+  c.fill();
+}

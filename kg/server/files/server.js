@@ -1,0 +1,69 @@
+// Requests to the server. A token is kept here, in memory alone: it is gone with the page.
+
+const NUMBERS = new Set(["x", "y", "z", "existence", "deviation", "dx", "dy", "dz", "count", "heading", "xmin", "xmax",
+  "ymin", "ymax", "share", "belief", "size", "storey"]);
+let token = "";
+
+export function useToken(given) {
+  token = given;
+}
+
+export function hasToken() {
+  return token !== "";
+}
+
+export function isNumber(column) {
+  return NUMBERS.has(column);
+}
+
+/** The answer to a request; `accept` is a media type. Throws an Error with the server's words and `status` where it refuses. */
+export async function request(address, { accept = "*/*", method = "GET", type, body } = {}) {
+  const headers = { Accept: accept };
+  if (type) headers["Content-Type"] = type;
+  if (token) headers.Authorization = `Bearer ${token}`;
+  const answer = await fetch(address, { method, headers, body });
+  if (!answer.ok) throw Object.assign(new Error(await reasonOf(answer)), { status: answer.status });
+  return answer;
+}
+
+async function reasonOf(answer) {
+  const text = await answer.text();
+  try {
+    const problem = JSON.parse(text);
+    return String(problem.detail || problem.title).slice(0, 300);
+  } catch {
+    return text.trim().slice(0, 300) || `the server answered ${answer.status}`;
+  }
+}
+
+/** The answer to a query: {rows, sequence}; `at` is a transaction number, null for now. */
+export async function select(query, at = null) {
+  const answer = await request(at === null ? "/sparql" : `/sparql?at=${at}`, {
+    method: "POST", type: "application/sparql-query", accept: "text/csv", body: query,
+  });
+  return { rows: rowsOf(await answer.text()), sequence: Number(answer.headers.get("Here-Sequence") || 0) };
+}
+
+/** Rows of CSV text (RFC 4180) as objects by column. */
+function rowsOf(text) {
+  const rows = [];
+  let row = [], cell = "", quoted = false;
+  for (let i = 0; i < text.length; i++) {
+    const c = text[i];
+    if (quoted) {
+      if (c === '"' && text[i + 1] === '"') { cell += '"'; i++; } else if (c === '"') quoted = false;
+      else cell += c;
+    } else if (c === '"') quoted = true;
+    else if (c === ",") { row.push(cell); cell = ""; }
+    else if (c === "\n") { row.push(cell); rows.push(row); row = []; cell = ""; }
+    else if (c !== "\r") cell += c;
+  }
+  const columns = rows.shift() || [];
+  return rows.map((cells) => {
+    const made = {};
+    columns.forEach((name, n) => {
+      if (cells[n] !== "") made[name] = isNumber(name) ? Number(cells[n]) : cells[n];
+    });
+    return made;
+  });
+}
