@@ -24,7 +24,7 @@ def find_answer(semantic_map: SemanticMap, wanted: Sequence[str]) -> dict[str, o
     state = build_search(semantic_map, wanted)
     if state is None:
         return empty_answer([target.label for target in resolve(semantic_map, wanted)])
-    return answer_json(semantic_map, state, _plan(state, robot_start(semantic_map)))
+    return answer_json(semantic_map, state, plan_from(semantic_map, state))
 
 
 def answer_json(
@@ -43,14 +43,20 @@ def planned(
     None for a map without floor. Raises as `find_answer`.
     """
     state = build_search(semantic_map, wanted)
-    if state is None:
-        return None
-    return _plan(state, start or robot_start(semantic_map))
+    return None if state is None else plan_from(semantic_map, state, start)
 
 
-def _plan(state: PlanningState, start: Start) -> ViewPlan:
-    x, y, heading = start
-    return plan(state, (x, y), heading=heading, time_limit=math.inf)
+def plan_from(
+    semantic_map: SemanticMap,
+    state: PlanningState,
+    start: Start | None = None,
+    *,
+    budget: float | None = None,
+    compare: bool = True,
+) -> ViewPlan:
+    """The plan on `state` from `start` or from where the robot is, as `plan` makes it."""
+    x, y, heading = start or robot_start(semantic_map)
+    return plan(state, (x, y), heading=heading, budget=budget, time_limit=math.inf, compare=compare)
 
 
 def robot_start(semantic_map: SemanticMap) -> Start:
