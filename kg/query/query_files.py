@@ -253,17 +253,6 @@ def shipped_queries() -> tuple[ParameterizedQuery, ...]:
     return tuple(load_query(path) for path in sorted(QUERIES.glob("*.rq")))
 
 
-@cache
-def query_summaries() -> tuple[tuple[str, str, str], ...]:
-    """Name, summary and SPARQL of those that need no parameters."""
-    ready = []
-    for question in shipped_queries():
-        if all(parameter.default is not None for parameter in question.parameters):
-            sparql = question.bind({}, lambda kind, text: text)
-            ready.append((question.name, question.summary, sparql.strip()))
-    return tuple(ready)
-
-
 def find_query(name: str) -> ParameterizedQuery:
     """The shipped question called `name`; raises UnknownQueryError that lists what there is."""
     names = _names(QUERIES)

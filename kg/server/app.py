@@ -26,6 +26,7 @@ from kg.server.endpoints.graph_store_protocol import dump, graph_store
 from kg.server.endpoints.history_endpoints import diff, log, why
 from kg.server.endpoints.page_files import page_file
 from kg.server.endpoints.picture_endpoint import picture
+from kg.server.endpoints.question_endpoint import question, questions
 from kg.server.endpoints.restore_endpoint import restore
 from kg.server.endpoints.sparql_protocol import sparql
 from kg.server.endpoints.write_endpoints import labels, numbers, records
@@ -36,7 +37,7 @@ from kg.server.http.problems import Problem, problem_of, problem_response, witho
 from kg.server.linked_data.description import dataset_description
 from kg.server.linked_data.memento import timegate, timemap
 from kg.server.linked_data.resource_pages import resource, skolem, thing_at_path
-from kg.server.linked_data.root_page import root_page
+from kg.server.linked_data.root_page import console_page, root_page
 
 _log = logging.getLogger("hereabouts.server")
 
@@ -49,6 +50,9 @@ def application(serving: AppState) -> ASGIApp:
     get, write = ["GET"], ["GET", "POST", "PUT", "DELETE"]
     table: list[tuple[str, Answer, list[str]]] = [
         ("/", root_page, get),
+        ("/console", console_page, get),
+        ("/queries", questions, get),
+        ("/queries/{name:str}", question, get),
         ("/sparql", sparql, ["GET", "POST"]),
         ("/sparql/", sparql, ["GET", "POST"]),
         ("/graphs", graph_store, write),

@@ -110,6 +110,29 @@ class FrameStream:
             )
             return replace(self._counts, received=received)
 
+    @property
+    def choice(self) -> Choice | None:
+        """The topics and frames that frames are made of; None until they are chosen."""
+        with self._changed:
+            return self._choice
+
+    def latest_pose(self, frame: str) -> tuple[Pose, float] | None:
+        """Pose (4, 4) of `frame` in the map frame, and its stamp [s]; None where there is none.
+
+        The stamp is 0 where no transform on the way moves.
+        """
+        with self._changed:
+            if self._choice is None:
+                return None
+            tree, target = self._index.tree, self._choice.map_frame
+            try:
+                span = tree.span(target, frame)
+                stamp = span[1] if span else 0.0
+                T = tree.at(target, frame, stamp)
+            except RecordingError:
+                return None
+            return None if T is None else (T, stamp)
+
     def wanted(self, topics: Mapping[str, str]) -> set[str]:
         """Topics to subscribe to: all that may be of use, and once they are chosen those."""
         with self._changed:

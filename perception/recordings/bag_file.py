@@ -20,8 +20,22 @@ from kg.errors import RecordingError
 LARGEST_CHUNK: Final = 1 << 29  # [bytes] decompressed
 _FILES: Final = (".mcap", ".db3")
 _ROS1: Final = ".bag"
-#: of tf2, and of tf before it as old bags have it; rosbags' definitions of ROS 1 have neither
-_TF: Final = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+_TRANSFORMS: Final = "geometry_msgs/TransformStamped[] transforms"
+_ACTION: Final = "Header header\nactionlib_msgs/"
+#: what rosbags' definitions of ROS 1 do not have: tf2, tf before it as old bags have it, and goals
+#: of move_base
+_ROS1_TYPES: Final = {
+    "tf2_msgs/msg/TFMessage": _TRANSFORMS,
+    "tf/msg/tfMessage": _TRANSFORMS,
+    "move_base_msgs/msg/MoveBaseGoal": "geometry_msgs/PoseStamped target_pose",
+    "move_base_msgs/msg/MoveBaseResult": "",
+    "move_base_msgs/msg/MoveBaseFeedback": "geometry_msgs/PoseStamped base_position",
+    "move_base_msgs/msg/MoveBaseActionGoal": f"{_ACTION}GoalID goal_id\nMoveBaseGoal goal",
+    "move_base_msgs/msg/MoveBaseActionResult": f"{_ACTION}GoalStatus status\nMoveBaseResult result",
+    "move_base_msgs/msg/MoveBaseActionFeedback": (
+        f"{_ACTION}GoalStatus status\nMoveBaseFeedback feedback"
+    ),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,8 +138,8 @@ def message_types(is_ros1: bool) -> Any:
     if not is_ros1:
         return get_typestore(Stores.ROS2_HUMBLE)
     types = get_typestore(Stores.ROS1_NOETIC)
-    for name in _TF:
-        types.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", name))
+    for name, definition in _ROS1_TYPES.items():
+        types.register(get_types_from_msg(definition, name))
     return types
 
 

@@ -1,9 +1,9 @@
 """Writer of bags: frames in, a ROS 1 bag, a ROS 2 bag or an MCAP file out.
 
-Images are kept to the last bit: colour as PNG, depth in millimetres where it is whole millimetres,
-else as floats. Topics are called as camera drivers call them; poses are transforms of the camera's
-optical frame in `world`, and `world` in `map`, which has z up. What ROS has no message for, names
-of frames and how the world was levelled, is one string of JSON on a topic of its own.
+Images are kept to the last bit (`perception.ros.message_maker`). Topics are called as camera
+drivers call them; poses are transforms of the camera's optical frame in `world`, and `world` in
+`map`, which has z up. What ROS has no message for, names of frames and how the world was levelled,
+is one string of JSON on a topic of its own.
 """
 
 from __future__ import annotations
@@ -16,18 +16,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
-import cv2
-import numpy as np
-from numpy.typing import NDArray
-
 from kg.errors import RecordingError
-from perception.camera.image_decoding import MILLIMETRES, metres
-from perception.camera.poses import Pose, quaternion_from_pose
+from perception.camera.poses import Pose
 from perception.frames import Frame
 from perception.recordings.bag_file import message_types
 from perception.recordings.bag_index import EARLIEST, NOTE_TOPIC
 from perception.recordings.recording import FolderRecording
 from perception.ros.headers import NANOSECONDS
+from perception.ros.message_maker import MessageMaker
 
 WORLD: Final = "world"
 MAP: Final = "map"
@@ -36,17 +32,20 @@ COLOUR: Final = "/camera/color/image_raw/compressed"
 COLOUR_INFO: Final = "/camera/color/camera_info"
 DEPTH: Final = "/camera/aligned_depth_to_color/image_raw"
 DEPTH_INFO: Final = "/camera/aligned_depth_to_color/camera_info"
-_TOPICS: Final = {
-    NOTE_TOPIC: "std_msgs/msg/String",
-    "/tf_static": "tf2_msgs/msg/TFMessage",
-    "/tf": "tf2_msgs/msg/TFMessage",
+#: topic -> type
+IMAGE_TOPICS: Final = {
     COLOUR_INFO: "sensor_msgs/msg/CameraInfo",
     COLOUR: "sensor_msgs/msg/CompressedImage",
     DEPTH_INFO: "sensor_msgs/msg/CameraInfo",
     DEPTH: "sensor_msgs/msg/Image",
 }
+_TOPICS: Final = {
+    NOTE_TOPIC: "std_msgs/msg/String",
+    "/tf_static": "tf2_msgs/msg/TFMessage",
+    "/tf": "tf2_msgs/msg/TFMessage",
+    **IMAGE_TOPICS,
+}
 _LATCHED: Final = (NOTE_TOPIC, "/tf_static")
-_PNG: Final = [cv2.IMWRITE_PNG_COMPRESSION, 1]
 
 
 def write_bag(recording: FolderRecording, path: Path) -> Iterator[Frame]:
@@ -104,6 +103,7 @@ class _Writer:
             ) from error
         self._is_ros1 = path.suffix == ".bag"
         self._types = message_types(self._is_ros1)
+        self._maker = MessageMaker(self._types, self._is_ros1)
         self._bag: Any
         if self._is_ros1:
             self._bag = rosbag1.Writer(path)
@@ -124,7 +124,6 @@ class _Writer:
             )
             for topic, kind in _TOPICS.items()
         }
-        self._count = 0
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
@@ -171,98 +170,25 @@ class _Writer:
             "T_map_world": [float(x) for x in recording.T_map_world.ravel()],
             "frames": [entry.id for entry in recording.listing.entries],
         }
-        self._write(NOTE_TOPIC, stamp, self._make("std_msgs/msg/String", data=json.dumps(note)))
-        self._write_transform("/tf_static", stamp, MAP, WORLD, recording.T_map_world)
+        self._write(
+            NOTE_TOPIC, stamp, self._maker.make("std_msgs/msg/String", data=json.dumps(note))
+        )
+        levelled = self._maker.transforms(stamp, MAP, WORLD, recording.T_map_world)
+        self._write("/tf_static", stamp, levelled)
 
     def add(self, frame: Frame, stamp: int, T_world_cam: Pose) -> None:
         """Write one frame."""
-        self._write_transform("/tf", stamp, WORLD, CAMERA, T_world_cam)
+        make = self._maker
+        header = make.header(stamp, CAMERA)
+        self._write("/tf", stamp, make.transforms(stamp, WORLD, CAMERA, T_world_cam))
         for topic in (COLOUR_INFO, DEPTH_INFO):
-            self._write(topic, stamp, self._camera_info(frame, stamp))
-        encoded, png = cv2.imencode(".png", np.ascontiguousarray(frame.rgb[:, :, ::-1]), _PNG)
-        if not encoded:
-            raise RecordingError(f"frame {frame.id} cannot be encoded")
-        header = self._header(stamp, CAMERA)
-        colour = self._make(
-            _TOPICS[COLOUR], header=header, format="rgb8; png compressed bgr8", data=png.ravel()
-        )
-        self._write(COLOUR, stamp, colour)
-        self._write(DEPTH, stamp, self._depth(frame.depth, header))
-        self._count += 1
-
-    def _depth(self, depth: NDArray[np.float32], header: Any) -> Any:
-        whole = whole_millimetres(depth)
-        image: NDArray[Any] = depth if whole is None else whole
-        height, width = depth.shape
-        return self._make(
-            _TOPICS[DEPTH],
-            header=header,
-            height=height,
-            width=width,
-            encoding="32FC1" if whole is None else "16UC1",
-            is_bigendian=0,
-            step=width * image.itemsize,
-            data=np.ascontiguousarray(image, image.dtype.newbyteorder("<")).view(np.uint8).ravel(),
-        )
-
-    def _camera_info(self, frame: Frame, stamp: int) -> Any:
-        K = frame.K
-        P = np.hstack([K, np.zeros((3, 1))])
-        numbers = {"d": np.zeros(5), "k": K.ravel(), "r": np.eye(3).ravel(), "p": P.ravel()}
-        if self._is_ros1:
-            numbers = {name.upper(): array for name, array in numbers.items()}
-        region = self._make(
-            "sensor_msgs/msg/RegionOfInterest",
-            x_offset=0, y_offset=0, height=0, width=0, do_rectify=False,
-        )  # fmt: skip
-        return self._make(
-            "sensor_msgs/msg/CameraInfo",
-            header=self._header(stamp, CAMERA),
-            height=frame.depth.shape[0],
-            width=frame.depth.shape[1],
-            distortion_model="plumb_bob",
-            binning_x=0,
-            binning_y=0,
-            roi=region,
-            **numbers,
-        )
-
-    def _write_transform(self, topic: str, stamp: int, parent: str, child: str, T: Pose) -> None:
-        x, y, z, w = (float(n) for n in quaternion_from_pose(T))
-        tx, ty, tz = (float(n) for n in T[:3, 3])
-        transform = self._make(
-            "geometry_msgs/msg/Transform",
-            translation=self._make("geometry_msgs/msg/Vector3", x=tx, y=ty, z=tz),
-            rotation=self._make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w),
-        )
-        stamped = self._make(
-            "geometry_msgs/msg/TransformStamped",
-            header=self._header(stamp, parent),
-            child_frame_id=child,
-            transform=transform,
-        )
-        self._write(topic, stamp, self._make(_TOPICS[topic], transforms=[stamped]))
-
-    def _header(self, stamp: int, frame: str) -> Any:
-        sec, nanosec = divmod(stamp, NANOSECONDS)
-        time = self._make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
-        number = {"seq": self._count} if self._is_ros1 else {}
-        return self._make("std_msgs/msg/Header", stamp=time, frame_id=frame, **number)
-
-    def _make(self, kind: str, **fields: Any) -> Any:
-        return self._types.types[kind](**fields)
+            self._write(topic, stamp, make.camera_info(frame, header))
+        self._write(COLOUR, stamp, make.colour(frame, header))
+        self._write(DEPTH, stamp, make.depth(frame.depth, header))
+        make.number += 1
 
     def _write(self, topic: str, stamp: int, message: Any) -> None:
         types, kind = self._types, _TOPICS[topic]
         serialize = types.serialize_ros1 if self._is_ros1 else types.serialize_cdr
         time = max(stamp, EARLIEST)
         self._bag.write(self._connections[topic], time, serialize(message, kind))
-
-
-def whole_millimetres(depth: NDArray[np.float32]) -> NDArray[np.uint16] | None:
-    """Depth (H, W) [m] as uint16 [mm], 0 = no return; None where that would not give it back."""
-    scaled = np.rint(np.nan_to_num(depth, nan=0.0) * MILLIMETRES)
-    if scaled.min() < 0 or scaled.max() >= np.iinfo(np.uint16).max:
-        return None
-    raw = scaled.astype(np.uint16)
-    return raw if np.array_equal(metres(raw, MILLIMETRES), depth, equal_nan=True) else None

@@ -18,7 +18,14 @@ from perception.camera.poses import CONVENTIONS, Pose, checked_pose, gridded_pos
 from perception.camera.rectification import Rectifier
 from perception.camera.registration import register_depth
 from perception.frames import Frame
-from perception.recordings import bag, hololens, seven_scenes, trajectory_log, tum
+from perception.recordings import (
+    bag,
+    hololens,
+    seven_scenes,
+    stray_scanner,
+    trajectory_log,
+    tum,
+)
 from perception.recordings.depth_check import check_depth
 from perception.recordings.listing import Format, FrameEntry, RecordingListing, Streams
 from perception.recordings.selection import Selection
@@ -29,6 +36,7 @@ FORMATS: tuple[Format, ...] = (
     tum.FORMAT,
     trajectory_log.FORMAT,
     hololens.FORMAT,
+    stray_scanner.FORMAT,
     bag.FORMAT,
 )
 POSE_TOLERANCE = 0.02  # [s] within which a pose of a given trajectory is that of a frame

@@ -70,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
         )
     inputs = open_mapping_inputs(arguments)
     mapped = _map_folder if connection is None else partial(_map_stream, connection)
-    with _until_signal() as ended:
+    with until_signal() as ended:
         mapped(arguments, inputs, ended)
     return 0
 
@@ -79,13 +79,13 @@ def _connection(source: str) -> Connection | None:
     """What `source` is the address of; None: a folder. Raises RecordingError for neither."""
     scheme = urlsplit(source).scheme if "://" in source else ""
     if scheme in ("ros1", "ws", "wss"):
-        _require_ros(source, "rosbags")
+        require_ros(source, "rosbags")
     if scheme == "ros1":
         from perception.live.ros1 import Ros1Master
 
         return Ros1Master.at(source)
     if scheme in ("ws", "wss"):
-        _require_ros(source, "websockets")
+        require_ros(source, "websockets")
         from perception.live.foxglove import FoxgloveConnection
 
         return FoxgloveConnection.at(source)
@@ -96,7 +96,8 @@ def _connection(source: str) -> Connection | None:
     return None
 
 
-def _require_ros(source: str, package: str) -> None:
+def require_ros(source: str, package: str) -> None:
+    """Raise RecordingError where a package is missing that `source` needs."""
     from importlib.util import find_spec
 
     if find_spec(package) is None:
@@ -104,7 +105,7 @@ def _require_ros(source: str, package: str) -> None:
 
 
 @contextmanager
-def _until_signal() -> Iterator[threading.Event]:
+def until_signal() -> Iterator[threading.Event]:
     """An event that the first Ctrl+C or SIGTERM sets; a second one ends the program."""
     ended = threading.Event()
     if threading.current_thread() is not threading.main_thread():

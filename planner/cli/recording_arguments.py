@@ -82,7 +82,7 @@ def add_live_options(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     source = parser.add_argument_group("source")
     _add_source_options(source)
-    _add_stream_options(source)
+    add_stream_options(source)
     source.add_argument(
         "--same-frame",
         action="store_true",
@@ -96,7 +96,7 @@ def _add_source_options(camera: argparse._ArgumentGroup) -> None:
     camera.add_argument(
         "--format",
         default="auto",
-        help="auto, tum, 7scenes, trajectory-log, hololens or bag (default: auto)",
+        help="auto, tum, 7scenes, trajectory-log, hololens, stray-scanner or bag (default: auto)",
     )
     camera.add_argument("--name", help="name of the recording in the map (default: its folder)")
     camera.add_argument("--intrinsics", metavar="FILE", help="intrinsics.json, .txt or K.txt")
@@ -132,7 +132,7 @@ def add_camera_options(camera: argparse._ArgumentGroup) -> None:
         "recording already moves with it",
     )
     _add_frame_options(camera)
-    _add_stream_options(camera)
+    add_stream_options(camera)
     camera.add_argument("--transform", metavar="FILE", help="JSON of world-to-map transforms")
     camera.add_argument("--sequence", metavar="NAME", help="which transform of that file")
     world = camera.add_mutually_exclusive_group()
@@ -191,7 +191,8 @@ def _moment(text: str) -> float:
         raise argparse.ArgumentTypeError(str(error)) from None
 
 
-def _add_stream_options(camera: argparse._ArgumentGroup) -> None:
+def add_stream_options(camera: argparse._ArgumentGroup) -> None:
+    """Declare the options that `given_streams` reads."""
     for option, what in (
         ("--color-topic", "colour images of a bag"),
         ("--depth-topic", "depth images of a bag"),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import signal
 import sys
 import time
@@ -13,9 +12,15 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-from kg.errors import LayoutError, did_you_mean
-from planner.cli.arguments import FARTHEST, add_map, count, positive, share, title_for
+from planner.cli.arguments import add_map, count, positive, share, title_for
 from planner.cli.console import note, write
+from planner.cli.ros1_robot import (
+    add_ros1_options,
+    is_ros1,
+    open_ros1_robot,
+    refuse_ros1_options,
+)
+from planner.cli.simulated_house import add_hide, house_with
 from planner.cli.viewers import add_viewers, open_viewers
 from planner.settings import BELIEF
 
@@ -24,7 +29,6 @@ if TYPE_CHECKING:
     from planner.execution.events import Event
     from planner.execution.options import SearchOptions
     from planner.execution.robot import Robot
-    from planner.simulation.houses.house import House, Item
     from planner.viewers.viewer import Viewer
 
 #: exit codes; 1 is an error, 2 wrong usage
@@ -37,7 +41,8 @@ STOPPED: Final = 128
 _ROBOT = (
     "sim: the simulated robot of the demo house; stdio:COMMAND: a program with the line "
     "protocol of docs/reference/robot-protocol.md; stdio: the parent process, on stdin and stdout; "
-    "http://...: a robot behind that address"
+    "http://...: a robot behind that address; ros1://HOST[:PORT] (ros1: localhost): move_base and "
+    "a camera behind a ROS 1 master"
 )
 
 
@@ -87,16 +92,11 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         metavar="S",
         help="seconds that a robot may be silent (default: 30)",
     )
-    parser.add_argument(
-        "--hide",
-        action="append",
-        metavar="LABEL@X,Y,Z",
-        help="sim: what stands in the house since it was mapped (default: apple, which alone needs "
-        "no place: it is the demo's)",
-    )
+    add_hide(parser, "sim: ")
     parser.add_argument(
         "--seed", type=count, default=0, metavar="N", help="sim: what the senses get wrong"
     )
+    add_ros1_options(parser)
     add_viewers(parser)
     parser.add_argument("--json", action="store_true", help="print each event as a line of JSON")
     parser.set_defaults(run=run, usage_error=parser.error)
@@ -141,16 +141,23 @@ def _refuse_nonsense(arguments: argparse.Namespace) -> None:
         arguments.usage_error("--json and --robot stdio both want stdout; use stdio:COMMAND")
     if arguments.robot != "sim" and arguments.hide:
         arguments.usage_error("--hide is for --robot sim")
+    if is_ros1(arguments.robot):
+        return
+    refuse_ros1_options(arguments)
     known = arguments.robot in ("sim", "stdio")
     if not known and not arguments.robot.startswith(("stdio:", "http://", "https://")):
-        arguments.usage_error(f"no robot {arguments.robot!r}: sim, stdio, stdio:COMMAND or http://")
+        arguments.usage_error(
+            f"no robot {arguments.robot!r}: sim, stdio, stdio:COMMAND, http:// or ros1://"
+        )
 
 
 def _robot(arguments: argparse.Namespace, semantic_map: SemanticMap) -> Robot:
     if arguments.robot == "sim":
         from planner.simulation.robot.house_robot import simulated_robot
 
-        return simulated_robot(semantic_map, _house(arguments), seed=arguments.seed)
+        return simulated_robot(semantic_map, house_with(arguments.hide), seed=arguments.seed)
+    if is_ros1(arguments.robot):
+        return open_ros1_robot(arguments)
     if arguments.robot.startswith("http"):
         from planner.execution.http_transport import HttpRobot
 
@@ -160,34 +167,6 @@ def _robot(arguments: argparse.Namespace, semantic_map: SemanticMap) -> Robot:
     if arguments.robot == "stdio":
         return on_our_own_pipes()
     return ChildRobot(arguments.robot.removeprefix("stdio:"))
-
-
-def _house(arguments: argparse.Namespace) -> House:
-    from planner.simulation.demo.house_demo import HIDDEN
-    from planner.simulation.houses.house import furnished_house
-
-    own = {HIDDEN.label: HIDDEN}
-    items = [own.get(text) or _item(text) for text in arguments.hide or own]
-    return furnished_house().with_objects(items)
-
-
-def _item(text: str) -> Item:
-    from planner.simulation.houses.furniture import OBJECTS
-    from planner.simulation.houses.house import Item
-
-    label, _, where = text.partition("@")
-    try:
-        x, y, z = (float(part) for part in where.split(","))
-    except ValueError:
-        x = y = z = math.nan
-    if not all(abs(value) <= FARTHEST for value in (x, y, z)):
-        raise LayoutError(
-            f"--hide needs LABEL@X,Y,Z in metres, e.g. {label or 'apple'}@7,8.3,0.85, got {text!r}"
-        )
-    if label not in OBJECTS:
-        near = did_you_mean(label, OBJECTS) or f"; it has {', '.join(sorted(OBJECTS))}"
-        raise LayoutError(f"the simulated house has no {label!r}{near}")
-    return Item(label, x, y, z)
 
 
 def _clock(robot: Robot, semantic_map: SemanticMap) -> Callable[[], float]:

@@ -1,4 +1,4 @@
-"""`hereabouts simulate`: recordings of simulated houses, with everything that is true of them."""
+"""`hereabouts simulate`: recordings of simulated houses with their truth, and a robot in one."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from planner.cli.arguments import add_json, count, share
+from planner.cli.arguments import add_json, count, positive, share
 from planner.cli.console import note, print_table, progress, write_json
+from planner.cli.live import require_ros, until_signal
+from planner.cli.simulated_house import add_hide, house_with
 
 if TYPE_CHECKING:
     from planner.simulation.recording.simulated_recording import SimulatedSession, SimulationOptions
@@ -19,7 +21,9 @@ _COLUMNS = ("folder", "frames", "objects", "detections", "moved", "carried", "va
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Declare the command."""
     parser = subparsers.add_parser(
-        "simulate", help="write a recording of a simulated house, with truth", description=__doc__
+        "simulate",
+        help="write a recording of a simulated house with truth, or be a robot in one",
+        description=__doc__,
     )
     subjects = parser.add_subparsers(dest="subject", metavar="SUBJECT", required=True)
     house = subjects.add_parser(
@@ -65,6 +69,24 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     )
     add_json(house)
     house.set_defaults(run=run_house)
+    robot = subjects.add_parser(
+        "robot",
+        help="a robot in the demo's house, behind a ROS 1 master",
+        description="Publish what a camera in the demo's house sees, with its tf, and drive to the "
+        "goals that come to /move_base, until Ctrl+C. It needs a master, e.g. roscore.",
+        epilog="example: hereabouts simulate robot ros1://localhost --hide orange@7.05,8.3,0.85",
+    )
+    robot.add_argument("master", metavar="ros1://HOST[:PORT]", help="the ROS 1 master")
+    add_hide(robot)
+    robot.add_argument(
+        "--rate",
+        type=positive,
+        default=1.0,
+        metavar="N",
+        help="it moves N times as fast as a real one (default: 1)",
+    )
+    robot.add_argument("--seed", type=count, default=0, metavar="N", help="noise of its depth")
+    robot.set_defaults(run=run_robot)
 
 
 def run_house(arguments: argparse.Namespace) -> int:
@@ -87,6 +109,21 @@ def run_house(arguments: argparse.Namespace) -> int:
         write_json([session.to_json() for session in written])
     else:
         _tell(written)
+    return 0
+
+
+def run_robot(arguments: argparse.Namespace) -> int:
+    """Be the robot until it is ended."""
+    require_ros(arguments.master, "rosbags")
+    from perception.live.ros1 import Ros1Master
+    from planner.simulation.robot.ros1_node import Ros1HouseNode
+
+    master, house = Ros1Master.at(arguments.master), house_with(arguments.hide)
+    start = house.rooms[0].viewpoints[0]
+    with until_signal() as ended:
+        node = Ros1HouseNode(master, house, start, rate=arguments.rate, seed=arguments.seed)
+        note(f"a robot at ({start[0]:g}, {start[1]:g}), behind {master.address}; Ctrl+C ends it")
+        node.run(ended)
     return 0
 
 

@@ -1,5 +1,6 @@
 // The map as the page knows it: read by SPARQL, as it is or as it was, and kept up with the feed of changes.
-import { isNumber, select } from "/files/server.js";
+import { followChanges } from "/files/change-feed.js";
+import { isNumber, request, select } from "/files/server.js";
 
 const HERE = "https://w3id.org/hereabouts#";
 const RDF_TYPE = "http://www.w3.org/1999/02/22-rdf-syntax-ns#type";
@@ -47,7 +48,7 @@ async function inflated(text) {
 }
 
 /** Rings of corners [x, y] of a polygon in WKT. */
-function ringsOf(text) {
+export function ringsOf(text) {
   return [...text.matchAll(/\(([^()]+)\)/g)].map((ring) =>
     ring[1].split(",").map((corner) => corner.trim().split(/\s+/).map(Number)));
 }
@@ -109,16 +110,20 @@ export class MapData extends EventTarget {
 
   /** Follow the feed of changes from the state that was read. */
   follow() {
-    if (this._feed) this._feed.close();
-    const feed = new EventSource(`/changes?since=${this.sequence}`);
-    this._feed = feed;
-    feed.onopen = () => this._tell("on");
-    feed.onerror = () => {
-      this._tell("off");
-      // refused: what lies between is not kept any more, so all is read anew
-      if (feed.readyState === EventSource.CLOSED) setTimeout(() => this.load(null).then(() => this.follow()), 2000);
-    };
-    feed.addEventListener("change", (event) => this._take(JSON.parse(event.data)));
+    followChanges(this.sequence, {
+      onOpen: () => this._tell("on"),
+      onClosed: () => this._tell("off"),
+      onChange: (change) => this._take(change),
+      onGap: () => this._readAnew(),
+    });
+  }
+
+  /** Read all again; returns the map's last transaction. */
+  async _readAnew() {
+    const { sequence } = await (await request("/health", { accept: "application/json" })).json();
+    this.last = sequence;
+    await this.load(this.past);
+    return this.past === null ? this.sequence : sequence;
   }
 
   labelOf(iri) {

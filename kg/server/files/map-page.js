@@ -1,5 +1,6 @@
 // The page of the live map: its parts, what is selected, and the address that names it.
 import { Corrections } from "/files/corrections.js";
+import { enter } from "/files/entry.js";
 import { MapData } from "/files/map-data.js";
 import { MapView } from "/files/map-view.js";
 import { ObjectList } from "/files/object-list.js";
@@ -8,7 +9,7 @@ import { PlanPanel } from "/files/plan-panel.js";
 import { ThingPanel } from "/files/thing-panel.js";
 import { TimeSlider } from "/files/time-slider.js";
 
-const data = new MapData(byId("map").dataset.base);
+const data = new MapData(await enter(byId("map")));
 const list = new ObjectList(data, goTo, refresh);
 const view = new MapView(byId("canvas"), data, shown);
 const corrections = new Corrections(data, () => { if (view.selected) choose(view.selected); });

@@ -1,5 +1,6 @@
 // The map as a picture on a canvas: which part of it is shown, and the order of the layers.
 import { FloorLayer } from "/files/floor-layer.js";
+import { drawHighlights } from "/files/highlight-layer.js";
 import { drawText, inside, Taken } from "/files/map-drawing.js";
 import { listen } from "/files/map-gestures.js";
 import { ObjectLayer } from "/files/object-layer.js";
@@ -18,6 +19,7 @@ export class MapView {
     this.shown = shown;
     this.layers = { floor: true, viewed: false, labels: true, boxes: true, trail: true };
     this.selected = null; // IRI
+    this.highlights = { iris: new Set(), points: [], rings: [] }; // of an answer: positions in metres
     this.plan = null; // as `/find` gives it
     this.scale = 40; // [px/m]
     this.centre = [0, 0]; // [m]
@@ -130,6 +132,7 @@ export class MapView {
     drawPlaces(c, this);
     drawPlan(c, this);
     this._objects.draw(c, taken);
+    drawHighlights(c, this);
     drawTrail(c, this);
     drawRobot(c, this, taken);
     drawPlaceNames(c, this, taken);

@@ -16,13 +16,13 @@ export function isNumber(column) {
   return NUMBERS.has(column);
 }
 
-/** The answer to a request; its `accept` is a media type. Throws an Error with the server's words where it refuses. */
-export async function request(address, { accept = "*/*", method = "GET", type, body } = {}) {
+/** The answer to a request; `accept` is a media type. Throws an Error with the server's words and `status` where it refuses. */
+export async function request(address, { accept = "*/*", method = "GET", type, body, signal } = {}) {
   const headers = { Accept: accept };
   if (type) headers["Content-Type"] = type;
-  if (token && method !== "GET") headers.Authorization = `Bearer ${token}`;
-  const answer = await fetch(address, { method, headers, body });
-  if (!answer.ok) throw new Error(await reasonOf(answer));
+  if (token) headers.Authorization = `Bearer ${token}`;
+  const answer = await fetch(address, { method, headers, body, signal });
+  if (!answer.ok) throw Object.assign(new Error(await reasonOf(answer)), { status: answer.status });
   return answer;
 }
 

@@ -61,12 +61,17 @@ function sparkline(events) {
   return svg;
 }
 
-/** The picture of an object's best observation; null where none is kept. */
+/** The picture of an object's best observation, drawn; null where none is kept. */
 export async function pictureOf(data, iri) {
   const number = /^object\/(\d+)$/.exec(data.pathOf(iri));
   if (!number) return null;
-  const picture = new Image();
-  picture.alt = `${data.nameOf(data.objects.get(iri))} as it was seen best`;
-  picture.src = `/pictures/${number[1]}`;
-  return picture.decode().then(() => picture, () => null);
+  const answer = await request(`/pictures/${number[1]}`, { accept: "image/jpeg" }).catch(() => null);
+  const image = answer?.status === 200 && await createImageBitmap(await answer.blob()).catch(() => null);
+  if (!image) return null;
+  const picture = document.createElement("canvas");
+  [picture.width, picture.height] = [image.width, image.height];
+  picture.getContext("2d").drawImage(image, 0, 0);
+  picture.setAttribute("role", "img");
+  picture.setAttribute("aria-label", `${data.nameOf(data.objects.get(iri))} as it was seen best`);
+  return picture;
 }

@@ -37,6 +37,7 @@ _ROUTES = frozenset(
     (
         *("sparql", "graphs", "assertions", "changes", "subscribe", "log", "diff", "why"),
         *("timemap", "timegate", "health", "metrics", "find", "pictures", "files", ".well-known"),
+        *("console", "queries"),
     )
 )
 _METHODS = frozenset(("GET", "HEAD", "POST", "PUT", "DELETE", "OPTIONS", "PATCH"))
@@ -110,7 +111,7 @@ class RequestGuard:
             raise Problem(429, "too many requests; slow down", {"Retry-After": str(wait)})
         if scope["method"] != "OPTIONS":  # a preflight carries no token, and gets no data
             refuse_cross_site(self._settings, scope["path"], scope["method"], headers)
-            refuse_stranger(self._settings, headers)
+            refuse_stranger(self._settings, scope["path"], headers)
 
     def _add_headers(self, answer: MutableHeaders, origin: str | None) -> None:
         for name, value in _SAFE.items():

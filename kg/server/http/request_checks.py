@@ -20,6 +20,7 @@ from kg.server.settings import Settings
 _HOST: Final = re.compile(r"(\[[0-9a-fA-F:.]+\]|[^\s:@/\[\]]+)(:[0-9]{0,5})?")
 #: what a link on a page elsewhere does not lead to: it would have the visitor run a query
 _NO_LINKS: Final = frozenset(("sparql", "subscribe", "changes", "log", "diff", "why"))
+_ENTRIES: Final = frozenset(("/", "/console"))
 
 
 def client_of(settings: Settings, headers: Headers, address: str) -> str:
@@ -62,15 +63,28 @@ def refuse_cross_site(settings: Settings, path: str, method: str, headers: Heade
         )
 
 
-def refuse_stranger(settings: Settings, headers: Headers) -> None:
-    """Raises Problem 401 where the map is private and the request carries none of its tokens."""
-    if not settings.read_tokens:
+def refuse_stranger(settings: Settings, path: str, headers: Headers) -> None:
+    """Raises Problem 401 where the map is private and the request carries none of its tokens.
+
+    Pages that ask for a token, and their scripts, are for everybody: nothing of the map is in them.
+    """
+    if path in _ENTRIES or path.startswith("/files/"):
         return
+    if not is_admitted(settings, headers):
+        raise private_map()
+
+
+def is_admitted(settings: Settings, headers: Headers) -> bool:
+    """Whether the map is open to all, or the request carries one of its tokens."""
     authorization = headers.get("authorization")
     # both are looked up, so that time does not tell which kind of token came close
     names = [tokens.find(authorization) for tokens in (settings.tokens, settings.read_tokens)]
-    if not any(names):
-        raise unauthorised("this map is private: send a header 'Authorization: Bearer TOKEN'")
+    return not settings.read_tokens or any(names)
+
+
+def private_map() -> Problem:
+    """The refusal of a request without a token."""
+    return unauthorised("this map is private: send a header 'Authorization: Bearer TOKEN'")
 
 
 def _is_address(name: str) -> bool:

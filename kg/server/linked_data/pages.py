@@ -1,12 +1,14 @@
-"""The HTML pages: the map's front page, and a page for a resource. They are self-contained."""
+"""The HTML pages: the map's front page, the console, and a page for a resource."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
 from string import Template
 from typing import TYPE_CHECKING, Final
+from urllib.parse import quote
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Quad
 
@@ -24,34 +26,46 @@ _TOKEN_FORM: Final = (
     '<input id="token" type="password" autocomplete="off"></label> '
     '<button type="submit">use</button></form>'
 )
+_ENTRY_FORM: Final = (
+    '<form id="entry" class="panel"><label>This map is private. Token: '
+    '<input id="entry-token" type="password" autocomplete="off" required></label> '
+    '<button type="submit">open</button> <span id="entry-outcome" role="status"></span></form>'
+)
 
 
-def front_page(
-    *,
-    title: str,
-    licence: str | None,
-    base: str,
-    sequence: int,
-    questions: Sequence[tuple[str, str, str]],
-    writable: bool,
-) -> str:
-    """The live map and the form for queries; scripts fill them.
+@dataclass(frozen=True, slots=True)
+class MapHead:
+    """What a page tells of the map it is of; one of a `private` map first asks for a token."""
 
-    `questions` are (name, summary, SPARQL).
-    """
-    options = "".join(
-        f'<option value="{escape(sparql)}">{escape(name)}: {escape(summary)}</option>'
-        for name, summary, sparql in questions
-    )
+    title: str
+    base: str
+    sequence: int
+    licence: str | None = None
+    private: bool = False
+
+
+def front_page(of: MapHead, *, writable: bool) -> str:
+    """The live map; scripts fill it."""
     page = template("front.html").substitute(
-        head=head(title),
-        title=escape(title),
-        base=escape(base),
-        sequence=sequence,
-        questions=options,
-        licence=_licence(licence),
+        head=head(of.title),
+        title=escape(of.title),
+        base=escape(of.base),
+        sequence=of.sequence,
+        entry=_ENTRY_FORM if of.private else "",
+        licence=_licence(of.licence),
         access="updates with a token" if writable else "reading only",
         correction=_TOKEN_FORM if writable else "",
+    )
+    return shown(page)
+
+
+def console_html(of: MapHead) -> str:
+    """The page that asks a map in SPARQL; without scripts a plain form."""
+    page = template("console.html").substitute(
+        head=head(f"ask {of.title}"),
+        title=escape(of.title),
+        base=escape(of.base),
+        entry=_ENTRY_FORM if of.private else "",
     )
     return shown(page)
 
@@ -65,8 +79,8 @@ def _licence(iri: str | None) -> str:
     return f' · licence <a rel="license" href="{text}">{text}</a>' if web else f" · licence {text}"
 
 
-def thing_page(thing: ResourceDescription, title: str, link: Link) -> str:
-    """One thing: its facts, and the facts that point at it."""
+def thing_page(thing: ResourceDescription, title: str, link: Link, base: str) -> str:
+    """One thing of the map of IRI `base`: its facts, and the facts that point at it."""
     about = sorted((q for q in thing.about if _is(q.subject, thing.iri)), key=_order)
     facts = "".join(_fact(quad.predicate.value, _term(quad.object, link), link) for quad in about)
     pointing = "".join(
@@ -77,11 +91,21 @@ def thing_page(thing: ResourceDescription, title: str, link: Link) -> str:
         title=escape(title),
         iri=escape(thing.iri),
         turtle=escape(_turtle_address(link(thing.iri)[0])),
+        place=_on_the_map(thing, base),
         facts=facts,
         pointing=pointing,
         pointing_class="" if pointing else "hidden",
     )
     return shown(page)
+
+
+def _on_the_map(thing: ResourceDescription, base: str) -> str:
+    """A link to where the live map shows the thing; nothing for what stands nowhere."""
+    stated = {quad.predicate.value for quad in thing.about if _is(quad.subject, thing.iri)}
+    if not ({v.X, v.Y} <= stated and v.EXISTENCE in stated) and v.X_MIN not in stated:
+        return ""
+    name = quote(thing.iri.removeprefix(base), safe="/:@!$&'()*+,;=?#-._~")
+    return f'<p><a href="/#{escape(name)}">show it on the map</a></p>'
 
 
 def _turtle_address(href: str) -> str:

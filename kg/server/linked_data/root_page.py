@@ -1,4 +1,4 @@
-"""`/`: the map itself, as a page for people or as its description for programs."""
+"""`/`: the map itself, as a page for people or as its description for programs; `/console`."""
 
 from __future__ import annotations
 
@@ -6,31 +6,44 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
 
-from kg.query.query_files import query_summaries
 from kg.server.app_state import AppState
 from kg.server.http.bodies import query_parameters
 from kg.server.http.media_types import GRAPH_FORMATS, HTML, accept_of
+from kg.server.http.request_checks import is_admitted, private_map
 from kg.server.linked_data.description import dataset_description
-from kg.server.linked_data.pages import front_page
+from kg.server.linked_data.pages import MapHead, console_html, front_page
 from kg.workers.content_negotiation import negotiate
+
+_UNKNOWN = MapHead(title="a private map", base="", sequence=0, private=True)
 
 
 async def root_page(serving: AppState, request: Request) -> Response:
     """The page, or VoID and DCAT where the client accepts RDF."""
     media_type = negotiate(accept_of(request, query_parameters(request)), (*GRAPH_FORMATS, HTML))
     if media_type != HTML:
+        if not is_admitted(serving.settings, request.headers):
+            raise private_map()
         return await dataset_description(serving, request)
-    page = await run_in_threadpool(_page, serving)
-    return Response(page, media_type=HTML, headers={"Vary": "Accept"})
+    head = await run_in_threadpool(_head, serving, request)
+    page = front_page(head, writable=bool(serving.settings.tokens))
+    return Response(page, media_type=HTML, headers={"Vary": "Accept, Authorization"})
 
 
-def _page(serving: AppState) -> str:
-    description = serving.semantic_map.description
-    return front_page(
+async def console_page(serving: AppState, request: Request) -> Response:
+    """The page that asks the map in SPARQL."""
+    page = console_html(await run_in_threadpool(_head, serving, request))
+    return Response(page, media_type=HTML, headers={"Vary": "Authorization"})
+
+
+def _head(serving: AppState, request: Request) -> MapHead:
+    """What a page tells of the map: nothing to who may not read it."""
+    if not is_admitted(serving.settings, request.headers):
+        return _UNKNOWN
+    semantic_map = serving.semantic_map
+    description = semantic_map.description
+    return MapHead(
         title=description.title,
+        base=semantic_map.base,
+        sequence=semantic_map.sequence,
         licence=description.licence,
-        base=serving.semantic_map.base,
-        sequence=serving.semantic_map.sequence,
-        questions=query_summaries(),
-        writable=bool(serving.settings.tokens),
     )

@@ -11,14 +11,11 @@ from numpy.typing import NDArray
 
 from kg.errors import LayoutError
 from kg.maps.semantic_map import SemanticMap
-from mapping.projection import to_map
-from mapping.reference.depth_histogram import localise
-from mapping.reference.settings import ReferenceSettings
+from planner.execution.localisation import detected
 from planner.execution.protocol import (
     Aborted,
     Arrived,
     Command,
-    Detected,
     DetectionsMessage,
     GoTo,
     Hello,
@@ -48,7 +45,6 @@ class SimulatedHouseRobot:
         self._detector = SimulatedDetector(self._camera)
         self._floor = FloorGrid(house)
         self._gait = MotionLimits()
-        self._settings = ReferenceSettings()
         self._pose = replace(start, seconds=0.0)
         self._been = [self._pose.xy]
         self._under_way: Iterator[Message] = iter(())
@@ -137,15 +133,8 @@ class SimulatedHouseRobot:
         self._pictures += 1
         T_map_cam = self._camera.model.pose(pose.x, pose.y, pose.heading)
         frame = self._camera.frame(f"search-{self._pictures:06d}", T_map_cam, pose.seconds)
-        seen = self._detector.detect(frame)
-        objects = []
-        for box, score, label in zip(seen.xyxy, seen.score, seen.label, strict=True):
-            p_cam = localise(frame, box, self._settings)
-            if p_cam is None or not RANGE[0] <= p_cam[2] <= self._settings.max_depth:
-                continue
-            x, y, z = (float(c) for c in to_map(T_map_cam, p_cam))
-            objects.append(Detected(label, float(score), x, y, z))
-        return DetectionsMessage(None, tuple(objects), self._told())
+        seen = detected(frame, self._detector.detect(frame), RANGE[0])
+        return DetectionsMessage(None, seen, self._told())
 
 
 def simulated_robot(

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlencode, urlsplit
 
 import numpy as np
@@ -20,6 +21,7 @@ from kg.records import MapUpdate, ObjectRecord, PlaceRecord
 from kg.server import BearerTokens, Limits, MapServer, Settings
 from kg.server.app_state import Planner
 from kg.transactions import Cause
+from tests.kg.server import browser_pages as pages
 
 TOKEN = "a-token-of-the-tests-0123"
 READER = "a-token-that-only-reads"
@@ -214,3 +216,53 @@ def on_disk() -> Callable[..., AbstractContextManager[Served]]:
             yield Served(semantic_map, server)
 
     return start
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """Headless Chromium."""
+    sync_api = pytest.importorskip("playwright.sync_api", reason="pip install playwright")
+    if pages.CHROMIUM is None:
+        pytest.skip("Chromium is not installed: apt-get install chromium")
+    with sync_api.sync_playwright() as playwright:
+        started = playwright.chromium.launch(
+            executable_path=pages.CHROMIUM, args=list(pages.ARGUMENTS)
+        )
+        yield started
+        started.close()
+
+
+@pytest.fixture
+def open_page(browser: Any, served: Served) -> Iterator[pages.OpenPage]:
+    """Callable: path and fragment, a server (else `served`) -> its page, once it is ready.
+
+    At the end no page may have had an error, or asked any other host.
+    """
+    wrong: list[str] = []
+    contexts = []
+
+    def open_one(
+        path: str = "", of: Served | None = None, *, ready: str = "html[data-ready]", **options: Any
+    ) -> Any:
+        url = (of or served).url
+        context = browser.new_context(viewport={"width": 1300, "height": 900}, **options)
+        contexts.append(context)
+        page = context.new_page()
+        page.set_default_timeout(pages.PATIENCE)
+        page.on("console", lambda m: wrong.append(m.text) if pages.is_fault(m) else None)
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        page.on("dialog", lambda dialog: wrong.append(f"a dialog: {dialog.message}"))
+        page.on(
+            "request",
+            lambda asked: (
+                None if asked.url.startswith((url, f"blob:{url}")) else wrong.append(asked.url)
+            ),
+        )
+        page.goto(f"{url}{path}")
+        page.wait_for_selector(ready)
+        return page
+
+    yield open_one
+    for context in contexts:
+        context.close()
+    assert wrong == []

@@ -2,42 +2,24 @@
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Callable, Iterator
+import threading
+from collections.abc import Callable, Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 from kg.records import MapUpdate, RobotRecord
 from planner.plans.find_answer import find_answer
+from tests.kg.server.browser_pages import HOSTILE, OpenPage, says, serious_faults
 
 if TYPE_CHECKING:
     from conftest import Served
 
     from kg.maps.semantic_map import SemanticMap
 
-sync_api = pytest.importorskip("playwright.sync_api", reason="pip install playwright")
-CHROMIUM = shutil.which("chromium")
-pytestmark = pytest.mark.skipif(
-    CHROMIUM is None, reason="Chromium is not installed: apt-get install chromium"
-)
-#: without them the browser asks its makers' hosts
-QUIET = ("background-networking", "component-update", "sync", "quic", "gpu")
-HOSTILE = '<img src=x onerror="alert(1)">'
 CUP = "object/1"
-PATIENCE = 120_000  # [ms] for what comes at once, on a machine however slow
-OPEN_PAGES = Callable[..., Any]
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with sync_api.sync_playwright() as playwright:
-        arguments = ["--no-sandbox", "--no-first-run", *(f"--disable-{name}" for name in QUIET)]
-        started = playwright.chromium.launch(executable_path=CHROMIUM, args=arguments)
-        yield started
-        started.close()
 
 
 @pytest.fixture
@@ -50,48 +32,7 @@ def token(served: Served) -> str:
     return served.bearer()["Authorization"].removeprefix("Bearer ")
 
 
-@pytest.fixture
-def open_page(browser: Any, served: Served) -> Iterator[OPEN_PAGES]:
-    """Callable: fragment of the address -> the map's page once it is drawn.
-
-    At the end no page may have had an error, or asked any other host.
-    """
-    wrong: list[str] = []
-    contexts = []
-
-    def open_one(fragment: str = "", **options: Any) -> Any:
-        context = browser.new_context(viewport={"width": 1300, "height": 900}, **options)
-        contexts.append(context)
-        page = context.new_page()
-        page.set_default_timeout(PATIENCE)
-        page.on("console", lambda m: wrong.append(m.text) if is_fault(m) else None)
-        page.on("pageerror", lambda error: wrong.append(str(error)))
-        page.on("dialog", lambda dialog: wrong.append(f"a dialog: {dialog.message}"))
-        page.on(
-            "request",
-            lambda asked: None if asked.url.startswith(served.url) else wrong.append(asked.url),
-        )
-        page.goto(f"{served.url}{fragment}")
-        page.wait_for_selector("html[data-ready]")
-        return page
-
-    yield open_one
-    for context in contexts:
-        context.close()
-    assert wrong == []
-
-
-def is_fault(message: Any) -> bool:
-    """Whether a line of the browser's console is an error; a refusal (401) is the server's word."""
-    return message.type == "error" and "401" not in message.text
-
-
-def says(page: Any, selector: str, text: str) -> None:
-    """Wait until an element has the text."""
-    sync_api.expect(page.locator(selector)).to_contain_text(text, timeout=PATIENCE)
-
-
-def test_objects_and_places_are_drawn_and_listed(open_page: OPEN_PAGES) -> None:
+def test_objects_and_places_are_drawn_and_listed(open_page: OpenPage) -> None:
     page = open_page()
     says(page, "#count", "2 of 2 objects, 1 places")
     page.click("text=All objects")
@@ -109,7 +50,7 @@ def test_objects_and_places_are_drawn_and_listed(open_page: OPEN_PAGES) -> None:
     assert colours > 20
 
 
-def test_address_of_an_object_selects_it(open_page: OPEN_PAGES) -> None:
+def test_address_of_an_object_selects_it(open_page: OpenPage) -> None:
     page = open_page(f"#{CUP}")
     says(page, "#about h2", "cup 1")
     says(page, "#about dl", "1.00, 0.50, 0.80 m")
@@ -118,7 +59,7 @@ def test_address_of_an_object_selects_it(open_page: OPEN_PAGES) -> None:
 
 @pytest.mark.parametrize("fragment", ["#%E0%A4%A", "#javascript:alert(1)", "#%22%3E<img src=x>"])
 def test_an_address_that_names_nothing_selects_nothing(
-    fragment: str, served: Served, open_page: OPEN_PAGES
+    fragment: str, served: Served, open_page: OpenPage
 ) -> None:
     page = open_page(fragment)
     says(page, "#about", "Nothing is selected")
@@ -127,7 +68,7 @@ def test_an_address_that_names_nothing_selects_nothing(
 
 
 def test_an_iri_with_a_percent_sign_is_found_again_by_its_address(
-    served: Served, open_page: OPEN_PAGES
+    served: Served, open_page: OpenPage
 ) -> None:
     odd = "https://x/t%41b"
     served.write(f"INSERT DATA {{ <{odd}> a here:Cup ; rdfs:label 'odd' ; here:x 1 ; here:y 1 }}")
@@ -140,7 +81,7 @@ def test_an_iri_with_a_percent_sign_is_found_again_by_its_address(
 
 
 def test_a_robot_that_is_nowhere_near_does_not_stop_the_page(
-    served: Served, open_page: OPEN_PAGES
+    served: Served, open_page: OpenPage
 ) -> None:
     served.map.apply(MapUpdate(robot=RobotRecord(np.array([1e30, 0.0, 0.0]), 0.0, 1.7e9)))
     page = open_page(f"#{CUP}")
@@ -155,7 +96,7 @@ def test_a_plan_without_finite_numbers_is_refused_in_words(serve: Callable[..., 
     assert "finite" in answer.json()["detail"]
 
 
-def test_changes_arrive_without_reloading(served: Served, open_page: OPEN_PAGES) -> None:
+def test_changes_arrive_without_reloading(served: Served, open_page: OpenPage) -> None:
     page = open_page(f"#{CUP}")
     served.put(3, "bowl", 2.0, 2.0)
     says(page, "#count", "3 of 3 objects")
@@ -163,9 +104,7 @@ def test_changes_arrive_without_reloading(served: Served, open_page: OPEN_PAGES)
     says(page, "#count", "2 of 2 objects")
 
 
-def test_what_is_said_of_the_selected_thing_follows_it(
-    served: Served, open_page: OPEN_PAGES
-) -> None:
+def test_what_is_said_of_the_selected_thing_follows_it(served: Served, open_page: OpenPage) -> None:
     page = open_page(f"#{CUP}")
     says(page, "#about dl", "1.00, 0.50, 0.80 m")
     served.move(1, 3.25)
@@ -174,7 +113,7 @@ def test_what_is_said_of_the_selected_thing_follows_it(
     says(page, "#about", "Nothing is selected")
 
 
-def test_the_past_is_shown_as_it_was(served: Served, open_page: OPEN_PAGES) -> None:
+def test_the_past_is_shown_as_it_was(served: Served, open_page: OpenPage) -> None:
     first = served.map.sequence
     served.put(3, "bowl", 2.0, 2.0)
     page = open_page()
@@ -187,7 +126,7 @@ def test_the_past_is_shown_as_it_was(served: Served, open_page: OPEN_PAGES) -> N
 
 
 def test_a_correction_lands_in_the_graph_and_on_other_pages(
-    served: Served, open_page: OPEN_PAGES, token: str
+    served: Served, open_page: OpenPage, token: str
 ) -> None:
     page, other = open_page(f"#{CUP}"), open_page()
     other.click("text=All objects")
@@ -205,7 +144,7 @@ def test_a_correction_lands_in_the_graph_and_on_other_pages(
     assert token not in kept
 
 
-def test_a_wrong_token_is_refused_in_words(served: Served, open_page: OPEN_PAGES) -> None:
+def test_a_wrong_token_is_refused_in_words(served: Served, open_page: OpenPage) -> None:
     page = open_page(f"#{CUP}")
     page.fill("#token", "not-the-token-at-all")
     page.click("#corrector button")
@@ -214,7 +153,7 @@ def test_a_wrong_token_is_refused_in_words(served: Served, open_page: OPEN_PAGES
     assert served.map.assertions() == ()
 
 
-def test_names_of_things_are_never_markup(served: Served, open_page: OPEN_PAGES) -> None:
+def test_names_of_things_are_never_markup(served: Served, open_page: OpenPage) -> None:
     served.map.assert_(f"{served.map.base}{CUP}", "label", HOSTILE, by="mallory")
     page = open_page(f"#{CUP}")
     says(page, "#about h2", HOSTILE)
@@ -223,7 +162,7 @@ def test_names_of_things_are_never_markup(served: Served, open_page: OPEN_PAGES)
     assert page.locator("main img").count() == 0
 
 
-def test_find_draws_the_plan_with_its_reasons(open_page: OPEN_PAGES) -> None:
+def test_find_draws_the_plan_with_its_reasons(open_page: OpenPage) -> None:
     page = open_page()
     page.fill("#wanted", "cup")
     page.click("#find button")
@@ -232,14 +171,37 @@ def test_find_draws_the_plan_with_its_reasons(open_page: OPEN_PAGES) -> None:
     says(page, "#plan ol", "cup 1 is in the map")
 
 
-def test_the_form_asks_a_query(open_page: OPEN_PAGES) -> None:
-    page = open_page()
-    page.fill("#query", "SELECT ?name { ?cup a here:Cup ; rdfs:label ?name }")
-    page.press("#query", "Control+Enter")
-    says(page, "#answer", "cup 1")
+def test_of_two_searches_in_a_row_the_last_one_is_answered(
+    serve: Callable[..., Served], flat: SemanticMap, open_page: OpenPage
+) -> None:
+    begun, go_on = threading.Event(), threading.Event()
+
+    def slowly(wanted: list[str]) -> Mapping[str, object]:
+        if wanted == ["cup"]:
+            begun.set()
+            assert go_on.wait(60)
+        return find_answer(flat, wanted)
+
+    page = open_page(of=serve(planner=slowly))
+    page.fill("#wanted", "cup")
+    page.click("#find button")
+    assert begun.wait(60)
+    page.fill("#wanted", "chair")
+    page.click("#find button")
+    says(page, "#plan", "planning")
+    go_on.set()
+    says(page, "#plan", "chair 2")
+    assert "cup 1 is in the map" not in page.inner_text("#plan")
 
 
-def test_an_object_is_picked_on_the_canvas_and_keys_move_it(open_page: OPEN_PAGES) -> None:
+def test_the_page_of_a_thing_leads_to_where_it_stands(open_page: OpenPage) -> None:
+    page = open_page(f"#{CUP}")
+    page.click("text=all its facts")
+    page.click("text=show it on the map")
+    says(page, "#about h2", "cup 1")
+
+
+def test_an_object_is_picked_on_the_canvas_and_keys_move_it(open_page: OpenPage) -> None:
     page = open_page(f"#{CUP}")  # brings it into the middle
     says(page, "#about h2", "cup 1")
     box = page.locator("#canvas").bounding_box()
@@ -252,16 +214,14 @@ def test_an_object_is_picked_on_the_canvas_and_keys_move_it(open_page: OPEN_PAGE
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_the_page_has_no_serious_fault_of_accessibility(scheme: str, open_page: OPEN_PAGES) -> None:
-    axe = pytest.importorskip("axe_playwright_python.sync_playwright")
+def test_the_page_has_no_serious_fault_of_accessibility(scheme: str, open_page: OpenPage) -> None:
+    pytest.importorskip("axe_playwright_python")
     page = open_page(f"#{CUP}", color_scheme=scheme, bypass_csp=True)
     says(page, "#about-history", "new here:Cup")
-    found = axe.Axe().run(page).response["violations"]
-    serious = [f for f in found if f["impact"] in ("serious", "critical")]
-    assert [(f["id"], [node["html"] for node in f["nodes"]]) for f in serious] == []
+    assert serious_faults(page) == []
 
 
-def test_a_phone_shows_map_and_list_one_below_the_other(open_page: OPEN_PAGES) -> None:
+def test_a_phone_shows_map_and_list_one_below_the_other(open_page: OpenPage) -> None:
     page = open_page()
     page.set_viewport_size({"width": 390, "height": 844})
     assert page.evaluate("document.documentElement.scrollWidth") <= 390

@@ -20,7 +20,7 @@ PATHS = (
     *("", ASK, "sparql", "object/1", "resource?iri=urn:x", "graphs/map", "graphs?default"),
     *("dump.trig", "dump.nq", ".well-known/void", "assertions", "log?iri=object/1", "diff?from=0"),
     *("why?iri=object/1", "timemap?iri=object/1", "changes", "changes?since=0", "health"),
-    *("metrics", "files/style.css", "subscribe?query=ASK%20%7B%7D", "nowhere/at/all"),
+    *("metrics", "subscribe?query=ASK%20%7B%7D", "queries", "find?object=cup", "nowhere/at/all"),
 )
 
 
@@ -121,6 +121,19 @@ def test_a_private_map_tells_strangers_nothing(private: Served, path: str) -> No
         assert answer.status_code == 401
         assert answer.headers["WWW-Authenticate"].startswith("Bearer")
         assert "flat" not in answer.text
+
+
+@pytest.mark.parametrize("path", ["", "console"])
+def test_pages_of_a_private_map_ask_for_a_token_and_tell_nothing(
+    private: Served, path: str
+) -> None:
+    page = private.get(path, headers={"Accept": "text/html"})
+    assert page.status_code == 200
+    assert 'id="entry-token"' in page.text
+    assert "flat" not in page.text
+    admitted = private.get(path, headers={"Accept": "text/html", **private.bearer(READER)})
+    assert 'id="entry-token"' not in admitted.text
+    assert "flat" in admitted.text
 
 
 @pytest.mark.parametrize("path", [ASK, "object/1", "graphs/map", "dump.nq", "log?iri=object/1"])

@@ -17,7 +17,7 @@ import pytest
 pytest.importorskip("rosbags")
 pytest.importorskip("websockets")
 from kg.errors import RecordingError
-from perception.live import connection, ros1, stream
+from perception.live import connection, ros1, stream, tcpros
 from perception.live.foxglove import FoxgloveConnection
 from perception.live.ros1 import Ros1Master
 from perception.live.stream import FrameStream
@@ -36,7 +36,7 @@ def soon(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(connection, "FIRST_PAUSE", 0.02)
     monkeypatch.setattr(connection, "LONGEST_PAUSE", 0.1)
     monkeypatch.setattr(ros1, "POLL", 0.02)
-    monkeypatch.setattr(ros1, "TICK", 0.02)
+    monkeypatch.setattr(tcpros, "TICK", 0.02)
 
 
 def types_of(raws: list[RawMessage], *, ros1: bool) -> dict[str, str]:

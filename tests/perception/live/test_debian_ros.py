@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import os
 import shutil
-import socket
-import subprocess
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -19,24 +16,10 @@ from perception.live.ros1 import Ros1Master
 from perception.live.stream import FrameStream
 from perception.recordings.bag_writer import write_bag
 from perception.recordings.recording import FolderRecording
+from tests.perception.live.debian_ros import free_port, started
 
 if not (shutil.which("rosmaster") and shutil.which("rosbag")):
     pytest.skip("no ROS 1 here: apt-get install ros-core python3-rosbag", allow_module_level=True)
-
-
-def free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return int(server.getsockname()[1])
-
-
-@contextmanager
-def started(environment: dict[str, str], *command: str) -> Iterator[subprocess.Popen[bytes]]:
-    null = subprocess.DEVNULL
-    with subprocess.Popen(command, env=environment, stdout=null, stderr=null) as process:
-        try:
-            yield process
-        finally:
-            process.terminate()
 
 
 def test_a_bag_that_rosbag_plays_becomes_frames(room: FolderRecording, tmp_path: Path) -> None:

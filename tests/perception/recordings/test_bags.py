@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 
 from kg.errors import RecordingError
 from perception.recordings.bag_file import message_types
-from perception.recordings.bag_writer import whole_millimetres, write_bag
+from perception.recordings.bag_writer import write_bag
 from perception.recordings.listing import Streams
 from perception.recordings.recording import FolderRecording, open_recording
 from perception.recordings.selection import Selection
+from perception.ros.message_maker import whole_millimetres
 from tests.perception.conftest import SIZE, K, look_at, room_depth
 
 pytest.importorskip("rosbags")

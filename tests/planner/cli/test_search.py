@@ -178,3 +178,25 @@ def test_errors_are_one_line_and_leave_the_map_alone(
     assert said in err
     with open_map(path, read_only=True) as semantic_map:
         assert semantic_map.sequence == before
+
+
+def test_a_ros1_robot_that_is_not_there_is_an_error(
+    path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("rosbags")
+    for address in ("ros1://127.0.0.1:1", "ros1://"):
+        words = ["--robot", address, "--patience", "0.5"]
+        assert main(["search", str(path), "apple", *words]) == 1
+        error = capsys.readouterr().err.splitlines()[-1]
+        assert error.startswith("error: ")
+        assert "ros1://" in error
+    with open_map(path, read_only=True) as semantic_map:
+        assert semantic_map.searches() == ()
+
+
+def test_options_of_ros1_robots_are_for_them_alone(
+    path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        main(["search", str(path), "apple", "--robot", "sim", "--base-frame", "base_link"])
+    assert "--base-frame is for --robot ros1://HOST" in capsys.readouterr().err

@@ -1,0 +1,23 @@
+// The way into a private map: its token is asked for once a page, and kept in memory alone.
+import { byId } from "/files/page-elements.js";
+import { request, useToken } from "/files/server.js";
+
+/** Wait until the map may be read; returns its base IRI and title. `place` has the base of an open map. */
+export function enter(place) {
+  const form = byId("entry");
+  if (!form) return Promise.resolve(place.dataset.base);
+  byId("entry-token").focus();
+  return new Promise((open) => form.addEventListener("submit", async (event) => {
+    event.preventDefault();
+    useToken(byId("entry-token").value.trim());
+    try {
+      const { map, base } = await (await request("/health", { accept: "application/json" })).json();
+      byId("title").textContent = map;
+      document.title = `${map} · hereabouts`;
+      form.remove();
+      open(base);
+    } catch (error) {
+      byId("entry-outcome").textContent = error.message;
+    }
+  }));
+}

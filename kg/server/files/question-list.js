@@ -1,0 +1,87 @@
+// The shipped questions: found by name or summary, and a form for the parameters of one.
+import { button, byId, element, option, status } from "/files/page-elements.js";
+import { request, select } from "/files/server.js";
+
+const OFFERED = `SELECT ?kind ?name ?iri WHERE {
+  { GRAPH graph:commonsense { ?iri here:isA ?of } GRAPH graph:ontology { ?iri rdfs:label ?name }
+    VALUES (?of ?kind) { (here:Object "categories") (here:Place "categories") } }
+  UNION { GRAPH graph:map { ?iri a here:Place ; rdfs:label ?name } BIND("places" AS ?kind) }
+  UNION { GRAPH graph:map { ?iri here:existence ?e ; rdfs:label ?name } BIND("things" AS ?kind) } } LIMIT 5000`;
+const LISTS = { category: "categories", place: "places", iri: "things" };
+const NUMBERS = { double: "any", integer: "1" }; // step of a field
+
+export class QuestionList {
+  /** `questions` as `/queries` lists them; `onQuery(text)` is called with one to be asked. */
+  constructor(base, questions, onQuery) {
+    this._base = base;
+    const isInner = ({ name }) => name.startsWith("goals-"); // what the planner asks comes last
+    this._questions = [...questions].sort((a, b) => isInner(a) - isInner(b));
+    this._onQuery = onQuery;
+    this._offered = false;
+    byId("question-filter").addEventListener("input", () => this._list());
+    this._list();
+  }
+
+  /** Open a question: its form, or at once its answer where nothing has to be given. */
+  open(name) {
+    const question = this._questions.find((one) => one.name === name);
+    byId("question").replaceChildren(element("h3", name), element("p", question.summary), this._form(question));
+    if (question.parameters.some((one) => one.default === null)) byId("question").querySelector("input").focus();
+    else this._ask(question, {});
+    this._offer();
+  }
+
+  _list() {
+    const words = byId("question-filter").value.trim().toLowerCase();
+    const found = this._questions.filter(({ name, summary }) => `${name} ${summary}`.toLowerCase().includes(words));
+    byId("questions").replaceChildren(...found.map(({ name, summary }) =>
+      element("li", "", button(name, () => this.open(name)), element("small", summary))));
+  }
+
+  _form(question) {
+    const made = element("form", "", ...question.parameters.map((one) => this._field(one)));
+    const submit = element("button", "Ask");
+    submit.type = "submit";
+    if (question.parameters.length) made.append(element("p", "", submit));
+    made.addEventListener("submit", (event) => {
+      event.preventDefault();
+      this._ask(question, Object.fromEntries(new FormData(made)));
+    });
+    return made;
+  }
+
+  _field({ name, type, default: preset, about }) {
+    const input = element("input");
+    input.name = name;
+    input.value = preset ?? "";
+    input.required = preset === null;
+    if (NUMBERS[type]) { input.type = "number"; input.step = NUMBERS[type]; }
+    if (LISTS[type]) input.setAttribute("list", LISTS[type]);
+    return element("p", "", element("label", `${name} `, input), element("small", about));
+  }
+
+  /** The question as SPARQL with its values in it, by the server. */
+  async _ask(question, values) {
+    const given = Object.entries(values).filter(([, value]) => value !== "");
+    try {
+      const answer = await request(`/queries/${question.name}?${new URLSearchParams(given)}`, { accept: "application/sparql-query" });
+      this._onQuery(await answer.text());
+    } catch (error) {
+      status(error.message);
+    }
+  }
+
+  /** Offer names of categories, places and things to those who type. */
+  async _offer() {
+    if (this._offered) return;
+    this._offered = true;
+    const options = { categories: new Map(), places: new Map(), things: new Map() };
+    const { rows } = await select(OFFERED).catch(() => ({ rows: [] }));
+    for (const { kind, name, iri } of rows) {
+      const path = iri.startsWith(this._base) ? iri.slice(this._base.length) : iri;
+      if (kind === "things") options.things.set(path, option(path, name));
+      else options[kind].set(name, option(name, ""));
+    }
+    for (const [id, found] of Object.entries(options)) byId(id).replaceChildren(...found.values());
+  }
+}

@@ -1,0 +1,51 @@
+// An answer on the map: its things, positions and geometries stand out.
+import { MapData, ringsOf } from "/files/map-data.js";
+import { MapView } from "/files/map-view.js";
+import { byId, status } from "/files/page-elements.js";
+import { isNumeric } from "/files/result-table.js";
+
+export class ResultMap {
+  constructor(base) {
+    this._data = new MapData(base);
+    this._view = new MapView(byId("canvas"), this._data, (one) => one.existence >= 0.5 || this._view.highlights.iris.has(one.iri));
+    this._view.onPick = (iri) => this._pick(iri);
+  }
+
+  /** Show columns and rows as SPARQL JSON has them; returns how many things and geometries stand out. */
+  async show(answer) {
+    await this._data.load();
+    const found = highlightsOf(answer, (iri) => this._data.objects.has(iri) || this._data.places.has(iri));
+    this._view.highlights = found;
+    this._view.fit();
+    return found.iris.size + found.points.length + found.rings.length;
+  }
+
+  _pick(iri) {
+    const one = this._data.objects.get(iri) || this._data.places.get(iri);
+    this._view.selected = iri;
+    this._view.draw();
+    if (one) status(`${this._data.nameOf(one)} (${this._data.pathOf(iri)})`);
+  }
+}
+
+/** Things, points [m] and rings [m]: of each row the first thing of the map, or else x and y; and all WKT. */
+function highlightsOf({ columns, rows }, isOnMap) {
+  const iris = new Set(), points = [], rings = [];
+  const hasPosition = columns.includes("x") && columns.includes("y");
+  for (const row of rows) {
+    const terms = columns.map((name) => row[name]).filter(Boolean);
+    const thing = terms.find((term) => term.type === "uri" && isOnMap(term.value));
+    if (thing) iris.add(thing.value);
+    for (const term of terms) if (/wktLiteral$/.test(term.datatype || "")) takeGeometry(term.value, points, rings);
+    if (!thing && hasPosition && isNumeric(row.x) && isNumeric(row.y)) points.push([Number(row.x.value), Number(row.y.value)]);
+  }
+  return { iris, points, rings };
+}
+
+function takeGeometry(text, points, rings) {
+  for (const ring of ringsOf(text)) {
+    if (ring.some((corner) => !corner.slice(0, 2).every(Number.isFinite))) continue;
+    if (ring.length > 1) rings.push(ring);
+    else points.push(ring[0]);
+  }
+}

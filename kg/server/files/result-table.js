@@ -1,0 +1,43 @@
+// An answer as a table: IRIs lead to their pages, everything else is text.
+import { element } from "/files/page-elements.js";
+
+const SHOWN = 500; // rows
+const XSD = "http://www.w3.org/2001/XMLSchema#";
+const NUMERIC = new Set(["integer", "decimal", "double", "float", "int", "long"].map((name) => XSD + name));
+
+/** Whether a term of an answer is a number. */
+export function isNumeric(term) {
+  return term?.type === "literal" && NUMERIC.has(term.datatype) && Number.isFinite(Number(term.value));
+}
+
+/** The table of columns and rows as SPARQL JSON has them. `prefixes` are IRIs by name. */
+export function tableOf({ columns, rows }, base, prefixes) {
+  const head = element("thead", "", element("tr", "", ...columns.map((name) => element("th", name))));
+  const body = rows.slice(0, SHOWN).map((row) => element("tr", "", ...columns.map((name) => cellOf(row[name], base, prefixes))));
+  const table = element("table", "", head, element("tbody", "", ...body));
+  const left = rows.length - SHOWN;
+  return left > 0 ? [table, element("p", `${left} more rows are in the downloads`)] : [table];
+}
+
+function cellOf(term, base, prefixes) {
+  const cell = element("td");
+  if (!term) return cell;
+  if (term.type === "uri") {
+    const link = element("a", compact(term.value, base, prefixes));
+    link.href = term.value.startsWith(base) ? `/${term.value.slice(base.length)}` : `/resource?iri=${encodeURIComponent(term.value)}`;
+    link.title = term.value;
+    cell.append(link);
+    return cell;
+  }
+  cell.textContent = term.value;
+  if (isNumeric(term)) cell.className = "number";
+  if (term["xml:lang"]) cell.append(Object.assign(element("span", ` @${term["xml:lang"]}`), { className: "dim" }));
+  return cell;
+}
+
+/** An IRI in short: of the map's own things the path, else a prefixed name where a prefix fits. */
+function compact(iri, base, prefixes) {
+  if (iri.startsWith(base) && iri !== base) return iri.slice(base.length);
+  const fitting = Object.entries(prefixes).filter(([, start]) => iri.startsWith(start)).sort((a, b) => b[1].length - a[1].length)[0];
+  return fitting ? `${fitting[0]}:${iri.slice(fitting[1].length)}` : iri;
+}

@@ -1,0 +1,251 @@
+"""A ROS 1 node that publishes: registered with a master, with TCPROS connections to who asks.
+
+The master tells subscribers of the node (Master_API); they ask its XML-RPC API for a topic
+(Slave_API) and connect. What a topic is to be heard by is bounded in number, size and time.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+import threading
+import time
+import xmlrpc.server
+from collections.abc import Mapping
+from dataclasses import replace
+from socketserver import ThreadingMixIn
+from typing import Any, Final
+
+from perception.live.connection import Retry
+from perception.live.ros1 import Ros1Master
+from perception.live.ros1_api import CALLER, FAILURES, PATIENCE
+from perception.live.tcpros import Wire, block
+from perception.recordings.bag_file import message_types
+
+CHECKED: Final = 1.0  # [s] between two looks whether the master still knows the node
+MOST_CONNECTIONS: Final = 64  # of subscribers, and of those that have not said what they want
+LARGEST_REQUEST: Final = 1 << 20  # [bytes]
+
+
+class Ros1Publisher:
+    """A node that publishes `types` (topic -> type, e.g. sensor_msgs/msg/Image); close it.
+
+    Whoever subscribes to a topic of `latched` later gets its last message as well. It registers
+    with the master from a thread of its own, again where the master was restarted. Other nodes
+    reach it at the address that ROS_HOSTNAME or ROS_IP gives, else at that of the way to the
+    master.
+    """
+
+    def __init__(
+        self, master: Ros1Master, types: Mapping[str, str], latched: frozenset[str] = frozenset()
+    ) -> None:
+        self.name = f"{CALLER}_{os.getpid()}_{time.monotonic_ns()}"
+        self._master = replace(master, caller=self.name)
+        self._types, self._latched = dict(types), latched
+        self._subscribers: dict[str, list[socket.socket]] = {topic: [] for topic in types}
+        self._last: dict[str, bytes] = {}
+        self._lock, self._ended = threading.Lock(), threading.Event()
+        self._free = threading.Semaphore(MOST_CONNECTIONS)
+        self._host, bound = _own_host(master)
+        self._listener = socket.create_server((bound, 0))
+        self._server = _Api((bound, 0), _Request, logRequests=False, allow_none=True)
+        for method in ("requestTopic", "publisherUpdate", "paramUpdate", "getPid", "shutdown"):
+            self._server.register_function(getattr(self, f"_{method}"), method)
+        self._uri = f"http://{self._host}:{self._server.server_address[1]}/"
+        self._threads = [
+            threading.Thread(target=run, name=f"ros1 {run.__name__}", daemon=True)
+            for run in (self._serve, self._accept, self._register)
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    @property
+    def master(self) -> Ros1Master:
+        """The master, which and whose nodes know us by this node's name."""
+        return self._master
+
+    def subscribers(self, topic: str) -> int:
+        """How many hear a topic now."""
+        with self._lock:
+            return len(self._subscribers[topic])
+
+    def publish(self, topic: str, message: Any) -> None:
+        """Send a message of the topic's type; who does not take it in PATIENCE is left."""
+        data = block(bytes(message_types(True).serialize_ros1(message, self._types[topic])))
+        with self._lock:
+            if topic in self._latched:
+                self._last[topic] = data
+            for one in list(self._subscribers[topic]):
+                self._send(topic, one, data)
+
+    def close(self) -> None:
+        """Leave the master, and all subscribers once they have what was sent."""
+        if self._ended.is_set():
+            return
+        self._ended.set()
+        for topic in self._types:
+            with contextlib.suppress(*FAILURES):
+                self._master.ask("unregisterPublisher", topic, self._uri)
+        self._server.shutdown()
+        self._server.server_close()
+        with contextlib.suppress(OSError):
+            self._listener.shutdown(socket.SHUT_RDWR)
+        self._listener.close()
+        with self._lock:
+            for connections in self._subscribers.values():
+                for one in connections:
+                    with contextlib.suppress(OSError):
+                        one.shutdown(socket.SHUT_RDWR)  # what was sent before arrives all the same
+        for thread in self._threads:
+            thread.join(PATIENCE)
+
+    def _send(self, topic: str, one: socket.socket, data: bytes) -> None:
+        try:
+            one.sendall(data)
+        except OSError:
+            self._subscribers[topic].remove(one)
+            one.close()
+
+    def _serve(self) -> None:
+        self._server.serve_forever(0.05)
+
+    def _register(self) -> None:
+        """Be registered with the master, whenever it is started."""
+        retry = Retry(self._master.address, self._ended)
+        while not self._ended.is_set():
+            try:
+                if not self._is_registered():
+                    for topic, type_ in self._types.items():
+                        short = type_.replace("/msg/", "/")
+                        self._master.ask("registerPublisher", topic, short, self._uri)
+                retry.worked()
+            except OSError:
+                retry.wait()  # who listens to the master says that it is away
+            except FAILURES as error:
+                retry.failed(error)
+            self._ended.wait(CHECKED)
+
+    def _is_registered(self) -> bool:
+        publishers, *_ = self._master.ask("getSystemState")
+        known = {str(topic) for topic, nodes in publishers if self.name in nodes}
+        return known >= self._types.keys()
+
+    def _accept(self) -> None:
+        while not self._ended.is_set():
+            try:
+                connected, _ = self._listener.accept()
+            except OSError:
+                return
+            if not self._free.acquire(blocking=False):
+                connected.close()
+                continue
+            threading.Thread(target=self._greet, args=(connected,), daemon=True).start()
+
+    def _greet(self, connected: socket.socket) -> None:
+        """Make a subscriber of whoever connects and names a topic, until it leaves."""
+        try:
+            wire = Wire(connected, self.name, self._ended)
+            topic = self._agreed(wire, wire.fields())
+            if topic is not None:
+                connected.settimeout(PATIENCE)
+                with self._lock:
+                    self._subscribers[topic].append(connected)
+                    if topic in self._last:
+                        self._send(topic, connected, self._last[topic])
+                self._wait_for_end(topic, connected)
+        except FAILURES:
+            pass
+        finally:
+            connected.close()
+            self._free.release()
+
+    def _wait_for_end(self, topic: str, connected: socket.socket) -> None:
+        while not self._ended.is_set():
+            try:
+                if not connected.recv(4096):
+                    break
+            except TimeoutError:
+                continue
+            except OSError:
+                break
+        with self._lock, contextlib.suppress(ValueError):
+            self._subscribers[topic].remove(connected)
+
+    def _agreed(self, wire: Wire, asked: Mapping[str, str]) -> str | None:
+        """The topic that `asked` names, answered with our header; None where it cannot be had."""
+        topic = asked.get("topic", "")
+        if topic not in self._types:
+            wire.send_fields({"error": f"{self.name} publishes no {topic[:200]}"})
+            return None
+        type_ = self._types[topic]
+        definition, md5sum = message_types(True).generate_msgdef(type_, ros_version=1)
+        if asked.get("md5sum") not in ("*", md5sum):
+            wire.send_fields({"error": f"{topic} has the md5sum {md5sum}"})
+            return None
+        wire.send_fields(
+            {
+                "callerid": self.name,
+                "topic": topic,
+                "type": type_.replace("/msg/", "/"),
+                "md5sum": md5sum,
+                "message_definition": definition,
+                "latching": str(int(topic in self._latched)),
+            }
+        )
+        return topic
+
+    def _requestTopic(self, caller: str, topic: str, protocols: Any) -> list[Any]:  # noqa: N802
+        if topic not in self._types:
+            return [0, f"{self.name} publishes no such topic", 0]
+        if not any(protocol[:1] == ["TCPROS"] for protocol in protocols):
+            return [0, f"{self.name} speaks TCPROS alone", 0]
+        return [1, "ready", ["TCPROS", self._host, self._listener.getsockname()[1]]]
+
+    def _publisherUpdate(self, caller: str, topic: str, publishers: Any) -> list[Any]:  # noqa: N802
+        return [1, "", 0]
+
+    def _paramUpdate(self, caller: str, key: str, value: Any) -> list[Any]:  # noqa: N802
+        return [1, "", 0]
+
+    def _getPid(self, caller: str) -> list[Any]:  # noqa: N802
+        return [1, "", os.getpid()]
+
+    def _shutdown(self, caller: str, reason: str = "") -> list[Any]:
+        return [0, "it ends when its program does", 0]
+
+
+class _Request(xmlrpc.server.SimpleXMLRPCRequestHandler):
+    """A request of limited size, which comes in time."""
+
+    protocol_version = "HTTP/1.1"
+    timeout = PATIENCE
+
+    def do_POST(self) -> None:  # noqa: N802 - named by http.server
+        length = self.headers.get("content-length", "")
+        if not length.isdecimal() or int(length) > LARGEST_REQUEST:
+            self.close_connection = True
+            self.send_error(413)
+            return
+        super().do_POST()
+
+
+class _Api(ThreadingMixIn, xmlrpc.server.SimpleXMLRPCServer):
+    daemon_threads = True
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Nothing: what broke off is tried again by the other side."""
+
+
+def _own_host(master: Ros1Master) -> tuple[str, str]:
+    """The address that other nodes are told, and the one to listen at."""
+    given = os.environ.get("ROS_HOSTNAME") or os.environ.get("ROS_IP")
+    if given:
+        return given, ""
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.connect((master.host, master.port))  # sends nothing
+            host = str(probe.getsockname()[0])
+    except OSError:
+        return socket.gethostname(), ""
+    return host, host

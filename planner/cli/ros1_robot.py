@@ -1,0 +1,93 @@
+"""Options of `search` for robots behind a ROS 1 master, and the robot that they describe."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from planner.cli.arguments import add_device, positive
+from planner.cli.live import require_ros
+from planner.cli.models import named_detector
+from planner.cli.recording_arguments import add_stream_options, given_streams
+
+if TYPE_CHECKING:
+    from planner.execution.robot import Robot
+
+SHARE: Final = 0.9  # of --patience, after which this robot itself says what is missing
+
+
+def is_ros1(address: str) -> bool:
+    """Whether a robot's address is that of a ROS 1 master; "ros1" is the one at localhost."""
+    return address == "ros1" or address.startswith("ros1://")
+
+
+def add_ros1_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the options that `open_ros1_robot` reads."""
+    group = parser.add_argument_group("robots of ros1://")
+    group.add_argument(
+        "--detector",
+        default="default",
+        metavar="NAME|FILE",
+        help="object detector for its images (default: the bundled ones; best: the best one that "
+        "can be fetched; see `hereabouts models list`)",
+    )
+    group.add_argument(
+        "--threshold", type=positive, default=0.25, help="least detector score (default: 0.25)"
+    )
+    add_device(group)
+    group.add_argument(
+        "--navigation",
+        default="/move_base",
+        metavar="NAME",
+        help="action server of move_base_msgs/MoveBaseAction (default: /move_base)",
+    )
+    group.add_argument(
+        "--base-frame",
+        metavar="FRAME",
+        help="the robot's frame in tf (default: base_link, base_footprint, else the camera's)",
+    )
+    group.add_argument("--intrinsics", metavar="FILE", help="intrinsics.json, .txt or K.txt")
+    group.add_argument(
+        "--depth-scale", type=positive, metavar="N", help="depth units in a metre, e.g. 1000"
+    )
+    add_stream_options(group)
+    defaults = {option.dest: option.default for option in group._group_actions}
+    parser.set_defaults(ros1_defaults=defaults)
+
+
+def refuse_ros1_options(arguments: argparse.Namespace) -> None:
+    """Refuse what only these robots have, as wrong usage."""
+    for name, default in arguments.ros1_defaults.items():
+        if getattr(arguments, name) != default:
+            arguments.usage_error(f"--{name.replace('_', '-')} is for --robot ros1://HOST")
+
+
+def open_ros1_robot(arguments: argparse.Namespace) -> Robot:
+    """The robot that the options describe; raises HereaboutsError before it is moved."""
+    require_ros(arguments.robot, "rosbags")
+    from perception.camera.intrinsics import load_intrinsics
+    from perception.inference.recorded_detections import open_detector
+    from perception.live.ros1 import Ros1Master
+    from perception.live.stream import FrameStream
+    from planner.execution.ros1_robot import Ros1Robot
+
+    address = "ros1://localhost" if arguments.robot == "ros1" else arguments.robot
+    master = Ros1Master.at(address)
+    name = named_detector(arguments.detector)
+    detector = open_detector(name, threshold=arguments.threshold, device=arguments.device)
+    given = arguments.intrinsics
+    stream = FrameStream(
+        master.address,
+        given_streams(arguments),
+        load_intrinsics(Path(given)) if given else None,
+        arguments.depth_scale,
+    )
+    return Ros1Robot(
+        master,
+        stream,
+        detector,
+        navigation=arguments.navigation,
+        base=arguments.base_frame,
+        patience=SHARE * arguments.patience,
+    )

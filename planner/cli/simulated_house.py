@@ -1,0 +1,54 @@
+"""The demo's house, with what stands in it since it was mapped."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from kg.errors import LayoutError, did_you_mean
+from planner.cli.arguments import FARTHEST
+
+if TYPE_CHECKING:
+    from planner.simulation.houses.house import House, Item
+
+
+def add_hide(parser: argparse.ArgumentParser, whose: str = "") -> None:
+    """Declare `--hide`, which `house_with` reads."""
+    parser.add_argument(
+        "--hide",
+        action="append",
+        metavar="LABEL@X,Y,Z",
+        help=f"{whose}what stands in the house since it was mapped (default: apple, which alone "
+        "needs no place: it is the demo's)",
+    )
+
+
+def house_with(hidden: Sequence[str] | None) -> House:
+    """The demo's house with what `--hide` says; raises LayoutError."""
+    from planner.simulation.demo.house_demo import HIDDEN
+    from planner.simulation.houses.house import furnished_house
+
+    own = {HIDDEN.label: HIDDEN}
+    items = [own.get(text) or _item(text) for text in hidden or own]
+    return furnished_house().with_objects(items)
+
+
+def _item(text: str) -> Item:
+    from planner.simulation.houses.furniture import OBJECTS
+    from planner.simulation.houses.house import Item
+
+    label, _, where = text.partition("@")
+    try:
+        x, y, z = (float(part) for part in where.split(","))
+    except ValueError:
+        x = y = z = math.nan
+    if not all(abs(value) <= FARTHEST for value in (x, y, z)):
+        raise LayoutError(
+            f"--hide needs LABEL@X,Y,Z in metres, e.g. {label or 'apple'}@7,8.3,0.85, got {text!r}"
+        )
+    if label not in OBJECTS:
+        near = did_you_mean(label, OBJECTS) or f"; it has {', '.join(sorted(OBJECTS))}"
+        raise LayoutError(f"the simulated house has no {label!r}{near}")
+    return Item(label, x, y, z)

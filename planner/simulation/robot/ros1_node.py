@@ -1,0 +1,252 @@
+"""The robot of a simulated house behind a ROS 1 master: camera, tf, and goals as move_base has.
+
+Its clock runs `rate` times as fast as ours; pictures are rendered where it is then.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from kg.errors import LayoutError, RecordingError
+from perception.live.ros1 import Ros1Master
+from perception.live.ros1_publisher import Ros1Publisher
+from perception.recordings.bag_file import RawMessage, decoded, message_types
+from perception.recordings.bag_writer import (
+    CAMERA,
+    COLOUR,
+    COLOUR_INFO,
+    DEPTH,
+    DEPTH_INFO,
+    IMAGE_TOPICS,
+    MAP,
+)
+from perception.ros.headers import NANOSECONDS, frame_name
+from perception.ros.message_maker import MessageMaker
+from planner.simulation.houses.floor_grid import FloorGrid
+from planner.simulation.houses.house import House
+from planner.simulation.robot.motion import MotionLimits, Pose, drive, turn
+from planner.simulation.sensing.camera import SimulatedCamera
+
+BASE: Final = "base_link"
+STEP: Final = 0.05  # [s] between two poses
+PICTURE: Final = 0.25  # [s] between two pictures
+STATUS: Final = 0.2  # [s] between two messages of status
+REMEMBERED: Final = 5.0  # [s] that the outcome of a goal is told
+NEAR: Final = 1.0  # [m] of a goal, within which there must be free floor
+_GOAL: Final = "move_base_msgs/msg/MoveBaseActionGoal"
+_CANCEL: Final = "actionlib_msgs/msg/GoalID"
+_STATUS: Final = "actionlib_msgs/msg/GoalStatusArray"
+_RESULT: Final = "move_base_msgs/msg/MoveBaseActionResult"
+_TRANSFORMS: Final = "tf2_msgs/msg/TFMessage"
+#: of actionlib_msgs/GoalStatus
+ACTIVE, PREEMPTED, SUCCEEDED, ABORTED, REJECTED, RECALLED = 1, 2, 3, 4, 5, 8
+
+
+@dataclass(slots=True)
+class _Goal:
+    """A goal, and what became of it."""
+
+    id: Any  # actionlib_msgs/GoalID
+    way: Sequence[Pose]  # the last one is the end
+    status: int = ACTIVE
+    text: str = ""
+    ended: float = math.inf  # [s] of time.monotonic()
+
+    def pose(self, seconds: float) -> Pose:
+        """Where the robot is on the way."""
+        times = [pose.seconds for pose in self.way]
+        x, y, heading = (
+            float(np.interp(seconds, times, values))
+            for values in (
+                [pose.x for pose in self.way],
+                [pose.y for pose in self.way],
+                np.unwrap([pose.heading for pose in self.way]),
+            )
+        )
+        return Pose(x, y, heading, seconds)
+
+
+class Ros1HouseNode:
+    """Node of the robot; an `Inbox` of goals."""
+
+    def __init__(
+        self,
+        master: Ros1Master,
+        house: House,
+        start: tuple[float, float],
+        *,
+        rate: float = 1.0,
+        seed: int = 0,
+        navigation: str = "/move_base",
+    ) -> None:
+        """The robot stands at `start` [m]; `navigation` is the name of its action."""
+        self._rate, self._navigation = rate, navigation
+        self._camera, self._floor = SimulatedCamera(house, seed=seed), FloorGrid(house)
+        self._gait = MotionLimits()
+        self._began = time.time(), time.monotonic()
+        self.pose = Pose(*start, 0.0, self.seconds)
+        self._goals = deque[_Goal](maxlen=100)
+        self._orders = deque[tuple[str, Any]](maxlen=100)
+        self._cancelled = deque[str](maxlen=100)  # goals that have not come yet
+        self._maker = MessageMaker(message_types(True), is_ros1=True)
+        told = {
+            **IMAGE_TOPICS,
+            "/tf": _TRANSFORMS,
+            "/tf_static": _TRANSFORMS,
+            f"{navigation}/status": _STATUS,
+            f"{navigation}/result": _RESULT,
+            f"{navigation}/feedback": "move_base_msgs/msg/MoveBaseActionFeedback",
+        }
+        self._publisher = Ros1Publisher(master, told, frozenset(["/tf_static"]))
+        self._pictures = 0
+
+    @property
+    def seconds(self) -> float:
+        """[s since 1970] by its clock."""
+        since, monotonic = self._began
+        return since + self._rate * (time.monotonic() - monotonic)
+
+    def wanted(self, topics: Mapping[str, str]) -> set[str]:
+        """Topics of goals and of what cancels them."""
+        heard = {f"{self._navigation}/goal": _GOAL, f"{self._navigation}/cancel": _CANCEL}
+        return {topic for topic, type_ in topics.items() if heard.get(topic) == type_}
+
+    def offer(self, raw: RawMessage, *, is_ros1: bool) -> None:
+        """Take a goal, or what cancels one; what is neither is left out."""
+        try:
+            self._orders.append((raw.type, decoded(raw, is_ros1, raw.topic)))
+        except RecordingError:
+            return
+
+    def run(self, ended: threading.Event) -> None:
+        """Publish and take goals until `ended`."""
+        master = self._publisher.master
+        threading.Thread(target=master.run, args=(self, ended), daemon=True).start()
+        T_base_cam = self._camera.model.pose(0.0, 0.0, 0.0)
+        mounted = self._maker.transforms(self._stamp, BASE, CAMERA, T_base_cam)
+        self._publisher.publish("/tf_static", mounted)
+        due = {self._show: 0.0, self._tell: 0.0}
+        try:
+            while not ended.wait(STEP):
+                self._take_orders()
+                self._move()
+                for action, period in ((self._show, PICTURE), (self._tell, STATUS)):
+                    if time.monotonic() >= due[action]:
+                        due[action] = time.monotonic() + period
+                        action()
+        finally:
+            self._publisher.close()
+
+    @property
+    def _stamp(self) -> int:
+        return round(self.pose.seconds * NANOSECONDS)
+
+    @property
+    def _active(self) -> _Goal | None:
+        return next((goal for goal in self._goals if goal.status == ACTIVE), None)
+
+    def _take_orders(self) -> None:
+        while self._orders:
+            kind, message = self._orders.popleft()
+            if kind == _GOAL:
+                self._begin(message)
+            else:
+                self._cancel(str(message.id))
+
+    def _cancel(self, number: str) -> None:
+        """Cancel the goal of that id, or what there is; one may overtake its goal."""
+        active = self._active
+        if active is not None and number in ("", active.id.id):
+            self._end(active, PREEMPTED, "cancelled")
+        elif number:
+            self._cancelled.append(number)
+
+    def _begin(self, message: Any) -> None:
+        target = message.goal.target_pose
+        p, q = target.pose.position, target.pose.orientation
+        if (active := self._active) is not None:
+            self._end(active, PREEMPTED, "another goal came")
+        goal = _Goal(message.goal_id, (self.pose,))
+        self._goals.append(goal)
+        if goal.id.id in self._cancelled:
+            self._end(goal, RECALLED, "cancelled")
+        elif frame_name(target.header.frame_id) != MAP:
+            self._end(goal, REJECTED, f"goals are in the frame {MAP}")
+        elif not all(math.isfinite(value) for value in (p.x, p.y, q.x, q.y, q.z, q.w)):
+            self._end(goal, REJECTED, "a goal needs finite numbers")
+        else:
+            heading = math.atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y**2 + q.z**2))
+            try:
+                goal.way = self._way(np.array([p.x, p.y]), heading)
+            except LayoutError as error:
+                self._end(goal, ABORTED, str(error))
+
+    def _way(self, goal: np.ndarray, heading: float) -> Sequence[Pose]:
+        """Poses of the way to `goal` [m]; raises LayoutError where none leads there."""
+        path = self._floor.path(self.pose.xy, goal)
+        if math.dist(self.pose.xy, goal) <= self._gait.stride / 10:
+            path = path[:1]
+        elif float(np.linalg.norm(path[-1] - goal)) > NEAR:
+            raise LayoutError(f"no way to ({goal[0]:.1f}, {goal[1]:.1f})")
+        way = [self.pose, *drive(self.pose, path, self._gait)]
+        towards = math.remainder(heading - way[-1].heading, 2 * math.pi)
+        return [*way, *turn(way[-1], towards, self._gait)]
+
+    def _move(self) -> None:
+        """Move on, and tell where it is."""
+        goal, now = self._active, self.seconds
+        self.pose = Pose(self.pose.x, self.pose.y, self.pose.heading, now)
+        if goal is not None:
+            self.pose = goal.pose(now)
+            if now >= goal.way[-1].seconds:
+                self._end(goal, SUCCEEDED, "Goal reached.")
+        T_map_base = np.eye(4)
+        c, s = math.cos(self.pose.heading), math.sin(self.pose.heading)
+        T_map_base[:2, :2] = [[c, -s], [s, c]]
+        T_map_base[:2, 3] = self.pose.x, self.pose.y
+        transform = self._maker.transforms(self._stamp, MAP, BASE, T_map_base)
+        self._publisher.publish("/tf", transform)
+
+    def _end(self, goal: _Goal, status: int, text: str) -> None:
+        goal.status, goal.text, goal.ended = status, text, time.monotonic()
+        self._tell()
+        result = self._maker.make("move_base_msgs/msg/MoveBaseResult")
+        message = self._maker.make(
+            _RESULT,
+            header=self._maker.header(self._stamp, ""),
+            status=self._status(goal),
+            result=result,
+        )
+        self._publisher.publish(f"{self._navigation}/result", message)
+
+    def _status(self, goal: _Goal) -> Any:
+        fields = {"goal_id": goal.id, "status": goal.status, "text": goal.text}
+        return self._maker.make("actionlib_msgs/msg/GoalStatus", **fields)
+
+    def _tell(self) -> None:
+        """Tell the status of all goals that were not long ago."""
+        recent = time.monotonic() - REMEMBERED
+        states = [self._status(goal) for goal in self._goals if goal.ended > recent]
+        header = self._maker.header(self._stamp, "")
+        message = self._maker.make(_STATUS, header=header, status_list=states)
+        self._publisher.publish(f"{self._navigation}/status", message)
+
+    def _show(self) -> None:
+        """Publish what the camera shows."""
+        pose, make = self.pose, self._maker
+        self._pictures += 1
+        T_map_cam = self._camera.model.pose(pose.x, pose.y, pose.heading)
+        frame = self._camera.frame(f"ros1-{self._pictures:06d}", T_map_cam, pose.seconds)
+        header = make.header(self._stamp, CAMERA)
+        for topic in (COLOUR_INFO, DEPTH_INFO):
+            self._publisher.publish(topic, make.camera_info(frame, header))
+        self._publisher.publish(COLOUR, make.colour(frame, header))
+        self._publisher.publish(DEPTH, make.depth(frame.depth, header))

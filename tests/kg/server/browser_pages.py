@@ -1,0 +1,44 @@
+"""Pages in a real browser: how tests open them and wait for what they say."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from typing import Any
+
+PATIENCE = 120_000  # [ms] for what comes at once, on a machine however slow
+HOSTILE = '<img src=x onerror="alert(1)">'
+CHROMIUM = shutil.which("chromium")
+#: arguments of the browser; without the last ones it asks its makers' hosts
+ARGUMENTS = (
+    *("--no-sandbox", "--no-first-run"),
+    *(
+        f"--disable-{name}"
+        for name in ("background-networking", "component-update", "sync", "quic", "gpu")
+    ),
+)
+OpenPage = Callable[..., Any]
+
+
+def says(page: Any, selector: str, text: str) -> None:
+    """Wait until an element has the text."""
+    from playwright.sync_api import expect
+
+    expect(page.locator(selector)).to_contain_text(text, timeout=PATIENCE)
+
+
+def is_fault(message: Any) -> bool:
+    """Whether a line of the browser's console is an error; a refusal (4xx) is the server's word."""
+    return message.type == "error" and "responded with a status of 4" not in message.text
+
+
+def serious_faults(page: Any) -> list[tuple[str, list[str]]]:
+    """Serious faults of accessibility that axe finds, with the elements."""
+    from axe_playwright_python.sync_playwright import Axe
+
+    found = Axe().run(page).response["violations"]
+    return [
+        (fault["id"], [node["html"] for node in fault["nodes"]])
+        for fault in found
+        if fault["impact"] in ("serious", "critical")
+    ]
