@@ -62,15 +62,18 @@ def add_device(parser: argparse._ActionsContainer) -> None:
     )
 
 
-def point(text: str) -> tuple[float, float]:
-    """``X,Y`` in metres; argparse reports anything else as wrong usage."""
+def start_pose(text: str) -> tuple[float, float, float]:
+    """``X,Y`` in metres or ``X,Y,DEG`` as x, y [m] and heading [rad]; argparse reports all else."""
+    parts = text.split(",")
     try:
-        x, y = (float(part) for part in text.split(","))
+        x, y, *facing = (float(part) for part in parts)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"needs X,Y in metres, got {text!r}") from None
+        facing = [math.nan, math.nan]
+    if len(facing) > 1 or not all(math.isfinite(value) for value in facing):
+        raise argparse.ArgumentTypeError(f"needs X,Y in metres or X,Y,DEGREES, got {text!r}")
     if not (abs(x) <= FARTHEST and abs(y) <= FARTHEST):
         raise argparse.ArgumentTypeError(f"needs X,Y within {FARTHEST:g} m, got {text!r}")
-    return x, y
+    return x, y, math.radians(facing[0]) if facing else 0.0
 
 
 def join_signed(words: Sequence[str]) -> list[str]:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from kg.errors import GraphError, QueryParameterError, did_you_mean
-from planner.cli.arguments import add_map, point, whole
+from planner.cli.arguments import add_map, start_pose, whole
 from planner.cli.console import note
 
 if TYPE_CHECKING:
@@ -55,7 +55,11 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "--find", metavar="OBJECT", help="mcap, rrd, bag: the search for this object as well"
     )
     parser.add_argument(
-        "--from", dest="start", type=point, metavar="X,Y", help="where that search starts [m]"
+        "--from",
+        dest="start",
+        type=start_pose,
+        metavar="X,Y[,DEG]",
+        help="where that search starts",
     )
     parser.add_argument(
         "--past",
@@ -139,7 +143,7 @@ def _write_document(
 ) -> str:
     from kg.export.plain_documents import geojson_document, rooms_document
     from kg.export.serialization import write_atomically
-    from planner.visualization.map_plot import SHOWN_EXISTENCE
+    from planner.visualization.drawing import SHOWN_EXISTENCE
 
     least = 0.0 if arguments.all else SHOWN_EXISTENCE
     make = geojson_document if chosen == "geojson" else rooms_document
@@ -156,7 +160,7 @@ def _write_scene(
 ) -> str:
     from kg.export.serialization import write_atomically
     from planner.viewers.past_scenes import past_scenes, present_scene
-    from planner.visualization.map_plot import SHOWN_EXISTENCE
+    from planner.visualization.drawing import SHOWN_EXISTENCE
 
     make = _scene_writer(chosen)
     plan = None if arguments.find is None else _plan(semantic_map, arguments)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kg.errors import QueryParameterError
-from planner.cli.arguments import FARTHEST, add_json, add_map, positive, share, speed
+from planner.cli.arguments import add_json, add_map, positive, share, speed, start_pose
 from planner.cli.console import heading, note, print_looks, print_plan, write, write_json
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser.add_argument(
         "--from",
         dest="start",
-        type=_start,
+        type=start_pose,
         metavar="X,Y[,DEG]",
         help="where the search starts [m], and which way it faces [degrees] "
         "(default: where the robot is)",
@@ -118,20 +118,16 @@ def _floor(semantic_map: SemanticMap, grid: Path) -> FreeSpace:
 def _by_viewpoints(
     semantic_map: SemanticMap, state: PlanningState, arguments: argparse.Namespace
 ) -> int:
-    from planner.goals.known_objects import known_json
-    from planner.plans.find_answer import robot_start
-    from planner.plans.report import plan_json
-    from planner.plans.view_plan import plan
+    from planner.plans.find_answer import answer_json, plan_from
 
-    x, y, facing = arguments.start or robot_start(semantic_map)
-    found = plan(state, (x, y), heading=facing, budget=arguments.budget, time_limit=math.inf)
+    found = plan_from(semantic_map, state, arguments.start, budget=arguments.budget)
     if arguments.picture:
         from planner.visualization.plan_plot import plot_plan
 
         path = plot_plan(semantic_map, state, found, Path(arguments.picture))
         note(f"wrote {path}")
     if arguments.json:
-        write_json({**plan_json(found), "known": known_json(semantic_map, state.targets)})
+        write_json(answer_json(semantic_map, state, found))
         return 0
     _print_known(semantic_map, state, arguments)
     if not found.steps:
@@ -241,20 +237,6 @@ def _tell(plan: Plan, *, json: bool) -> int:
     else:
         note(plan.explanation)
     return 0
-
-
-def _start(text: str) -> tuple[float, float, float]:
-    """``X,Y`` in metres or ``X,Y,DEG``; argparse reports anything else as wrong usage."""
-    parts = text.split(",")
-    try:
-        x, y, *facing = (float(part) for part in parts)
-    except ValueError:
-        facing = [math.nan, math.nan]
-    if len(facing) > 1 or not all(math.isfinite(value) for value in facing):
-        raise argparse.ArgumentTypeError(f"needs X,Y in metres or X,Y,DEGREES, got {text!r}")
-    if not (abs(x) <= FARTHEST and abs(y) <= FARTHEST):
-        raise argparse.ArgumentTypeError(f"needs X,Y within {FARTHEST:g} m, got {text!r}")
-    return x, y, math.radians(facing[0]) if facing else 0.0
 
 
 def _seconds(text: str) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from planner.cli.arguments import add_map, point
+from planner.cli.arguments import add_map, start_pose
 from planner.cli.console import note
 
 
@@ -14,21 +14,37 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser = subparsers.add_parser(
         "plot",
         help="draw the map: places by category, objects by name, and a planned search",
-        description="Draw the map as PNG, SVG or PDF.",
+        description="Draw the map as PNG, SVG or PDF, as the live page shows it.",
         epilog="example: hereabouts plot kitchen.map -o map.png --find banana",
     )
     add_map(parser)
     parser.add_argument(
         "-o", "--output", default="map.png", metavar="FILE", help="picture to write"
     )
-    parser.add_argument("--find", metavar="OBJECT", help="draw the search for this object as well")
     parser.add_argument(
-        "--from", dest="start", type=point, metavar="X,Y", help="where that search starts [m]"
+        "--find",
+        metavar="OBJECT",
+        help="draw the plan of `hereabouts find` as well: the way, the looks, why and how long",
+    )
+    parser.add_argument(
+        "--from",
+        dest="start",
+        type=start_pose,
+        metavar="X,Y[,DEG]",
+        help="where that search starts [m], and which way it faces [degrees] "
+        "(default: where the robot is)",
+    )
+    parser.add_argument(
+        "--legend",
+        choices=("class", "place"),
+        default="class",
+        help="what objects share colour and mark with: their class, or the category of their "
+        "place (default: class)",
     )
     parser.add_argument(
         "--all",
         action="store_true",
-        help="draw objects of any existence, not only those of 0.5 and above",
+        help="name objects of any existence; others than those of 0.5 and above are faint marks",
     )
     parser.set_defaults(run=run)
 
@@ -36,24 +52,22 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 def run(arguments: argparse.Namespace) -> int:
     """Draw the picture."""
     from kg.opening import open_map
-    from planner.plans.thesis_rules import plan_search
-    from planner.visualization.map_plot import SHOWN_EXISTENCE, plot_map
+    from planner.plans.find_answer import plan_from
+    from planner.plans.search_state import build_search
+    from planner.visualization.drawing import SHOWN_EXISTENCE
+    from planner.visualization.map_plot import plot_map
+    from planner.visualization.plan_plot import plot_plan
 
     output = Path(arguments.output)
     least = 0.0 if arguments.all else SHOWN_EXISTENCE
     with open_map(arguments.map, read_only=True) as semantic_map:
-        if arguments.find is None:
-            plot_map(semantic_map, output, least=least)
+        state = None if arguments.find is None else build_search(semantic_map, [arguments.find])
+        if state is not None:
+            plan = plan_from(semantic_map, state, arguments.start)
+            plot_plan(semantic_map, state, plan, output, least=least, legend=arguments.legend)
         else:
-            plan = plan_search(semantic_map, arguments.find, arguments.start)
-            goals = [step.goal for step in plan.steps]
-            plot_map(
-                semantic_map,
-                output,
-                least=least,
-                goals=goals,
-                route=[plan.start, *(goal.p_map for goal in goals)],
-                title=f"{semantic_map.title}: where to look for {arguments.find}",
-            )
+            plot_map(semantic_map, output, least=least, legend=arguments.legend)
+            if arguments.find is not None:
+                note(f"no search for {arguments.find} is drawn: the map has no floor to search")
     note(f"wrote {output}")
     return 0

@@ -9,7 +9,8 @@ from kg.maps.semantic_map import SemanticMap
 from planner.goals.known_objects import known_json
 from planner.goals.targets import resolve
 from planner.plans.report import plan_json
-from planner.plans.search_state import build_search
+from planner.plans.route import planned_ways
+from planner.plans.search_state import PlanningState, build_search
 from planner.plans.view_plan import ViewPlan, plan
 
 Start = tuple[float, float, float]  # x, y [m], heading [rad]
@@ -20,11 +21,18 @@ def find_answer(semantic_map: SemanticMap, wanted: Sequence[str]) -> dict[str, o
 
     Raises QueryParameterError for what is no object, UnknownCategoryError for an unknown word.
     """
-    found = planned(semantic_map, wanted)
-    targets = resolve(semantic_map, wanted)
-    if found is None:
-        return empty_answer([target.label for target in targets])
-    return {**plan_json(found), "known": known_json(semantic_map, targets)}
+    state = build_search(semantic_map, wanted)
+    if state is None:
+        return empty_answer([target.label for target in resolve(semantic_map, wanted)])
+    return answer_json(semantic_map, state, plan_from(semantic_map, state))
+
+
+def answer_json(
+    semantic_map: SemanticMap, state: PlanningState, found: ViewPlan
+) -> dict[str, object]:
+    """A plan with its ways, and what the map has of its targets, as plain values."""
+    ways = planned_ways(state, found, found.steps)
+    return {**plan_json(found, ways), "known": known_json(semantic_map, state.targets)}
 
 
 def planned(
@@ -35,10 +43,20 @@ def planned(
     None for a map without floor. Raises as `find_answer`.
     """
     state = build_search(semantic_map, wanted)
-    if state is None:
-        return None
+    return None if state is None else plan_from(semantic_map, state, start)
+
+
+def plan_from(
+    semantic_map: SemanticMap,
+    state: PlanningState,
+    start: Start | None = None,
+    *,
+    budget: float | None = None,
+    compare: bool = True,
+) -> ViewPlan:
+    """The plan on `state` from `start` or from where the robot is, as `plan` makes it."""
     x, y, heading = start or robot_start(semantic_map)
-    return plan(state, (x, y), heading=heading, time_limit=math.inf)
+    return plan(state, (x, y), heading=heading, budget=budget, time_limit=math.inf, compare=compare)
 
 
 def robot_start(semantic_map: SemanticMap) -> Start:

@@ -9,7 +9,7 @@ import numpy as np
 
 from kg.maps.semantic_map import SemanticMap
 from planner.viewers.scene import Scene, ScenePlan, SceneReader
-from planner.visualization.map_plot import SHOWN_EXISTENCE
+from planner.visualization.drawing import SHOWN_EXISTENCE
 
 
 def past_scenes(

@@ -22,12 +22,13 @@ from kg.maps.semantic_map import SemanticMap
 from kg.records import FloorTile, ObjectRecord, PlaceRecord, RobotRecord
 from mapping.occupancy.mapped_floor import MappedFloor, mapped_floor
 from planner.execution.protocol import cleaned
-from planner.visualization.map_plot import SHOWN_EXISTENCE
+from planner.visualization.drawing import SHOWN_EXISTENCE
 from planner.visualization.palette import (
     FREQUENT,
     Group,
     object_groups,
-    place_colours,
+    pale,
+    place_groups,
     top_category,
 )
 
@@ -180,7 +181,7 @@ class SceneReader:
         return self._groups
 
     def _places(self, records: Sequence[PlaceRecord], height: float) -> Iterable[ScenePlace]:
-        colours = place_colours(records)
+        groups = place_groups(self._map, records)
         for place in records:
             best = top_category(place)
             label = cleaned(place.label)
@@ -192,7 +193,7 @@ class SceneReader:
             yield ScenePlace(
                 name=self._name(place.iri),
                 text=text,
-                colour=None if best is None else to_rgb(colours[best]),
+                colour=None if best is None else to_rgb(pale(groups[best].colour)),
                 outline=place.area.rings,
                 centre=(*place.area.centre, height),
             )

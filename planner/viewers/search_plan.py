@@ -9,34 +9,27 @@ import numpy as np
 
 from kg.maps.semantic_map import SemanticMap
 from planner.execution.protocol import cleaned
-from planner.plans.report import purpose
+from planner.plans.find_answer import Start, plan_from
+from planner.plans.report import step_purpose
+from planner.plans.route import planned_route
 from planner.plans.search_state import build_search
-from planner.plans.view_plan import ViewStep, plan
+from planner.plans.view_plan import ViewStep
 from planner.viewers.scene import ScenePlan, SceneStop
-from planner.visualization.plan_plot import SAME, planned_route, shown_steps
+from planner.visualization.plan_plot import SAME, shown_steps
 
 
 def planned_search(
-    semantic_map: SemanticMap, target: str, start: tuple[float, float] | None = None
+    semantic_map: SemanticMap, target: str, start: Start | None = None
 ) -> ScenePlan | None:
     """The first looks for `target`, until nine tenths of what the plan finds are found.
 
-    From `start` (x, y) [m], or from where the robot is. None where there is no floor to search.
+    From `start`, or from where the robot is. None where there is no floor to search.
     Raises UnknownCategoryError for what is no target.
     """
     state = build_search(semantic_map, [target])
     if state is None:
         return None
-    robot = semantic_map.robot()
-    known = np.zeros(2) if robot is None else robot.p_map[:2]
-    heading = 0.0 if robot is None else robot.heading
-    found = plan(
-        state,
-        known if start is None else start,
-        heading=heading,
-        time_limit=math.inf,
-        compare=False,
-    )
+    found = plan_from(semantic_map, state, start, compare=False)
     steps = shown_steps(found)
     path = planned_route(state, found, steps) if steps else np.empty((0, 2))
     return ScenePlan(tuple((float(x), float(y)) for x, y in path), _stops(steps))
@@ -49,7 +42,7 @@ def _stops(steps: Sequence[ViewStep]) -> tuple[SceneStop, ...]:
     for number, step in enumerate(steps, start=1):
         at = float(step.p_map[0]), float(step.p_map[1])
         first = next((i for i, spot in enumerate(spots) if math.dist(spot, at) < SAME), len(spots))
-        what = purpose(step.why[0].candidate) if step.why else step.place_name
+        what = step_purpose(step) or step.place_name
         reason = cleaned(f"{number}. {what}: {step.probability:.2f}, by {step.seconds:.0f} s")
         spots.append(at)
         reasons.append([])

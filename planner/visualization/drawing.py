@@ -2,24 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import to_rgb
+from matplotlib.colors import to_rgb, to_rgba
 from matplotlib.lines import Line2D
-from matplotlib.patches import PathPatch, Polygon, Rectangle
+from matplotlib.patches import PathPatch, Polygon, Rectangle, Wedge
 from matplotlib.path import Path
 from matplotlib.text import Text
 from numpy.typing import NDArray
 
 from kg.areas import Ring, signed_area
-from kg.records import FREE, LOW, TALL, ObjectRecord, PlaceRecord, RobotRecord
+from kg.records import (
+    LOW,
+    TALL,
+    UNKNOWN,
+    DoorRecord,
+    ObjectRecord,
+    PlaceRecord,
+    RobotRecord,
+)
 from mapping.occupancy.mapped_floor import MappedFloor
-from planner.goals.search_goals import Goal
 from planner.visualization.palette import (
+    FAINT,
+    FLOOR,
     FOUND,
     FURNITURE,
     INK,
@@ -28,16 +37,22 @@ from planner.visualization.palette import (
     TRUE_SPOT,
     WALL,
     Group,
+    pale,
 )
 
+#: existence from which on objects are drawn as things; what is less is a ghost
+SHOWN_EXISTENCE: Final = 0.5
 
-def draw_place(axes: Axes, place: PlaceRecord, colour: str | None) -> None:
-    """Its area; white and dashed where `colour` is None, for it has not been viewed."""
-    fill, line = ("white", (0, (4, 3))) if colour is None else (colour, "solid")
+
+def draw_place(axes: Axes, place: PlaceRecord, colour: str | None, *, filled: bool) -> None:
+    """The outline of its area, dashed where `colour` is None; `filled` with a pale one."""
     path = Path.make_compound_path(
         *(Path([*ring, ring[0]], closed=True) for ring in _turned(place))
     )
-    axes.add_patch(PathPatch(path, fc=fill, ec="#b9bec7", lw=0.9, ls=line))
+    fill = pale(colour) if filled and colour else "white" if filled else "none"
+    line = (0, (4, 3)) if colour is None else "solid"
+    edge = to_rgba(colour or TRUE_SPOT, 0.75)
+    axes.add_patch(PathPatch(path, fc=fill, ec=edge, lw=0.9, ls=line, zorder=1.07))
 
 
 def _turned(place: PlaceRecord) -> Iterator[Ring]:
@@ -82,11 +97,24 @@ def draw_find(axes: Axes, p_map: NDArray[np.float64]) -> None:
     axes.plot(float(p_map[0]), float(p_map[1]), "*", ms=17, zorder=8.5, **style)
 
 
-def draw_object(axes: Axes, record: ObjectRecord, group: Group) -> None:
-    """A dot in its group's colour, fainter where existence is doubtful."""
+def draw_object(axes: Axes, record: ObjectRecord, group: Group, size: float = 6.2) -> None:
+    """A mark of `size` [pt] in its group's colour and shape; hollow where it hardly exists.
+
+    Its box is outlined where its extent is known.
+    """
     x, y, _ = record.p_map
-    alpha = 0.35 + 0.65 * float(np.clip(record.existence, 0, 1))
-    axes.plot(x, y, "o", ms=6.2, mfc=group.colour, mec="white", mew=0.9, alpha=alpha, zorder=6)
+    style: dict[str, Any] = {"marker": group.marker, "ms": size, "ls": "none"}
+    if record.existence < SHOWN_EXISTENCE:
+        style |= {"mfc": "none", "mec": group.colour, "mew": 0.9, "alpha": 0.45, "zorder": 5.5}
+    else:
+        alpha = 0.35 + 0.65 * float(np.clip(record.existence, 0, 1))
+        style |= {"mfc": group.colour, "mec": "white", "mew": 0.8, "alpha": alpha, "zorder": 6}
+        if record.extent is not None and np.isfinite(record.extent).all():
+            width, depth, _ = (float(side) for side in record.extent)
+            fill, edge = to_rgba(group.colour, 0.05), to_rgba(group.colour, 0.4)
+            corner = float(x) - width / 2, float(y) - depth / 2
+            axes.add_patch(Rectangle(corner, width, depth, fc=fill, ec=edge, lw=0.7, zorder=3.5))
+    axes.plot(x, y, **style)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,39 +129,93 @@ class Shade:
 
 
 def draw_shade(axes: Axes, shade: Shade) -> None:
-    """Each cell in the shade's colour, the more opaque the stronger; a thin line around it all."""
-    nx, ny = shade.strength.shape
-    far = shade.corner + np.array([nx, ny]) * shade.cell
-    image = np.empty((ny, nx, 4))
+    """Each cell in the shade's colour, the more opaque the stronger."""
+    image = np.empty((*shade.strength.T.shape, 4))
     image[..., :3] = to_rgb(shade.colour)
     image[..., 3] = shade.strength.T
-    box = (float(shade.corner[0]), float(far[0]), float(shade.corner[1]), float(far[1]))
-    axes.imshow(image, extent=box, origin="lower", interpolation="bilinear", zorder=1.2)
-    axes.set_aspect("equal")
+    _draw_cells(axes, image, shade.corner, shade.cell, zorder=1.08, interpolation="bilinear")
 
 
-def draw_floor(axes: Axes, floor: MappedFloor) -> None:
-    """What depth showed of the floor: seen floor lighter, furniture grey, walls dark."""
-    nx, ny = floor.states.shape
-    far = floor.origin + np.array([nx, ny]) * floor.resolution
-    tints = np.zeros((4, 4), np.uint8)
-    tints[FREE] = (255, 255, 255, 140)
-    for state, colour, strength in ((LOW, FURNITURE, 110), (TALL, WALL, 230)):
-        tints[state] = (*(round(255 * c) for c in to_rgb(colour)), strength)
-    box = (float(floor.origin[0]), float(far[0]), float(floor.origin[1]), float(far[1]))
-    image = tints[floor.states.T]
-    axes.imshow(image, extent=box, origin="lower", interpolation="nearest", zorder=1.1)
-    axes.set_aspect("equal")
+def draw_floor(
+    axes: Axes, floor: MappedFloor, places: Sequence[tuple[PlaceRecord, str]] = ()
+) -> None:
+    """What depth showed of the floor: free floor in the pale colours of `places`, furniture, walls.
+
+    What was not seen stays white.
+    """
+    states = floor.states
+    ground = np.zeros((*states.shape, 4))
+    ground[states != UNKNOWN] = to_rgba(FLOOR)
+    for place, colour in places:
+        columns, rows, inside = _cells_of(floor, place)
+        part = ground[columns, rows]
+        part[inside & (states[columns, rows] != UNKNOWN)] = to_rgba(pale(colour))
+    above = np.zeros((*states.shape, 4))
+    above[states == LOW] = to_rgba(FURNITURE, 0.42)
+    above[states == TALL] = to_rgba(WALL, 0.95)
+    for image, zorder in ((ground, 1.05), (above, 1.1)):
+        image = image.transpose(1, 0, 2)
+        _draw_cells(axes, image, floor.origin, floor.resolution, zorder=zorder)
 
 
-def draw_goal(axes: Axes, goal: Goal, number: str) -> Text:
-    """A numbered disc."""
-    x, y = float(goal.p_map[0]), float(goal.p_map[1])
+def _cells_of(floor: MappedFloor, place: PlaceRecord) -> tuple[slice, slice, NDArray[np.bool_]]:
+    """Columns and rows around a place, and which of their cells have their centre in it."""
+    corners = np.array([(place.xmin, place.ymin), (place.xmax, place.ymax)])
+    cells = np.round((corners - floor.origin) / floor.resolution).astype(np.int64)
+    (i0, j0), (i1, j1) = np.clip(cells, 0, floor.states.shape)
+    x = floor.origin[0] + (np.arange(i0, i1) + 0.5) * floor.resolution
+    y = floor.origin[1] + (np.arange(j0, j1) + 0.5) * floor.resolution
+    return slice(i0, i1), slice(j0, j1), place.area.contains_each(x[:, None], y[None, :])
+
+
+def _draw_cells(
+    axes: Axes,
+    image: NDArray[np.float64],
+    corner: NDArray[np.float64],
+    cell: float,
+    *,
+    zorder: float,
+    interpolation: str = "nearest",
+) -> None:
+    """An image (ny, nx, 4) whose pixels are cells of the side `cell` [m] from `corner` on."""
+    (x, y), (rows, columns) = corner, image.shape[:2]
+    box = (float(x), float(x + columns * cell), float(y), float(y + rows * cell))
+    axes.imshow(
+        image,
+        extent=box,
+        origin="lower",
+        interpolation=interpolation,
+        zorder=zorder,
+        aspect="equal",
+    )
+
+
+def draw_door(axes: Axes, door: DoorRecord) -> None:
+    """A small ring in the middle of a passage."""
+    axes.plot(door.x, door.y, "o", ms=3.2, mfc="white", mec=FAINT, mew=0.8, zorder=3)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stop:
+    """A spot from which one or several looks are taken."""
+
+    p_map: NDArray[np.float64]  # (2,) [m]
+    text: str  # the numbers of its looks
+    looks: tuple[tuple[float, float], ...] = ()  # heading and extent of each [rad]
+
+
+def draw_stop(axes: Axes, stop: Stop, reach: float) -> Text:
+    """A numbered disc, and of each look a sector of `reach` [m]."""
+    x, y = float(stop.p_map[0]), float(stop.p_map[1])
+    for heading, extent in stop.looks:
+        sides = np.degrees([heading - extent / 2, heading + extent / 2])
+        style: dict[str, Any] = {"fc": to_rgba(ROUTE, 0.14), "ec": to_rgba(ROUTE, 0.45), "lw": 0.7}
+        axes.add_patch(Wedge((x, y), reach, *sides, zorder=3.8, **style))
     axes.plot(x, y, "o", ms=14, mfc=ROUTE, mec="white", mew=1.4, zorder=8)
-    style: dict[str, Any] = {"ha": "center", "va": "center_baseline", "fontweight": "bold"}
-    if len(number) > 2:  # more than the disc holds: it grows into a pill
+    style = {"ha": "center", "va": "center_baseline", "fontweight": "bold"}
+    if len(stop.text) > 2:  # more than the disc holds: it grows into a pill
         style["bbox"] = {"boxstyle": "round,pad=0.35,rounding_size=0.9", "fc": ROUTE, "ec": "white"}
-    return axes.text(x, y, number, color="white", fontsize=8.5, zorder=9, **style)
+    return axes.text(x, y, stop.text, color="white", fontsize=8.5, zorder=9, **style)
 
 
 def draw_robot(axes: Axes, robot: RobotRecord, reach: float) -> None:

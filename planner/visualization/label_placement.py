@@ -5,6 +5,8 @@ All boxes are (xmin, ymin, xmax, ymax) in the same unit, pixels for a picture.
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 Boxes = NDArray[np.float64]
 Box = tuple[float, float, float, float]
+#: boxes (k, 4) -> whether each lies over what is not to be written over, (k,) bool
+Covers = Callable[[Boxes], NDArray[np.bool_]]
 
 #: Directions to try, the better readable first: right, left, above, below, then the corners.
 _DIRECTIONS = np.array(
@@ -36,33 +40,62 @@ def place_labels(
     bounds: Box,
     gap: float = 6.0,
     rings: int = 5,
+    covers: Covers | None = None,
 ) -> tuple[Label, ...]:
     """Boxes for labels of `sizes` (n, 2) near `points` (n, 2); crowded ones that fit nowhere lack.
 
-    No box overlaps another one or one of `obstacles` (m, 4), nor leaves `bounds`; points within
-    half a `gap` of a box count as overlapped. Points with few neighbours are served last.
+    No box overlaps another one or one of `obstacles` (m, 4), nor leaves `bounds`, nor lies where
+    `covers` says so; points within half a `gap` of a box count as overlapped. Points with many
+    neighbours are served first, of those with as many the first.
     """
     xy = np.asarray(points, np.float64).reshape(-1, 2)
     wh = np.asarray(sizes, np.float64).reshape(-1, 2)
     dots = np.hstack([xy - gap / 2, xy + gap / 2])
-    taken = np.vstack([np.asarray(obstacles, np.float64).reshape(-1, 4), dots])
+    taken = _Taken(np.vstack([np.asarray(obstacles, np.float64).reshape(-1, 4), dots]), len(xy))
     placed = []
     for index in _crowded_first(xy, float(np.median(wh[:, 0])) if len(wh) else 0.0):
         for ring in range(rings):
-            candidates = _around(xy[index], wh[index], gap * (1 + 1.5 * ring))
-            free = [c for c in candidates if _inside(c, bounds) and not _overlaps(c, taken)]
-            if free:
-                taken = np.vstack([taken, free[0]])
-                a, b, c, d = (float(v) for v in free[0])
+            boxes = _around(xy[index], wh[index], gap * (1 + 1.5 * ring))
+            free = _inside(boxes, bounds) & (~covers(boxes) if covers else True)
+            boxes = boxes[free]
+            boxes = boxes[~taken.overlap(boxes)]
+            if len(boxes):
+                box = boxes[0]
+                taken.add(box)
+                a, b, c, d = (float(v) for v in box)
                 placed.append(Label(int(index), (a, b, c, d), ring > 0))
                 break
     return tuple(sorted(placed, key=lambda label: label.index))
 
 
+class _Taken:
+    """Boxes that nothing may overlap; with room for `more`."""
+
+    def __init__(self, boxes: Boxes, more: int) -> None:
+        self._boxes, self._count = np.vstack([boxes, np.empty((more, 4))]), len(boxes)
+
+    def add(self, box: Boxes) -> None:
+        self._boxes[self._count] = box
+        self._count += 1
+
+    def overlap(self, boxes: Boxes) -> NDArray[np.bool_]:
+        return overlapping(boxes, self._boxes[: self._count])
+
+
+def overlapping(boxes: Boxes, taken: Boxes) -> NDArray[np.bool_]:
+    """(k,) whether each of `boxes` (k, 4) overlaps one of `taken` (m, 4)."""
+    low, high = boxes[:, None, :2], boxes[:, None, 2:]
+    apart = np.any((taken[:, :2] >= high) | (taken[:, 2:] <= low), axis=2)
+    return np.asarray(~np.all(apart, axis=1), np.bool_)
+
+
 def _crowded_first(xy: Boxes, reach: float) -> NDArray[np.intp]:
-    apart = np.linalg.norm(xy[:, None] - xy[None, :], axis=2)
-    neighbours = (apart < max(reach, 1e-9)).sum(axis=1)
-    return np.asarray(np.argsort(-neighbours, kind="stable"), np.intp)
+    """Order of points by how many others lie in their square of `reach` and those around it."""
+    squares = np.floor(xy / max(reach, 1e-9)).astype(np.int64)
+    counts = Counter(map(tuple, squares.tolist()))
+    around = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)]
+    neighbours = [sum(counts[x + i, y + j] for i, j in around) for x, y in squares.tolist()]
+    return np.argsort(-np.array(neighbours, np.int64), kind="stable")
 
 
 def _around(point: Boxes, size: Boxes, gap: float) -> Boxes:
@@ -72,17 +105,6 @@ def _around(point: Boxes, size: Boxes, gap: float) -> Boxes:
     return np.hstack([centre - size / 2, centre + size / 2])
 
 
-def _inside(box: Boxes, bounds: Box) -> bool:
-    return bool(
-        box[0] >= bounds[0] and box[1] >= bounds[1] and box[2] <= bounds[2] and box[3] <= bounds[3]
-    )
-
-
-def _overlaps(box: Boxes, taken: Boxes) -> bool:
-    apart = (
-        (taken[:, 0] >= box[2])
-        | (taken[:, 2] <= box[0])
-        | (taken[:, 1] >= box[3])
-        | (taken[:, 3] <= box[1])
-    )
-    return not bool(apart.all())
+def _inside(boxes: Boxes, bounds: Box) -> NDArray[np.bool_]:
+    low, high = np.array(bounds[:2]), np.array(bounds[2:])
+    return np.asarray(((boxes[:, :2] >= low) & (boxes[:, 2:] <= high)).all(axis=1))

@@ -1,29 +1,43 @@
-"""The sheet a map is drawn on: what of the map frame it shows, and the scale bar below."""
+"""The page a map is drawn on: heading, frame with its axes in metres, scale bar, legend, listing.
+
+Legend and listing stand below the drawing, beside it where that is tall.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
 from kg.areas import Rectangle
-from planner.visualization.palette import INK
+from planner.visualization.label_text import TextMeasure, drawable
+from planner.visualization.palette import FAINT, INK, OUTLINE, ROUTE
 
 DPI: Final = 160
 LONGER_SIDE: Final = (10.5, 20.0)  # [inch] of the drawing: usually, and where it is crowded
+LARGEST: Final = 2.2  # [inch/m]
 ROOM: Final = 0.45  # [inch^2] an object and its label would like to have
-LEAST_WIDTH: Final = 6.5  # [inch] so that title and legend have room
 LEAST_EXTENT: Final = 3.0  # [m] around a lone object
-FLATTEST: Final = 0.42  # shorter side over longer side
-_MARGIN: Final = 0.3  # [inch] of the page
-_SCALE_TEXT: Final = 0.6  # [inch] of the scale bar's length in metres
-_MARK: Final = 1.0  # [inch] of a mark of the legend with its name
+FLATTEST: Final = 0.14  # shorter side over longer side
+TALL: Final = 1.25  # height over width from which on legend and listing stand beside the drawing
+
+_LEFT, _RIGHT, _TOP, _BOTTOM = 0.35, 0.35, 0.88, 0.45  # [inch] around the drawing
+_GUTTER: Final = 0.4  # [inch] between the drawing and what stands beside it
+_BESIDE: Final = (1.9, 3.4)  # [inch] width of what stands beside: a legend, with a listing
+_LONG: Final = 5  # items of a listing that stand in one column, at most
+_ROW: Final = 0.24  # [inch] of a line of the legend
+_ITEM: Final = (0.26, 0.40)  # [inch] of an item of the listing, without and with its detail
+_TICK: Final = 7.0  # [pt] of the numbers on the axes
+_SIZE: Final = 8.5  # [pt] of legend and listing
+_TITLE: Final = (15.0, 40)  # [pt] of the title, and the length from which on it is smaller
+_HANDLE: Final = 0.36  # [inch] of a mark of the legend with the space around its name
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,76 +68,215 @@ class Extent(Rectangle):
         return cls(float(lo[0]), float(hi[0]), float(lo[1]), float(hi[1]))
 
 
-class Sheet:
-    """A white sheet whose drawing area has the proportions of an extent."""
+@dataclass(frozen=True, slots=True)
+class Item:
+    """An entry of a listing: a number as on the drawing, what it is, and a fainter line below."""
 
-    def __init__(self, extent: Extent, spots: ArrayLike = ()) -> None:
-        scale = _scale(extent, np.asarray(spots, np.float64).reshape(-1, 2))
-        width, height = extent.width * scale, extent.height * scale
-        page = max(width, LEAST_WIDTH) + 0.6, height + 1.45
-        self.figure = Figure(figsize=page, dpi=DPI)
-        self.axes = self.figure.add_axes(
-            ((page[0] - width) / 2 / page[0], 0.65 / page[1], width / page[0], height / page[1])
-        )
-        self.axes.set_xlim(extent.xmin, extent.xmax)
-        self.axes.set_ylim(extent.ymin, extent.ymax)
-        self.axes.set_aspect("equal")
-        self.axes.set_axis_off()
+    number: str
+    head: str
+    detail: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Listing:
+    """Numbered items with a line of summary above."""
+
+    title: str
+    items: tuple[Item, ...]
+
+
+class Sheet:
+    """A white page with an empty drawing of `extent` in its frame; all else is written."""
+
+    def __init__(
+        self,
+        extent: Extent,
+        spots: ArrayLike = (),
+        *,
+        title: str = "",
+        line: str = "",
+        legend: Sequence[Line2D] = (),
+        listing: Listing | None = None,
+    ) -> None:
         self._extent = extent
-        self._scale = scale  # [inch/m]
+        self._scale = _scale(extent, np.asarray(spots, np.float64).reshape(-1, 2))  # [inch/m]
+        width, height = extent.width * self._scale, extent.height * self._scale
+        self.figure = Figure(dpi=DPI)
+        self.measure = TextMeasure(self.figure)
+        labels = (_metres_text(round(y)) for y in (extent.ymin, extent.ymax))
+        self._left = _LEFT + max(self.measure.size(label, _TICK)[0] for label in labels) / DPI
+        beside = height > TALL * width
+        room = _BESIDE[listing is not None] if beside else width
+        rows = [[mark] for mark in legend] if beside else self._flowing(legend, room - 1.6)
+        columns = 1 if beside or not listing or len(listing.items) <= _LONG else 2
+        needed = _ROW * len(rows) + _height(listing, columns)
+        page_width = self._left + width + _RIGHT + (room + _GUTTER if beside else 0.0)
+        below = 0.3 if beside else needed + 0.1
+        drawn = max(height, needed) if beside else height
+        self._page = np.array([page_width, _TOP + drawn + _BOTTOM + below])  # [inch]
+        self.figure.set_size_inches(*self._page)
+        self.axes = self._framed(width, height)
+        self._write_heading(title, line)
+        self._draw_scale_bar(_TOP + height + _BOTTOM + 0.12)
+        left, top = (
+            (self._left + width + _GUTTER, _TOP)
+            if beside
+            else (self._left, _TOP + height + _BOTTOM)
+        )
+        for number, row in enumerate(rows):
+            self._draw_legend_row(row, left + (0.0 if beside else 1.6), top + _ROW * number)
+        if listing is not None:
+            self._write_listing(listing, left, top + _ROW * len(rows) + 0.2, room, columns)
 
     def metres(self, points: float) -> float:
         """Length in the map [m] of so many typographic points on paper."""
         return points / 72 / self._scale
 
-    def write_heading(self, title: str, line: str, faint: str) -> None:
-        """Title and one line of detail above the drawing."""
-        page = self.figure.get_size_inches()
-        left, top = 0.3 / float(page[0]), self.axes.get_position().y1
-        figure = self.figure
-        figure.text(left, top + 0.34 / page[1], title, fontsize=15, fontweight="bold", color=INK)
-        figure.text(left, top + 0.13 / page[1], line, fontsize=9, color=faint)
+    def write_note(self, text: str) -> None:
+        """A faint line at the upper right corner of the drawing."""
+        x = self._left + self._extent.width * self._scale
+        self._write(text, x, _TOP - 0.08, size=7, colour=FAINT, ha="right")
 
-    def draw_scale_bar(self) -> None:
+    def _at(self, x: float, y: float) -> tuple[float, float]:
+        """Point of the figure, `x` [inch] from its left and `y` [inch] from its top."""
+        return x / float(self._page[0]), 1.0 - y / float(self._page[1])
+
+    def _framed(self, width: float, height: float) -> Axes:
+        left, bottom = self._at(self._left, _TOP + height)
+        extent = self._extent
+        axes = self.figure.add_axes((left, bottom, width / self._page[0], height / self._page[1]))
+        axes.set(xlim=(extent.xmin, extent.xmax), ylim=(extent.ymin, extent.ymax), aspect="equal")
+        axes.autoscale(enable=False)
+        for axis, side in ((axes.xaxis, width), (axes.yaxis, height)):
+            axis.set_major_locator(MaxNLocator(max(2, round(side / 1.1)), steps=[1, 2, 5, 10]))
+            axis.set_major_formatter(FuncFormatter(_metres_text))
+        axes.tick_params(labelsize=_TICK, color=OUTLINE, labelcolor=FAINT, length=3, width=0.8)
+        axes.spines[:].set(color=OUTLINE, linewidth=0.8)
+        self._write("y [m]", 0.12, _TOP - 0.08, size=7, colour=FAINT)
+        self._write(
+            "x [m]", self._left + width, _TOP + height + 0.36, size=7, colour=FAINT, ha="right"
+        )
+        return axes
+
+    def _write(
+        self, text: str, x: float, y: float, *, size: float, colour: str, **style: Any
+    ) -> None:
+        """Write `text` with its baseline at (`x`, `y`) [inch] from the upper left."""
+        self.figure.text(*self._at(x, y), text, fontsize=size, color=colour, **style)
+
+    def _write_heading(self, title: str, line: str) -> None:
+        room = (float(self._page[0]) - 0.5) * DPI
+        size = _TITLE[0] if len(title) <= _TITLE[1] else 11.5
+        title = self.measure.fitted(drawable(title, 120), room, size, "bold")
+        line = self.measure.fitted(line, room, 9)
+        self._write(title, 0.25, 0.38, size=size, colour=INK, fontweight="bold")
+        self._write(line, 0.25, 0.6, size=9, colour=FAINT)
+
+    def _draw_scale_bar(self, y: float) -> None:
         """A round length of at most a sixth of the width, below the drawing on the left."""
-        steps = (0.5, 1, 2, 5, 10, 20, 50, 100)
-        length = max((s for s in steps if s <= self._extent.width / 6), default=0.5)
-        x, y, tick = self._extent.xmin, self._extent.ymin - self.metres(11), self.metres(3.5)
-        _line(self.axes, [x, x, x + length, x + length], [y + tick, y, y, y + tick])
-        self.axes.text(
-            x + length + self.metres(5), y, f"{length:g} m", fontsize=8.5, color=INK, va="center"
-        )
+        most = min(self._extent.width / 4, 1.0 / self._scale)
+        steps = [m * 10.0**e for e in range(-2, 6) for m in (1, 2, 5)]
+        length = max((step for step in steps if step <= most), default=steps[0])
+        x, far = self._left, self._left + length * self._scale
+        (a, low), (b, high) = self._at(x, y), self._at(far, y - 0.05)
+        self.figure.add_artist(Line2D([a, a, b, b], [high, low, low, high], color=INK, lw=1.2))
+        self._write(f"{length:g} m", far + 0.07, y, size=_SIZE, colour=INK)
 
-    def draw_legend(self, marks: Sequence[Line2D]) -> None:
-        """Marks with their names, below the drawing on the right, clear of the scale bar."""
-        if not marks:
-            return
-        page, width = float(self.figure.get_size_inches()[0]), self._extent.width * self._scale
-        beside = (page - width) / 2 - _MARGIN  # [inch] of paper right of a narrow drawing
-        room = width * 5 / 6 + beside - _SCALE_TEXT
-        self.axes.legend(
-            handles=list(marks),
-            loc="upper right",
-            bbox_to_anchor=(1.0 + beside / width, -0.012),
-            frameon=False,
-            ncols=min(len(marks), max(int(room / _MARK), 2), 7),
-            fontsize=8.5,
-            handletextpad=0.4,
-            columnspacing=1.4,
-            labelcolor=INK,
-            borderaxespad=0.0,
-        )
+    def _flowing(self, marks: Sequence[Line2D], room: float) -> list[list[Line2D]]:
+        """`marks` in rows of at most `room` [inch]."""
+        rows: list[list[Line2D]] = []
+        used = room + 1
+        for mark in marks:
+            width = self.measure.size(str(mark.get_label()), _SIZE)[0] / DPI + _HANDLE
+            if used + width > room:
+                rows.append([])
+                used = 0.0
+            rows[-1].append(mark)
+            used += width
+        return rows
+
+    def _draw_legend_row(self, row: Sequence[Line2D], x: float, y: float) -> None:
+        for mark in row:
+            spot = Line2D([], [])
+            spot.update_from(mark)
+            long = mark.get_linestyle() not in ("None", "none", "")
+            ends = (x + 0.0, x + 0.22) if long else (x + 0.09,)
+            spot.set_data(*np.array([self._at(end, y + 0.07) for end in ends]).T)
+            spot.set_transform(self.figure.transFigure)
+            self.figure.add_artist(spot)
+            label = str(mark.get_label())
+            self._write(label, x + 0.27 if long else x + 0.2, y + 0.12, size=_SIZE, colour=INK)
+            x += self.measure.size(label, _SIZE)[0] / DPI + _HANDLE
+
+    def _write_listing(
+        self, listing: Listing, x: float, y: float, room: float, columns: int
+    ) -> None:
+        """Items in columns, from the top of the first to the bottom of the last."""
+        for number, line in enumerate(self._wrapped(listing.title, room)):
+            self._write(line, x, y + 0.1 + 0.17 * number, size=_SIZE, colour=INK)
+        y += 0.34 + 0.17 * number
+        width, top = room / columns, y
+        for column in _columns(listing.items, columns):
+            for item in column:
+                self._write_item(item, x, y, width)
+                y += _item_height(item)
+            x, y = x + width, top
+
+    def _wrapped(self, text: str, room: float) -> list[str]:
+        lines = [""]
+        for word in text.split():
+            longer = f"{lines[-1]} {word}".strip()
+            if self.measure.size(longer, _SIZE)[0] > room * DPI and lines[-1]:
+                lines.append(word)
+            else:
+                lines[-1] = longer
+        return lines
+
+    def _write_item(self, item: Item, x: float, y: float, width: float) -> None:
+        style: dict[str, Any] = {"ha": "center", "va": "center_baseline", "fontweight": "bold"}
+        spot = Line2D([], [], marker="o", ms=11, mfc=ROUTE, mec="none")
+        spot.set_data(*np.array([self._at(x + 0.09, y + 0.06)]).T)
+        spot.set_transform(self.figure.transFigure)
+        self.figure.add_artist(spot)
+        self._write(item.number, x + 0.09, y + 0.06, size=6.5, colour="white", **style)
+        room = (width - 0.45) * DPI
+        head = self.measure.fitted(item.head, room, _SIZE)
+        self._write(head, x + 0.24, y + 0.1, size=_SIZE, colour=INK)
+        detail = self.measure.fitted(item.detail, room, 7)
+        self._write(detail, x + 0.24, y + 0.24, size=7, colour=FAINT)
+
+
+def _metres_text(value: float, _: object = None) -> str:
+    return f"{value:,.10g}"
+
+
+def _item_height(item: Item) -> float:
+    return _ITEM[bool(item.detail)]
+
+
+def _columns(items: Sequence[Item], columns: int) -> list[list[Item]]:
+    """`items` in their order, cut into columns that are about as high as each other."""
+    high, share = sum(map(_item_height, items)), 0.0
+    cut: list[list[Item]] = [[] for _ in range(columns)]
+    for item in items:
+        cut[min(int(columns * share / high), columns - 1)].append(item)
+        share += _item_height(item)
+    return cut
+
+
+def _height(listing: Listing | None, columns: int) -> float:
+    """[inch] that a listing needs at most."""
+    if listing is None:
+        return 0.0
+    return 0.7 + max(sum(map(_item_height, column)) for column in _columns(listing.items, columns))
 
 
 def _scale(extent: Extent, spots: NDArray[np.float64]) -> float:
     """[inch/m]; larger where `spots` (n, 2) [m] crowd, so that their labels find room."""
-    usual, most = (side / max(extent.width, extent.height) for side in LONGER_SIDE)
+    longer = max(extent.width, extent.height)
+    usual, most = (min(side / longer, LARGEST) for side in LONGER_SIDE)
     if len(spots) < 2:
         return usual
     low, high = np.percentile(spots, [10, 90], axis=0)
     width, height = np.maximum(high - low, 1.0)
     return float(np.clip(np.sqrt(ROOM * len(spots) / (width * height)), usual, most))
-
-
-def _line(axes: Axes, x: list[float], y: list[float]) -> None:
-    axes.plot(x, y, color=INK, lw=1.2, clip_on=False, solid_joinstyle="miter")

@@ -1,39 +1,42 @@
-"""A semantic map as a floor plan on paper: places, objects, the robot, a planned route.
+"""A semantic map as a floor plan on paper: places, objects, the robot, a search.
 
 Reads nothing but the map's records, its catalogue and one shipped query.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
-from matplotlib import rc_context
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
-from kg.records import PlaceRecord
+from kg.records import TALL, ObjectRecord, PlaceRecord
 from mapping.occupancy.mapped_floor import mapped_floor
-from planner.goals.search_goals import Goal
 from planner.visualization.drawing import (
+    SHOWN_EXISTENCE,
     GroundTruth,
     Shade,
+    Stop,
+    draw_door,
     draw_find,
     draw_floor,
-    draw_goal,
     draw_ground_truth,
     draw_object,
     draw_place,
     draw_robot,
     draw_route,
     draw_shade,
+    draw_stop,
     mark,
 )
-from planner.visualization.layout import Extent, Sheet
+from planner.visualization.label_text import drawable
+from planner.visualization.layout import Extent, Listing, Sheet
 from planner.visualization.palette import (
     FAINT,
     FOUND,
@@ -42,50 +45,65 @@ from planner.visualization.palette import (
     ROUTE,
     TRUE_SPOT,
     WALL,
+    Group,
     object_groups,
-    place_colours,
+    place_groups,
     top_category,
 )
-from planner.visualization.picture_file import STYLE, checked_ending, save_picture
-from planner.visualization.place_names import calm_spot, fit_name
+from planner.visualization.picture_file import checked_ending, picture_style, save_picture
+from planner.visualization.place_names import NamedPlace, write_place_names
 from planner.visualization.point_labels import PointLabel, write_labels
+from planner.visualization.walls_below import WallsBelow, wall_cells
 
-#: existence from which on objects are drawn
-SHOWN_EXISTENCE: Final = 0.5
+Legend = Literal["class", "place"]
+
+#: existence from which on what hardly exists is marked, without a name
+GHOST_EXISTENCE: Final = 0.1
+_CROWD: Final = 300  # more objects than this have smaller marks
+_SIZES: Final = (6.2, 4.0)  # [pt] of the marks of few objects, of many
+_SECTOR: Final = 34.0  # [pt] radius of the sector that a look goes to
+_ARROW: Final = 9.0  # [pt] of the robot
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SearchDrawing:
+    """A search as it is drawn over the map; lengths in metres of the map frame."""
+
+    route: NDArray[np.float64]  # (n, 2) the way; (0, 2) for none
+    stops: tuple[Stop, ...] = ()
+    shade: Shade | None = None  # what of the floor the looks show
+    finds: tuple[NDArray[np.float64], ...] = ()  # (2,) or (3,) each, marked by a star
+    listing: Listing | None = None  # the stops in words
+
+    @property
+    def spots(self) -> list[NDArray[np.float64]]:
+        """(2,) of everything that should be on the page."""
+        return [*self.route, *(stop.p_map for stop in self.stops), *(f[:2] for f in self.finds)]
 
 
 def plot_map(
     semantic_map: SemanticMap,
     path: Path | str,
     *,
-    route: ArrayLike | None = None,
-    goals: Sequence[Goal] | None = None,
     title: str | None = None,
+    search: SearchDrawing | None = None,
     truth: GroundTruth | None = None,
-    numbers: Sequence[str] | None = None,
-    shades: Sequence[Shade] = (),
-    finds: Sequence[ArrayLike] = (),
     least: float = SHOWN_EXISTENCE,
+    legend: Legend = "class",
 ) -> Path:
     """Draw `semantic_map` to `path` and return it; PNG, SVG or PDF by its ending.
 
-    `route` is a polyline (n, 2) [m] in the map frame, `goals` are numbered in the order given or as
-    `numbers` says, `shades` tint the floor, `finds` ((2,) or (3,) [m] each) get a star, and `truth`
-    adds walls and furniture, with a small cross where each object truly is. Objects of at least
-    the existence `least` are drawn; the fainter, the less probable. Without a `truth`, what depth
-    showed of the floor is drawn over the places. Labels that find no room are left out.
+    Objects of at least the existence `least` have names, others of 0.1 and above are faint marks.
+    Marks have the colour and shape of their class, or with `legend` "place" of the category of
+    their place. `truth` adds walls and furniture, with a small cross where each object truly is;
+    without it, what depth showed of the floor is drawn. Names that find no room are left out.
     Raises PictureError for another ending or a path that cannot be written.
     """
     path = checked_ending(path)
-    with rc_context(STYLE):
-        line = None if route is None else np.asarray(route, np.float64).reshape(-1, 2)
-        picture = _Picture(semantic_map, line, tuple(goals or ()), truth, least)
-        if numbers is not None:
-            picture.numbers = tuple(numbers)
-        picture.shades = tuple(shades)
-        picture.finds = tuple(np.asarray(find, np.float64) for find in finds)
-        picture.draw(title or semantic_map.title)
-        save_picture(picture.sheet.figure, path)
+    with picture_style():
+        picture = _Picture(semantic_map, search, truth, least, legend)
+        figure = picture.draw(title or semantic_map.title)
+        save_picture(figure.figure, path)
     return path
 
 
@@ -95,60 +113,61 @@ class _Picture:
     def __init__(
         self,
         semantic_map: SemanticMap,
-        route: NDArray[np.float64] | None,
-        goals: tuple[Goal, ...],
+        search: SearchDrawing | None,
         truth: GroundTruth | None,
         least: float,
+        legend: Legend,
     ) -> None:
         self._label = semantic_map.catalogue.label
-        self._objects = tuple(r for r in semantic_map.objects() if r.existence >= least)
+        self._names = {
+            a.subject: a.value for a in semantic_map.assertions() if a.property == "label"
+        }
+        marked = [r for r in semantic_map.objects() if r.existence >= min(least, GHOST_EXISTENCE)]
+        self._objects = tuple(r for r in marked if np.isfinite(r.p_map).all())
+        self._named = tuple(r for r in self._objects if r.existence >= least)
         self._places = semantic_map.places()
+        self._doors = semantic_map.doors()
         self._robot = semantic_map.robot()
-        self._route, self._goals, self._truth = route, goals, truth
+        self._search = search or SearchDrawing(np.empty((0, 2)))
+        self._truth = truth
         height = None if self._robot is None else float(self._robot.p_map[2])
         self._floor = None if truth else mapped_floor(semantic_map.floor(), height)
-        self._groups = object_groups(semantic_map, self._objects)
-        self._colours = place_colours(self._places)
-        self._busy = self._spots()
-        extent = Extent.around(np.vstack([self._busy, self._corners()]))
-        self.sheet = Sheet(extent, [record.p_map[:2] for record in self._objects])
-        self._axes = self.sheet.axes
-        self._texts: list[Text] = []
-        self.numbers = tuple(str(n) for n in range(1, len(goals) + 1))
-        self.shades: tuple[Shade, ...] = ()
-        self.finds: tuple[NDArray[np.float64], ...] = ()
+        self._of_places = place_groups(semantic_map, self._places)
+        self._groups = self._grouped(semantic_map, legend)
 
-    def draw(self, title: str) -> None:
+    def _grouped(self, semantic_map: SemanticMap, legend: Legend) -> dict[str, Group]:
+        """Object IRI -> what it shares colour and mark with."""
+        if legend == "place":
+            tops = {place.iri: top_category(place) or "" for place in self._places}
+            return {r.iri: self._of_places[tops.get(r.place or "", "")] for r in self._objects}
+        groups = object_groups(semantic_map, self._objects)
+        return {r.iri: groups[r.category] for r in self._objects}
+
+    def draw(self, title: str) -> Sheet:
         """Everything, from the floor up."""
-        for place in self._places:
-            self._draw_place(place)
-        if self._floor is not None:
-            draw_floor(self._axes, self._floor)
-        for shade in self.shades:
-            draw_shade(self._axes, shade)
-        if self._truth is not None:
-            draw_ground_truth(self._axes, self._truth)
-        if self._route is not None:
-            draw_route(self._axes, self._route)
+        spots = self._spots()
+        sheet = Sheet(
+            Extent.around(np.vstack([spots, self._corners()])),
+            [record.p_map[:2] for record in self._named],
+            title=title,
+            line=self._summary(),
+            legend=self._legend(),
+            listing=self._search.listing,
+        )
+        self._draw_surroundings(sheet)
+        texts = self._draw_search(sheet)
+        size = _SIZES[len(self._objects) > _CROWD]
         for record in self._objects:
-            draw_object(self._axes, record, self._groups[record.category])
+            draw_object(sheet.axes, record, self._groups[record.iri], size)
         if self._robot is not None:
-            draw_robot(self._axes, self._robot, self.sheet.metres(9))
-        for number, goal in zip(self.numbers, self._goals, strict=True):
-            self._texts.append(draw_goal(self._axes, goal, number))
-        for find in self.finds:
-            draw_find(self._axes, find)
-        self.sheet.write_heading(title, self._summary(), FAINT)
-        self._draw_legend()
-        self.sheet.draw_scale_bar()
-        self._label_objects()
+            draw_robot(sheet.axes, self._robot, sheet.metres(_ARROW))
+        self._write_names(sheet, spots, texts)
+        return sheet
 
     def _spots(self) -> NDArray[np.float64]:
         """(n, 2) [m] everything that is drawn as a spot or a line."""
-        points = [record.p_map[:2] for record in self._objects]
-        points += [goal.p_map for goal in self._goals]
+        points = [record.p_map[:2] for record in self._objects] + self._search.spots
         points += [] if self._robot is None else [self._robot.p_map[:2]]
-        points += [] if self._route is None else list(self._route)
         return np.array(points, np.float64).reshape(-1, 2)
 
     def _corners(self) -> NDArray[np.float64]:
@@ -159,50 +178,107 @@ class _Picture:
             corners += list(self._floor.bounds)
         return np.array(corners, np.float64).reshape(-1, 2)
 
-    def _draw_place(self, place: PlaceRecord) -> None:
-        best = top_category(place)
-        draw_place(self._axes, place, None if best is None else self._colours[best])
-        if best is None:
-            name = fit_name(self.sheet, place, place.label, "not viewed yet")
+    def _draw_surroundings(self, sheet: Sheet) -> None:
+        coloured = [(place, self._colour(place)) for place in self._places]
+        for place, colour in coloured:
+            draw_place(sheet.axes, place, colour, filled=self._floor is None)
+        if self._floor is not None:
+            known = [(place, colour) for place, colour in coloured if colour is not None]
+            draw_floor(sheet.axes, self._floor, known)
+        if self._truth is not None:
+            draw_ground_truth(sheet.axes, self._truth)
         else:
-            detail = f"{place.label}, belief {place.beliefs[best]:.2f}"
-            name = fit_name(self.sheet, place, self._label(best), detail)
-        self._texts += name.write(self._axes, calm_spot(name, self.sheet, place, self._busy))
+            for door in self._doors:
+                draw_door(sheet.axes, door)
+
+    def _colour(self, place: PlaceRecord) -> str | None:
+        best = top_category(place)
+        return None if best is None else self._of_places[best].colour
+
+    def _draw_search(self, sheet: Sheet) -> list[Text]:
+        search = self._search
+        if search.shade is not None:
+            draw_shade(sheet.axes, search.shade)
+        if len(search.route):
+            draw_route(sheet.axes, search.route)
+        for find in search.finds:
+            draw_find(sheet.axes, find)
+        return [draw_stop(sheet.axes, stop, sheet.metres(_SECTOR)) for stop in search.stops]
+
+    def _write_names(self, sheet: Sheet, spots: NDArray[np.float64], texts: list[Text]) -> None:
+        covers = self._walls(sheet)
+        places = [self._named_place(place) for place in self._places]
+        written, lost = write_place_names(sheet, places, spots, covers)
+        labels = [PointLabel(o.p_map, self._name(o), INK) for o in self._named]
+        marks = [stop.p_map for stop in self._search.stops] + list(self._search.finds)
+        marks += [] if self._robot is None else [self._robot.p_map]
+        lost += write_labels(sheet, labels, texts=texts + written, marks=marks, covers=covers)
+        if lost:
+            sheet.write_note(f"{_count(lost, 'name')} left out for lack of room")
+
+    def _walls(self, sheet: Sheet) -> WallsBelow | None:
+        if self._truth is not None:
+            corners, cell = self._truth.corners, 0.05
+            walls = wall_cells(self._truth.walls, corners, cell)
+            return WallsBelow(walls, corners[0], cell, sheet.axes)
+        if self._floor is None:
+            return None
+        floor = self._floor
+        return WallsBelow(floor.states == TALL, floor.origin, floor.resolution, sheet.axes)
+
+    def _named_place(self, place: PlaceRecord) -> NamedPlace:
+        best, label = top_category(place), drawable(place.label)
+        if best is None:
+            return NamedPlace(place.area, label, "not viewed yet")
+        detail = f"{label}, belief {place.beliefs[best]:.2f}"
+        return NamedPlace(place.area, drawable(self._label(best)), detail)
+
+    def _name(self, record: ObjectRecord) -> str:
+        return drawable(self._names.get(record.iri) or self._label(record.category))
 
     def _summary(self) -> str:
         unseen = sum(not place.views for place in self._places)
-        parts = [_count(len(self._objects), "object"), _count(len(self._places), "place")]
+        parts = [_count(len(self._named), "object"), _count(len(self._places), "place")]
         parts[1] += f", {unseen} not viewed yet" if unseen else ""
-        what = "stop" if self.shades or self.finds else "goal"
-        parts += [_count(len(self._goals), what)] if self._goals else []
+        parts += [_count(len(self._search.stops), "stop")] if self._search.stops else []
         return "   ·   ".join(parts)
 
-    def _draw_legend(self) -> None:
-        groups = sorted(set(self._groups.values()), key=lambda g: (g.name == "other", g.name))
-        marks = [mark("o", group.name, mfc=group.colour, mec="white") for group in groups]
+    def _legend(self) -> list[Line2D]:
+        counts = Counter(self._groups[record.iri] for record in self._named)
+        groups = sorted(counts, key=lambda g: (g.name in ("other", "elsewhere"), g.name))
+        marks = [
+            mark(g.marker, f"{drawable(g.name)} {counts[g]}", mfc=g.colour, mec="white")
+            for g in groups
+        ]
+        if any(record.existence < SHOWN_EXISTENCE for record in self._objects):
+            ghost = f"existence below {SHOWN_EXISTENCE:g}"
+            marks.append(mark("o", ghost, mfc="none", mec=FAINT, alpha=0.6, ms=6.2))
+        return marks + self._search_legend() + self._floor_legend()
+
+    def _search_legend(self) -> list[Line2D]:
+        marks = []
         if self._robot is not None:
             marks.append(mark((3, 0, -90), "robot", mfc=INK, mec="white"))
-        if self._route is not None:
+        if len(self._search.route):
             marks.append(Line2D([], [], color=ROUTE, lw=1.7, ls=(0, (4, 2)), label="route"))
-        marks += [mark("s", s.label, mfc=s.colour, mec="none", alpha=0.45) for s in self.shades]
-        if self.finds:
+        if (shade := self._search.shade) is not None:
+            marks.append(mark("s", shade.label, mfc=shade.colour, mec="none", alpha=0.45))
+        if self._search.finds:
             marks.append(mark("*", "found", mfc=FOUND, mec=INK, mew=0.7))
+        return marks
+
+    def _floor_legend(self) -> list[Line2D]:
+        if self._truth is not None:
+            return [mark("+", "truth", mec=TRUE_SPOT)]
+        marks = []
+        if self._doors:
+            marks.append(mark("o", "door", mfc="white", mec=FAINT, ms=4.2, mew=0.8))
         if self._floor is not None:
             marks.append(mark("s", "wall", mfc=WALL, mec="none"))
             marks.append(mark("s", "furniture", mfc=FURNITURE, mec="none", alpha=0.45))
-        if self._truth is not None:
-            marks.append(mark("+", "truth", mec=TRUE_SPOT))
-        self.sheet.draw_legend(marks)
-
-    def _label_objects(self) -> None:
-        labels = [
-            PointLabel(o.p_map, self._label(o.category), self._groups[o.category].colour)
-            for o in self._objects
-        ]
-        marks = [goal.p_map for goal in self._goals] + list(self.finds)
-        marks += [] if self._robot is None else [self._robot.p_map]
-        write_labels(self.sheet, labels, texts=self._texts, marks=marks)
+            marks.append(mark("s", "never seen", mfc="white", mec=FAINT, mew=0.6))
+        return marks
 
 
 def _count(n: int, what: str) -> str:
-    return f"{n} {what}" + ("" if n == 1 else "s")
+    return f"{n:,} {what}" + ("" if n == 1 else "s")

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
+from matplotlib import font_manager, rc_context
 from matplotlib.figure import Figure
 
 from kg.errors import PictureError
 
 FORMATS: Final = (".png", ".svg", ".pdf")
-#: settings of matplotlib while a picture is drawn
-STYLE: Final[dict[Any, Any]] = {"font.family": "DejaVu Sans", "svg.hashsalt": "hereabouts"}
+#: fonts by preference; the later ones have writing that the first lacks, where they are installed
+_FONTS: Final = ("DejaVu Sans", "Noto Sans CJK JP", "Noto Sans Arabic", "Noto Emoji", "Symbola")
 
 #: What would make two drawings of one map differ is left out.
 _METADATA: Final[dict[str, dict[str, Any]]] = {
@@ -19,6 +23,21 @@ _METADATA: Final[dict[str, dict[str, Any]]] = {
     ".svg": {"Date": None},
     ".pdf": {"CreationDate": None},
 }
+
+
+@contextmanager
+def picture_style() -> Iterator[None]:
+    """The settings of matplotlib that pictures are drawn and saved with."""
+    installed = set(font_manager.get_font_names())
+    style: dict[Any, Any] = {
+        "font.family": [name for name in _FONTS if name in installed],
+        "svg.hashsalt": "hereabouts",
+        "text.parse_math": False,  # anybody's label may have a dollar sign
+    }
+    with rc_context(style), warnings.catch_warnings():
+        # a letter that no font has is drawn as a box
+        warnings.filterwarnings("ignore", message="Glyph .* missing from")
+        yield
 
 
 def checked_ending(path: Path | str) -> Path:

@@ -9,43 +9,80 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.errors import LayoutError
 from kg.maps.semantic_map import SemanticMap
-from planner.freespace.geodesic import shortest_path
 from planner.freespace.line_of_sight import visible_cells
-from planner.goals.search_goals import Goal
+from planner.plans.report import direction, fact_chain, plan_lines, step_purpose
+from planner.plans.route import planned_route
 from planner.plans.search_state import PlanningState
 from planner.plans.view_plan import ViewPlan, ViewStep
 from planner.viewpoints.sensor import angle_between
-from planner.visualization.drawing import Shade
-from planner.visualization.map_plot import plot_map
+from planner.visualization.drawing import SHOWN_EXISTENCE, Shade, Stop
+from planner.visualization.label_text import drawable
+from planner.visualization.layout import Item, Listing
+from planner.visualization.map_plot import Legend, SearchDrawing, plot_map
 
 _SEEN: Final = "#f08c00"
-_DARKEST: Final = 0.5
+_DARKEST: Final = 0.32
+_LISTED: Final = 12  # looks that are put in words
+_REASON: Final = 160  # letters of a reason
 SAME: Final = 0.2  # [m] looks from nearer to each other share a disc or a text
 _SHOWN: Final = 0.9  # share of what the plan finds whose looks are drawn; the rest would hide it
 
 
 def plot_plan(
-    semantic_map: SemanticMap, state: PlanningState, plan: ViewPlan, path: Path | str
+    semantic_map: SemanticMap,
+    state: PlanningState,
+    plan: ViewPlan,
+    path: Path | str,
+    *,
+    least: float = SHOWN_EXISTENCE,
+    legend: Legend = "class",
 ) -> Path:
     """Draw `plan` over the map to `path` and return it; PNG, SVG or PDF by its ending.
 
-    Drawn are the first looks, until nine tenths of what the plan finds are found. Raises
-    PictureError as `plot_map` does.
+    Drawn are the first looks, until nine tenths of what the plan finds are found, in words the
+    first dozen of them; `least` and `legend` are those of `plot_map`. Raises PictureError as that.
     """
-    steps = shown_steps(plan)
-    stops, numbers = numbered_stops([step.p_map for step in steps])
     what = " and ".join(plan.targets)
     return plot_map(
         semantic_map,
         path,
-        route=planned_route(state, plan, steps) if steps else None,
-        goals=stops,
-        numbers=numbers,
-        shades=[_shade(state, steps)] if steps else [],
+        search=drawn_plan(state, plan),
         title=f"{semantic_map.title}: where to look for {what}",
+        least=least,
+        legend=legend,
     )
+
+
+def drawn_plan(state: PlanningState, plan: ViewPlan) -> SearchDrawing | None:
+    """The first looks of `plan`; None where it has none."""
+    steps = shown_steps(plan)
+    if not steps:
+        return None
+    return SearchDrawing(
+        planned_route(state, plan, steps),
+        numbered_stops(
+            [step.p_map for step in steps], [(step.heading, step.extent) for step in steps]
+        ),
+        _shade(state, steps),
+        listing=_listing(plan, steps),
+    )
+
+
+def _listing(plan: ViewPlan, steps: Sequence[ViewStep]) -> Listing:
+    """Each look with its chance, its time, and its weightiest reason where that is a new one."""
+    items, given = [], set()
+    for number, step in enumerate(steps[:_LISTED], start=1):
+        why = step.why[0].candidate if step.why else None
+        what = step_purpose(step)
+        head = f"look {direction(step)}" + (f" for {what}" if what else "")
+        reason = fact_chain(why.facts) if why is not None and why.iri not in given else ""
+        given |= {why.iri} if why is not None else set()
+        chance = f"finds it with {step.probability:.3f} by {step.seconds:.0f} s"
+        items.append(Item(str(number), f"{drawable(head)}, {chance}", drawable(reason, _REASON)))
+    rest = len(plan.steps) - len(items)
+    more = f"; {rest} more looks follow" if rest else ""
+    return Listing(drawable(plan_lines(plan)[0], _REASON) + more, tuple(items))
 
 
 def shown_steps(plan: ViewPlan) -> tuple[ViewStep, ...]:
@@ -55,14 +92,21 @@ def shown_steps(plan: ViewPlan) -> tuple[ViewStep, ...]:
     return plan.steps[:count]
 
 
-def numbered_stops(views: Sequence[NDArray[np.float64]]) -> tuple[list[Goal], list[str]]:
-    """Positions ((2,) [m]) of `views`, each once, with the numbers of the looks from there."""
+def numbered_stops(
+    views: Sequence[NDArray[np.float64]], looks: Sequence[tuple[float, float]] = ()
+) -> tuple[Stop, ...]:
+    """Positions ((2,) [m]) of `views`, each once, with the numbers of the looks from there.
+
+    `looks` are heading and extent [rad] of each view, if they are to be drawn.
+    """
     at: dict[tuple[float, float], list[int]] = {}
-    for number, p_map in enumerate(views, start=1):
+    for number, p_map in enumerate(views):
         near = (xy for xy in at if np.hypot(xy[0] - p_map[0], xy[1] - p_map[1]) < SAME)
         at.setdefault(next(near, (float(p_map[0]), float(p_map[1]))), []).append(number)
-    goals = [Goal("", "place", "", np.array(xy), 1.0, "") for xy in at]
-    return goals, [_span(numbers) for numbers in at.values()]
+    return tuple(
+        Stop(np.array(xy), _span([n + 1 for n in held]), tuple(looks[n] for n in held if looks))
+        for xy, held in at.items()
+    )
 
 
 def _span(numbers: list[int]) -> str:
@@ -72,33 +116,6 @@ def _span(numbers: list[int]) -> str:
     if numbers == list(range(numbers[0], numbers[-1] + 1)):
         return f"{numbers[0]}-{numbers[-1]}"
     return ",".join(map(str, numbers)) if len(numbers) == 2 else f"{numbers[0]}, ..."
-
-
-def planned_route(
-    state: PlanningState, plan: ViewPlan, steps: tuple[ViewStep, ...]
-) -> NDArray[np.float64]:
-    """(n, 2) [m] the way from stop to stop over the floor."""
-    views, cell = state.views, state.space.nearest(plan.start)
-    points = [plan.start[None, :]]
-    for step in steps:
-        viewpoint = int(views.viewpoint[step.view])
-        try:
-            cells = shortest_path(state.space, views.fields[viewpoint], cell)
-        except LayoutError:  # through a passage that no cell leads into
-            cells = np.array([cell, views.viewpoints[viewpoint]], np.intp)
-        points.append(_smooth(state.space.centres(cells)))
-        cell = int(views.viewpoints[viewpoint])
-    return np.concatenate(points)
-
-
-def _smooth(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n, 2) each point the mean of its neighbours within two, the ends kept."""
-    if len(points) < 5:
-        return points
-    padded = np.vstack([points[:1], points[:1], points, points[-1:], points[-1:]])
-    mean = np.mean([padded[i : i + len(points)] for i in range(5)], axis=0)
-    mean[0], mean[-1] = points[0], points[-1]
-    return np.asarray(mean, np.float64)
 
 
 def _shade(state: PlanningState, steps: tuple[ViewStep, ...]) -> Shade:

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 from numpy.typing import NDArray
 
-from planner.visualization.label_placement import Box, Label, place_labels
+from planner.visualization.label_placement import Box, Covers, Label, place_labels
 from planner.visualization.layout import Sheet
-from planner.visualization.palette import HALO
+from planner.visualization.place_names import haloed
 
 _CROWD = 60  # more points than this have smaller labels
+_THRONG = 300  # more than this have theirs close by, or none
 _SIZES = (7.2, 6.4)  # [pt] of few labels, of many
 
 
@@ -34,23 +34,35 @@ def write_labels(
     *,
     texts: Sequence[Text] = (),
     marks: Sequence[NDArray[np.float64]] = (),
-) -> None:
-    """Write `labels` clear of the `texts` on the sheet and of large marks ((2,) or (3,) [m])."""
+    covers: Covers | None = None,
+) -> int:
+    """Write `labels` clear of `texts` on the sheet, of large `marks` ((2,) or (3,) [m]) and walls.
+
+    `covers` tells what lies over walls. Returns how many labels found no room.
+    """
     if not labels:
-        return
+        return 0
     size = _SIZES[len(labels) > _CROWD]
     pixel = sheet.figure.dpi / 72
-    measure = _Measure(sheet)
+    measure = sheet.measure
     points = sheet.axes.transData.transform([label.p_map[:2] for label in labels])
     placed = place_labels(
         points,
-        [measure.size(label.text, size) for label in labels],
+        [np.add(measure.size(label.text, size), (2, 1)) for label in labels],
         [*map(measure.box, texts), *_boxes_around(sheet, marks, 8 * pixel)],
-        bounds=measure.drawing(),
+        bounds=_drawing(sheet),
         gap=6.5 * pixel,
+        rings=5 if len(labels) <= _THRONG else 2,
+        covers=covers,
     )
     for place in placed:
         _write(sheet, place, labels[place.index], size)
+    return len(labels) - len(placed)
+
+
+def _drawing(sheet: Sheet) -> Box:
+    xmin, ymin, xmax, ymax = sheet.axes.get_window_extent().extents
+    return float(xmin), float(ymin), float(xmax), float(ymax)
 
 
 def _boxes_around(sheet: Sheet, marks: Sequence[NDArray[np.float64]], reach: float) -> list[Box]:
@@ -62,39 +74,11 @@ def _boxes_around(sheet: Sheet, marks: Sequence[NDArray[np.float64]], reach: flo
 
 
 def _write(sheet: Sheet, place: Label, label: PointLabel, size: float) -> None:
-    box = np.array(place.box)
-    x, y = sheet.axes.transData.inverted().transform((box[:2] + box[2:]) / 2)
+    axes, box = sheet.axes, np.array(place.box)
+    (low, high), to_map = box.reshape(2, 2), axes.transData.inverted()
     if place.distant:
-        ends = [label.p_map[0], x], [label.p_map[1], y]
-        sheet.axes.plot(*ends, color=label.colour, lw=0.5, alpha=0.5, zorder=5)
+        point = axes.transData.transform(label.p_map[:2])
+        ends = np.array([label.p_map[:2], to_map.transform(np.clip(point, low, high))])
+        axes.plot(*ends.T, color=label.colour, lw=0.5, alpha=0.5, zorder=5)
     style: dict[str, Any] = {"ha": "center", "va": "center", "size": size, "zorder": 7}
-    # apart from its halo the name stays writing in SVG and PDF, not an outline
-    sheet.axes.text(x, y, label.text, color="none", path_effects=HALO, **style)
-    sheet.axes.text(x, y, label.text, color=label.colour, **style)
-
-
-class _Measure:
-    """How large writing is on paper [px]."""
-
-    def __init__(self, sheet: Sheet) -> None:
-        self._sheet = sheet
-        canvas: Any = FigureCanvasAgg(sheet.figure)
-        canvas.draw()
-        self._renderer = canvas.get_renderer()
-        self._known: dict[tuple[str, float], tuple[float, float]] = {}
-
-    def size(self, text: str, size: float) -> tuple[float, float]:
-        if (text, size) not in self._known:
-            probe = self._sheet.figure.text(0, 0, text, fontsize=size)
-            xmin, ymin, xmax, ymax = self.box(probe)
-            probe.remove()
-            self._known[text, size] = xmax - xmin + 2, ymax - ymin + 1
-        return self._known[text, size]
-
-    def box(self, text: Text) -> Box:
-        xmin, ymin, xmax, ymax = text.get_window_extent(self._renderer).extents
-        return float(xmin), float(ymin), float(xmax), float(ymax)
-
-    def drawing(self) -> Box:
-        xmin, ymin, xmax, ymax = self._sheet.axes.get_window_extent(self._renderer).extents
-        return float(xmin), float(ymin), float(xmax), float(ymax)
+    haloed(axes, to_map.transform((low + high) / 2), label.text, label.colour, **style)

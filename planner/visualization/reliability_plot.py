@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
@@ -15,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 from perception.evaluation.calibration import BINS, Calibration
 from planner.visualization.layout import DPI
 from planner.visualization.palette import FAINT, INK, OUTLINE
-from planner.visualization.picture_file import STYLE, checked_ending, save_picture
+from planner.visualization.picture_file import checked_ending, picture_style, save_picture
 
 _SIZE: Final = (6.4, 7.2)  # [inch] without the legend
 _ROW: Final = 0.22  # [inch] of the legend
@@ -33,7 +32,7 @@ def plot_reliability(
     that cannot be written.
     """
     path = checked_ending(path)
-    with rc_context(STYLE):
+    with picture_style():
         rows = _ROW * len(calibrations)  # of the legend
         width, height = _SIZE[0], _SIZE[1] + rows
         figure = Figure(figsize=(width, height), dpi=DPI)

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from kg.maps.semantic_map import SemanticMap
 from planner.visualization.drawing import GroundTruth
-from planner.visualization.map_plot import plot_map
+from planner.visualization.map_plot import SearchDrawing, plot_map
 from planner.visualization.plan_plot import numbered_stops
 
 
@@ -30,16 +30,13 @@ def plot_search(
     found = {
         iri for record in semantic_map.searches() if record.iri == search for iri in record.found
     }
-    stops, numbers = numbered_stops(
-        [np.array(look.position) for look in semantic_map.looks(search)]
-    )
+    stops = numbered_stops([np.array(look.position) for look in semantic_map.looks(search)])
+    finds = [record.p_map for record in semantic_map.objects() if record.iri in found]
+    line = np.asarray(driven, np.float64).reshape(-1, 2)
     return plot_map(
         semantic_map,
         path,
-        route=driven,
-        goals=stops,
-        numbers=numbers,
-        finds=[record.p_map for record in semantic_map.objects() if record.iri in found],
+        search=SearchDrawing(line, stops, finds=tuple(finds)),
         title=title,
         truth=truth,
     )

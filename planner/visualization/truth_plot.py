@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from matplotlib import rc_context
 from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
@@ -22,8 +21,7 @@ from mapping.evaluation.truth_matching import Matching, Pair, TruthMatcher
 from mapping.occupancy.mapped_floor import MappedFloor
 from planner.visualization.drawing import draw_floor, mark
 from planner.visualization.layout import Extent, Sheet
-from planner.visualization.palette import FAINT
-from planner.visualization.picture_file import STYLE, checked_ending, save_picture
+from planner.visualization.picture_file import checked_ending, picture_style, save_picture
 from planner.visualization.point_labels import PointLabel, write_labels
 
 
@@ -65,7 +63,7 @@ def plot_truth(
     ending or a path that cannot be written.
     """
     path = checked_ending(path)
-    with rc_context(STYLE):
+    with picture_style():
         picture = _Picture(matching, matcher, floor)
         picture.draw(title, existence)
         save_picture(picture.sheet.figure, path)
@@ -87,12 +85,19 @@ class _Picture:
             (_GHOST, matching.ghosts),
         )
         self._outlines = [truth_outline(matcher, i) for i in range(len(matcher.truth))]
-        spots = [o.p_map[:2] for o in matching.mapped] + list(matcher.p_map[:, :2])
-        around = np.array([*spots, *(p for outline in self._outlines for p in outline)])
-        self.sheet = Sheet(Extent.around(around.reshape(-1, 2)), spots)
 
     def draw(self, title: str, existence: float) -> None:
         """Everything, from the floor up."""
+        truth = self._matcher.p_map[:, :2]
+        spots = [o.p_map[:2] for o in self._matching.mapped] + list(truth)
+        around = np.array([*spots, *(p for outline in self._outlines for p in outline)])
+        self.sheet = Sheet(
+            Extent.around(around.reshape(-1, 2)),
+            spots,
+            title=title,
+            line=self._summary(existence),
+            legend=[self._legend(kind) for kind in _LEGEND],
+        )
         if self._floor is not None:
             draw_floor(self.sheet.axes, self._floor)
             self.sheet.axes.axhspan(*self.sheet.axes.get_ylim(), fc=_VEIL, zorder=1.3)
@@ -101,9 +106,6 @@ class _Picture:
         for kind, pairs in self._groups:
             for pair in pairs:
                 self._draw_object(kind, pair)
-        self.sheet.write_heading(title, self._summary(existence), FAINT)
-        self.sheet.draw_legend([self._legend(kind) for kind in _LEGEND])
-        self.sheet.draw_scale_bar()
         write_labels(self.sheet, self._labels())
 
     def _draw_entry(self, index: int) -> None:

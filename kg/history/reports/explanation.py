@@ -18,9 +18,10 @@ from kg.errors import QueryParameterError
 from kg.facts.agents import agent_iri
 from kg.facts.assertions import Assertions
 from kg.history.curies import short, statement
+from kg.history.reports.changes_of_facts import changes_of, same, sequence_of
 from kg.history.reports.explanation_rules import BELIEF_OF_PLACE, EVIDENT, REMOVAL, RULES, rule_of
-from kg.history.storage.log import BACKGROUND, Commit, HistoryLog
-from kg.history.storage.row_codec import Term, decode_delta
+from kg.history.storage.log import BACKGROUND, HistoryLog
+from kg.history.storage.row_codec import Term
 from kg.history.timestamps import iso
 from kg.rdf.quad_store import QuadStore
 
@@ -120,7 +121,7 @@ class Explainer:
         if quad.graph_name in BACKGROUND:
             yield from self._known(quad)
             return
-        sequence = self._sequence_of(quad)
+        sequence = sequence_of(self._log, quad)
         commit = self._log.commit(sequence)
         mapped = commit is None or commit.cause.kind in ("frame", "recovery")
         if commit is None and (held := self._assertion_behind(quad)):
@@ -173,7 +174,7 @@ class Explainer:
             return
         sources = [*self._sources(quad.subject)]
         yield from sources or [Explanation("source", "the ontology", v.ONTOLOGY_GRAPH)]
-        if self._sequence_of(quad) > self._log.floor:
+        if sequence_of(self._log, quad) > self._log.floor:
             yield self._made(quad)
 
     def _observation(self, thing: NamedNode) -> Iterator[Explanation]:
@@ -187,7 +188,7 @@ class Explainer:
         text = f"seen in {frame} of {recording} at {when}: box {box} px, score {score}"
         behind = [Explanation("model", f"detector {model}")]
         for shown in self._quads(node, v.FRAME)[:1]:
-            sequence = self._sequence_of(shown)
+            sequence = sequence_of(self._log, shown)
             behind += [*self._pose(sequence), self._commit(sequence)]
         yield Explanation("observation", text, node.value, tuple(behind))
 
@@ -227,7 +228,7 @@ class Explainer:
 
     def _views(self, node: NamedNode) -> Iterator[Explanation]:
         place = NamedNode(node.value.partition("/belief/")[0])
-        frames = self._changes_of(place, v.VIEW_COUNT)
+        frames = changes_of(self._log, place, v.VIEW_COUNT)
         count = self._text(place, v.VIEW_COUNT)
         latest = ", ".join(c.cause.note for c in frames[-VIEWS:] if c.cause.note)
         models = {
@@ -260,7 +261,7 @@ class Explainer:
         return self._removed(iri)
 
     def _removed(self, iri: NamedNode) -> Explanation:
-        removals = self._changes_of(iri, v.RDF_TYPE, removed=True)
+        removals = changes_of(self._log, iri, v.RDF_TYPE, removed=True)
         if not removals:
             raise QueryParameterError(
                 f"the map holds nothing about {short(iri, self._base)}, and never did in its "
@@ -285,7 +286,7 @@ class Explainer:
     def _was(
         self, subject: NamedNode, predicate: NamedNode, value: Term | None, held: list[Quad]
     ) -> Explanation:
-        removals = self._changes_of(subject, predicate.value, removed=True, value=value)
+        removals = changes_of(self._log, subject, predicate.value, removed=True, value=value)
         text = " ".join(short(x, self._base) for x in (subject, predicate, value) if x is not None)
         if not removals:
             now = ", ".join(short(q.object, self._base) for q in held) or "nothing"
@@ -298,28 +299,13 @@ class Explainer:
 
     def _last(self, facts: list[Quad]) -> Iterator[Explanation]:
         """The latest of the transactions behind `facts`, where there are several."""
-        made = {self._sequence_of(quad) for quad in facts}
+        made = {sequence_of(self._log, quad) for quad in facts}
         if len(made) > 1:
             last = self._commit(max(made))
             yield replace(last, kind="change")
 
     def _made(self, quad: Quad) -> Explanation:
-        return self._commit(self._sequence_of(quad))
-
-    def _sequence_of(self, quad: Quad) -> int:
-        """The number of the transaction that made `quad` so; the floor where it is older."""
-        with self._log.lock:
-            coded = self._log.terms.find_code(quad.predicate, quad.object)
-            nodes = [
-                node
-                for node in self._log.terms.nodes_of(quad.subject)
-                if self._log.terms.pair(node)[0] == quad.graph_name
-            ]
-        for node in nodes:
-            for sequence, data in reversed([*self._log.history(node)]):
-                if coded in decode_delta(data).added:
-                    return sequence
-        return self._log.floor
+        return self._commit(sequence_of(self._log, quad))
 
     def _commit(self, sequence: int) -> Explanation:
         commit = self._log.commit(sequence)
@@ -337,28 +323,6 @@ class Explainer:
         by = cause.by
         agents = (Explanation("person", by, agent_iri(self._base, by)),) if by else ()
         return Explanation("commit", text, iri, agents, None, commit.time)
-
-    def _changes_of(
-        self,
-        subject: NamedNode,
-        predicate: str,
-        *,
-        removed: bool = False,
-        value: Term | None = None,
-    ) -> list[Commit]:
-        """The transactions that added (or removed) such a fact of `subject`, oldest first."""
-        with self._log.lock:
-            number = self._log.terms.find(NamedNode(predicate))
-            found = [
-                sequence
-                for node in self._log.terms.nodes_of(subject)
-                for sequence, data in self._log.history(node)
-                for coded in decode_delta(data)[0 if removed else 1]
-                if coded.predicate == number
-                and (value is None or same(self._log.terms.value(coded), value))
-            ]
-        commits = (self._log.commit(sequence) for sequence in sorted(set(found)))
-        return [commit for commit in commits if commit is not None]
 
     def _sources(self, subject: Term) -> Iterator[Explanation]:
         if isinstance(subject, NamedNode):
@@ -409,15 +373,3 @@ def explain_fact(
 def _is_informative(quad: Quad) -> bool:
     # what every place is by construction needs no explanation
     return getattr(quad.object, "value", "") not in {v.PLACE, v.BOT_SPACE}
-
-
-def same(one: Term, other: Term) -> bool:
-    """Whether two terms are equal, numbers by their value."""
-    if one == other:
-        return True
-    if not (isinstance(one, Literal) and isinstance(other, Literal)):
-        return False
-    try:
-        return float(one.value) == float(other.value)
-    except ValueError:
-        return one.value == other.value

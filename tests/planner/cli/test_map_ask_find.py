@@ -156,6 +156,14 @@ def test_the_map_is_drawn(lab: Path, prints: Prints, tmp_path: Path) -> None:
     assert (tmp_path / "lab.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_plot_and_find_draw_the_same_plan(mapped: Path, prints: Prints, tmp_path: Path) -> None:
+    by_plot, by_find = tmp_path / "plot.svg", tmp_path / "find.svg"
+    prints("plot", mapped, "-o", by_plot, "--find", "banana", "--from", "0,0,90")
+    prints("find", mapped, "banana", "--from", "0,0,90", "--picture", by_find)
+    assert by_plot.read_bytes() == by_find.read_bytes()
+    assert "finds it with" in by_plot.read_text() and "after" in by_plot.read_text()
+
+
 def test_food_is_searched_without_being_prompted(mapped: Path, prints: Prints) -> None:
     plan = json.loads(prints("find", mapped, "food", "--from", "0,0", "--json"))
     assert plan["target"] == "food"

@@ -1,0 +1,134 @@
+"""Make the pictures of docs/pictures again: of the demo, a recorded kitchen, pages in a browser.
+
+    python docs/make_pictures.py               all of them
+    python docs/make_pictures.py demo map-page some of them
+
+The kitchen is redkitchen of the 7-Scenes data set, in ../shared or HEREABOUTS_SHARED as for the
+tests; pages are taken by Chromium with Playwright. rviz.png is made as docs/how-to/viewers.md says.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cache, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from PIL import Image
+
+from kg.opening import open_map
+from kg.server import MapServer, Settings
+from planner.plans.find_answer import find_answer
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+ROOT: Final = Path(__file__).resolve().parent.parent
+PICTURES: Final = ROOT / "docs" / "pictures"
+SIZE: Final = {"width": 1300, "height": 860}
+
+
+def main() -> None:
+    """Make the chosen pictures."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(MAKERS)}")
+    names = parser.parse_args().names or list(MAKERS)
+    if unknown := set(names) - set(MAKERS):
+        parser.error(f"no picture {', '.join(unknown)}; there are: {', '.join(MAKERS)}")
+    with tempfile.TemporaryDirectory() as folder:
+        for name in names:
+            MAKERS[name](Path(folder), PICTURES / f"{name}.png")
+            shrink(PICTURES / f"{name}.png")
+            sys.stderr.write(f"wrote {PICTURES / name}.png\n")
+
+
+def shrink(picture: Path) -> None:
+    """Write it again in 256 colours, a third of the bytes."""
+    few = Image.open(picture).convert("RGB").quantize(256, Image.Quantize.MAXCOVERAGE)
+    few.save(picture, optimize=True)
+
+
+def demo(folder: Path, picture: Path) -> None:
+    """What `hereabouts demo` leaves."""
+    shutil.copyfile(demo_map(folder).with_name("map.png"), picture)
+
+
+def kitchen_map(folder: Path, picture: Path) -> None:
+    """The mapped kitchen."""
+    hereabouts("plot", kitchen(folder), "-o", picture)
+
+
+def kitchen_banana(folder: Path, picture: Path) -> None:
+    """Where to look for a banana in it."""
+    hereabouts("find", kitchen(folder), "banana", "--from", "0,0", "--picture", picture)
+
+
+def map_page(folder: Path, picture: Path) -> None:
+    """The live page of the demo's map with the plan of a search."""
+    with opened(demo_map(folder)) as page:
+        page.fill("#wanted", "cup")
+        page.press("#wanted", "Enter")
+        page.wait_for_selector("#plan ol li")
+        page.wait_for_timeout(500)
+        page.screenshot(path=picture)
+
+
+MAKERS: Final[dict[str, Callable[[Path, Path], None]]] = {
+    "demo": demo,
+    "kitchen-map": kitchen_map,
+    "kitchen-banana": kitchen_banana,
+    "map-page": map_page,
+}
+
+
+@cache
+def demo_map(folder: Path) -> Path:
+    """The demo's map."""
+    hereabouts("demo", "--folder", folder)
+    return folder / "demo.map"
+
+
+@cache
+def kitchen(folder: Path) -> Path:
+    """The map of the recorded kitchen."""
+    shared = Path(os.environ.get("HEREABOUTS_SHARED", ROOT.parent / "shared"))
+    recording = folder / "kitchen"  # what the map calls its place
+    recording.symlink_to(shared / "data" / "rgbd" / "redkitchen")
+    hereabouts("map", recording, "--into", folder / "kitchen.map")
+    return folder / "kitchen.map"
+
+
+def hereabouts(*words: object) -> None:
+    """Run a command of the package; its output goes nowhere."""
+    command = [sys.executable, "-m", "planner.cli", *map(str, words)]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[Page]:
+    """The page of a served map once it is drawn."""
+    from playwright.sync_api import sync_playwright
+
+    with open_map(path, read_only=True) as semantic_map, sync_playwright() as playwright:
+        planner = partial(find_answer, semantic_map)
+        with MapServer(semantic_map, Settings(port=0), planner=planner) as server:
+            browser = playwright.chromium.launch(
+                executable_path=shutil.which("chromium"),
+                args=["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader"],
+            )
+            page = browser.new_page(viewport=SIZE)
+            page.goto(server.url)
+            page.wait_for_selector("html[data-ready]")
+            yield page
+            browser.close()
+
+
+if __name__ == "__main__":
+    main()
