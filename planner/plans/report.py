@@ -6,17 +6,26 @@ import math
 import re
 from collections.abc import Sequence
 from itertools import takewhile
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
 
 from planner.goals.candidate_queries import Candidate
 from planner.plans.search_state import ViewReason
 from planner.plans.view_plan import ViewPlan, ViewStep, VisitedCandidate
 
+_SAME_WEIGHT: Final = 0.5  # share of the weightiest reason from which on a second one is named
 
-def plan_json(plan: ViewPlan) -> dict[str, object]:
+
+def plan_json(
+    plan: ViewPlan, ways: Sequence[NDArray[np.float64]] | None = None
+) -> dict[str, object]:
     """The plan as plain values; lengths to 1 mm, times to 1 ms, probabilities to 6 places.
 
-    `goals` are the candidates in visiting order; `distance` and `seconds` of one that no step shows
-    are null.
+    With `ways`, one (n, 2) [m] for each step, steps have the way to them, points to 1 cm. `goals`
+    are the candidates in visiting order; `distance` and `seconds` of one that no step shows are
+    null.
     """
     return {
         "target": ", ".join(plan.targets),
@@ -27,7 +36,7 @@ def plan_json(plan: ViewPlan) -> dict[str, object]:
         "expected_seconds": _rounded(plan.expected_seconds),
         "probability": round(plan.probability, 6),
         "present": round(plan.present, 6),
-        "steps": [_step(step) for step in plan.steps],
+        "steps": [_step(step) for step in plan.steps] if ways is None else _on_ways(plan, ways),
         "alternatives": [
             {
                 "name": other.name,
@@ -57,6 +66,18 @@ def _goal(goal: VisitedCandidate) -> dict[str, object]:
         "distance": _rounded(goal.metres),
         "seconds": _rounded(goal.seconds),
     }
+
+
+def _on_ways(plan: ViewPlan, ways: Sequence[NDArray[np.float64]]) -> list[dict[str, object]]:
+    return [
+        {**_step(step), "way": _corners(way)} for step, way in zip(plan.steps, ways, strict=True)
+    ]
+
+
+def _corners(way: NDArray[np.float64]) -> list[list[float]]:
+    """Every third point of a way and its end, which tell as much as all at a grid's 5 or 10 cm."""
+    kept = np.append(np.arange(0, len(way) - 1, 3), len(way) - 1)
+    return [[round(float(x), 2), round(float(y), 2)] for x, y in way[kept]]
 
 
 def _step(step: ViewStep) -> dict[str, object]:
@@ -102,6 +123,17 @@ def purpose(candidate: Candidate) -> str:
     return "beyond seen floor" if candidate.kind == "frontier" else candidate.label
 
 
+def main_candidates(step: ViewStep) -> tuple[Candidate, ...]:
+    """What a look is mainly for: its weightiest reason, and a second of about the same weight."""
+    least = _SAME_WEIGHT * step.why[0].probability if step.why else 0.0
+    return tuple(reason.candidate for reason in step.why[:2] if reason.probability >= least)
+
+
+def step_purpose(step: ViewStep) -> str:
+    """What a look is mainly for, in a few words; "" where nothing is known of that."""
+    return ", ".join(dict.fromkeys(map(purpose, main_candidates(step))))
+
+
 def looks_table(steps: Sequence[ViewStep]) -> tuple[tuple[str, ...], list[tuple[object, ...]]]:
     """Header and rows of a plan: where to stand, where to look, chance, time, what is left."""
     header = ("", "stand at", "in", "look", "for", "chance", "by [s]", "left")
@@ -111,7 +143,7 @@ def looks_table(steps: Sequence[ViewStep]) -> tuple[tuple[str, ...], list[tuple[
             f"{step.p_map[0]:.1f}, {step.p_map[1]:.1f}",
             step.place_name,
             direction(step),
-            purpose(step.why[0].candidate) if step.why else "",
+            step_purpose(step),
             f"{step.probability:.3f}",
             round(step.seconds),
             f"{step.left:.3f}",
@@ -121,8 +153,8 @@ def looks_table(steps: Sequence[ViewStep]) -> tuple[tuple[str, ...], list[tuple[
 
 
 def reason_lines(steps: Sequence[ViewStep]) -> list[str]:
-    """Each weightiest reason of the looks once, with its chain of facts and without sources."""
-    first = {step.why[0].candidate.iri: step.why[0].candidate for step in steps if step.why}
+    """Each main reason of the looks once, with its chain of facts and without sources."""
+    first = {one.iri: one for step in steps for one in main_candidates(step)}
     return [f"{purpose(one)}: {fact_chain(one.facts)}" for one in first.values()]
 
 
