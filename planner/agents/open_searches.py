@@ -21,7 +21,7 @@ from planner.execution.viewpoint_adapter import NextView, ViewpointAdapter
 from planner.goals.candidate_queries import map_time
 from planner.goals.targets import resolve
 
-MOST: Final = 32  # searches kept, the latest used ones
+MOST: Final = 8  # searches kept, the latest used ones
 MOST_LOOKS: Final = 500  # of one search
 
 
