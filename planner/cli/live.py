@@ -24,11 +24,11 @@ from planner.cli.map_recording import (
 )
 from planner.cli.recording_arguments import (
     MappingInputs,
-    add_live_options,
     given_streams,
     open_given_recording,
     open_mapping_inputs,
 )
+from planner.cli.recording_options import add_live_options
 from planner.cli.server_outages import MappedFrames, through_outages
 from planner.cli.teach import with_taught_rooms
 from planner.cli.viewers import open_viewers
