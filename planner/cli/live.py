@@ -39,8 +39,8 @@ if TYPE_CHECKING:
     from planner.viewers.viewer import Viewer
 
 SOURCES: Final = (
-    "ros1://HOST:11311, ros2 or ros2://DOMAIN, ws://HOST:8765 (Foxglove), or a folder that is "
-    "being written"
+    "ros1 or ros1://HOST:11311, ros2 or ros2://DOMAIN, ws://HOST:8765 (Foxglove), or a folder that "
+    "is being written"
 )
 
 
@@ -85,7 +85,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _connection(source: str) -> Connection | None:
     """What `source` is the address of; None: a folder. Raises RecordingError for neither."""
-    scheme = urlsplit(source).scheme if "://" in source else source if source == "ros2" else ""
+    scheme = (
+        urlsplit(source).scheme if "://" in source else source if source in ("ros1", "ros2") else ""
+    )
     if scheme in ("ros1", "ros2", "ws", "wss"):
         require_ros(source, "rosbags")
     if scheme == "ros1":
