@@ -57,12 +57,34 @@ function goToAddress() {
   goTo([name, data.base + name].find((one) => data.objects.has(one) || data.places.has(one)) || null);
 }
 
+/** Show the map in three dimensions, or flat again; what draws it is loaded now. */
+async function turn() {
+  if (view.solid) flatten();
+  else {
+    try {
+      const { Map3d } = await import("/files/map-3d.js");
+      view.solid ??= new Map3d(view);
+      view.solid.open();
+    } catch (error) {
+      status(`the map stays flat: ${error.message}`);
+    }
+  }
+  byId("solid").setAttribute("aria-pressed", String(Boolean(view.solid)));
+}
+
+function flatten() {
+  view.solid.close();
+  view.solid = null;
+  view.draw();
+}
+
 function showTransaction({ sequence, cause }) {
   byId("sequence").textContent = sequence;
   byId("cause").textContent = [cause.by, cause.note || cause.kind].filter(Boolean).join(": ");
   slider.follow();
 }
 
+byId("solid").addEventListener("click", turn);
 byId("fit").addEventListener("click", () => view.fit());
 byId("closer").addEventListener("click", () => view.zoom(1.4));
 byId("farther").addEventListener("click", () => view.zoom(1 / 1.4));
@@ -71,6 +93,7 @@ document.querySelectorAll("[data-layer]").forEach((box) => box.addEventListener(
   byId("viewed-legend").classList.toggle("hidden", !view.layers.viewed);
   view.draw();
 }));
+view.onLost = () => { if (view.solid) turn().then(() => status("the map is flat again: the browser took its graphics back")); };
 view.onPick = (iri, point) => { if (!corrections.place(point)) choose(iri); };
 data.addEventListener("changed", () => { slider.follow(); refresh(); });
 data.addEventListener("on", () => { byId("live").className = "live on"; });

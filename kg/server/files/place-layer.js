@@ -33,8 +33,7 @@ export function drawPlaceNames(c, view, taken) {
   c.textAlign = "center";
   c.font = "600 13px system-ui, sans-serif";
   for (const place of view.data.places.values()) {
-    const best = place.beliefs[0];
-    const name = best ? `${view.data.labelOf(best[0])} ${Math.round(best[1] * 100)} %` : view.data.nameOf(place);
+    const name = nameOfPlace(view.data, place);
     const width = c.measureText(name).width;
     if (width > (place.xmax - place.xmin) * view.scale - 6) continue;
     const [u, v] = view.toScreen((place.xmin + place.xmax) / 2, place.ymax);
@@ -44,7 +43,13 @@ export function drawPlaceNames(c, view, taken) {
   c.textAlign = "left";
 }
 
-function placeColour(view, place) {
+/** What a place is most probably, with its belief; else its name. */
+export function nameOfPlace(data, place) {
+  const best = place.beliefs[0];
+  return best ? `${data.labelOf(best[0])} ${Math.round(best[1] * 100)} %` : data.nameOf(place);
+}
+
+export function placeColour(view, place) {
   const best = place.beliefs[0];
   return best ? colourOf(view.data.labelOf(best[0]), view.dark) : view.faint;
 }
