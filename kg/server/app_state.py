@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import threading
+import asyncio
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -29,6 +29,20 @@ class QuerySubscription(BroadcastClient, Protocol):
 
 
 @dataclass(slots=True)
+class PlanningTurns:
+    """Whose turn it is to have a plan made; `lock` is held while one is made."""
+
+    lock: asyncio.Lock = field(default_factory=asyncio.Lock)
+    waiting: int = 0  # requests
+
+    def end(self, plan: asyncio.Future[Mapping[str, object]]) -> None:
+        """A plan is made, or failed: the next one's turn."""
+        self.lock.release()
+        if not plan.cancelled():
+            plan.exception()  # read, as whoever asked may have left
+
+
+@dataclass(slots=True)
 class AppState:
     """One map being served."""
 
@@ -41,5 +55,5 @@ class AppState:
     subscriptions: set[QuerySubscription] = field(default_factory=set)
     status: Status = dict
     planner: Planner | None = None  # for `/find`
-    planning: threading.Lock = field(default_factory=threading.Lock)  # held while it plans
+    planning: PlanningTurns = field(default_factory=PlanningTurns)
     sessions: Sessions = field(default_factory=Sessions)

@@ -1,4 +1,4 @@
-"""Pinhole intrinsics with OpenCV distortion: read, checked against the images, scaled."""
+"""Camera intrinsics with OpenCV distortion: read, checked against the images, scaled."""
 
 from __future__ import annotations
 
@@ -21,11 +21,13 @@ JSON_NAMES = (
 TEXT_NAMES = ("intrinsics.txt", "K.txt", "camera-intrinsics.txt")
 WIDEST, NARROWEST = 160.0, 1.0  # [deg] field of view that a pinhole camera can have
 ASPECT_TOLERANCE = 0.01  # relative; a crop or a wrong camera is off by far more
+FISHEYE = ("equidistant", "fisheye", "kannala_brandt4")  # names of one model of distortion
+FISHEYE_COEFFICIENTS = 4
 
 
 @dataclass(frozen=True, slots=True)
 class Intrinsics:
-    """A pinhole camera; pixel coordinates have their origin at the centre of the top left pixel."""
+    """A pinhole or fisheye camera; pixel (0, 0) is the centre of the top left pixel."""
 
     fx: float  # [px]
     fy: float
@@ -33,9 +35,15 @@ class Intrinsics:
     cy: float
     width: int | None = None  # [px] of the images the numbers hold for; None = as the images are
     height: int | None = None
-    dist: tuple[float, ...] = ()  # k1 k2 p1 p2 [k3 [k4 k5 k6]], OpenCV's order
+    dist: tuple[float, ...] = ()  # k1 k2 p1 p2 [k3 [k4 k5 k6]], OpenCV's order; fisheye: k1 to k4
     depth_scale: float | None = None  # depth units a metre, where the file says
     source: str = "intrinsics"  # where they come from, for messages
+    fisheye: bool = False  # equidistant projection (Kannala and Brandt, PAMI 2006)
+
+    @property
+    def distorted(self) -> bool:
+        """Whether its images are others than a pinhole camera's."""
+        return self.fisheye or any(self.dist)
 
     @property
     def K(self) -> NDArray[np.float64]:  # noqa: N802 - the symbol
@@ -109,9 +117,9 @@ def intrinsics_from_matrix(K: NDArray[np.float64], source: str) -> Intrinsics:
 def load_intrinsics(path: Path) -> Intrinsics:
     """Intrinsics from a file.
 
-    JSON: fx fy cx cy, optionally width height dist depth_scale; or Open3D's `intrinsic_matrix`
-    (nine numbers, column by column). Text: a 3x3 matrix, or `fx fy cx cy [depth_factor [width
-    height]]`. Raises RecordingError for anything else.
+    JSON: fx fy cx cy, optionally width height dist distortion_model depth_scale; or Open3D's
+    `intrinsic_matrix` (nine numbers, column by column). Text: a 3x3 matrix, or `fx fy cx cy
+    [depth_factor [width height]]`. Raises RecordingError for anything else.
     """
     if path.suffix == ".json":
         return _from_json(path)
@@ -155,9 +163,12 @@ def _from_json(path: Path) -> Intrinsics:
         raise RecordingError(f"{path}: expected {wanted}; {error.args[0]} is missing") from error
     except (ValueError, TypeError, IndexError, OverflowError) as error:
         raise RecordingError(f"{path}: expected {wanted}: {error}") from error
+    fisheye = card.get("distortion_model") in FISHEYE
+    if fisheye and len(dist) != FISHEYE_COEFFICIENTS:
+        raise RecordingError(f"{path}: dist of a fisheye holds 4 coefficients, got {len(dist)}")
     if len(dist) not in (0, 4, 5, 8):
         raise RecordingError(f"{path}: dist holds 4, 5 or 8 coefficients, got {len(dist)}")
-    return Intrinsics(fx, fy, cx, cy, width, height, dist, scale, str(path))
+    return Intrinsics(fx, fy, cx, cy, width, height, dist, scale, str(path), fisheye)
 
 
 def find_intrinsics(folder: Path) -> Intrinsics | None:

@@ -25,11 +25,11 @@ class Rectifier:
     @classmethod
     def for_camera(cls, camera: Intrinsics) -> Rectifier:
         """A rectifier for intrinsics fitted to the colour image."""
-        if not any(camera.dist):
+        if not camera.distorted:
             return cls(camera, None)
-        dist = np.array(camera.dist)
-        columns, lines = cv2.initUndistortRectifyMap(
-            camera.K, dist, None, camera.K, camera.size, cv2.CV_32FC1
+        model = cv2.fisheye if camera.fisheye else cv2
+        columns, lines = model.initUndistortRectifyMap(
+            camera.K, np.array(camera.dist), np.eye(3), camera.K, camera.size, cv2.CV_32FC1
         )
         return cls(camera, (columns.astype(np.float32), lines.astype(np.float32)))
 

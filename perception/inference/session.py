@@ -6,7 +6,7 @@ import json
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,8 @@ _FAILURES = (
 )
 THREADS_VARIABLE = "HEREABOUTS_THREADS"
 MOST_THREADS = 4
+#: a thread that spins while it waits takes the processor from whoever it waits for
+SPINNING: Final = "0"
 #: [px] of a network's input where it takes any size and does not say which it was made for, ...
 USUAL_SIZE = 640
 LARGEST_SIZE = 4096  # ... and the largest side of any
@@ -90,8 +92,7 @@ class Session:
         options = ort.SessionOptions()
         options.intra_op_num_threads = threads or thread_count()
         options.inter_op_num_threads = 1
-        # a thread that spins while it waits takes the processor from whoever it waits for
-        options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+        options.add_session_config_entry("session.intra_op.allow_spinning", SPINNING)
         options.log_severity_level = 3
         provider = provider_of(device)
         providers = list(dict.fromkeys((provider, f"CPU{_SUFFIX}")))

@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 
 from kg.errors import RecordingError
-from perception.camera.intrinsics import Intrinsics
+from perception.camera.intrinsics import FISHEYE, FISHEYE_COEFFICIENTS, Intrinsics
 
 #: distortion models with OpenCV's coefficients (sensor_msgs/distortion_models.h)
 MODELS: Final = ("plumb_bob", "rational_polynomial", "")
@@ -20,14 +20,15 @@ def intrinsics_of(message: Any, where: str, *, rectified: bool = False) -> Intri
     `rectified` says that the images are undistorted already (image_rect): they follow P instead of
     K and D. A region of interest is taken into account; binning follows from the images' size.
     Raises RecordingError, beginning with `where`, for a camera that is not calibrated or a model of
-    distortion that is not OpenCV's.
+    distortion that OpenCV does not have.
     """
     K = np.asarray(_field(message, "k"), np.float64).reshape(-1)
     P = np.asarray(_field(message, "p"), np.float64).reshape(-1)
     if len(K) != 9 or not K[0]:
         raise RecordingError(f"{where} is not calibrated (K is 0); --intrinsics FILE would work")
     matrix = P.reshape(3, 4)[:, :3] if rectified and len(P) == 12 and P[0] else K.reshape(3, 3)
-    dist = () if rectified else _distortion(message, where)
+    fisheye = not rectified and str(message.distortion_model) in FISHEYE
+    dist = () if rectified else _distortion(message, fisheye, where)
     roi = message.roi
     cropped = int(roi.width) > 0 and int(roi.height) > 0
     left, top = (int(roi.x_offset), int(roi.y_offset)) if cropped else (0, 0)
@@ -42,11 +43,15 @@ def intrinsics_of(message: Any, where: str, *, rectified: bool = False) -> Intri
         height,
         dist,
         source=where,
+        fisheye=fisheye,
     )
 
 
-def _distortion(message: Any, where: str) -> tuple[float, ...]:
+def _distortion(message: Any, fisheye: bool, where: str) -> tuple[float, ...]:
     dist = tuple(float(x) for x in _field(message, "d"))
+    if fisheye and (len(dist) == FISHEYE_COEFFICIENTS or not any(dist[FISHEYE_COEFFICIENTS:])):
+        # some drivers fill up to five; none at all is the bare equidistant projection
+        return (*dist, *(0.0,) * FISHEYE_COEFFICIENTS)[:FISHEYE_COEFFICIENTS]
     if not any(dist):
         return ()
     model = str(message.distortion_model)

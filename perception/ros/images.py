@@ -1,8 +1,9 @@
 """Images of ROS messages as arrays: sensor_msgs/Image, CompressedImage, compressedDepth.
 
 Encodings: sensor_msgs/image_encodings.h. Depth is 16-bit in millimetres or 32-bit floats in metres,
-as REP 118 has it. compressedDepth (compressed_depth_image_transport) is a PNG behind a header of 12
-bytes, in which floats are kept as quantised inverse depth.
+as REP 118 has it. compressedDepth (compressed_depth_image_transport) is a PNG, or width, height and
+RVL, behind a header of 12 bytes; floats are kept as quantised inverse depth. Bayer mosaics become
+colour by bilinear interpolation.
 """
 
 from __future__ import annotations
@@ -17,7 +18,15 @@ from numpy.typing import NDArray
 
 from kg.errors import RecordingError
 from perception.camera.image_decoding import MOST_PIXELS, decode_image
+from perception.ros.rvl import decode_rvl
 
+#: by the colours of the first two rows' first two pixels; OpenCV calls a mosaic by its second row
+_MOSAICS: Final = {
+    "bayer_rggb": cv2.COLOR_BayerBG2RGB,
+    "bayer_bggr": cv2.COLOR_BayerRG2RGB,
+    "bayer_gbrg": cv2.COLOR_BayerGR2RGB,
+    "bayer_grbg": cv2.COLOR_BayerGB2RGB,
+}
 #: type and channels of the encodings that are read
 ENCODINGS: Final = {
     "rgb8": (np.uint8, 3),
@@ -30,6 +39,10 @@ ENCODINGS: Final = {
     "mono16": (np.uint16, 1),
     "16UC1": (np.uint16, 1),
     "32FC1": (np.float32, 1),
+    "yuv422": (np.uint8, 2),
+    "yuv422_yuy2": (np.uint8, 2),
+    **{f"{mosaic}8": (np.uint8, 1) for mosaic in _MOSAICS},
+    **{f"{mosaic}16": (np.uint16, 1) for mosaic in _MOSAICS},
 }
 DEPTH_ENCODINGS: Final = ("16UC1", "mono16", "32FC1")
 _TO_RGB: Final = {
@@ -40,8 +53,12 @@ _TO_RGB: Final = {
     "bgra8": cv2.COLOR_BGRA2RGB,
     "mono8": cv2.COLOR_GRAY2RGB,
     "8UC1": cv2.COLOR_GRAY2RGB,
+    "yuv422": cv2.COLOR_YUV2RGB_UYVY,
+    "yuv422_yuy2": cv2.COLOR_YUV2RGB_YUY2,
+    **{f"{mosaic}{bits}": code for mosaic, code in _MOSAICS.items() for bits in (8, 16)},
 }
 _DEPTH_HEADER: Final = struct.Struct("<iff")  # format, then the two parameters of the quantisation
+_SIZE: Final = struct.Struct("<II")  # width, height of RVL depth
 _PNG: Final = b"\x89PNG"
 
 
@@ -89,7 +106,13 @@ def colour_image(message: Any, where: str) -> NDArray[np.uint8]:
         )
     image = _raw_image(message, where)
     conversion = _TO_RGB[encoding]
-    rgb = image if conversion is None else cv2.cvtColor(image, conversion)
+    if image.dtype == np.uint16:
+        image = (image >> 8).astype(np.uint8)
+    try:
+        rgb = image if conversion is None else cv2.cvtColor(image, conversion)
+    except cv2.error as error:
+        width, height = image.shape[1::-1]
+        raise RecordingError(f"{where}: {encoding} of {width}x{height} pixels is none") from error
     return np.ascontiguousarray(rgb).astype(np.uint8, copy=False)
 
 
@@ -107,7 +130,7 @@ def depth_image(message: Any, where: str) -> NDArray[np.uint16] | NDArray[np.flo
         return _raw_image(message, where)
     kind, data = image_kind(message), _bytes(message)
     if kind.compression == "compressedDepth":
-        return _compressed_depth(data, kind.encoding, where)
+        return _compressed_depth(data, kind.encoding, "rvl" in message.format, where)
     return _one_channel(decode_image(data, cv2.IMREAD_UNCHANGED, where), where)
 
 
@@ -122,8 +145,7 @@ def _raw_image(message: Any, where: str) -> NDArray[Any]:
     item = np.dtype(type_).newbyteorder(">" if message.is_bigendian else "<")
     row = width * channels * item.itemsize
     data = _bytes(message)
-    if min(width, height) < 1 or width * height > MOST_PIXELS:
-        raise RecordingError(f"{where}: an image of {width}x{height} pixels cannot be read")
+    _refuse_size(width, height, where)
     if step < row or len(data) < step * (height - 1) + row:
         raise RecordingError(
             f"{where}: {len(data)} bytes in rows of {step} are no {width}x{height} image of "
@@ -137,22 +159,39 @@ def _raw_image(message: Any, where: str) -> NDArray[Any]:
 
 
 def _compressed_depth(
-    data: NDArray[np.uint8], encoding: str, where: str
+    data: NDArray[np.uint8], encoding: str, is_rvl: bool, where: str
 ) -> NDArray[np.uint16] | NDArray[np.float32]:
     if bytes(data[:4]) == _PNG:  # some write a plain PNG under this name
         return _one_channel(decode_image(data, cv2.IMREAD_UNCHANGED, where), where)
-    if bytes(data[_DEPTH_HEADER.size :][:4]) != _PNG:
-        raise RecordingError(f"{where}: compressedDepth holds no PNG (RVL is not read)")
-    _, a, b = _DEPTH_HEADER.unpack(bytes(data[: _DEPTH_HEADER.size]))
-    raw = _one_channel(decode_image(data[_DEPTH_HEADER.size :], cv2.IMREAD_UNCHANGED, where), where)
+    header, body = bytes(data[: _DEPTH_HEADER.size]), data[_DEPTH_HEADER.size :]
+    if is_rvl and bytes(body[:4]) != _PNG:
+        raw = _rvl(body, where)
+    elif bytes(body[:4]) == _PNG:
+        raw = _one_channel(decode_image(body, cv2.IMREAD_UNCHANGED, where), where)
+    else:
+        raise RecordingError(f"{where}: compressedDepth holds neither PNG nor RVL")
     if encoding != "32FC1":
         return raw
+    _, a, b = _DEPTH_HEADER.unpack(header)
     if not np.isfinite((a, b)).all():
         raise RecordingError(f"{where}: compressedDepth has parameters that are not finite")
     with np.errstate(divide="ignore", invalid="ignore"):
         depth = np.float32(a) / (raw.astype(np.float32) - np.float32(b))
     depth[raw == 0] = np.nan
     return depth
+
+
+def _rvl(body: NDArray[np.uint8], where: str) -> NDArray[np.uint16]:
+    if len(body) < _SIZE.size:
+        raise RecordingError(f"{where}: RVL depth is cut short before its size")
+    width, height = _SIZE.unpack(bytes(body[: _SIZE.size]))
+    _refuse_size(width, height, where)
+    return decode_rvl(body[_SIZE.size :], width * height, where).reshape(height, width)
+
+
+def _refuse_size(width: int, height: int, where: str) -> None:
+    if min(width, height) < 1 or width * height > MOST_PIXELS:
+        raise RecordingError(f"{where}: an image of {width}x{height} pixels cannot be read")
 
 
 def _one_channel(image: NDArray[Any], where: str) -> NDArray[np.uint16]:

@@ -118,9 +118,7 @@ def _floor(semantic_map: SemanticMap, grid: Path) -> FreeSpace:
 def _by_viewpoints(
     semantic_map: SemanticMap, state: PlanningState, arguments: argparse.Namespace
 ) -> int:
-    from planner.goals.known_objects import known_json
-    from planner.plans.find_answer import plan_from
-    from planner.plans.report import plan_json
+    from planner.plans.find_answer import answer_json, plan_from
 
     found = plan_from(semantic_map, state, arguments.start, budget=arguments.budget)
     if arguments.picture:
@@ -129,7 +127,7 @@ def _by_viewpoints(
         path = plot_plan(semantic_map, state, found, Path(arguments.picture))
         note(f"wrote {path}")
     if arguments.json:
-        write_json({**plan_json(found), "known": known_json(semantic_map, state.targets)})
+        write_json(answer_json(semantic_map, state, found))
         return 0
     _print_known(semantic_map, state, arguments)
     if not found.steps:

@@ -122,7 +122,7 @@ def _tell(
 
 def _facts(recording: FolderRecording) -> dict[str, Any]:
     camera, entries = recording.rectifier.camera, recording.listing.entries
-    distorted = "undone" if any(camera.dist) else "none"
+    distorted = "undone" if camera.distorted else "none"
     return {
         "name": recording.name,
         "format": recording.format,

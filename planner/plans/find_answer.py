@@ -9,6 +9,7 @@ from kg.maps.semantic_map import SemanticMap
 from planner.goals.known_objects import known_json
 from planner.goals.targets import resolve
 from planner.plans.report import plan_json
+from planner.plans.route import planned_ways
 from planner.plans.search_state import PlanningState, build_search
 from planner.plans.view_plan import ViewPlan, plan
 
@@ -20,11 +21,18 @@ def find_answer(semantic_map: SemanticMap, wanted: Sequence[str]) -> dict[str, o
 
     Raises QueryParameterError for what is no object, UnknownCategoryError for an unknown word.
     """
-    found = planned(semantic_map, wanted)
-    targets = resolve(semantic_map, wanted)
-    if found is None:
-        return empty_answer([target.label for target in targets])
-    return {**plan_json(found), "known": known_json(semantic_map, targets)}
+    state = build_search(semantic_map, wanted)
+    if state is None:
+        return empty_answer([target.label for target in resolve(semantic_map, wanted)])
+    return answer_json(semantic_map, state, plan_from(semantic_map, state))
+
+
+def answer_json(
+    semantic_map: SemanticMap, state: PlanningState, found: ViewPlan
+) -> dict[str, object]:
+    """A plan with its ways, and what the map has of its targets, as plain values."""
+    ways = planned_ways(state, found, found.steps)
+    return {**plan_json(found, ways), "known": known_json(semantic_map, state.targets)}
 
 
 def planned(

@@ -7,16 +7,22 @@ import re
 from collections.abc import Sequence
 from itertools import takewhile
 
+import numpy as np
+from numpy.typing import NDArray
+
 from planner.goals.candidate_queries import Candidate
 from planner.plans.search_state import ViewReason
 from planner.plans.view_plan import ViewPlan, ViewStep, VisitedCandidate
 
 
-def plan_json(plan: ViewPlan) -> dict[str, object]:
+def plan_json(
+    plan: ViewPlan, ways: Sequence[NDArray[np.float64]] | None = None
+) -> dict[str, object]:
     """The plan as plain values; lengths to 1 mm, times to 1 ms, probabilities to 6 places.
 
-    `goals` are the candidates in visiting order; `distance` and `seconds` of one that no step shows
-    are null.
+    With `ways`, one (n, 2) [m] for each step, steps have the way to them, points to 1 cm. `goals`
+    are the candidates in visiting order; `distance` and `seconds` of one that no step shows are
+    null.
     """
     return {
         "target": ", ".join(plan.targets),
@@ -27,7 +33,7 @@ def plan_json(plan: ViewPlan) -> dict[str, object]:
         "expected_seconds": _rounded(plan.expected_seconds),
         "probability": round(plan.probability, 6),
         "present": round(plan.present, 6),
-        "steps": [_step(step) for step in plan.steps],
+        "steps": [_step(step) for step in plan.steps] if ways is None else _on_ways(plan, ways),
         "alternatives": [
             {
                 "name": other.name,
@@ -57,6 +63,18 @@ def _goal(goal: VisitedCandidate) -> dict[str, object]:
         "distance": _rounded(goal.metres),
         "seconds": _rounded(goal.seconds),
     }
+
+
+def _on_ways(plan: ViewPlan, ways: Sequence[NDArray[np.float64]]) -> list[dict[str, object]]:
+    return [
+        {**_step(step), "way": _corners(way)} for step, way in zip(plan.steps, ways, strict=True)
+    ]
+
+
+def _corners(way: NDArray[np.float64]) -> list[list[float]]:
+    """Every third point of a way and its end, which tell as much as all at a grid's 5 or 10 cm."""
+    kept = np.append(np.arange(0, len(way) - 1, 3), len(way) - 1)
+    return [[round(float(x), 2), round(float(y), 2)] for x, y in way[kept]]
 
 
 def _step(step: ViewStep) -> dict[str, object]:

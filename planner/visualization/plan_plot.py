@@ -9,11 +9,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.errors import LayoutError
 from kg.maps.semantic_map import SemanticMap
-from planner.freespace.geodesic import shortest_path
 from planner.freespace.line_of_sight import visible_cells
 from planner.plans.report import direction, fact_chain, plan_lines, purpose
+from planner.plans.route import planned_route
 from planner.plans.search_state import PlanningState
 from planner.plans.view_plan import ViewPlan, ViewStep
 from planner.viewpoints.sensor import angle_between
@@ -116,33 +115,6 @@ def _span(numbers: list[int]) -> str:
     if numbers == list(range(numbers[0], numbers[-1] + 1)):
         return f"{numbers[0]}-{numbers[-1]}"
     return ",".join(map(str, numbers)) if len(numbers) == 2 else f"{numbers[0]}, ..."
-
-
-def planned_route(
-    state: PlanningState, plan: ViewPlan, steps: tuple[ViewStep, ...]
-) -> NDArray[np.float64]:
-    """(n, 2) [m] the way from stop to stop over the floor."""
-    views, cell = state.views, state.space.nearest(plan.start)
-    points = [plan.start[None, :]]
-    for step in steps:
-        viewpoint = int(views.viewpoint[step.view])
-        try:
-            cells = shortest_path(state.space, views.fields[viewpoint], cell)
-        except LayoutError:  # through a passage that no cell leads into
-            cells = np.array([cell, views.viewpoints[viewpoint]], np.intp)
-        points.append(_smooth(state.space.centres(cells)))
-        cell = int(views.viewpoints[viewpoint])
-    return np.concatenate(points)
-
-
-def _smooth(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n, 2) each point the mean of its neighbours within two, the ends kept."""
-    if len(points) < 5:
-        return points
-    padded = np.vstack([points[:1], points[:1], points, points[-1:], points[-1:]])
-    mean = np.mean([padded[i : i + len(points)] for i in range(5)], axis=0)
-    mean[0], mean[-1] = points[0], points[-1]
-    return np.asarray(mean, np.float64)
 
 
 def _shade(state: PlanningState, steps: tuple[ViewStep, ...]) -> Shade:

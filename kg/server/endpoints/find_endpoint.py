@@ -1,11 +1,14 @@
 """`/find?object=`: a search plan for an object, by the planner that the server was given.
 
-`object` may be repeated. One plan is made at a time: planning takes a processor for about a second.
+`object` may be repeated. One plan is made at a time, as planning takes a processor for about a
+second; a few requests wait for their turn, and one whose client leaves gives its turn up.
 """
 
 from __future__ import annotations
 
+import asyncio
 import json
+from collections.abc import Mapping
 from typing import Final
 
 from starlette.concurrency import run_in_threadpool
@@ -13,9 +16,11 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from kg.server.app_state import AppState
+from kg.server.endpoints.sparql_protocol import unless_gone
 from kg.server.http.problems import Problem
 
 MOST_WORDS: Final = 5  # objects of one search
+MOST_WAITING: Final = 8  # requests
 _LONGEST: Final = 100  # letters of one
 
 
@@ -28,12 +33,7 @@ async def find(serving: AppState, request: Request) -> Response:
         raise Problem(
             400, f"needs ?object=, e.g. ?object=cup; up to {MOST_WORDS} of {_LONGEST} letters"
         )
-    if not serving.planning.acquire(blocking=False):
-        raise Problem(503, "another plan is being made; try again", {"Retry-After": "1"})
-    try:
-        plan = await run_in_threadpool(serving.planner, wanted)
-    finally:
-        serving.planning.release()
+    plan = await unless_gone(request, asyncio.ensure_future(_planned(serving, wanted)))
     try:
         text = json.dumps(plan, ensure_ascii=False, allow_nan=False)
     except ValueError as error:
@@ -41,3 +41,20 @@ async def find(serving: AppState, request: Request) -> Response:
             422, "no plan: a way is of no finite length; is the robot's position right?"
         ) from error
     return Response(f"{text}\n", media_type="application/json")
+
+
+async def _planned(serving: AppState, wanted: list[str]) -> Mapping[str, object]:
+    """The plan, once it is its turn; Problem 503 where too many wait already."""
+    assert serving.planner is not None
+    turns = serving.planning
+    if turns.waiting >= MOST_WAITING:
+        raise Problem(503, "too many plans are being waited for", {"Retry-After": "5"})
+    turns.waiting += 1
+    try:
+        await turns.lock.acquire()
+    finally:
+        turns.waiting -= 1
+    # a plan is made to its end, whoever leaves meanwhile: only then is it the next one's turn
+    plan = asyncio.ensure_future(run_in_threadpool(serving.planner, wanted))
+    plan.add_done_callback(turns.end)
+    return await asyncio.shield(plan)

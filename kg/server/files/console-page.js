@@ -15,7 +15,7 @@ const SHOWN_AS = ["table", "map", "chart"];
 
 const base = await enter(byId("console"));
 const { prefixes, queries } = await (await request("/queries", { accept: "application/json" })).json();
-const questions = new QuestionList(base, queries, (text) => { editor.text = text; ask(); });
+const questions = new QuestionList(base, queries, (text) => { editor.text = text.trim(); ask(); });
 const completion = new SparqlCompletion(prefixes, queries, (name) => questions.open(name));
 const editor = new QueryEditor(byId("editor"), queryOfAddress() ?? byId("query").value, {
   onAsk: ask, complete: (context) => completion.complete(context),

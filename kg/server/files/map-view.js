@@ -4,7 +4,7 @@ import { drawHighlights } from "/files/highlight-layer.js";
 import { drawText, inside, Taken } from "/files/map-drawing.js";
 import { listen } from "/files/map-gestures.js";
 import { ObjectLayer } from "/files/object-layer.js";
-import { drawPlaceNames, drawPlaces, nameOfPlace, placeColour } from "/files/place-layer.js";
+import { drawPlaceNames, drawPlaces, namesOf, placeColour } from "/files/place-layer.js";
 import { drawPlan, drawRobot, drawTrail } from "/files/robot-layer.js";
 
 const NEAR = 16; // [px] of a click from what it meant
@@ -130,7 +130,7 @@ export class MapView {
   }
 
   nameOfPlace(place) {
-    return nameOfPlace(this.data, place);
+    return namesOf(this.data, place)[0];
   }
 
   pictureOf(tile) {

@@ -1,5 +1,7 @@
 // Places in the colour of what they are believed to be, their names, and doors.
-import { colourOf, drawText } from "/files/map-drawing.js";
+import { colourOf, drawText, inside } from "/files/map-drawing.js";
+
+const LINES = 12; // of a place that a name is tried on
 
 export function drawPlaces(c, view) {
   for (const place of view.data.places.values()) drawPlace(c, view, place);
@@ -28,28 +30,44 @@ function drawPlace(c, view, place) {
   c.globalAlpha = 1;
 }
 
-/** Names of places along their upper walls, where there is room. */
+/** Names of places where there is room, rather along their upper walls. */
 export function drawPlaceNames(c, view, taken) {
   c.textAlign = "center";
   c.font = "600 13px system-ui, sans-serif";
   for (const place of view.data.places.values()) {
-    const name = nameOfPlace(view.data, place);
-    const width = c.measureText(name).width;
-    if (width > (place.xmax - place.xmin) * view.scale - 6) continue;
-    const [u, v] = view.toScreen((place.xmin + place.xmax) / 2, place.ymax);
-    const drop = [16, 32, 48].find((d) => taken.take(u - width / 2, v + d - 11, width, 14));
-    if (drop) drawText(c, view, name, u, v + drop, placeColour(view, place));
+    for (const name of namesOf(view.data, place)) {
+      const width = c.measureText(name).width;
+      const spot = [...spotsOf(view, place, width)].find(([u, v]) => inside(...view.toMap(u, v - 5), place.rings)
+        && taken.take(u - width / 2, v - 11, width, 14));
+      if (!spot) continue;
+      drawText(c, view, name, ...spot, placeColour(view, place));
+      break;
+    }
   }
   c.textAlign = "left";
 }
 
-/** What a place is most probably, with its belief; else its name. */
-export function nameOfPlace(data, place) {
-  const best = place.beliefs[0];
-  return best ? `${data.labelOf(best[0])} ${Math.round(best[1] * 100)} %` : data.nameOf(place);
+<<<<<<< HEAD
+/** What a place is most probably, with its belief and without; else its name. */
+export function namesOf(data, place) {
+  const best = place.beliefs[0], kind = best ? data.labelOf(best[0]) : data.nameOf(place);
+  return best ? [`${kind} ${Math.round(best[1] * 100)} %`, kind] : [kind];
 }
 
 export function placeColour(view, place) {
+=======
+/** Middles of a name of that width [px] inside a place's bounds, line by line from the top. */
+function* spotsOf(view, place, width) {
+  const [left, top] = view.toScreen(place.xmin, place.ymax), [right, bottom] = view.toScreen(place.xmax, place.ymin);
+  if (right - left < width + 6) return;
+  const aside = (right - left - width) / 2 - 6;
+  for (let line = 0; line < LINES && top + 16 * line + 16 < bottom; line++) {
+    for (const shift of [0, -aside, aside]) yield [(left + right) / 2 + shift, top + 16 * line + 16];
+  }
+}
+
+function placeColour(view, place) {
+>>>>>>> main
   const best = place.beliefs[0];
   return best ? colourOf(view.data.labelOf(best[0]), view.dark) : view.faint;
 }

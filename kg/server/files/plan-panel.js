@@ -10,18 +10,22 @@ export class PlanPanel {
     this._data = data;
     this._view = view;
     this._choose = choose;
+    this._asked = new AbortController(); // of the last request
     byId("find").addEventListener("submit", (event) => this._find(event));
   }
 
   async _find(event) {
     event.preventDefault();
     const wanted = byId("wanted").value.trim();
+    this._asked.abort(); // who asks anew does not wait for the old answer
+    const { signal } = this._asked = new AbortController();
     if (!wanted) return this._show(null);
     byId("plan").replaceChildren(element("p", "planning …"));
     try {
-      const answer = await request(`/find?object=${encodeURIComponent(wanted)}`, { accept: "application/json" });
+      const answer = await request(`/find?object=${encodeURIComponent(wanted)}`, { accept: "application/json", signal });
       return this._show(await answer.json(), wanted);
     } catch (error) {
+      if (signal.aborted) return null;
       return byId("plan").replaceChildren(element("p", error.message));
     }
   }

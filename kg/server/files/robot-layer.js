@@ -39,7 +39,8 @@ export function drawPlan(c, view) {
   c.strokeStyle = c.fillStyle = view.accent;
   c.lineWidth = 2;
   c.setLineDash([7, 5]);
-  tracePath(c, [view.toScreen(start[0], start[1]), ...stops]);
+  const way = steps.flatMap((step) => [...(step.way || []), [step.x, step.y]]);
+  tracePath(c, [start, ...way].map(([x, y]) => view.toScreen(x, y)));
   c.stroke();
   c.setLineDash([]);
   c.globalAlpha = 0.18;

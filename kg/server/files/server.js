@@ -17,11 +17,11 @@ export function isNumber(column) {
 }
 
 /** The answer to a request; `accept` is a media type. Throws an Error with the server's words and `status` where it refuses. */
-export async function request(address, { accept = "*/*", method = "GET", type, body } = {}) {
+export async function request(address, { accept = "*/*", method = "GET", type, body, signal } = {}) {
   const headers = { Accept: accept };
   if (type) headers["Content-Type"] = type;
   if (token) headers.Authorization = `Bearer ${token}`;
-  const answer = await fetch(address, { method, headers, body });
+  const answer = await fetch(address, { method, headers, body, signal });
   if (!answer.ok) throw Object.assign(new Error(await reasonOf(answer)), { status: answer.status });
   return answer;
 }

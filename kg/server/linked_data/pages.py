@@ -8,6 +8,7 @@ from html import escape
 from importlib.resources import files
 from string import Template
 from typing import TYPE_CHECKING, Final
+from urllib.parse import quote
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Quad
 
@@ -78,8 +79,8 @@ def _licence(iri: str | None) -> str:
     return f' · licence <a rel="license" href="{text}">{text}</a>' if web else f" · licence {text}"
 
 
-def thing_page(thing: ResourceDescription, title: str, link: Link) -> str:
-    """One thing: its facts, and the facts that point at it."""
+def thing_page(thing: ResourceDescription, title: str, link: Link, base: str) -> str:
+    """One thing of the map of IRI `base`: its facts, and the facts that point at it."""
     about = sorted((q for q in thing.about if _is(q.subject, thing.iri)), key=_order)
     facts = "".join(_fact(quad.predicate.value, _term(quad.object, link), link) for quad in about)
     pointing = "".join(
@@ -90,11 +91,21 @@ def thing_page(thing: ResourceDescription, title: str, link: Link) -> str:
         title=escape(title),
         iri=escape(thing.iri),
         turtle=escape(_turtle_address(link(thing.iri)[0])),
+        place=_on_the_map(thing, base),
         facts=facts,
         pointing=pointing,
         pointing_class="" if pointing else "hidden",
     )
     return shown(page)
+
+
+def _on_the_map(thing: ResourceDescription, base: str) -> str:
+    """A link to where the live map shows the thing; nothing for what stands nowhere."""
+    stated = {quad.predicate.value for quad in thing.about if _is(quad.subject, thing.iri)}
+    if not ({v.X, v.Y} <= stated and v.EXISTENCE in stated) and v.X_MIN not in stated:
+        return ""
+    name = quote(thing.iri.removeprefix(base), safe="/:@!$&'()*+,;=?#-._~")
+    return f'<p><a href="/#{escape(name)}">show it on the map</a></p>'
 
 
 def _turtle_address(href: str) -> str:

@@ -101,4 +101,5 @@ def _page(serving: AppState, thing: ResourceDescription, when: str) -> str:
         known = catalogue.by_iri(iri)
         return local_path(base, iri), known.label if known else compact(iri, base)
 
-    return thing_page(thing, min(labels, default=compact(thing.iri, base)) + when, link)
+    title = min(labels, default=compact(thing.iri, base)) + when
+    return thing_page(thing, title, link, base)

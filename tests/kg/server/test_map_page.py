@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -168,6 +169,36 @@ def test_find_draws_the_plan_with_its_reasons(open_page: OpenPage) -> None:
     says(page, "#plan", "cup 1")
     says(page, "#plan ol", "look 1")
     says(page, "#plan ol", "cup 1 is in the map")
+
+
+def test_of_two_searches_in_a_row_the_last_one_is_answered(
+    serve: Callable[..., Served], flat: SemanticMap, open_page: OpenPage
+) -> None:
+    begun, go_on = threading.Event(), threading.Event()
+
+    def slowly(wanted: list[str]) -> Mapping[str, object]:
+        if wanted == ["cup"]:
+            begun.set()
+            assert go_on.wait(60)
+        return find_answer(flat, wanted)
+
+    page = open_page(of=serve(planner=slowly))
+    page.fill("#wanted", "cup")
+    page.click("#find button")
+    assert begun.wait(60)
+    page.fill("#wanted", "chair")
+    page.click("#find button")
+    says(page, "#plan", "planning")
+    go_on.set()
+    says(page, "#plan", "chair 2")
+    assert "cup 1 is in the map" not in page.inner_text("#plan")
+
+
+def test_the_page_of_a_thing_leads_to_where_it_stands(open_page: OpenPage) -> None:
+    page = open_page(f"#{CUP}")
+    page.click("text=all its facts")
+    page.click("text=show it on the map")
+    says(page, "#about h2", "cup 1")
 
 
 def test_an_object_is_picked_on_the_canvas_and_keys_move_it(open_page: OpenPage) -> None:

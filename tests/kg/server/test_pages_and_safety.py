@@ -33,6 +33,19 @@ def test_thing_as_page_and_as_turtle(served: Served) -> None:
     assert served.get("object/99").status_code == 404
 
 
+def test_what_stands_somewhere_has_a_link_to_its_place_on_the_map(served: Served) -> None:
+    served.write("INSERT DATA { <urn:%41> a here:Cup ; rdfs:label 'odd' ; here:x 1 ; here:y 1 }")
+    for path, fragment in (
+        ("object/1", "object/1"),
+        ("place/1", "place/1"),
+        ("resource?iri=urn:%2541", "urn:%2541"),
+        ("resource?iri=https://w3id.org/hereabouts%23Cup", None),
+    ):
+        page = served.get(path, headers={"Accept": "text/html"}).text
+        assert (f'<a href="/#{fragment}">' in page) == (fragment is not None)
+        assert ('href="/#' in page) == (fragment is not None)
+
+
 def test_front_page_escapes_and_loads_nothing_from_afar(served: Served) -> None:
     page = served.get("", headers={"Accept": "text/html"})
     assert "flat &lt;1&gt;" in page.text

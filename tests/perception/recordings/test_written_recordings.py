@@ -93,18 +93,34 @@ def test_saturated_and_zero_depth_are_no_return(hololens):
     assert np.isfinite(depth).sum() == depth.size - 2
 
 
-def test_lens_distortion_is_undone_in_colour_and_depth(hololens, write_json):
+def brown_conrady(rays: np.ndarray) -> tuple[np.ndarray, dict]:
+    """Pixels (n, 2) of rays (n, 3) by radial and tangential distortion, and its card."""
+    dist = [0.2, -0.3, 0.002, -0.001, 0.1]
+    seen, _ = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), K, np.array(dist))
+    return seen[:, 0], {"dist": dist}
+
+
+def kannala_brandt(rays: np.ndarray) -> tuple[np.ndarray, dict]:
+    """Pixels (n, 2) of rays (n, 3) by the angle to the axis (PAMI 2006, equation 6)."""
+    dist = [0.05, -0.02, 0.01, -0.003]
+    radius = np.linalg.norm(rays[:, :2], axis=1)
+    angle = np.arctan(radius)
+    bent = angle * (1 + sum(k * angle ** (2 * i + 2) for i, k in enumerate(dist)))
+    seen = rays[:, :2] * (bent / radius)[:, None] * 130.0 + K[:2, 2]
+    return seen, {"dist": dist, "distortion_model": "equidistant"}
+
+
+@pytest.mark.parametrize("model", [brown_conrady, kannala_brandt])
+def test_lens_distortion_is_undone_in_colour_and_depth(hololens, write_json, model):
     folder = hololens()
     (folder / "K.txt").unlink()
-    dist = [0.2, -0.3, 0.002, -0.001, 0.1]
-    camera = {"fx": 130, "fy": 130, "cx": 79.5, "cy": 59.5, "dist": dist}
-    write_json(folder / "intrinsics.json", camera)
     pinhole = np.array([[30.0, 25], [130, 30], [80, 60], [40, 95], [120, 90]])  # [px]
     rays = np.c_[(pinhole - K[:2, 2]) / 130.0, np.ones(len(pinhole))]
-    seen, _ = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), K, np.array(dist))
+    seen, card = model(rays)
+    write_json(folder / "intrinsics.json", {"fx": 130, "fy": 130, "cx": 79.5, "cy": 59.5, **card})
     image = np.zeros((120, 160, 3), np.uint8)
     depth = np.full((120, 160), 2000, np.uint16)
-    for x, y in seen[:, 0]:
+    for x, y in seen:
         cv2.circle(image, (round(x * 16), round(y * 16)), 48, (255, 255, 255), -1, shift=4)
         cv2.circle(depth, (round(x), round(y)), 3, 1500, -1)
     cv2.imwrite(str(folder / "images" / "8.png"), image)

@@ -42,12 +42,23 @@ def test_binned_images_scale_the_camera() -> None:
     assert found.fx == 250
 
 
+@pytest.mark.parametrize("d", [(0.1, -0.02, 0.0, 0.001), (0.1, -0.02, 0.0, 0.001, 0.0), ()])
+def test_fisheye_cameras(d: tuple[float, ...]) -> None:
+    found = intrinsics_of(camera_info(distortion_model="equidistant", d=np.array(d)), "info")
+    assert found.fisheye
+    assert found.distorted, "without coefficients, too, it is no pinhole camera"
+    assert found.dist == ((*d[:4],) or (0.0,) * 4)
+    rectified = intrinsics_of(camera_info(distortion_model="equidistant"), "info", rectified=True)
+    assert not rectified.distorted
+
+
 def test_cameras_that_cannot_be_used() -> None:
     with pytest.raises(RecordingError, match="info is not calibrated"):
         intrinsics_of(camera_info(k=np.zeros(9)), "info")
-    fisheye = camera_info(distortion_model="equidistant", d=np.array([0.1, 0, 0, 0]))
-    with pytest.raises(RecordingError, match=r"'equidistant'.*image_rect"):
-        intrinsics_of(fisheye, "info")
+    for model, count in (("equidistant", 6), ("omni", 4)):
+        other = camera_info(distortion_model=model, d=np.full(count, 0.1))
+        with pytest.raises(RecordingError, match=rf"'{model}' with {count} .*image_rect"):
+            intrinsics_of(other, "info")
     with pytest.raises(RecordingError, match="with 3 coefficients"):
         intrinsics_of(camera_info(d=np.ones(3)), "info")
     with pytest.raises(RecordingError, match="finite"):

@@ -38,6 +38,36 @@ def test_grey_is_colour_three_times() -> None:
     assert np.array_equal(colour_image(image(grey, "mono8"), "here"), np.dstack([grey] * 3))
 
 
+def smooth(height: int = 24, width: int = 32) -> np.ndarray:
+    """A colour image whose channels are gradients of different directions."""
+    v, u = np.mgrid[0:height, 0:width]
+    return np.stack([20 + 5 * u, 200 - 4 * v, 40 + 2 * u + 3 * v], -1).astype(np.uint8)
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+@pytest.mark.parametrize("mosaic", ["rggb", "bggr", "gbrg", "grbg"])
+def test_bayer_mosaics_become_colour(mosaic: str, bits: int) -> None:
+    wanted = smooth()
+    raw = np.zeros(wanted.shape[:2], np.uint8)
+    for (row, column), colour in zip(np.ndindex(2, 2), mosaic, strict=True):
+        raw[row::2, column::2] = wanted[row::2, column::2, "rgb".index(colour)]
+    stored = raw if bits == 8 else raw.astype(np.uint16) << 8
+    read = colour_image(image(stored, f"bayer_{mosaic}{bits}"), "here")
+    inside = (slice(2, -2), slice(2, -2))
+    assert np.abs(read[inside].astype(int) - wanted[inside]).max() <= 2
+
+
+@pytest.mark.parametrize(("encoding", "first"), [("yuv422", "uy"), ("yuv422_yuy2", "yu")])
+def test_yuv_becomes_colour(encoding: str, first: str) -> None:
+    y, u, v = 130, 90, 170  # BT.601, of the range 16 to 235
+    pair = (u, y, v, y) if first == "uy" else (y, u, y, v)
+    stored = np.tile(np.array(pair, np.uint8), (4, 3)).reshape(4, 6, 2)
+    read = colour_image(image(stored, encoding), "here")
+    luma, blue, red = 1.164 * (y - 16), u - 128, v - 128
+    wanted = (luma + 1.596 * red, luma - 0.813 * red - 0.391 * blue, luma + 2.018 * blue)
+    assert np.abs(read.astype(float) - wanted).max() < 1.5
+
+
 @pytest.mark.parametrize("big", [False, True])
 @pytest.mark.parametrize("padding", [0, 8])
 def test_depth_of_every_encoding(big: bool, padding: int) -> None:
@@ -93,6 +123,58 @@ def test_compressed_depth_of_floats_is_quantised_inverse_depth() -> None:
     assert np.abs(read[seen] - depth[seen]).max() < 0.01
 
 
+def rvl(depth: np.ndarray) -> bytes:
+    """Size and stream of a depth image, as Wilson's paper has them."""
+    numbers: list[int] = []
+    values, last, i = depth.ravel().tolist(), 0, 0
+    while i < len(values):
+        for wanted in (False, True):
+            start = i
+            while i < len(values) and bool(values[i]) == wanted:
+                i += 1
+            numbers.append(i - start)
+            for value in values[start:i] if wanted else ():
+                delta, last = value - last, value
+                numbers.append(2 * delta if delta >= 0 else -2 * delta - 1)
+    groups: list[int] = []
+    for number in numbers:
+        while number > 7:
+            groups.append(number & 7 | 8)
+            number >>= 3
+        groups.append(number)
+    groups += [0] * (-len(groups) % 8)
+    words = [
+        int("".join(f"{g:x}" for g in groups[i : i + 8]), 16) for i in range(0, len(groups), 8)
+    ]
+    return struct.pack(f"<II{len(words)}I", depth.shape[1], depth.shape[0], *words)
+
+
+@pytest.mark.parametrize(
+    "depth",
+    [
+        MM,
+        np.zeros((3, 5), np.uint16),
+        np.full((2, 2), 65535, np.uint16),
+        np.random.default_rng(1).integers(0, 65536, (30, 40)).astype(np.uint16),
+        np.random.default_rng(2).integers(0, 2, (30, 41)).astype(np.uint16),
+        (1500 + smooth().astype(np.uint16)[:, :, 0]) * (smooth()[:, :, 1] > 150),
+    ],
+)
+def test_rvl_gives_back_every_pixel(depth: np.ndarray) -> None:
+    data = struct.pack("<iff", 0, 0, 0) + rvl(depth)
+    message = Message(header=header(), format="16UC1; compressedDepth rvl", data=data)
+    assert np.array_equal(depth_image(message, "here"), depth)
+    floats = Message(
+        header=header(),
+        format="32FC1; compressedDepth rvl",
+        data=struct.pack("<iff", 0, 10100.0, -1009.0) + rvl(depth),
+    )
+    read = depth_image(floats, "here")
+    seen = depth > 0
+    assert np.isnan(read[~seen]).all()
+    assert np.allclose(read[seen], 10100 / (depth[seen] + 1009.0))
+
+
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
@@ -103,7 +185,8 @@ def test_compressed_depth_of_floats_is_quantised_inverse_depth() -> None:
         ({"step": 0}, "rows of 0"),
         ({"step": 14}, "rows of 14"),
         ({"data": b""}, "0 bytes"),
-        ({"encoding": "yuv422"}, "'yuv422' is not read as colour; known are rgb8"),
+        ({"encoding": "nv21"}, "'nv21' is not read as colour; known are rgb8"),
+        ({"encoding": "yuv422"}, "yuv422 of 5x6 pixels is none"),
         ({"encoding": "32FC1"}, "'32FC1' is not read as colour"),
     ],
 )
@@ -120,6 +203,22 @@ def test_compressed_depth_that_is_none(data: bytes) -> None:
     message = Message(header=header(), format="16UC1; compressedDepth png", data=data)
     with pytest.raises(RecordingError):
         depth_image(message, "here")
+
+
+def test_rvl_that_is_none() -> None:
+    whole = rvl(MM)
+    head = struct.pack("<iff", 0, 0, 0)
+    for data, said in (
+        (head, "before its size"),
+        (head + whole[:12], "cut short before its 6 pixels"),
+        (head + struct.pack("<II", 2**20, 2**20) + whole[8:], "pixels cannot be read"),
+        (head + struct.pack("<II", 0, 4) + whole[8:], "0x4 pixels"),
+        (head + struct.pack("<II", 2, 2) + whole[8:], "does not end with its 4 pixels"),
+        (head + whole[:8] + b"\xff" * 16, "more than 32 bits|cut short"),
+    ):
+        message = Message(header=header(), format="16UC1; compressedDepth rvl", data=data)
+        with pytest.raises(RecordingError, match=said):
+            depth_image(message, "here")
 
 
 def test_colour_is_no_depth() -> None:

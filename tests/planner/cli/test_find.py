@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -73,6 +75,18 @@ def test_looks_worth_nothing_are_not_listed(says: Said) -> None:
     steps = json.loads(says("cup", "--json")[0])["steps"]
     total = sum(step["probability"] for step in steps)
     assert min(step["probability"] for step in steps) >= 0.004 * total
+
+
+def test_steps_have_the_way_to_them_as_it_is_driven(says: Said) -> None:
+    answer = json.loads(says("cup", "--json")[0])
+    stop, driven = answer["start"], 0.0
+    for step in answer["steps"]:
+        way = step["way"]
+        assert math.dist(way[0], stop) < 0.2
+        assert math.dist(way[-1], (step["x"], step["y"])) < 0.01
+        driven += sum(math.dist(a, b) for a, b in pairwise(way))
+        stop = way[-1]
+    assert driven == pytest.approx(answer["steps"][-1]["distance"], rel=0.15)
 
 
 def test_the_table_says_why_without_the_sources(says: Said) -> None:
