@@ -7,6 +7,7 @@ const SMALL = 0.12; // [m] side of a box whose extent is not known
 const LEAST = 0.03; // [m] side of a box, at least
 const GROUND = -2; // order of the floor; places come next, then what stands on it
 const FACE = 0.5; // opacity of the faces of boxes, whose edges are solid
+const MANY = 3000; // objects of the map from which on boxes have no edges
 const SHADES = 5; // of existence, each a mesh
 const UNIT = new THREE.BoxGeometry(1, 1, 1);
 const EDGES = new THREE.EdgesGeometry(UNIT).getAttribute("position");
@@ -105,11 +106,12 @@ export class SolidScene {
       if (!shades.has(shade)) shades.set(shade, []);
       shades.get(shade).push(one);
     }
+    const many = view.data.objects.size > MANY;
     this.meshes = [...shades].map(([shade, things]) => {
-      const boxes = things.map((one) => [...boxOf(one), hexOf(view.colourOfClass(one.class))]);
+      const boxes = things.map((one) => [...boxOf(one, view.layers.boxes), hexOf(view.colourOfClass(one.class))]);
       const mesh = this._boxes(boxes, "#ffffff", FACE * shade / SHADES);
       mesh.things = things;
-      things.forEach((one, n) => this._addEdges(one, boxes[n], sides, colours));
+      things.forEach((one, n) => { if (!many || one.iri === view.selected) this._addEdges(one, boxes[n], sides, colours); });
       return mesh;
     });
     const edges = new THREE.BufferGeometry();
@@ -152,17 +154,19 @@ export class SolidScene {
     group.add(mesh);
   }
 
+  /** The way of a plan, and a block at each of its stops. */
   _addPlan(group) {
-    const { plan, accent } = this._view;
+    const { plan, accent } = this._view, colour = hexOf(accent);
     if (!plan) return;
-    const points = [plan.start, ...plan.steps.map((step) => [step.x, step.y])].map(([x, y]) => this.at(x, y, 0.04));
-    group.add(lineOf(points, hexOf(accent)), this._boxes(points.slice(1).map(({ x, y }) => [x + this.origin[0], y + this.origin[1], 0.05, 0.16, 0.16, 0.1]), hexOf(accent)));
+    const way = plan.steps.flatMap((step) => [...(step.way || []), [step.x, step.y]]);
+    group.add(lineOf([plan.start, ...way].map(([x, y]) => this.at(x, y, 0.04)), colour));
+    group.add(this._boxes(plan.steps.map((step) => [step.x, step.y, 0.05, 0.16, 0.16, 0.1]), colour));
   }
 }
 
-/** Middle and sides [m] of an object's box. */
-export function boxOf(one) {
-  const sides = one.dx ? [one.dx, one.dy, one.dz].map((side) => Math.max(side, LEAST)) : [SMALL, SMALL, SMALL];
+/** Middle and sides [m] of an object's box; a small cube where it is not `sized`. */
+export function boxOf(one, sized) {
+  const sides = sized && one.dx ? [one.dx, one.dy, one.dz].map((side) => Math.max(side, LEAST)) : [SMALL, SMALL, SMALL];
   return [one.x, one.y, one.z ?? sides[2] / 2, ...sides];
 }
 

@@ -8,7 +8,8 @@ const STILL = 6; // [px] that a pointer may stray in a click
 const NAMES = 60; // objects whose names are written, the selected and the nearest
 const HIGH = 1; // [m] of what stands on the floor, as far as it has to be on the canvas
 const SOUTH = new THREE.Vector3(0, -0.62, 0.78); // towards the camera at first
-const CLOSE = 2.5; // [m] from which a thing is looked at
+const FLOOR = new THREE.Plane(new THREE.Vector3(0, 0, 1));
+const CLOSE = 5; // [m] from which a thing is looked at, at most
 
 export class Map3d {
   /** Shows what `view`, a MapView, shows. Throws where the browser has no WebGL 2. */
@@ -31,8 +32,9 @@ export class Map3d {
     Object.assign(this._controls, { screenSpacePanning: false, maxPolarAngle: 1.53, minDistance: 0.4, maxDistance: 2000, zoomToCursor: true });
     this._controls.listenToKeyEvents(this._canvas);
     this._controls.addEventListener("change", () => this._render());
+    this._changed = true; // since it was drawn last
     this._canvas.addEventListener("keydown", (event) => this._press(event));
-    this._canvas.addEventListener("webglcontextlost", () => view.onLost());
+    this._canvas.addEventListener("webglcontextlost", () => { if (this._canvas.isConnected) view.onLost(); });
     this._listenToClicks();
     new ResizeObserver(() => this._resize()).observe(this._canvas);
   }
@@ -42,8 +44,6 @@ export class Map3d {
     this._view.canvas.after(this._canvas, this._names);
     this._view.canvas.classList.add("hidden");
     this._resize();
-    this.fit();
-    this.draw();
   }
 
   close() {
@@ -84,7 +84,7 @@ export class Map3d {
   goTo(x, y) {
     const { target } = this._controls, offset = this._camera.position.clone().sub(target);
     target.copy(this._solid.at(x, y));
-    this._camera.position.copy(target).add(offset.setLength(Math.min(offset.length(), 2 * CLOSE)));
+    this._camera.position.copy(target).add(offset.setLength(Math.min(offset.length(), CLOSE)));
     this._controls.update();
   }
 
@@ -102,7 +102,7 @@ export class Map3d {
 
   _listenToClicks() {
     let down = null;
-    this._canvas.addEventListener("pointerdown", (event) => { down = event.isPrimary ? [event.clientX, event.clientY] : null; });
+    this._canvas.addEventListener("pointerdown", (event) => { down = event.isPrimary && event.button === 0 ? [event.clientX, event.clientY] : null; });
     this._canvas.addEventListener("pointerup", (event) => {
       if (!down || Math.hypot(event.clientX - down[0], event.clientY - down[1]) > STILL) return;
       const box = this._canvas.getBoundingClientRect();
@@ -116,10 +116,11 @@ export class Map3d {
     ray.setFromCamera(new THREE.Vector2(x, y), this._camera);
     const [hit] = ray.intersectObjects(this._solid.meshes, false);
     const one = hit ? hit.object.things[hit.instanceId] : this._nearest(u, v);
-    const floor = ray.ray.intersectPlane(new THREE.Plane(new THREE.Vector3(0, 0, 1)), new THREE.Vector3());
-    const point = floor && [floor.x + this._solid.origin[0], floor.y + this._solid.origin[1]];
-    const below = point && [...this._view.data.places.values()].filter((place) => inside(...point, place.rings)).pop();
-    this._view.onPick(one?.iri ?? below?.iri ?? null, point || this._view.centre);
+    const spot = hit?.point ?? ray.ray.intersectPlane(FLOOR, new THREE.Vector3());
+    if (!spot) return; // the sky
+    const point = [spot.x + this._solid.origin[0], spot.y + this._solid.origin[1]];
+    const below = [...this._view.data.places.values()].filter((place) => inside(...point, place.rings)).pop();
+    this._view.onPick((one ?? below)?.iri ?? null, point);
   }
 
   _nearest(u, v) {
@@ -135,7 +136,7 @@ export class Map3d {
   _onScreen() {
     const found = [];
     for (const one of this._solid.meshes.flatMap((mesh) => mesh.things)) {
-      const [x, y, z, , , dz] = boxOf(one), point = this._project(x, y, z + dz / 2);
+      const [x, y, z, , , dz] = boxOf(one, this._view.layers.boxes), point = this._project(x, y, z + dz / 2);
       if (point) found.push([one, ...point]);
     }
     return found;
@@ -177,25 +178,32 @@ export class Map3d {
 
   /** Names of stops and places, of the selected object and of those nearest to the camera. */
   _writeNames() {
-    const ratio = devicePixelRatio || 1, c = this._names.getContext("2d"), view = this._view;
+    const view = this._view, write = this._writer();
+    view.plan?.steps.forEach((step, n) => write(String(n + 1), this._project(step.x, step.y, 0.04), view.accent, "700 14px"));
+    for (const place of view.data.places.values()) {
+      const middle = this._project((place.xmin + place.xmax) / 2, (place.ymin + place.ymax) / 2, 0);
+      write(view.nameOfPlace(place), middle, view.colourOfPlace(place), "600 13px");
+    }
+    const order = ([one, , , distance]) => (one.iri === view.selected ? -1 : distance);
+    const nearest = this._onScreen().sort((a, b) => order(a) - order(b)).slice(0, NAMES);
+    for (const [one, ...top] of nearest) {
+      const selected = one.iri === view.selected;
+      if (selected || view.layers.labels) write(view.data.nameOf(one).slice(0, 40), top, view.ink, selected ? "700 13px" : "12px");
+    }
+  }
+
+  /** Function that writes a text over a point [u, v] of an empty canvas where there is room. */
+  _writer() {
+    const ratio = devicePixelRatio || 1, c = this._names.getContext("2d"), taken = new Taken(this._width, this._height);
     c.setTransform(ratio, 0, 0, ratio, 0, 0);
     c.clearRect(0, 0, this._width, this._height);
     c.textAlign = "center";
-    const taken = new Taken(this._width, this._height);
     taken.take(this._width - 50, 0, 50, 190, true); // the buttons
-    const write = (text, point, colour, font) => {
+    return (text, point, colour, font) => {
       c.font = `${font} system-ui, sans-serif`;
       const width = c.measureText(text).width;
-      if (point && taken.take(point[0] - width / 2 - 2, point[1] - 18, width + 4, 15)) drawText(c, view, text, point[0], point[1] - 7, colour);
+      if (!point || !taken.take(point[0] - width / 2 - 2, point[1] - 18, width + 4, 15)) return;
+      drawText(c, this._view, text, point[0], point[1] - 7, colour);
     };
-    view.plan?.steps.forEach((step, n) => write(String(n + 1), this._project(step.x, step.y, 0.04), view.accent, "700 14px"));
-    for (const place of view.data.places.values()) {
-      const point = this._project((place.xmin + place.xmax) / 2, (place.ymin + place.ymax) / 2, 0);
-      write(view.nameOfPlace(place), point, view.colourOfPlace(place), "600 13px");
-    }
-    const order = (one, distance) => (one.iri === view.selected ? -1 : distance);
-    const objects = this._onScreen().sort((a, b) => order(a[0], a[3]) - order(b[0], b[3])).slice(0, NAMES);
-    const named = view.layers.labels ? objects : objects.filter(([one]) => one.iri === view.selected);
-    for (const [one, ...point] of named) write(view.data.nameOf(one).slice(0, 40), point, view.ink, one.iri === view.selected ? "700 13px" : "12px");
   }
 }

@@ -17,6 +17,7 @@ const panel = new ThingPanel(data, goTo, (thing) => corrections.form(thing));
 const slider = new TimeSlider(data);
 new PlanPanel(data, view, goTo);
 let listing = 0;
+let solid = null; // the view in three dimensions, once it was wanted
 
 function shown(one) {
   return one.iri === view.selected || list.passes(one);
@@ -57,14 +58,16 @@ function goToAddress() {
   goTo([name, data.base + name].find((one) => data.objects.has(one) || data.places.has(one)) || null);
 }
 
-/** Show the map in three dimensions, or flat again; what draws it is loaded now. */
+/** Show the map in three dimensions, or flat again; what draws it is loaded when it is first wanted. */
 async function turn() {
   if (view.solid) flatten();
   else {
     try {
       const { Map3d } = await import("/files/map-3d.js");
-      view.solid ??= new Map3d(view);
-      view.solid.open();
+      solid ??= new Map3d(view);
+      solid.open();
+      view.solid = solid;
+      view.fit();
     } catch (error) {
       status(`the map stays flat: ${error.message}`);
     }
@@ -76,6 +79,12 @@ function flatten() {
   view.solid.close();
   view.solid = null;
   view.draw();
+}
+
+function forgetSolid() {
+  turn();
+  solid = null;
+  status("the map is flat again: the browser took its graphics back");
 }
 
 function showTransaction({ sequence, cause }) {
@@ -93,7 +102,7 @@ document.querySelectorAll("[data-layer]").forEach((box) => box.addEventListener(
   byId("viewed-legend").classList.toggle("hidden", !view.layers.viewed);
   view.draw();
 }));
-view.onLost = () => { if (view.solid) turn().then(() => status("the map is flat again: the browser took its graphics back")); };
+view.onLost = forgetSolid;
 view.onPick = (iri, point) => { if (!corrections.place(point)) choose(iri); };
 data.addEventListener("changed", () => { slider.follow(); refresh(); });
 data.addEventListener("on", () => { byId("live").className = "live on"; });

@@ -47,15 +47,12 @@ export function drawPlaceNames(c, view, taken) {
   c.textAlign = "left";
 }
 
-<<<<<<< HEAD
 /** What a place is most probably, with its belief and without; else its name. */
 export function namesOf(data, place) {
   const best = place.beliefs[0], kind = best ? data.labelOf(best[0]) : data.nameOf(place);
   return best ? [`${kind} ${Math.round(best[1] * 100)} %`, kind] : [kind];
 }
 
-export function placeColour(view, place) {
-=======
 /** Middles of a name of that width [px] inside a place's bounds, line by line from the top. */
 function* spotsOf(view, place, width) {
   const [left, top] = view.toScreen(place.xmin, place.ymax), [right, bottom] = view.toScreen(place.xmax, place.ymin);
@@ -66,8 +63,7 @@ function* spotsOf(view, place, width) {
   }
 }
 
-function placeColour(view, place) {
->>>>>>> main
+export function placeColour(view, place) {
   const best = place.beliefs[0];
   return best ? colourOf(view.data.labelOf(best[0]), view.dark) : view.faint;
 }
