@@ -5,6 +5,8 @@ import * as THREE from "/files/vendor/three.min.js";
 
 const NEAR = 16; // [px] of a click from what it meant
 const STILL = 6; // [px] that a pointer may stray in a click
+const MANY = 2000; // objects of the map whose names are not written while it moves
+const REST = 150; // [ms] after which a map that was moved rests
 const NAMES = 60; // objects whose names are written, the selected and the nearest
 const HIGH = 1; // [m] of what stands on the floor, as far as it has to be on the canvas
 const SOUTH = new THREE.Vector3(0, -0.62, 0.78); // towards the camera at first
@@ -31,7 +33,7 @@ export class Map3d {
     this._controls = new THREE.OrbitControls(this._camera, this._canvas);
     Object.assign(this._controls, { screenSpacePanning: false, maxPolarAngle: 1.53, minDistance: 0.4, maxDistance: 2000, zoomToCursor: true });
     this._controls.listenToKeyEvents(this._canvas);
-    this._controls.addEventListener("change", () => this._render());
+    this._controls.addEventListener("change", () => this._renderMoving());
     this._changed = true; // since it was drawn last
     this._canvas.addEventListener("keydown", (event) => this._press(event));
     this._canvas.addEventListener("webglcontextlost", () => { if (this._canvas.isConnected) view.onLost(); });
@@ -81,9 +83,9 @@ export class Map3d {
   }
 
   /** Bring a point [m] into the middle, from where the camera looks. */
-  goTo(x, y) {
+  goTo(x, y, z) {
     const { target } = this._controls, offset = this._camera.position.clone().sub(target);
-    target.copy(this._solid.at(x, y));
+    target.copy(this._solid.at(x, y, z));
     this._camera.position.copy(target).add(offset.setLength(Math.min(offset.length(), CLOSE)));
     this._controls.update();
   }
@@ -162,6 +164,14 @@ export class Map3d {
     this._render();
   }
 
+  /** Draw, of many objects without their names until the map has rested for a moment. */
+  _renderMoving() {
+    clearTimeout(this._rest);
+    this._isMoving = this._view.data.objects.size > MANY;
+    this._rest = setTimeout(() => { this._isMoving = false; this._render(); }, REST);
+    this._render();
+  }
+
   /** Draw with the next picture of the screen. */
   _render() {
     this._waiting ||= requestAnimationFrame(() => {
@@ -184,6 +194,7 @@ export class Map3d {
       const middle = this._project((place.xmin + place.xmax) / 2, (place.ymin + place.ymax) / 2, 0);
       write(view.nameOfPlace(place), middle, view.colourOfPlace(place), "600 13px");
     }
+    if (this._isMoving) return;
     const order = ([one, , , distance]) => (one.iri === view.selected ? -1 : distance);
     const nearest = this._onScreen().sort((a, b) => order(a) - order(b)).slice(0, NAMES);
     for (const [one, ...top] of nearest) {

@@ -47,7 +47,7 @@ function choose(iri) {
 /** Select a thing and bring it into the middle. */
 function goTo(iri) {
   const one = data.objects.get(iri), place = data.places.get(iri);
-  if (one) view.goTo(one.x, one.y);
+  if (one) view.goTo(one.x, one.y, undefined, one.z);
   if (place) view.goTo((place.xmin + place.xmax) / 2, (place.ymin + place.ymax) / 2, view.scale);
   choose(iri);
 }

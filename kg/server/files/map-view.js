@@ -72,10 +72,10 @@ export class MapView {
   }
 
   /** Bring a point [m] into the middle. */
-  goTo(x, y, scale = Math.max(this.scale, 70)) {
+  goTo(x, y, scale = Math.max(this.scale, 70), z = 0) {
     this.centre = [x, y];
     this.scale = scale;
-    this.solid?.goTo(x, y);
+    this.solid?.goTo(x, y, z);
     this.draw();
   }
 
