@@ -7,7 +7,8 @@ from pathlib import Path
 
 from planner.cli.arguments import add_json
 from planner.cli.console import note, progress, write_json
-from planner.cli.recording_arguments import add_camera_options, open_given_recording
+from planner.cli.recording_arguments import open_given_recording
+from planner.cli.recording_options import add_camera_options
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:

@@ -18,7 +18,7 @@ from planner.cli.evaluation_pictures import (
     draw_truth,
     refuse_impossible_pictures,
 )
-from planner.cli.recording_arguments import MODES, add_recording_options
+from planner.cli.recording_options import MODES, add_recording_options
 
 if TYPE_CHECKING:
     from mapping.evaluation.class_scores import MapScore, Truth

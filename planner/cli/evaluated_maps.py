@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 from kg.errors import LayoutError
 from planner.cli.arguments import title_for
 from planner.cli.map_recording import map_with_progress
-from planner.cli.recording_arguments import MODES, Inputs, open_given_recording, open_inputs
+from planner.cli.recording_arguments import Inputs, open_given_recording, open_inputs
+from planner.cli.recording_options import MODES
 
 if TYPE_CHECKING:
     import numpy as np

@@ -9,11 +9,8 @@ from typing import TYPE_CHECKING, Any
 from kg.errors import RecordingError
 from planner.cli.arguments import add_json
 from planner.cli.console import print_table, write, write_json
-from planner.cli.recording_arguments import (
-    add_camera_options,
-    given_streams,
-    open_given_recording,
-)
+from planner.cli.recording_arguments import given_streams, open_given_recording
+from planner.cli.recording_options import add_camera_options
 from planner.cli.text_table import printable
 
 if TYPE_CHECKING:

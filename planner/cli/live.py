@@ -24,11 +24,11 @@ from planner.cli.map_recording import (
 )
 from planner.cli.recording_arguments import (
     MappingInputs,
-    add_live_options,
     given_streams,
     open_given_recording,
     open_mapping_inputs,
 )
+from planner.cli.recording_options import add_live_options
 from planner.cli.teach import with_taught_rooms
 
 if TYPE_CHECKING:
@@ -36,14 +36,17 @@ if TYPE_CHECKING:
     from perception.live.connection import Connection
     from perception.live.stream import StreamCounts
 
-SOURCES: Final = "ros1://HOST:11311, ws://HOST:8765 (Foxglove), or a folder that is being written"
+SOURCES: Final = (
+    "ros1://HOST:11311, ros2 or ros2://DOMAIN, ws://HOST:8765 (Foxglove), or a folder that is "
+    "being written"
+)
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Declare the command."""
     parser = subparsers.add_parser(
         "live",
-        help="map frames as they come: from ROS 1, a Foxglove WebSocket or a growing folder",
+        help="map frames as they come: from ROS 1 or 2, a Foxglove WebSocket or a growing folder",
         description="Map what a robot publishes now, until Ctrl+C or SIGTERM, which end it after a "
         "whole frame. Frames that come while earlier ones are mapped are dropped, but for the "
         "newest, and counted; those of a folder are all mapped. Started again it goes on.",
@@ -77,13 +80,18 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _connection(source: str) -> Connection | None:
     """What `source` is the address of; None: a folder. Raises RecordingError for neither."""
-    scheme = urlsplit(source).scheme if "://" in source else ""
-    if scheme in ("ros1", "ws", "wss"):
+    scheme = urlsplit(source).scheme if "://" in source else source if source == "ros2" else ""
+    if scheme in ("ros1", "ros2", "ws", "wss"):
         require_ros(source, "rosbags")
     if scheme == "ros1":
         from perception.live.ros1 import Ros1Master
 
         return Ros1Master.at(source)
+    if scheme == "ros2":
+        require_ros(source, "cyclonedds", "dds")
+        from perception.live.ros2 import Ros2Domain
+
+        return Ros2Domain.at(source)
     if scheme in ("ws", "wss"):
         require_ros(source, "websockets")
         from perception.live.foxglove import FoxgloveConnection
@@ -96,12 +104,14 @@ def _connection(source: str) -> Connection | None:
     return None
 
 
-def require_ros(source: str, package: str) -> None:
+def require_ros(source: str, package: str, extra: str = "ros") -> None:
     """Raise RecordingError where a package is missing that `source` needs."""
     from importlib.util import find_spec
 
     if find_spec(package) is None:
-        raise RecordingError(f"{source} needs the package {package}: pip install 'hereabouts[ros]'")
+        raise RecordingError(
+            f"{source} needs the package {package}: pip install 'hereabouts[{extra}]'"
+        )
 
 
 @contextmanager

@@ -12,13 +12,8 @@ from typing import TYPE_CHECKING
 from kg.errors import GraphError, LayoutError, MapNotFoundError, RecordingError
 from planner.cli.arguments import MAP_HELP, add_json, add_keep, keep_seconds, title_for
 from planner.cli.console import note, print_table, progress, write_json
-from planner.cli.recording_arguments import (
-    Inputs,
-    MappingInputs,
-    add_recording_options,
-    open_given_recording,
-    open_inputs,
-)
+from planner.cli.recording_arguments import Inputs, MappingInputs, open_given_recording, open_inputs
+from planner.cli.recording_options import add_recording_options
 from planner.cli.teach import with_taught_rooms
 from planner.cli.viewers import add_viewers, open_viewers
 

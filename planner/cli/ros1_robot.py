@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Final
 from planner.cli.arguments import add_device, positive
 from planner.cli.live import require_ros
 from planner.cli.models import named_detector
-from planner.cli.recording_arguments import add_stream_options, given_streams
+from planner.cli.recording_arguments import given_streams
+from planner.cli.recording_options import add_stream_options
 
 if TYPE_CHECKING:
     from planner.execution.robot import Robot

@@ -16,7 +16,8 @@ from kg.errors import HereaboutsError
 from planner.cli.arguments import add_keep, add_map, keep_seconds, positive
 from planner.cli.console import note
 from planner.cli.map_recording import align_with_map, refuse_mapped
-from planner.cli.recording_arguments import Inputs, add_recording_options, open_inputs
+from planner.cli.recording_arguments import Inputs, open_inputs
+from planner.cli.recording_options import add_recording_options
 
 if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Final, TypeVar
 from kg.errors import LayoutError, ModelError, RecordingError, UnknownCategoryError
 from planner.cli.arguments import add_device, add_json, add_map
 from planner.cli.console import note, write_json
-from planner.cli.recording_arguments import add_camera_options, open_given_recording
+from planner.cli.recording_arguments import open_given_recording
+from planner.cli.recording_options import add_camera_options
 
 if TYPE_CHECKING:
     import numpy as np

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Sequence
 from itertools import takewhile
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,8 @@ from numpy.typing import NDArray
 from planner.goals.candidate_queries import Candidate
 from planner.plans.search_state import ViewReason
 from planner.plans.view_plan import ViewPlan, ViewStep, VisitedCandidate
+
+_SAME_WEIGHT: Final = 0.5  # share of the weightiest reason from which on a second one is named
 
 
 def plan_json(
@@ -120,6 +123,17 @@ def purpose(candidate: Candidate) -> str:
     return "beyond seen floor" if candidate.kind == "frontier" else candidate.label
 
 
+def main_candidates(step: ViewStep) -> tuple[Candidate, ...]:
+    """What a look is mainly for: its weightiest reason, and a second of about the same weight."""
+    least = _SAME_WEIGHT * step.why[0].probability if step.why else 0.0
+    return tuple(reason.candidate for reason in step.why[:2] if reason.probability >= least)
+
+
+def step_purpose(step: ViewStep) -> str:
+    """What a look is mainly for, in a few words; "" where nothing is known of that."""
+    return ", ".join(dict.fromkeys(map(purpose, main_candidates(step))))
+
+
 def looks_table(steps: Sequence[ViewStep]) -> tuple[tuple[str, ...], list[tuple[object, ...]]]:
     """Header and rows of a plan: where to stand, where to look, chance, time, what is left."""
     header = ("", "stand at", "in", "look", "for", "chance", "by [s]", "left")
@@ -129,7 +143,7 @@ def looks_table(steps: Sequence[ViewStep]) -> tuple[tuple[str, ...], list[tuple[
             f"{step.p_map[0]:.1f}, {step.p_map[1]:.1f}",
             step.place_name,
             direction(step),
-            purpose(step.why[0].candidate) if step.why else "",
+            step_purpose(step),
             f"{step.probability:.3f}",
             round(step.seconds),
             f"{step.left:.3f}",
@@ -139,8 +153,8 @@ def looks_table(steps: Sequence[ViewStep]) -> tuple[tuple[str, ...], list[tuple[
 
 
 def reason_lines(steps: Sequence[ViewStep]) -> list[str]:
-    """Each weightiest reason of the looks once, with its chain of facts and without sources."""
-    first = {step.why[0].candidate.iri: step.why[0].candidate for step in steps if step.why}
+    """Each main reason of the looks once, with its chain of facts and without sources."""
+    first = {one.iri: one for step in steps for one in main_candidates(step)}
     return [f"{purpose(one)}: {fact_chain(one.facts)}" for one in first.values()]
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from kg.maps.semantic_map import SemanticMap
 from planner.execution.protocol import cleaned
 from planner.plans.find_answer import Start, plan_from
-from planner.plans.report import purpose
+from planner.plans.report import step_purpose
 from planner.plans.route import planned_route
 from planner.plans.search_state import build_search
 from planner.plans.view_plan import ViewStep
@@ -42,7 +42,7 @@ def _stops(steps: Sequence[ViewStep]) -> tuple[SceneStop, ...]:
     for number, step in enumerate(steps, start=1):
         at = float(step.p_map[0]), float(step.p_map[1])
         first = next((i for i, spot in enumerate(spots) if math.dist(spot, at) < SAME), len(spots))
-        what = purpose(step.why[0].candidate) if step.why else step.place_name
+        what = step_purpose(step) or step.place_name
         reason = cleaned(f"{number}. {what}: {step.probability:.2f}, by {step.seconds:.0f} s")
         spots.append(at)
         reasons.append([])

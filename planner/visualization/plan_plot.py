@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
 from planner.freespace.line_of_sight import visible_cells
-from planner.plans.report import direction, fact_chain, plan_lines, purpose
+from planner.plans.report import direction, fact_chain, plan_lines, step_purpose
 from planner.plans.route import planned_route
 from planner.plans.search_state import PlanningState
 from planner.plans.view_plan import ViewPlan, ViewStep
@@ -74,7 +74,8 @@ def _listing(plan: ViewPlan, steps: Sequence[ViewStep]) -> Listing:
     items, given = [], set()
     for number, step in enumerate(steps[:_LISTED], start=1):
         why = step.why[0].candidate if step.why else None
-        head = f"look {direction(step)}" + (f" for {purpose(why)}" if why else "")
+        what = step_purpose(step)
+        head = f"look {direction(step)}" + (f" for {what}" if what else "")
         reason = fact_chain(why.facts) if why is not None and why.iri not in given else ""
         given |= {why.iri} if why is not None else set()
         chance = f"finds it with {step.probability:.3f} by {step.seconds:.0f} s"

@@ -33,7 +33,9 @@ def objects(prints: Prints, path: Path) -> list[object]:
     return list(json.loads(prints("ask", path, "-e", rows, "--format", "json")))
 
 
-@pytest.mark.parametrize("words", [["nowhere"], ["ftp://host"], ["ros1://"], ["ros1://h:port"]])
+@pytest.mark.parametrize(
+    "words", [["nowhere"], ["ftp://host"], ["ros1://"], ["ros1://h:port"], ["ros3"]]
+)
 def test_what_is_no_source_is_refused_before_a_map_is_made(
     words: list[str], fails: Callable[..., str], tmp_path: Path
 ) -> None:
