@@ -51,7 +51,7 @@ def main() -> None:
 
 def shrink(picture: Path) -> None:
     """Write it again in 256 colours, a third of the bytes."""
-    few = Image.open(picture).convert("RGB").quantize(256, Image.Quantize.MAXCOVERAGE)
+    few = Image.open(picture).convert("RGB").quantize(256, Image.Quantize.MAXCOVERAGE, kmeans=3)
     few.save(picture, optimize=True)
 
 
@@ -136,7 +136,9 @@ def kitchen(folder: Path) -> Path:
     """The map of the recorded kitchen."""
     shared = Path(os.environ.get("HEREABOUTS_SHARED", ROOT.parent / "shared"))
     recording = folder / "kitchen"  # what the map calls its place
-    recording.symlink_to(shared / "data" / "rgbd" / "redkitchen")
+    recording.mkdir()
+    for file in (shared / "data" / "rgbd" / "redkitchen").iterdir():
+        (recording / file.name).symlink_to(file)
     hereabouts("map", recording, "--into", folder / "kitchen.map")
     return folder / "kitchen.map"
 
