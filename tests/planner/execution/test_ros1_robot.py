@@ -152,7 +152,7 @@ def test_what_is_missing_is_said_before_the_search_begins(
 
     assert "nobody takes goals of /move_base/goal (--navigation)" in fails(patience=0.5)
     with running(Blind(master.address, house(), START)):
-        assert "no colour images" in fails(patience=2)
+        assert "no colour images" in fails(patience=5)
     with running(Ros1HouseNode(master.address, house(), START)):
         assert "tf has no frame base (--base-frame)" in fails(base="base")
 
