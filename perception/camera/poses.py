@@ -90,7 +90,7 @@ def read_pose_log(path: Path) -> dict[int, Pose]:
     for start in range(0, len(lines), 5):
         where, key = lines[start]
         block = lines[start + 1 : start + 5]
-        if len(block) < 4 or not key[0].lstrip("-").isdigit():
+        if len(block) < 4 or not key[0].lstrip("-").isdecimal():
             raise RecordingError(
                 f"{where}: a trajectory log repeats a key line and four rows of a 4x4 pose"
             )

@@ -25,10 +25,7 @@ def check_image_file(path: Path) -> None:
 
     A PNG carries a checksum with each of its chunks; a JPEG has only its end-of-image marker.
     """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise RecordingError(f"cannot read image {path}: {error.strerror}") from error
+    data = _bytes_of(path).tobytes()
     if data.startswith(_PNG):
         _check_png(path, data)
     elif not data.startswith(b"\xff\xd8"):
@@ -50,12 +47,19 @@ def _check_png(path: Path, data: bytes) -> None:
         place = end
 
 
-def _read(path: Path, flags: int) -> NDArray[Any]:
+def decoded(path: Path, flags: int) -> NDArray[Any]:
+    """The image by the `flags` of cv2.imdecode; raises RecordingError for an unreadable one."""
+    return decode_image(_bytes_of(path), flags, str(path))
+
+
+def _bytes_of(path: Path) -> NDArray[np.uint8]:
+    """All of a regular file: a link of a recording to a device or pipe would never end."""
     try:
-        data = np.fromfile(path, np.uint8)
+        if path.exists() and not path.is_file():
+            raise RecordingError(f"cannot read image {path}: it is no file")
+        return np.fromfile(path, np.uint8)
     except OSError as error:
         raise RecordingError(f"cannot read image {path}: {error.strerror}") from error
-    return decode_image(data, flags, str(path))
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,12 +87,12 @@ class ImageFile:
 def read_colour(path: Path) -> NDArray[np.uint8]:
     """(H, W, 3) RGB; raises RecordingError for an unreadable image."""
     flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
-    return np.ascontiguousarray(_read(path, flags)[:, :, ::-1]).astype(np.uint8, copy=False)
+    return np.ascontiguousarray(decoded(path, flags)[:, :, ::-1]).astype(np.uint8, copy=False)
 
 
 def read_depth(path: Path, depth_scale: float) -> NDArray[np.float32]:
     """(H, W) [m], nan = no return, from a 16-bit image with `depth_scale` units a metre."""
-    raw = _read(path, cv2.IMREAD_UNCHANGED)
+    raw = decoded(path, cv2.IMREAD_UNCHANGED)
     if raw.ndim != 2 or raw.dtype != np.uint16:
         raise RecordingError(
             f"{path}: depth must be one 16-bit channel, got {raw.dtype} of shape {raw.shape}"
@@ -106,7 +110,7 @@ def images_by_number(folder: Path, suffixes: Iterable[str] = COLOUR_SUFFIXES) ->
     for path in sorted(folder.iterdir()):
         if path.suffix.lower() not in wanted:
             continue
-        digits = "".join(c if c.isdigit() else " " for c in path.stem).split()
+        digits = "".join(c if c.isdecimal() else " " for c in path.stem).split()
         if not digits:
             raise RecordingError(f"{path}: image names carry their frame number")
         if int(digits[-1]) in found:

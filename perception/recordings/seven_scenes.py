@@ -75,7 +75,7 @@ def _require(folder: Path, stem: str, depth: str, pose: str) -> None:
 
 def _number(stem: str, path: Path) -> int:
     digits = stem.removeprefix("frame-")
-    if not digits.isdigit():
+    if not digits.isdecimal():
         raise RecordingError(f"{path}: expected frame-N with a number, got {stem!r}")
     return int(digits)
 

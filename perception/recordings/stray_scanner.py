@@ -19,11 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.errors import RecordingError
-from perception.camera.image_decoding import decode_image
 from perception.camera.intrinsics import Intrinsics, intrinsics_from_matrix
 from perception.camera.poses import Pose, pose_from_quaternion
 from perception.number_tables import all_numbers, floats
-from perception.recordings.image_files import ImageFile, images_by_number
+from perception.recordings.image_files import ImageFile, decoded, images_by_number
 from perception.recordings.listing import (
     Format,
     FrameEntry,
@@ -86,7 +85,7 @@ class ConfidentDepth:
     def depth(self, depth_scale: float) -> NDArray[np.float32]:
         """(H, W) [m], nan = no return or unsure; raises RecordingError for unreadable images."""
         depth, path = self.image.depth(depth_scale), self.confidence.path
-        sure = decode_image(np.fromfile(path, np.uint8), cv2.IMREAD_GRAYSCALE, str(path))
+        sure = decoded(path, cv2.IMREAD_GRAYSCALE)
         if sure.shape != depth.shape:
             raise RecordingError(f"{path} and {self.image} have other sizes")
         depth[sure == UNSURE] = np.nan

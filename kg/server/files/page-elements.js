@@ -23,6 +23,13 @@ export function option(value, text) {
   return made;
 }
 
+/** A link to the page of an IRI on this server, whose things' IRIs begin with `base`; `//` would lead to another host. */
+export function linkTo(iri, base, text) {
+  const link = element("a", text), path = iri.startsWith(base) ? iri.slice(base.length) : null;
+  link.href = path === null || path.startsWith("/") ? `/resource?iri=${encodeURIComponent(iri)}` : `/${path}`;
+  return link;
+}
+
 /** Say something in the page's line of messages, which screen readers read out. */
 export function status(text) {
   byId("status").textContent = text;

@@ -57,6 +57,7 @@ function lineOf(rows, over, value, width) {
   const at = (term) => (isTime(term) ? Date.parse(term.value) : Number(term.value));
   const points = rows.filter((row) => row[over] && row[value]).map((row) => [at(row[over]), Number(row[value].value), row[over].value])
     .sort((a, b) => a[0] - b[0]);
+  if (!points.length) return element("p", `no row has both ${over} and ${value}`);
   const [xs, ys] = [points.map((p) => p[0]), points.map((p) => p[1])];
   const [x, y] = [scaleOf(xs, MARGIN, width - 20), scaleOf(ys, HEIGHT - MARGIN, 20)];
   const low = ys.reduce((a, b) => Math.min(a, b), Infinity), high = ys.reduce((a, b) => Math.max(a, b), -Infinity);

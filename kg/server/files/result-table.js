@@ -1,5 +1,5 @@
 // An answer as a table: IRIs lead to their pages, everything else is text.
-import { element } from "/files/page-elements.js";
+import { element, linkTo } from "/files/page-elements.js";
 
 const SHOWN = 500; // rows
 const XSD = "http://www.w3.org/2001/XMLSchema#";
@@ -23,8 +23,7 @@ function cellOf(term, base, prefixes) {
   const cell = element("td");
   if (!term) return cell;
   if (term.type === "uri") {
-    const link = element("a", compact(term.value, base, prefixes));
-    link.href = term.value.startsWith(base) ? `/${term.value.slice(base.length)}` : `/resource?iri=${encodeURIComponent(term.value)}`;
+    const link = linkTo(term.value, base, compact(term.value, base, prefixes));
     link.title = term.value;
     cell.append(link);
     return cell;

@@ -1,5 +1,5 @@
 // What is known of the selected thing: facts from the map, then what the server is asked for.
-import { button, byId, element } from "/files/page-elements.js";
+import { button, byId, element, linkTo } from "/files/page-elements.js";
 import { historyOf, pictureOf, relationsOf, whyOf } from "/files/thing-details.js";
 
 const NEAREST = 5;
@@ -86,9 +86,7 @@ export class ThingPanel {
   }
 
   _end(thing) {
-    const form = this._corrections(thing), link = element("a", "all its facts, as a page and as data");
-    const path = this._data.pathOf(thing.iri);
-    link.href = path === thing.iri ? `/resource?iri=${encodeURIComponent(path)}` : `/${path}`;
+    const form = this._corrections(thing), link = linkTo(thing.iri, this._data.base, "all its facts, as a page and as data");
     return [slot("why", "Why"), slot("history", "History"), ...(form ? [form] : []), element("p", "", link)];
   }
 

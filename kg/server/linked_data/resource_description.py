@@ -60,7 +60,7 @@ def iri_at(base: str, root: str, address: str) -> str:
 
 
 def local_path(base: str, iri: str) -> str:
-    """Where this server shows an IRI."""
-    if iri.startswith(base):
+    """Where this server shows an IRI; ``//`` would begin the address of another host."""
+    if iri.startswith(base) and not iri.startswith(base + "/"):
         return "/" + quote(iri.removeprefix(base), safe=_SAFE_PATH)
     return "/resource?iri=" + quote(iri, safe="")

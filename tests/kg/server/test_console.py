@@ -10,6 +10,7 @@ from urllib.parse import quote
 
 import pytest
 
+from kg.server.linked_data.resource_description import local_path
 from tests.kg.server.browser_pages import HOSTILE, PATIENCE, OpenPage, says, serious_faults
 
 if TYPE_CHECKING:
@@ -138,6 +139,15 @@ def test_iris_that_run_scripts_are_no_links_to_them(served: Served, open_page: O
     assert page.get_attribute("#table a", "href").startswith("/resource?iri=javascript%3A")
 
 
+def test_iris_of_the_map_lead_to_no_other_host(served: Served, open_page: OpenPage) -> None:
+    iri = f"{served.map.base}/evil.example/"
+    page = open_page("console")
+    ask(page, f'SELECT (IRI("{iri}") AS ?x) {{}}')
+    says(page, "#table a", "/evil.example/")
+    assert page.get_attribute("#table a", "href").startswith("/resource?iri=")
+    assert local_path(served.map.base, iri).startswith("/resource?iri=")
+
+
 def test_numbers_are_drawn_and_words_told_where_there_are_none(open_page: OpenPage) -> None:
     page = open_page("console")
     ask(page, "SELECT ?c (COUNT(*) AS ?n) { ?o a ?c ; here:x ?x } GROUP BY ?c")
@@ -148,6 +158,8 @@ def test_numbers_are_drawn_and_words_told_where_there_are_none(open_page: OpenPa
     says(page, "#chart", "a column of numbers")
     ask(page, "SELECT ?x ?y { ?o here:x ?x ; here:y ?y } ORDER BY ?x")
     page.wait_for_selector("#chart polyline")
+    ask(page, "SELECT ?a ?b { { BIND(1 AS ?a) } UNION { BIND(2 AS ?b) } }")
+    says(page, "#chart", "no row has both")
 
 
 @pytest.mark.parametrize(

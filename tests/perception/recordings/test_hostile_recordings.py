@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import struct
 import zlib
 
@@ -169,10 +170,18 @@ def test_colour_in_place_of_depth(hololens):
     assert "one 16-bit channel" in refusal_at_opening(folder)
 
 
-def test_images_without_numbers(hololens):
+@pytest.mark.parametrize("name", ["first.png", "².png"])
+def test_images_without_numbers(hololens, name):
     folder = hololens()
-    (folder / "images" / "8.png").rename(folder / "images" / "first.png")
-    assert "first.png" in refusal_at_opening(folder)
+    (folder / "images" / "8.png").rename(folder / "images" / name)
+    assert name in refusal_at_opening(folder)
+
+
+def test_an_image_that_is_a_pipe_is_not_waited_for(hololens):
+    folder = hololens()
+    (folder / "depth" / "8.png").unlink()
+    os.mkfifo(folder / "depth" / "8.png")
+    assert "8.png: it is no file" in refusal_at_opening(folder)
 
 
 def test_depth_of_another_aspect_is_not_registered(hololens):
