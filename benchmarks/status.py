@@ -95,7 +95,7 @@ class Session:
         self.points = points  # (n, 3) [m]
         self.frames_of = np.zeros(len(points), np.intp)  # frames that show each point
         self._well = VisibilityRecord(camera.house, camera.model)
-        self.shown: set[str] = set()  # names of things seen at all
+        self.shown: dict[str, float] = {}  # name of a thing -> [s] when it was last seen at all
 
     def __len__(self) -> int:
         return self._length
@@ -108,7 +108,7 @@ class Session:
             self.frames_of[self._in_view(view)] += 1
             numbers, pixels = np.unique(view.instance, return_counts=True)
             things = numbers[(pixels >= SHOWN) & (numbers >= 0)]
-            self.shown |= {self.camera.house.objects[i].name for i in things}
+            self.shown |= {self.camera.house.objects[i].name: frame.stamp for i in things}
             yield frame
 
     def _in_view(self, view: View) -> NDArray[np.intp]:

@@ -51,7 +51,7 @@ def main() -> None:
 
 def shrink(picture: Path) -> None:
     """Write it again in 256 colours, a third of the bytes."""
-    few = Image.open(picture).convert("RGB").quantize(256, Image.Quantize.MAXCOVERAGE)
+    few = Image.open(picture).convert("RGB").quantize(256, Image.Quantize.MAXCOVERAGE, kmeans=3)
     few.save(picture, optimize=True)
 
 
@@ -73,10 +73,43 @@ def kitchen_banana(folder: Path, picture: Path) -> None:
 def map_page(folder: Path, picture: Path) -> None:
     """The live page of the demo's map with the plan of a search."""
     with opened(demo_map(folder)) as page:
-        page.fill("#wanted", "cup")
-        page.press("#wanted", "Enter")
-        page.wait_for_selector("#plan ol li")
-        page.wait_for_timeout(500)
+        find_cup(page)
+        page.screenshot(path=picture)
+
+
+def map_3d(folder: Path, picture: Path) -> None:
+    """The same in three dimensions, with something selected."""
+    with opened(demo_map(folder), "#object/39") as page:
+        page.click("#solid")
+        page.wait_for_selector("#solid-canvas")
+        page.wait_for_timeout(1500)
+        page.screenshot(path=picture)
+
+
+def kitchen_page(folder: Path, picture: Path) -> None:
+    """The live page of the kitchen's map with the plan of a search."""
+    with opened(kitchen(folder)) as page:
+        page.set_viewport_size({"width": 1100, "height": 580})
+        page.click("#fit")
+        find_cup(page)
+        page.screenshot(path=picture)
+
+
+def find_cup(page: Page) -> None:
+    """Have the page plan a search."""
+    page.fill("#wanted", "cup")
+    page.press("#wanted", "Enter")
+    page.wait_for_selector("#plan ol li")
+    page.wait_for_timeout(500)
+
+
+def console(folder: Path, picture: Path) -> None:
+    """The console with a shipped question, its parameter and its answer."""
+    with opened(demo_map(folder), "console") as page:
+        page.click("#questions >> text=objects-by-category")
+        page.fill("#question input[name=category]", "chair")
+        page.click("#question button:has-text('Ask')")
+        page.wait_for_selector("#table tbody tr")
         page.screenshot(path=picture)
 
 
@@ -84,7 +117,10 @@ MAKERS: Final[dict[str, Callable[[Path, Path], None]]] = {
     "demo": demo,
     "kitchen-map": kitchen_map,
     "kitchen-banana": kitchen_banana,
+    "kitchen-page": kitchen_page,
     "map-page": map_page,
+    "map-3d": map_3d,
+    "console": console,
 }
 
 
@@ -100,7 +136,9 @@ def kitchen(folder: Path) -> Path:
     """The map of the recorded kitchen."""
     shared = Path(os.environ.get("HEREABOUTS_SHARED", ROOT.parent / "shared"))
     recording = folder / "kitchen"  # what the map calls its place
-    recording.symlink_to(shared / "data" / "rgbd" / "redkitchen")
+    recording.mkdir()
+    for file in (shared / "data" / "rgbd" / "redkitchen").iterdir():
+        (recording / file.name).symlink_to(file)
     hereabouts("map", recording, "--into", folder / "kitchen.map")
     return folder / "kitchen.map"
 
@@ -112,8 +150,8 @@ def hereabouts(*words: object) -> None:
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[Page]:
-    """The page of a served map once it is drawn."""
+def opened(path: Path, address: str = "") -> Iterator[Page]:
+    """A page of a served map once it is ready."""
     from playwright.sync_api import sync_playwright
 
     with open_map(path, read_only=True) as semantic_map, sync_playwright() as playwright:
@@ -121,10 +159,15 @@ def opened(path: Path) -> Iterator[Page]:
         with MapServer(semantic_map, Settings(port=0), planner=planner) as server:
             browser = playwright.chromium.launch(
                 executable_path=shutil.which("chromium"),
-                args=["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader"],
+                args=[
+                    "--no-sandbox",
+                    "--use-gl=angle",
+                    "--use-angle=swiftshader",
+                    "--enable-unsafe-swiftshader",
+                ],
             )
             page = browser.new_page(viewport=SIZE)
-            page.goto(server.url)
+            page.goto(f"{server.url}{address}")
             page.wait_for_selector("html[data-ready]")
             yield page
             browser.close()

@@ -59,6 +59,8 @@ def parameters_for(question: ParameterizedQuery, building: Building) -> dict[str
         "category": "banana",
         "place": 1,
         "object": f"{BASE}object/1",
+        "one": f"{BASE}object/1",
+        "other": f"{BASE}object/40",
         "x": x,
         "y": y,
         "xmin": x - 2,

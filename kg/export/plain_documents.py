@@ -9,7 +9,7 @@ from typing import Any
 from kg.areas import Ring, signed_area
 from kg.facts.wkt import CRS
 from kg.maps.semantic_map import SemanticMap
-from kg.records import ObjectRecord, PlaceRecord, RobotRecord
+from kg.records import DepartedRecord, ObjectRecord, PlaceRecord, RobotRecord
 
 _FRAME = "local frame of this map: metres, z up, the floor about z = 0; not geographic"
 
@@ -17,7 +17,8 @@ _FRAME = "local frame of this map: metres, z up, the floor about z = 0; not geog
 def rooms_document(semantic_map: SemanticMap, least: float = 0.5) -> dict[str, Any]:
     """JSON of places with their objects of at least the existence `least`.
 
-    Objects that are in no place are under "elsewhere"; times are [s] since 1970.
+    Objects that are in no place are under "elsewhere", what left where it stood and was not found
+    since under "departed"; times are [s] since 1970.
     """
     names = _Names(semantic_map)
     held: dict[str | None, list[dict[str, Any]]] = {}
@@ -35,12 +36,14 @@ def rooms_document(semantic_map: SemanticMap, least: float = 0.5) -> dict[str, A
             {
                 **names.place(place),
                 "outline": [[list(corner) for corner in ring] for ring in place.area.rings],
+                "viewed_share": 0.0 if place.viewed is None else round(place.viewed.share, 4),
                 "adjacent": [names.short(iri) for iri in place.adjacent],
                 "objects": held.get(place.iri, []),
             }
             for place in places
         ],
         "elsewhere": held.get(None, []),
+        "departed": [names.departed(record) for record in semantic_map.departed()],
         "robot": None if robot is None else _robot(robot),
     }
 
@@ -103,7 +106,7 @@ class _Names:
         }
 
     def object(self, record: ObjectRecord) -> dict[str, Any]:
-        size, deviation = record.extent, record.deviation
+        size, deviation, seen = record.extent, record.deviation, record.evidence
         return {
             "name": self.short(record.iri),
             "category": self._catalogue.label(record.category),
@@ -117,6 +120,7 @@ class _Names:
             },
             "observations": record.observations,
             "last_seen": record.last_seen,
+            "seen_in": None if seen is None else {"recording": seen.recording, "frame": seen.frame},
             "place": None if record.place is None else self.short(record.place),
             "relations": [
                 {
@@ -126,6 +130,15 @@ class _Names:
                 }
                 for relation in record.relations or ()
             ],
+        }
+
+    def departed(self, record: DepartedRecord) -> dict[str, Any]:
+        return {
+            "name": self.short(record.iri),
+            "category": self._catalogue.label(record.category),
+            "position": [_finite(c) for c in record.p_map],
+            "last_seen": record.last_seen,
+            "found_gone": record.found_gone,
         }
 
 

@@ -31,7 +31,7 @@ class Limits:
     connections: int = 512
     staleness: float = 1.0  # [s] that an answer may be behind what others wrote
     workers: int = 3  # of which one client has at most all but one
-    feed_clients: int = 64  # followers of changes and standing queries together
+    feed_clients: int = 256  # followers of changes and standing queries together
     standing_queries: int = 16
     client_feeds: int = 32  # of the `feed_clients`, how many one client may be
     client_standing_queries: int = 8

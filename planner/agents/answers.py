@@ -81,11 +81,25 @@ class KnownThing(Thing):
     found_by: Iri | None = None
 
 
+class Departed(_Record):
+    """A thing that left where it stood and was not found elsewhere: no object of the map now."""
+
+    iri: Iri
+    untrusted_label: Label
+    untrusted_place: Label | None
+    x: Annotated[float, Field(description="where it stood")]
+    y: float
+    last_seen: str | None
+    age_seconds: Age | None
+    found_gone: Annotated[str | None, Field(description="when its spot was first seen empty")]
+
+
 class WhereIs(Answer):
     """Objects that are what was asked for, the surest first; else what is known of its absence."""
 
     things: list[KnownThing]
     left_out: LeftOut = 0
+    departed: list[Departed] = []
     status: Annotated[
         StatusValue | None, Field(description="where nothing is known: gone is not never looked")
     ] = None
@@ -104,6 +118,20 @@ class AtPoint(Things):
 
     place: Iri | None
     untrusted_place: Label | None
+
+
+class MovedThing(Thing):
+    """An object that stands elsewhere than before; x, y, z are where it is now."""
+
+    was: Annotated[list[float], Field(description="x, y, z where it stood then")]
+    moved_metres: float
+
+
+class Moved(Answer):
+    """Objects that moved, the farthest first."""
+
+    things: list[MovedThing]
+    left_out: LeftOut = 0
 
 
 class PlaceStatus(_Record):
@@ -199,6 +227,44 @@ class PlanAnswer(Answer):
     expected_seconds: float | None
     looks: list[Look]
     left_out: LeftOut = 0
+
+
+class ProposedLook(_Record):
+    """Where to stand and what to look at; metres, radians, seconds until the look is over."""
+
+    x: float
+    y: float
+    heading: Annotated[float, Field(description="the middle of what is to be looked at")]
+    extent: Annotated[float, Field(description="radians that are looked at, around heading")]
+    untrusted_place: Label | None
+    probability: Annotated[float, Field(description="that it shows any of what is wanted")]
+    seconds: float
+    left_if_in_vain: Annotated[float, Field(description="0..1, that it is there to be found")]
+    untrusted_reasons: list[Sentence]
+
+
+class FoundThing(_Record):
+    """What a look showed of what is wanted, and where: metres in the map frame."""
+
+    what: Annotated[str, Field(min_length=1, max_length=100, description="a word of the search")]
+    x: Annotated[float, Field(ge=-1e7, le=1e7, allow_inf_nan=False)]
+    y: Annotated[float, Field(ge=-1e7, le=1e7, allow_inf_nan=False)]
+
+
+class SearchProgress(Answer):
+    """How far a search is."""
+
+    search: Annotated[str, Field(description="its name, for next_look and report_look")]
+    state: Literal["searching", "found", "given up"]
+    untrusted_wanted: Annotated[list[Label], Field(description="what is not found yet")]
+    looks_reported: int
+    left: Annotated[float, Field(description="0..1, that any of it is there to be found")]
+
+
+class NextLook(SearchProgress):
+    """The look to take now; none where all is found, or no look is worth its way."""
+
+    look: ProposedLook | None
 
 
 class CategoryCount(_Record):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Sequence
 from datetime import datetime
 from typing import Annotated, Final
@@ -30,7 +29,6 @@ Metres = Annotated[float, Field(ge=-1e7, le=1e7, allow_inf_nan=False, descriptio
 Least = Annotated[float, Field(ge=0, le=1, description="existence from which on objects count")]
 Radius = Annotated[float, Field(gt=0, le=1000, description="metres over the floor")]
 
-_CHANGES: Final = 12  # listed of a transaction
 _SAME_SPOT: Final = 0.01  # [m] to find an object where it is
 
 
@@ -85,7 +83,8 @@ class MapTools:
         """Where something is: a category (cup), a synonym, a need ("something to sit on"), or one
         thing (object/17). Surest first, with place, position, probability and age.
 
-        Where the map knows none, `status` says whether it is gone, hidden, or was never looked for.
+        Where the map knows none, `status` says whether it is gone, hidden, or was never looked for;
+        `departed` are such things that left where they stood.
         """
         identity = self._context.identity()
         if self._context.is_thing(what):
@@ -93,10 +92,15 @@ class MapTools:
         (target,) = resolve(self._map, (what,))
         known = known_objects(self._map, target, located=limit)
         listed, left_out = known_things(known, limit)
-        if known or target.iri is None:
-            return a.WhereIs(map=identity, things=listed, left_out=left_out)
-        found = status(self._map, target.iri)
-        return a.WhereIs(map=identity, things=[], status=found.value, untrusted_proof=found.proof)
+        found = None if known or target.iri is None else status(self._map, target.iri)
+        return a.WhereIs(
+            map=identity,
+            things=listed,
+            left_out=left_out,
+            departed=self._departed(target.queried)[:limit],
+            status=None if found is None else found.value,
+            untrusted_proof=None if found is None else found.proof,
+        )
 
     def what_is_at(
         self, x: Metres, y: Metres, radius: Radius = 0.5, least: Least = 0.5, limit: Limit = 20
@@ -121,6 +125,21 @@ class MapTools:
         x, y = self._position(iri)
         rows = [row for row in self._within(x, y, radius, least) if row["object"] != iri]
         return _things(identity, rows, limit)
+
+    def what_is_between(
+        self,
+        one: ThingName,
+        other: ThingName,
+        width: Annotated[float, Field(gt=0, le=1000, description="metres of floor")] = 1.0,
+        least: Least = 0.5,
+        limit: Limit = 20,
+    ) -> a.Things:
+        """Objects on the strip of floor from one thing (object/17) to another, in this order."""
+        identity, ends = self._context.identity(), [self._context.iri(o) for o in (one, other)]
+        for iri in ends:
+            self._position(iri)  # refuses what is no object
+        strip = {"one": ends[0], "other": ends[1], "width": width, "least": least}
+        return _things(identity, list(self._map.ask("between", **strip).records()), limit)
 
     def what_is_in(
         self,
@@ -199,25 +218,6 @@ class MapTools:
             left_out=max(len(steps) - limit, 0),
         )
 
-    def history(self, what: ThingName, last: Limit = 10) -> a.HistoryAnswer:
-        """How one thing (object/17, place/1) changed: its last transactions, when and by what."""
-        identity = self._context.identity()
-        entries, count = deque[a.Event](maxlen=last), 0
-        for entry in self._map.log(what):
-            count += 1
-            entries.append(
-                a.Event(
-                    sequence=entry.sequence,
-                    time=iso(entry.time),
-                    kind=entry.cause.kind,
-                    untrusted_by=entry.cause.by,
-                    untrusted_note=entry.cause.note,
-                    untrusted_changes=list(entry.changes[:_CHANGES]),
-                    changes_left_out=max(len(entry.changes) - _CHANGES, 0),
-                )
-            )
-        return a.HistoryAnswer(map=identity, events=list(entries), left_out=count - len(entries))
-
     def ask_sparql(
         self,
         query: Annotated[str, Field(min_length=1, max_length=20_000)],
@@ -235,6 +235,15 @@ class MapTools:
             untrusted_rows=[[_plain(cell) for cell in row] for row in table.rows[:limit]],
             left_out=max(len(table.rows) - limit, 0),
         )
+
+    def _departed(self, categories: Sequence[str]) -> list[a.Departed]:
+        rows = [
+            row
+            for category in categories
+            for row in self._map.ask("last-seen", category=category).records()
+            if row["foundGone"] is not None
+        ]
+        return [_departed(row) for row in {str(row["object"]): row for row in rows}.values()]
 
     def _one(self, iri: str) -> a.KnownThing:
         x, y = self._position(iri)
@@ -324,6 +333,20 @@ def thing(row: Row) -> a.Thing:
         age_seconds=age(seen.timestamp()) if isinstance(seen, datetime) else None,
         observations=None if count is None else int(count),
         relation=None if relation is None else str(relation),
+    )
+
+
+def _departed(row: Row) -> a.Departed:
+    seen, place = row["lastSeen"], row["place"]
+    return a.Departed(
+        iri=str(row["object"]),
+        untrusted_label=str(row["label"] or row["category"]),
+        untrusted_place=None if place is None else str(place),
+        x=float(str(row["x"])),
+        y=float(str(row["y"])),
+        last_seen=time_or_none(seen),
+        age_seconds=age(seen.timestamp()) if isinstance(seen, datetime) else None,
+        found_gone=time_or_none(row["foundGone"]),
     )
 
 

@@ -6,7 +6,7 @@ import math
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 from pydantic import Field
 
@@ -14,14 +14,18 @@ from kg.errors import PoolBusyError, QueryParameterError
 from planner.agents import answers as a
 from planner.agents.map_context import MapContext
 from planner.agents.map_tools import Limit, Metres, Word, known_things
+from planner.agents.open_searches import OpenSearch, OpenSearches
+from planner.execution.protocol import RobotPose
+from planner.execution.viewpoint_adapter import NextView
 from planner.goals.known_objects import known_objects
 from planner.goals.targets import resolve
-from planner.plans.find_answer import planned
+from planner.plans.find_answer import Start, planned, robot_start
 from planner.plans.view_plan import ViewStep
 
 Wanted = Annotated[
     list[Word], Field(min_length=1, max_length=5, description='cup, or "something to sit on"')
 ]
+SearchName = Annotated[str, Field(max_length=40, description="as next_look named it")]
 Degrees = Annotated[float, Field(ge=-360, le=360, description="0 along x")]
 
 _WAITING: Final = 8  # plans that are made or wait, one being made at a time
@@ -37,6 +41,7 @@ class SearchTools:
         self._context = context
         self._planning = threading.Lock()
         self._waiting = threading.BoundedSemaphore(_WAITING)
+        self._searches = OpenSearches()
 
     def find_plan(
         self,
@@ -51,9 +56,7 @@ class SearchTools:
         It starts at x, y, or where the robot is. Takes about a second.
         """
         identity, context = self._context.identity(), self._context
-        if (x is None) != (y is None):
-            raise QueryParameterError("give both x and y, or neither to start where the robot is")
-        start = None if x is None or y is None else (x, y, math.radians(heading_degrees))
+        start = self._start(x, y, heading_degrees)
         with self._turn():
             found = planned(context.semantic_map, what, start)
         known = [
@@ -90,17 +93,87 @@ class SearchTools:
 
     def next_look(
         self,
-        what: Wanted,
+        what: Wanted | None = None,
+        search: SearchName | None = None,
         x: Metres | None = None,
         y: Metres | None = None,
         heading_degrees: Degrees = 0.0,
-    ) -> a.PlanAnswer:
-        """The first look of the best plan from x, y (or from where the robot is): where to go now.
+    ) -> a.NextLook:
+        """The one look to take now, from x, y (or from where the robot is). `what` begins a search.
 
-        What is viewed while the map is being mapped counts. A look that the map does not hear of is
-        proposed again: then follow the order of `find_plan`.
+        Go there, look, call report_look, then ask again with `search`, which the answer names: each
+        look in vain counts, and so does what others write into the map meanwhile.
         """
-        return self.find_plan(what, x, y, heading_degrees, 1)
+        identity = self._context.identity()
+        pose = RobotPose(*self._start(x, y, heading_degrees))
+        with self._turn():
+            if (what is None) == (search is None):
+                raise QueryParameterError("give `what` to begin a search, or `search` to go on")
+            if search is not None:
+                open_search = self._searches.get(search)
+            else:
+                begun = OpenSearch(self._context.semantic_map, what or ())
+                open_search = self._searches.add(begun)
+            proposed = open_search.next(pose)
+            return a.NextLook(
+                **self._progress(identity, open_search, give_up=proposed is None),
+                look=None if proposed is None else _proposed(proposed),
+            )
+
+    def report_look(
+        self,
+        search: SearchName,
+        found: Annotated[
+            list[a.FoundThing], Field(max_length=20, description="empty: it showed none of it")
+        ] = [],  # noqa: B006 a default of the tool's schema, never changed
+        reached: Annotated[
+            bool, Field(description="false: the robot could not get there, nothing was looked at")
+        ] = True,
+    ) -> a.SearchProgress:
+        """Report the look that next_look proposed: what it showed, or that it showed nothing.
+
+        The search goes on from it; the map is not written (assert_fact does, where there is it).
+        """
+        identity = self._context.identity()
+        with self._turn():
+            open_search = self._searches.get(search)
+            open_search.report([(one.what, one.x, one.y) for one in found], reached=reached)
+            return a.SearchProgress(**self._progress(identity, open_search))
+
+    def _start(self, x: float | None, y: float | None, degrees: float) -> Start:
+        if (x is None) != (y is None):
+            raise QueryParameterError("give both x and y, or neither to start where the robot is")
+        if x is None or y is None:
+            return robot_start(self._context.semantic_map)
+        return x, y, math.radians(degrees)
+
+    @staticmethod
+    def _progress(
+        identity: a.MapIdentity, search: OpenSearch, *, give_up: bool = False
+    ) -> dict[str, Any]:
+        over = "given up" if give_up else "searching"
+        return {
+            "map": identity,
+            "search": search.name,
+            "state": over if search.wanted else "found",
+            "untrusted_wanted": search.wanted,
+            "looks_reported": search.looks,
+            "left": round(search.left, 6),
+        }
+
+
+def _proposed(view: NextView) -> a.ProposedLook:
+    return a.ProposedLook(
+        x=round(view.x, 3),
+        y=round(view.y, 3),
+        heading=round(view.middle, 4),
+        extent=round(view.extent, 4),
+        untrusted_place=view.place or None,
+        probability=round(view.probability, 6),
+        seconds=round(view.seconds, 3),
+        left_if_in_vain=round(view.left, 6),
+        untrusted_reasons=list(view.why),
+    )
 
 
 def _look(step: ViewStep) -> a.Look:

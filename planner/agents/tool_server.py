@@ -23,6 +23,7 @@ from kg.server import BearerTokens, Settings
 from kg.server.http.lifecycle import ServerLifecycle
 from kg.workers.limited_queries import LimitedQueries
 from planner.agents.assertion_tools import AssertionTools
+from planner.agents.change_tools import ChangeTools
 from planner.agents.map_context import MapContext
 from planner.agents.map_tools import MapTools
 from planner.agents.search_tools import SearchTools
@@ -51,7 +52,11 @@ def tool_server(
 
     With `tokens` every HTTP request needs one of them.
     """
-    reading, searching = MapTools(context, queries), SearchTools(context)
+    reading, searching, changes = (
+        MapTools(context, queries),
+        SearchTools(context),
+        ChangeTools(context),
+    )
     server: MCPServer[Any] = MCPServer(
         "hereabouts",
         instructions=_INSTRUCTIONS,
@@ -63,9 +68,15 @@ def tool_server(
     )
     read: tuple[Tool, ...] = (
         *(reading.describe_map, reading.where_is, reading.status),
-        *(reading.what_is_at, reading.what_is_near, reading.what_is_in),
-        *(reading.why, reading.history, searching.find_plan, searching.next_look),
-        reading.ask_sparql,
+        *(reading.what_is_at, reading.what_is_near, reading.what_is_in, reading.what_is_between),
+        *(
+            reading.why,
+            changes.history,
+            changes.what_moved,
+            searching.find_plan,
+            searching.next_look,
+        ),
+        *(searching.report_look, reading.ask_sparql),
     )
     for tool in read:
         _add(server, tool, _READS)

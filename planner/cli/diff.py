@@ -10,6 +10,9 @@ from planner.cli.console import note, print_table, write_json
 
 if TYPE_CHECKING:
     from kg.history.replay.point_in_time import Difference
+    from kg.maps.semantic_map import SemanticMap
+
+_MOVED = ("thing", "category", "from", "to", "metres")
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -24,6 +27,9 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     add_map(parser)
     parser.add_argument("before", metavar="T1", help="first instant")
     parser.add_argument("after", metavar="T2", help="second instant")
+    parser.add_argument(
+        "--moved", action="store_true", help="only things that stand elsewhere: from where to where"
+    )
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -33,6 +39,8 @@ def run(arguments: argparse.Namespace) -> int:
     from kg.opening import open_map
 
     with open_map(arguments.map, read_only=True) as semantic_map:
+        if arguments.moved:
+            return _moved(semantic_map, arguments)
         found = semantic_map.diff(arguments.before, arguments.after)
         base = semantic_map.base
     if arguments.json:
@@ -43,6 +51,31 @@ def run(arguments: argparse.Namespace) -> int:
     print_table(("", "thing", "what", "before", "after"), found.rows(base))
     note(_summary(found))
     return 0
+
+
+def _moved(semantic_map: SemanticMap, arguments: argparse.Namespace) -> int:
+    from planner.goals.moves import moved_things
+
+    found = moved_things(semantic_map, arguments.before, arguments.after)
+    rows = [
+        (
+            one.iri.removeprefix(semantic_map.base),
+            one.category,
+            [round(float(value), 2) for value in one.was],
+            [round(float(value), 2) for value in one.now],
+            round(one.metres, 2),
+        )
+        for one in found
+    ]
+    if arguments.json:
+        write_json([dict(zip(_MOVED, row, strict=True)) for row in rows])
+    else:
+        print_table(_MOVED, [(*row[:2], *(_point(p) for p in row[2:4]), row[4]) for row in rows])
+    return 0
+
+
+def _point(p_map: list[float]) -> str:
+    return ", ".join(f"{value:.2f}" for value in p_map)
 
 
 def _summary(found: Difference) -> str:

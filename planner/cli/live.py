@@ -5,16 +5,15 @@ from __future__ import annotations
 import argparse
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
-from urllib.parse import urlsplit
 
 from kg.errors import RecordingError
-from planner.cli.arguments import positive, whole
+from planner.cli.arguments import positive, title_for, whole
 from planner.cli.console import note
 from planner.cli.map_recording import (
     add_map_options,
@@ -29,16 +28,18 @@ from planner.cli.recording_arguments import (
     open_mapping_inputs,
 )
 from planner.cli.recording_options import add_live_options
+from planner.cli.server_outages import MappedFrames, through_outages
 from planner.cli.teach import with_taught_rooms
+from planner.cli.viewers import open_viewers
 
 if TYPE_CHECKING:
-    from mapping.progress_report import MappingReport
     from perception.live.connection import Connection
     from perception.live.stream import StreamCounts
+    from planner.viewers.viewer import Viewer
 
 SOURCES: Final = (
-    "ros1://HOST:11311, ros2 or ros2://DOMAIN, ws://HOST:8765 (Foxglove), or a folder that is "
-    "being written"
+    "ros1 or ros1://HOST:11311, ros2 or ros2://DOMAIN, ws://HOST:8765 (Foxglove), or a folder that "
+    "is being written"
 )
 
 
@@ -72,15 +73,19 @@ def run(arguments: argparse.Namespace) -> int:
             "topics are in a map frame with z up (--map-frame)"
         )
     inputs = open_mapping_inputs(arguments)
-    mapped = _map_folder if connection is None else partial(_map_stream, connection)
-    with until_signal() as ended:
-        mapped(arguments, inputs, ended)
+    prepare = _folder_run if connection is None else partial(_stream_run, connection)
+    with until_signal() as ended, open_viewers(arguments, title_for(arguments.into)) as viewer:
+        mapped = MappedFrames()
+        run = prepare(arguments, inputs, viewer, ended, mapped)
+        if run is not None:
+            through_outages(arguments.into, ended, mapped, run)
     return 0
 
 
 def _connection(source: str) -> Connection | None:
     """What `source` is the address of; None: a folder. Raises RecordingError for neither."""
-    scheme = urlsplit(source).scheme if "://" in source else source if source == "ros2" else ""
+    is_address = "://" in source or source in ("ros1", "ros2")
+    scheme = source.partition("://")[0] if is_address else ""
     if scheme in ("ros1", "ros2", "ws", "wss"):
         require_ros(source, "rosbags")
     if scheme == "ros1":
@@ -136,12 +141,15 @@ def until_signal() -> Iterator[threading.Event]:
             signal.signal(number, before[number])
 
 
-def _map_stream(
+def _stream_run(
     connection: Connection,
     arguments: argparse.Namespace,
     inputs: MappingInputs,
+    viewer: Viewer | None,
     ended: threading.Event,
-) -> None:
+    mapped: MappedFrames,
+) -> Callable[[], None]:
+    """What maps a connection's frames until it is ended."""
     from perception.camera.intrinsics import load_intrinsics
     from perception.live.live_recording import LiveRecording
     from perception.live.stream import FrameStream
@@ -153,43 +161,53 @@ def _map_stream(
         load_intrinsics(Path(given)) if given else None,
         arguments.depth_scale,
     )
-    recording = LiveRecording(
-        arguments.name or "live", connection, stream, ended, arguments.limit, arguments.idle
-    )
-    with open_for_mapping(arguments, inputs) as (semantic_map, on_detections):
-        inputs = replace(inputs, scene=with_taught_rooms(inputs.scene, arguments.into))
-        note(f"listening to {connection.address}; Ctrl+C ends it")
-        report = map_frames(
-            recording,
-            inputs,
-            semantic_map,
-            on_detections=on_detections,
-            lost=lambda: f"{stream.counts.dropped} dropped",
-        )
-        counts = stream.counts
-        print_outcome(semantic_map, report, arguments, inputs.device, _as_json(counts, report))
-        note(_told(counts, report))
+
+    def run() -> None:
+        name, limit = arguments.name or "live", mapped.left(arguments.limit)
+        recording = LiveRecording(name, connection, stream, ended, limit, arguments.idle)
+        with open_for_mapping(arguments, inputs, viewer) as (semantic_map, on_detections):
+            scene = with_taught_rooms(inputs.scene, arguments.into)
+            note(f"listening to {connection.address}; Ctrl+C ends it")
+            report = map_frames(
+                recording,
+                replace(inputs, scene=scene),
+                semantic_map,
+                on_detections=mapped.counted(on_detections),
+                lost=lambda: f"{stream.counts.dropped} dropped",
+            )
+            numbers = _as_json(stream.counts, mapped.count)
+            print_outcome(semantic_map, report, arguments, inputs.device, numbers)
+            note(_told(numbers))
+
+    return run
 
 
-def _as_json(counts: StreamCounts, report: MappingReport) -> dict[str, Any]:
+def _as_json(counts: StreamCounts, frames: int) -> dict[str, Any]:
     return {
+        "frames": frames,
         "received": counts.received,
-        "dropped": counts.dropped + counts.taken - report.frames,
+        "dropped": counts.dropped + counts.taken - frames,
         "without_depth": counts.without_depth,
         "without_pose": counts.without_pose,
         "unreadable": counts.unreadable,
     }
 
 
-def _told(counts: StreamCounts, report: MappingReport) -> str:
-    numbers = _as_json(counts, report)
-    rest = ", ".join(f"{number} {name.replace('_', ' ')}" for name, number in numbers.items())
-    return f"{report.frames} frames mapped: {rest}"
+def _told(numbers: Mapping[str, Any]) -> str:
+    rest = ", ".join(
+        f"{number} {name.replace('_', ' ')}" for name, number in numbers.items() if name != "frames"
+    )
+    return f"{numbers['frames']} frames mapped: {rest}"
 
 
-def _map_folder(
-    arguments: argparse.Namespace, inputs: MappingInputs, ended: threading.Event
-) -> None:
+def _folder_run(
+    arguments: argparse.Namespace,
+    inputs: MappingInputs,
+    viewer: Viewer | None,
+    ended: threading.Event,
+    mapped: MappedFrames,
+) -> Callable[[], None] | None:
+    """What maps a growing folder's frames until it is ended; None where that came first."""
     from mapping.alignment.recording_fit import check_fit
     from mapping.resumption import resumed
     from perception.live.growing_folder import GrowingRecording, first_opened
@@ -198,21 +216,31 @@ def _map_folder(
     given = argparse.Namespace(**vars(arguments) | {"limit": None})
     first = first_opened(lambda: open_given_recording(given), ended, level=arguments.up is not None)
     if first is None:
-        return
+        return None
     given.started = first.start_time or None  # of stamps that count from zero
-    with open_for_mapping(arguments, inputs) as (semantic_map, on_detections):
-        inputs = replace(inputs, scene=with_taught_rooms(inputs.scene, arguments.into))
-        placed = resumed(first, semantic_map)
-        fit = check_fit(placed, semantic_map, same_frame=arguments.same_frame)
 
-        def reopened() -> FolderRecording:
-            return open_given_recording(given, check=False, T_map_world=placed.T_map_world)
+    def run() -> None:
+        with open_for_mapping(arguments, inputs, viewer) as (semantic_map, on_detections):
+            scene = with_taught_rooms(inputs.scene, arguments.into)
+            placed = resumed(first, semantic_map)
+            fit = check_fit(placed, semantic_map, same_frame=arguments.same_frame)
 
-        recording = GrowingRecording(reopened(), reopened, ended, arguments.limit, arguments.idle)
-        note(f"reading {arguments.recording} as it grows; Ctrl+C ends it")
-        report = map_frames(
-            recording, inputs, semantic_map, on_detections=on_detections, lost=lambda: ""
-        )
-        if fit:
-            note(fit)
-        print_outcome(semantic_map, report, arguments, inputs.device)
+            def reopened() -> FolderRecording:
+                return open_given_recording(given, check=False, T_map_world=placed.T_map_world)
+
+            limit = mapped.left(arguments.limit)
+            recording = GrowingRecording(reopened(), reopened, ended, limit, arguments.idle)
+            note(f"reading {arguments.recording} as it grows; Ctrl+C ends it")
+            report = map_frames(
+                recording,
+                replace(inputs, scene=scene),
+                semantic_map,
+                on_detections=mapped.counted(on_detections),
+                lost=lambda: "",
+            )
+            if fit:
+                note(fit)
+            numbers = {"frames": mapped.count}
+            print_outcome(semantic_map, report, arguments, inputs.device, numbers)
+
+    return run

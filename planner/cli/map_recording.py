@@ -66,7 +66,10 @@ def add_map_options(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Map the recording, and say what was found."""
     inputs = open_inputs(arguments)
-    with open_for_mapping(arguments, inputs) as (semantic_map, on_detections):
+    with (
+        open_viewers(arguments, title_for(arguments.into)) as viewer,
+        open_for_mapping(arguments, inputs, viewer) as (semantic_map, on_detections),
+    ):
         if inputs.corrected and _correct_poses(inputs, semantic_map, arguments):
             return 0
         inputs = replace(inputs, scene=with_taught_rooms(inputs.scene, arguments.into))
@@ -85,9 +88,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 @contextmanager
 def open_for_mapping(
-    arguments: argparse.Namespace, inputs: MappingInputs
+    arguments: argparse.Namespace, inputs: MappingInputs, viewer: Viewer | None
 ) -> Iterator[tuple[SemanticMap, OnDetections | None]]:
-    """The map to write into, and what is called with each mapped frame."""
+    """The map to write into, and what is called with each mapped frame, which `viewer` gets."""
     from kg.opening import open_or_create_map
     from kg.store.gc_scheduling import settled
 
@@ -95,11 +98,12 @@ def open_for_mapping(
     if inputs.labels is not None:
         _refuse_unknown_categories(inputs.labels, arguments.into)
     save = _picture_saver(Path(arguments.pictures)) if arguments.pictures else None
-    title = title_for(arguments.into)
     with (
-        open_viewers(arguments, title) as viewer,
         open_or_create_map(
-            arguments.into, title=title, base=arguments.base, power_safe=arguments.power_safe
+            arguments.into,
+            title=title_for(arguments.into),
+            base=arguments.base,
+            power_safe=arguments.power_safe,
         ) as semantic_map,
         _watched(semantic_map, viewer, save) as on_detections,
     ):

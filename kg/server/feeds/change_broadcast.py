@@ -7,12 +7,14 @@ queue there: one that does not keep up is dropped, so that it costs the others n
 from __future__ import annotations
 
 import asyncio
-from collections import deque
+from collections import OrderedDict, deque
 from collections.abc import Callable, Iterable
 from typing import Protocol
 
+from kg.client.record_codec import change_to_json
 from kg.errors import HistoryError
 from kg.maps.semantic_map import SemanticMap
+from kg.server.feeds.event_stream import event
 from kg.server.http.problems import Problem
 from kg.server.settings import Limits
 from kg.transactions import ChangeSet
@@ -62,6 +64,7 @@ class ChangeBroadcast:
         self._map, self._limits = semantic_map, limits
         self._recent: deque[ChangeSet] = deque(maxlen=limits.feed_memory)
         self._followers: dict[BroadcastClient, str] = {}  # and the client of each
+        self._events: OrderedDict[int, bytes] = OrderedDict()  # by sequence, the last ones
         self._stop: Callable[[], None] | None = None
         self.commits = 0  # since the server started
         self.dropped = 0  # followers that were too slow
@@ -107,6 +110,15 @@ class ChangeBroadcast:
     def remove(self, follower: BroadcastClient) -> None:
         """Forget a follower."""
         self._followers.pop(follower, None)
+
+    def event_of(self, change: ChangeSet) -> bytes:
+        """A commit as a server-sent event, encoded once for all who follow."""
+        if change.sequence not in self._events:
+            text = event(change.sequence, "change", change_to_json(change))
+            self._events[change.sequence] = text
+            if len(self._events) > self._limits.feed_backlog:
+                self._events.popitem(last=False)
+        return self._events[change.sequence]
 
     def since(self, sequence: int) -> Iterable[ChangeSet]:
         """Change sets after that number, oldest first, without a gap.

@@ -17,7 +17,7 @@ from starlette.types import ASGIApp
 
 from kg.client.record_codec import change_to_json
 from kg.server.app_state import AppState
-from kg.server.feeds.change_broadcast import Queue
+from kg.server.feeds.change_broadcast import ChangeBroadcast, Queue
 from kg.server.feeds.event_stream import EventStream, event
 from kg.server.feeds.linked_data_event_stream import change_pages
 from kg.server.http.bodies import query_parameters
@@ -50,7 +50,7 @@ async def changes(serving: AppState, request: Request) -> ASGIApp:
     except BaseException:
         feed.remove(queue)
         raise
-    events = _events(queue, past, since or 0)
+    events = _events(feed, queue, past, since or 0)
     return EventStream(events, queue.ended, partial(feed.remove, queue))
 
 
@@ -75,7 +75,9 @@ def _told(past: Iterable[ChangeSet], since: int) -> bytes:
     return f"{head}{', '.join(rows)}]}}\n".encode()
 
 
-async def _events(queue: Queue, past: Iterable[ChangeSet], sent: int) -> AsyncIterator[bytes]:
+async def _events(
+    feed: ChangeBroadcast, queue: Queue, past: Iterable[ChangeSet], sent: int
+) -> AsyncIterator[bytes]:
     async for change in iterate_in_threadpool(past):
         sent = change.sequence
         yield event(sent, "change", change_to_json(change))
@@ -84,7 +86,7 @@ async def _events(queue: Queue, past: Iterable[ChangeSet], sent: int) -> AsyncIt
         # what was committed while the past was read is in both
         if change.sequence > sent:
             sent = change.sequence
-            yield event(sent, "change", change_to_json(change))
+            yield feed.event_of(change)
 
 
 def _since(request: Request) -> int | None:

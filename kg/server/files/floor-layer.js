@@ -18,22 +18,21 @@ export class FloorLayer {
     const view = this._view;
     if (!view.layers.floor && !view.layers.viewed) return;
     c.imageSmoothingEnabled = false;
-    const latest = view.layers.viewed ? this._latest() : 0;
     for (const tile of view.data.floor) {
       const span = tile.side * tile.size, [u, v] = view.toScreen(tile.x, tile.y + span);
       if (u > view.width || v > view.height || u + span * view.scale < 0 || v + span * view.scale < 0) continue;
-      c.drawImage(this._picture(tile, latest), u, v, span * view.scale, span * view.scale);
+      c.drawImage(this.pictureOf(tile), u, v, span * view.scale, span * view.scale);
     }
   }
 
   /** A tile's picture, a pixel a cell; kept, as tiles seldom change. */
-  _picture(tile, latest) {
+  pictureOf(tile) {
     const viewed = this._view.layers.viewed, scheme = this._view.dark ? "dark" : "light", key = `${viewed}${scheme}`;
     const kept = this._pictures.get(tile.cells);
     if (kept && kept.key === key && kept.viewed === tile.viewed) return kept.canvas;
     const canvas = document.createElement("canvas");
     canvas.width = canvas.height = tile.side;
-    canvas.getContext("2d").putImageData(imageOf(tile, viewed, latest, scheme), 0, 0);
+    canvas.getContext("2d").putImageData(imageOf(tile, viewed, viewed ? this._latest() : 0, scheme), 0, 0);
     if (this._pictures.size > TILES) this._pictures.clear();
     this._pictures.set(tile.cells, { key, viewed: tile.viewed, canvas });
     return canvas;

@@ -17,6 +17,7 @@ const panel = new ThingPanel(data, goTo, (thing) => corrections.form(thing));
 const slider = new TimeSlider(data);
 new PlanPanel(data, view, goTo);
 let listing = 0;
+let solid = null; // the view in three dimensions, once it was wanted
 
 function shown(one) {
   return one.iri === view.selected || list.passes(one);
@@ -46,7 +47,7 @@ function choose(iri) {
 /** Select a thing and bring it into the middle. */
 function goTo(iri) {
   const one = data.objects.get(iri), place = data.places.get(iri);
-  if (one) view.goTo(one.x, one.y);
+  if (one) view.goTo(one.x, one.y, undefined, one.z);
   if (place) view.goTo((place.xmin + place.xmax) / 2, (place.ymin + place.ymax) / 2, view.scale);
   choose(iri);
 }
@@ -57,12 +58,42 @@ function goToAddress() {
   goTo([name, data.base + name].find((one) => data.objects.has(one) || data.places.has(one)) || null);
 }
 
+/** Show the map in three dimensions, or flat again; what draws it is loaded when it is first wanted. */
+async function turn() {
+  if (view.solid) flatten();
+  else {
+    try {
+      const { Map3d } = await import("/files/map-3d.js");
+      solid ??= new Map3d(view);
+      solid.open();
+      view.solid = solid;
+      view.fit();
+    } catch (error) {
+      status(`the map stays flat: ${error.message}`);
+    }
+  }
+  byId("solid").setAttribute("aria-pressed", String(Boolean(view.solid)));
+}
+
+function flatten() {
+  view.solid.close();
+  view.solid = null;
+  view.draw();
+}
+
+function forgetSolid() {
+  turn();
+  solid = null;
+  status("the map is flat again: the browser took its graphics back");
+}
+
 function showTransaction({ sequence, cause }) {
   byId("sequence").textContent = sequence;
   byId("cause").textContent = [cause.by, cause.note || cause.kind].filter(Boolean).join(": ");
   slider.follow();
 }
 
+byId("solid").addEventListener("click", turn);
 byId("fit").addEventListener("click", () => view.fit());
 byId("closer").addEventListener("click", () => view.zoom(1.4));
 byId("farther").addEventListener("click", () => view.zoom(1 / 1.4));
@@ -71,6 +102,7 @@ document.querySelectorAll("[data-layer]").forEach((box) => box.addEventListener(
   byId("viewed-legend").classList.toggle("hidden", !view.layers.viewed);
   view.draw();
 }));
+view.onLost = forgetSolid;
 view.onPick = (iri, point) => { if (!corrections.place(point)) choose(iri); };
 data.addEventListener("changed", () => { slider.follow(); refresh(); });
 data.addEventListener("on", () => { byId("live").className = "live on"; });

@@ -4,7 +4,7 @@ import { drawHighlights } from "/files/highlight-layer.js";
 import { drawText, inside, Taken } from "/files/map-drawing.js";
 import { listen } from "/files/map-gestures.js";
 import { ObjectLayer } from "/files/object-layer.js";
-import { drawPlaceNames, drawPlaces } from "/files/place-layer.js";
+import { drawPlaceNames, drawPlaces, namesOf, placeColour } from "/files/place-layer.js";
 import { drawPlan, drawRobot, drawTrail } from "/files/robot-layer.js";
 
 const NEAR = 16; // [px] of a click from what it meant
@@ -21,10 +21,12 @@ export class MapView {
     this.selected = null; // IRI
     this.highlights = { iris: new Set(), points: [], rings: [] }; // of an answer: positions in metres
     this.plan = null; // as `/find` gives it
+    this.solid = null; // the view in three dimensions while it stands in the place of this one
     this.scale = 40; // [px/m]
     this.centre = [0, 0]; // [m]
     this.isMoving = false;
     this.onPick = () => {}; // (IRI or null, [x, y] in metres)
+    this.onLost = () => {}; // the view in three dimensions has no graphics any more
     this._floor = new FloorLayer(this);
     this._objects = new ObjectLayer(this);
     this._fitted = false;
@@ -40,29 +42,40 @@ export class MapView {
 
   /** Draw soon, once. */
   draw() {
+    if (this.solid) return this.solid.draw();
     this._waiting ||= requestAnimationFrame(() => { this._waiting = 0; this._draw(); });
   }
 
   /** Show all of the map. */
   fit() {
+    const bounds = this.bounds();
+    if (!bounds) return;
+    const [[xmin, ymin], [xmax, ymax]] = bounds;
+    this.centre = [(xmin + xmax) / 2, (ymin + ymax) / 2];
+    this.scale = Math.min((this.width - 60) / (xmax - xmin + 0.4), (this.height - 60) / (ymax - ymin + 0.4), 250);
+    this._fitted = true;
+    this.solid?.fit();
+    this.draw();
+  }
+
+  /** The lowest and the highest corner [m] of what is shown; null of nothing. */
+  bounds() {
     const points = [];
     for (const place of this.data.places.values()) for (const ring of place.rings) for (const corner of ring) points.push(corner);
     if (!points.length) {
       for (const tile of this.data.floor) points.push([tile.x, tile.y], [tile.x + tile.side * tile.size, tile.y + tile.side * tile.size]);
     }
     for (const one of this.data.objects.values()) if (this.shown(one)) points.push([one.x, one.y]);
-    if (!points.length) return;
-    const [xmin, xmax] = boundsOf(points, 0), [ymin, ymax] = boundsOf(points, 1);
-    this.centre = [(xmin + xmax) / 2, (ymin + ymax) / 2];
-    this.scale = Math.min((this.width - 60) / (xmax - xmin + 0.4), (this.height - 60) / (ymax - ymin + 0.4), 250);
-    this._fitted = true;
-    this.draw();
+    if (!points.length) return null;
+    const [[xmin, xmax], [ymin, ymax]] = [boundsOf(points, 0), boundsOf(points, 1)];
+    return [[xmin, ymin], [xmax, ymax]];
   }
 
   /** Bring a point [m] into the middle. */
-  goTo(x, y, scale = Math.max(this.scale, 70)) {
+  goTo(x, y, scale = Math.max(this.scale, 70), z = 0) {
     this.centre = [x, y];
     this.scale = scale;
+    this.solid?.goTo(x, y, z);
     this.draw();
   }
 
@@ -75,6 +88,7 @@ export class MapView {
   }
 
   zoom(factor, u = this.width / 2, v = this.height / 2) {
+    if (this.solid) return this.solid.zoom(factor);
     const [x, y] = this.toMap(u, v);
     this.scale = Math.min(Math.max(this.scale * factor, 0.5), 800);
     this.centre = [x - (u - this.width / 2) / this.scale, y + (v - this.height / 2) / this.scale];
@@ -101,6 +115,28 @@ export class MapView {
     this.onPick(best, [x, y]);
   }
 
+  /** Colours and names as all views have them. */
+  readColours() {
+    const style = getComputedStyle(document.documentElement);
+    for (const name of ["ink", "faint", "panel", "accent"]) this[name] = style.getPropertyValue(`--${name}`).trim();
+  }
+
+  colourOfClass(category) {
+    return this._objects.colourOf(category);
+  }
+
+  colourOfPlace(place) {
+    return placeColour(this, place);
+  }
+
+  nameOfPlace(place) {
+    return namesOf(this.data, place)[0];
+  }
+
+  pictureOf(tile) {
+    return this._floor.pictureOf(tile);
+  }
+
   /** Draw without most names until the map has rested for a moment. */
   _drawMoving() {
     clearTimeout(this._rest);
@@ -115,22 +151,22 @@ export class MapView {
     this.height = box.height;
     this.canvas.width = Math.round(box.width * ratio);
     this.canvas.height = Math.round(box.height * ratio);
+    if (!this.width) return; // hidden
     if (!this._fitted) this.fit();
     this.draw();
   }
 
   _draw() {
     const ratio = devicePixelRatio || 1, c = this.canvas.getContext("2d");
-    const style = getComputedStyle(document.documentElement);
-    for (const name of ["ink", "faint", "panel", "accent"]) this[name] = style.getPropertyValue(`--${name}`).trim();
+    this.readColours();
     c.setTransform(ratio, 0, 0, ratio, 0, 0);
     c.fillStyle = this.panel;
     c.fillRect(0, 0, this.width, this.height);
     const taken = new Taken(this.width, this.height);
-    taken.take(this.width - 50, 0, 50, 150, true); // the buttons
+    taken.take(this.width - 50, 0, 50, 180, true); // the buttons
     this._floor.draw(c);
     drawPlaces(c, this);
-    drawPlan(c, this);
+    drawPlan(c, this, taken);
     this._objects.draw(c, taken);
     drawHighlights(c, this);
     drawTrail(c, this);

@@ -48,14 +48,14 @@ export class ObjectLayer {
       const [u, v] = view.toScreen(one.x, one.y);
       if (u < -50 || v < -50 || u > view.width + 50 || v > view.height + 50) continue;
       this._seen.push([one, u, v]);
-      const colour = this._colour(one.class), shade = Math.round(Math.max(one.existence, 0.15) * SHADES), key = `${colour}|${shade}`;
+      const colour = this.colourOf(one.class), shade = Math.round(Math.max(one.existence, 0.15) * SHADES), key = `${colour}|${shade}`;
       if (!groups.has(key)) groups.set(key, { colour, shade, members: [] });
       groups.get(key).members.push([one, u, v]);
     }
     return groups;
   }
 
-  _colour(category) {
+  colourOf(category) {
     if (!this._colours.has(category)) this._colours.set(category, colourOf(this._view.data.labelOf(category), this._view.dark));
     return this._colours.get(category);
   }

@@ -35,9 +35,7 @@ export function drawPlaceNames(c, view, taken) {
   c.textAlign = "center";
   c.font = "600 13px system-ui, sans-serif";
   for (const place of view.data.places.values()) {
-    const best = place.beliefs[0], kind = best ? view.data.labelOf(best[0]) : view.data.nameOf(place);
-    const names = best ? [`${kind} ${Math.round(best[1] * 100)} %`, kind] : [kind];
-    for (const name of names) {
+    for (const name of namesOf(view.data, place)) {
       const width = c.measureText(name).width;
       const spot = [...spotsOf(view, place, width)].find(([u, v]) => inside(...view.toMap(u, v - 5), place.rings)
         && taken.take(u - width / 2, v - 11, width, 14));
@@ -47,6 +45,12 @@ export function drawPlaceNames(c, view, taken) {
     }
   }
   c.textAlign = "left";
+}
+
+/** What a place is most probably, with its belief and without; else its name. */
+export function namesOf(data, place) {
+  const best = place.beliefs[0], kind = best ? data.labelOf(best[0]) : data.nameOf(place);
+  return best ? [`${kind} ${Math.round(best[1] * 100)} %`, kind] : [kind];
 }
 
 /** Middles of a name of that width [px] inside a place's bounds, line by line from the top. */
@@ -59,7 +63,7 @@ function* spotsOf(view, place, width) {
   }
 }
 
-function placeColour(view, place) {
+export function placeColour(view, place) {
   const best = place.beliefs[0];
   return best ? colourOf(view.data.labelOf(best[0]), view.dark) : view.faint;
 }

@@ -58,6 +58,7 @@ def column(name: str, question: str, **parameters: object) -> list[object]:
 
 def test_every_shipped_question_says_what_it_is_and_gives_the_columns_it_promises() -> None:
     given_values = {"category": "chair", "place": "study", "object": f"{CHART.base}object/1"}
+    given_values |= {"one": f"{CHART.base}object/1", "other": f"{CHART.base}object/2"}
     numbers = {"x": 0, "y": 0, "xmin": 0, "xmax": 1, "ymin": 0, "ymax": 1}
     for question in shipped_queries():
         assert question.summary

@@ -9,8 +9,13 @@ from typing import Any
 PATIENCE = 120_000  # [ms] for what comes at once, on a machine however slow
 HOSTILE = '<img src=x onerror="alert(1)">'
 CHROMIUM = shutil.which("chromium")
-#: arguments of the browser; without the last ones it asks its makers' hosts
+#: arguments of the browser: it draws in software; without the last ones it asks its makers' hosts
 ARGUMENTS = (
+    *(
+        "--use-gl=angle",
+        "--use-angle=swiftshader",
+        "--enable-unsafe-swiftshader",
+    ),  # drawn in software
     *("--no-sandbox", "--no-first-run"),
     *(
         f"--disable-{name}"

@@ -1,0 +1,90 @@
+"""Questions as data: text, parameters, typed answer and how it is scored; one JSON file of them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+from kg.errors import GraphError
+from perception.recordings.recording_writer import write_text
+
+FILE: Final = "questions.json"
+#: family -> type of its answers
+FAMILIES: Final[Mapping[str, str]] = {
+    "count": "integer",
+    "count in place": "integer",
+    "presence": "boolean",
+    "nearest": "position",
+    "within radius": "categories",
+    "between": "categories",
+    "on or in": "categories",
+    "last seen": "time",
+    "moved since": "categories",
+    "never looked": "status",
+    "why": "frame",
+    "plan": "rooms",
+}
+#: type -> how it is given in JSON, and how it is scored
+TYPES: Final[Mapping[str, str]] = {
+    "integer": "a whole number; exact",
+    "boolean": "true or false; exact",
+    "position": "[x, y] or [x, y, z] in metres; within the tolerance [m] over the floor",
+    "categories": "a list of labels; F1 of the sets, those in `ignore` count neither way",
+    "time": "seconds since 1970 UTC; within the tolerance [s]",
+    "status": "present, gone, hidden or never looked; exact",
+    "frame": "[recording, frame]; one of those listed",
+    "rooms": "a list of labels of rooms, the best first; 1 / the number of the first right one",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """A question to the map of one house."""
+
+    id: str
+    house: str
+    family: str
+    text: str
+    parameters: Mapping[str, Any]
+    answer: Any
+    tolerance: float | None = None
+    ignore: Sequence[str] = field(default=())  # categories that count neither way
+
+    @property
+    def type(self) -> str:
+        """The type of the answer."""
+        return FAMILIES[self.family]
+
+
+def save_questions(folder: Path, questions: Sequence[Question], houses: Mapping[str, Any]) -> None:
+    """Write the questions and what there is of each house."""
+    listed = [{**asdict(one), "type": one.type} for one in questions]
+    document = {"version": 1, "types": TYPES, "houses": houses, "questions": listed}
+    write_text(folder / FILE, json.dumps(document, indent=1) + "\n")
+
+
+def load_questions(folder: Path) -> list[Question]:
+    """Read what `save_questions` wrote; raises GraphError for anything else."""
+    document = read_json(folder / FILE)
+    try:
+        entries = [dict(entry) for entry in document["questions"]]
+        for entry in entries:
+            entry.pop("type", None)
+        found = [Question(**entry) for entry in entries]
+    except (KeyError, TypeError) as error:
+        raise GraphError(f"{folder / FILE} holds no questions: {error!r}") from error
+    unknown = {one.family for one in found} - FAMILIES.keys()
+    if unknown:
+        raise GraphError(f"unknown families {sorted(unknown)}; there are: {', '.join(FAMILIES)}")
+    return found
+
+
+def read_json(path: Path) -> Any:
+    """The content of a JSON file; raises GraphError where it cannot be read."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise GraphError(f"cannot read {path}: {error}") from error

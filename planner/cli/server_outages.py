@@ -1,0 +1,67 @@
+"""Mapping into a served map whose server goes away and comes back."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from kg.errors import MapBusyError, RemoteError, UnreachableError
+
+if TYPE_CHECKING:
+    from mapping.recording_mapper import OnDetections
+    from perception.frames import Detections, Frame, SceneScores
+
+
+@dataclass(slots=True)
+class MappedFrames:
+    """How far the runs have come, all together."""
+
+    count: int = 0
+    opened: bool = False  # whether the map could be opened once
+
+    def left(self, limit: int | None) -> int | None:
+        """Frames that are left of a limit."""
+        return None if limit is None else max(limit - self.count, 0)
+
+    def counted(self, on_detections: OnDetections | None) -> OnDetections:
+        """What is called with each frame once it is in the map; it is counted as well."""
+        self.opened = True
+
+        def count(frame: Frame, detections: Detections, scene: SceneScores | None) -> None:
+            self.count += 1
+            if on_detections is not None:
+                on_detections(frame, detections, scene)
+
+        return count
+
+
+def through_outages(
+    address: str, ended: threading.Event, mapped: MappedFrames, run: Callable[[], None]
+) -> None:
+    """Call `run` until it returns; again where a server went away once it had been there.
+
+    What the server has acknowledged is in the map; `run` opens it anew and goes on from there.
+    Raises what `run` does where that is no outage, the last outage where `ended` comes before the
+    server is back, and what a server says that answers but refuses twice without a frame.
+    """
+    from perception.live.connection import Retry
+
+    retry, lost, refused_at = Retry(address, ended), False, -1
+    while True:
+        before = mapped.count
+        try:
+            return run()
+        except (RemoteError, MapBusyError) as error:
+            away = isinstance(error, UnreachableError)
+            # after an outage the busy one may be ourselves: a frame that came late
+            known = mapped.opened and (lost or isinstance(error, RemoteError))
+            if not known or ended.is_set() or (not away and refused_at == mapped.count):
+                raise
+            lost, refused_at = True, refused_at if away else mapped.count
+            if mapped.count > before:
+                retry.worked()
+            retry.failed(error)
+            if ended.is_set():
+                raise

@@ -1,0 +1,67 @@
+"""The documentation as a website: no broken link, and nothing is loaded from elsewhere."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("material", reason="pip install 'hereabouts[docs]'")
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of the site, built as `mkdocs build --strict` does."""
+    folder = tmp_path_factory.mktemp("site")
+    words = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)]
+    environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
+    done = subprocess.run(words, cwd=ROOT, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+class Loaded(HTMLParser):
+    """What a page loads by itself."""
+
+    def __init__(self, page: Path) -> None:
+        super().__init__()
+        self.addresses: list[str] = []
+        self.feed(page.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        given = dict(attrs)
+        if tag in ("script", "img", "iframe"):
+            self.addresses.append(given.get("src") or "")
+        elif tag == "link" and given.get("rel") in ("stylesheet", "icon", "preload"):
+            self.addresses.append(given.get("href") or "")
+
+
+def test_pages_load_what_is_in_the_site_and_nothing_else(site: Path) -> None:
+    pages = [page for page in site.rglob("*.html") if page.name != "404.html"]
+    assert len(pages) > 50
+    for page in pages:
+        for address in filter(None, Loaded(page).addresses):
+            path = address.partition("?")[0].partition("#")[0]
+            assert (page.parent / path).exists(), f"{page.relative_to(site)}: {address}"
+
+
+def test_styles_and_scripts_name_no_other_host(site: Path) -> None:
+    for style in site.rglob("*.css"):
+        assert not re.search(r"url\(['\"]?(https?:)?//", style.read_text(encoding="utf-8"))
+    for page in site.rglob("*.html"):
+        assert "unpkg.com" not in page.read_text(encoding="utf-8")
+
+
+def test_every_page_of_the_shelves_is_in_the_navigation(site: Path) -> None:
+    index = (site / "index.html").read_text(encoding="utf-8")
+    shelves = ("tutorial", "how-to", "reference", "explanation", "research")
+    pages = [p for shelf in shelves for p in (ROOT / "docs" / shelf).glob("*.md")]
+    assert [p for p in pages if f'href="{p.parent.name}/{p.stem}.html"' not in index] == []
+    assert 'href="project/contributing.html"' in index
