@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.kg.server.browser_pages import ARGUMENTS, CHROMIUM
+
 pytest.importorskip("material", reason="pip install 'hereabouts[docs]'")
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -65,3 +67,31 @@ def test_every_page_of_the_shelves_is_in_the_navigation(site: Path) -> None:
     pages = [p for shelf in shelves for p in (ROOT / "docs" / shelf).glob("*.md")]
     assert [p for p in pages if f'href="{p.parent.name}/{p.stem}.html"' not in index] == []
     assert 'href="project/contributing.html"' in index
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed: apt-get install chromium")
+@pytest.mark.parametrize(("width", "scheme"), [(1300, "light"), (390, "dark")])
+def test_the_site_and_its_search_work_from_a_file(site: Path, width: int, scheme: str) -> None:
+    playwright = pytest.importorskip("playwright.sync_api")
+    faults, requests = list[str](), list[str]()
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=CHROMIUM, args=list(ARGUMENTS))
+        size = {"width": width, "height": 844}
+        page = browser.new_page(viewport=size, color_scheme=scheme)
+        page.on("console", lambda message: faults.append(message.text))
+        page.on("request", lambda request: requests.append(request.url))
+        page.goto((site / "explanation" / "mapping.html").as_uri())
+        page.wait_for_selector("[data-md-component=search]", state="attached")
+        page.keyboard.press("f")  # the theme's key for its search
+        page.wait_for_selector(".md-search__input:focus", timeout=60_000)
+        page.keyboard.type("identity switches")
+        page.wait_for_selector(".md-search-result__link mark", timeout=60_000)
+        links = page.locator(".md-search-result__link").all()
+        found = {Path(link.get_attribute("href").partition("?")[0]).name for link in links}
+        wide = page.evaluate("document.documentElement.scrollWidth")
+        colours = page.evaluate("document.body.dataset.mdColorScheme")
+        browser.close()
+    assert faults == []
+    assert [url for url in requests if not url.startswith("file:")] == []
+    assert "evaluate.html" in found
+    assert (wide, colours) == (width, "default" if scheme == "light" else "slate")

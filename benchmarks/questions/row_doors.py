@@ -10,7 +10,6 @@ from typing import Any, Final
 import requests
 
 from benchmarks.questions.graph_maps import AskedMap
-from kg.query.query_files import find_query
 
 Row = Mapping[str, Any]
 
@@ -103,15 +102,15 @@ class SparqlDoor:
 
 
 class HttpDoor(SparqlDoor):
-    """The same over the SPARQL protocol; reasons by `/why`, plans by `/find`."""
+    """The same from `/queries`, over the SPARQL protocol; reasons by `/why`, plans by `/find`."""
 
     def __init__(self, asked: AskedMap, url: str) -> None:
         super().__init__(asked)
         self._url = url.rstrip("/")
 
     def rows(self, name: str, at: str | None = None, **parameters: Any) -> Sequence[Row]:
-        query = self._map.bound(find_query(name), parameters)
-        found = self._get("/sparql", {"query": query, **({"at": at} if at else {})})
+        query = self._get(f"/queries/{name}", parameters).text
+        found = self._json("/sparql", query=query, **({"at": at} if at else {}))
         names = found["head"]["vars"]
         return [
             {n: _value(row[n]) if n in row else None for n in names}
@@ -122,20 +121,23 @@ class HttpDoor(SparqlDoor):
         one = self._one(thing, thing_room)
         if one is None:
             return None
-        found = SEEN_IN.search(str(self._get("/why", {"iri": one["object"]})))
+        found = SEEN_IN.search(str(self._json("/why", iri=one["object"])))
         return None if found is None else [found[2], found[1]]
 
     def plan(self, category: str) -> list[str]:
         rooms = {row["place"]: row["label"] for row in self.rows("places")}
         rooms |= {row["object"]: row["place"] for row in self.rows("objects", least=0.0)}
-        steps = self._get("/find", {"object": category})["steps"]
+        steps = self._json("/find", object=category)["steps"]
         return in_order(rooms.get(step["why"][0]["iri"]) for step in steps if step["why"])
 
-    def _get(self, path: str, parameters: Mapping[str, str]) -> Any:
-        headers = {"Accept": "application/sparql-results+json, application/json;q=0.9"}
+    def _json(self, path: str, **parameters: str) -> Any:
+        return self._get(path, parameters).json()
+
+    def _get(self, path: str, parameters: Mapping[str, Any]) -> requests.Response:
+        headers = {"Accept": "application/sparql-results+json, application/json;q=0.9, */*;q=0.1"}
         found = requests.get(self._url + path, params=parameters, headers=headers, timeout=60)
         found.raise_for_status()
-        return found.json()
+        return found
 
 
 def categories(rows: Any) -> list[str] | None:

@@ -7,6 +7,7 @@ publishers see it.
 
 from __future__ import annotations
 
+import os
 import socket
 import threading
 import time
@@ -38,7 +39,12 @@ class Ros1Master:
 
     @classmethod
     def at(cls, address: str) -> Ros1Master:
-        """The master at ros1://HOST[:PORT]; raises RecordingError."""
+        """The master at ros1://HOST[:PORT], or "ros1": that of ROS_MASTER_URI, else at localhost.
+
+        Raises RecordingError for anything else.
+        """
+        if address == "ros1":
+            address = os.environ.get("ROS_MASTER_URI") or "ros1://localhost"
         try:
             parts = urlsplit(address)
             host, port = parts.hostname, parts.port

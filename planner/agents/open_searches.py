@@ -21,8 +21,8 @@ from planner.execution.viewpoint_adapter import NextView, ViewpointAdapter
 from planner.goals.candidate_queries import map_time
 from planner.goals.targets import resolve
 
-MOST: Final = 32  # searches kept, the latest used ones
-MOST_LOOKS: Final = 500  # of one search
+MOST: Final = 8  # searches kept, the latest used ones
+MOST_REPORTS: Final = 500  # of one search
 
 
 class OpenSearch:
@@ -54,10 +54,11 @@ class OpenSearch:
 
     def next(self, pose: RobotPose) -> NextView | None:
         """The look to take next from `pose`; None where all is found or none is worth its way."""
-        if self._map.sequence != self._sequence:
-            self._sequence = self._map.sequence
+        sequence = self._map.sequence
+        if sequence != self._sequence:
             self._adapter.rebuild(self._looks, self._obstacles, tuple(self._found.items()))
-        over = not self.wanted or len(self._looks) >= MOST_LOOKS
+            self._sequence = sequence
+        over = not self.wanted or len(self._looks) + len(self._obstacles) >= MOST_REPORTS
         self.proposed = None if over else self._adapter.next(pose)
         return self.proposed
 

@@ -11,7 +11,6 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
-from urllib.parse import urlsplit
 
 from kg.errors import RecordingError
 from planner.cli.arguments import positive, title_for, whole
@@ -39,8 +38,8 @@ if TYPE_CHECKING:
     from planner.viewers.viewer import Viewer
 
 SOURCES: Final = (
-    "ros1://HOST:11311, ros2 or ros2://DOMAIN, ws://HOST:8765 (Foxglove), or a folder that is "
-    "being written"
+    "ros1 or ros1://HOST:11311, ros2 or ros2://DOMAIN, ws://HOST:8765 (Foxglove), or a folder that "
+    "is being written"
 )
 
 
@@ -85,7 +84,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _connection(source: str) -> Connection | None:
     """What `source` is the address of; None: a folder. Raises RecordingError for neither."""
-    scheme = urlsplit(source).scheme if "://" in source else source if source == "ros2" else ""
+    is_address = "://" in source or source in ("ros1", "ros2")
+    scheme = source.partition("://")[0] if is_address else ""
     if scheme in ("ros1", "ros2", "ws", "wss"):
         require_ros(source, "rosbags")
     if scheme == "ros1":

@@ -19,7 +19,7 @@ SHARE: Final = 0.9  # of --patience, after which this robot itself says what is 
 
 
 def is_ros1(address: str) -> bool:
-    """Whether a robot's address is that of a ROS 1 master; "ros1" is the one at localhost."""
+    """Whether a robot's address is that of a ROS 1 master."""
     return address == "ros1" or address.startswith("ros1://")
 
 
@@ -73,8 +73,7 @@ def open_ros1_robot(arguments: argparse.Namespace) -> Robot:
     from perception.live.stream import FrameStream
     from planner.execution.ros1_robot import Ros1Robot
 
-    address = "ros1://localhost" if arguments.robot == "ros1" else arguments.robot
-    master = Ros1Master.at(address)
+    master = Ros1Master.at(arguments.robot)
     name = named_detector(arguments.detector)
     detector = open_detector(name, threshold=arguments.threshold, device=arguments.device)
     given = arguments.intrinsics

@@ -41,8 +41,8 @@ STOPPED: Final = 128
 _ROBOT = (
     "sim: the simulated robot of the demo house; stdio:COMMAND: a program with the line "
     "protocol of docs/reference/robot-protocol.md; stdio: the parent process, on stdin and stdout; "
-    "http://...: a robot behind that address; ros1://HOST[:PORT] (ros1: localhost): move_base and "
-    "a camera behind a ROS 1 master"
+    "http://...: a robot behind that address; ros1://HOST[:PORT], or ros1 (ROS_MASTER_URI): "
+    "move_base and a camera behind a ROS 1 master"
 )
 
 

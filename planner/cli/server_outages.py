@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from kg.errors import RemoteError, UnreachableError
+from kg.errors import MapBusyError, RemoteError, UnreachableError
 
 if TYPE_CHECKING:
     from mapping.recording_mapper import OnDetections
@@ -44,20 +44,22 @@ def through_outages(
 
     What the server has acknowledged is in the map; `run` opens it anew and goes on from there.
     Raises what `run` does where that is no outage, the last outage where `ended` comes before the
-    server is back, and RemoteError where the server answers but refuses twice without a frame.
+    server is back, and what a server says that answers but refuses twice without a frame.
     """
     from perception.live.connection import Retry
 
-    retry, refused_at = Retry(address, ended), -1
+    retry, lost, refused_at = Retry(address, ended), False, -1
     while True:
         before = mapped.count
         try:
             return run()
-        except RemoteError as error:
+        except (RemoteError, MapBusyError) as error:
             away = isinstance(error, UnreachableError)
-            if not mapped.opened or ended.is_set() or (not away and refused_at == mapped.count):
+            # after an outage the busy one may be ourselves: a frame that came late
+            known = mapped.opened and (lost or isinstance(error, RemoteError))
+            if not known or ended.is_set() or (not away and refused_at == mapped.count):
                 raise
-            refused_at = refused_at if away else mapped.count
+            lost, refused_at = True, refused_at if away else mapped.count
             if mapped.count > before:
                 retry.worked()
             retry.failed(error)

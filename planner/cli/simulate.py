@@ -76,7 +76,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "goals that come to /move_base, until Ctrl+C. It needs a master, e.g. roscore.",
         epilog="example: hereabouts simulate robot ros1://localhost --hide orange@7.05,8.3,0.85",
     )
-    robot.add_argument("master", metavar="ros1://HOST[:PORT]", help="the ROS 1 master")
+    robot.add_argument("master", metavar="ros1|ros1://HOST[:PORT]", help="the ROS 1 master")
     add_hide(robot)
     robot.add_argument(
         "--rate",

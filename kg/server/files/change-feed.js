@@ -28,12 +28,12 @@ export async function followChanges(since, { onOpen, onClosed, onChange, onGap }
 
 /** Call `take` with the data of each event of a stream, until it ends. */
 async function readEvents(body, take) {
-  const reader = body.pipeThrough(new TextDecoderStream()).getReader();
+  const reader = body.getReader(), decoder = new TextDecoder(); // a TextDecoderStream would take more turns of a busy page
   let waiting = "";
   for (;;) {
     const { done, value } = await reader.read();
     if (done) return;
-    const events = (waiting + value).split("\n\n");
+    const events = (waiting + decoder.decode(value, { stream: true })).split("\n\n");
     waiting = events.pop();
     for (const event of events) {
       const data = event.split("\n").filter((line) => line.startsWith("data: ")).map((line) => line.slice(6));

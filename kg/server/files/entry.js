@@ -2,7 +2,7 @@
 import { byId } from "/files/page-elements.js";
 import { request, useToken } from "/files/server.js";
 
-/** Wait until the map may be read; returns its base IRI and title. `place` has the base of an open map. */
+/** Wait until the map may be read; returns its base IRI, which `place` has where the map is open to all. */
 export function enter(place) {
   const form = byId("entry");
   if (!form) return Promise.resolve(place.dataset.base);
@@ -15,6 +15,7 @@ export function enter(place) {
       byId("title").textContent = map;
       document.title = `${map} · hereabouts`;
       form.remove();
+      document.querySelector("footer")?.remove(); // its links would carry no token
       open(base);
     } catch (error) {
       byId("entry-outcome").textContent = error.message;

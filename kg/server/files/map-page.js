@@ -111,6 +111,7 @@ data.addEventListener("transaction", ({ detail }) => showTransaction(detail));
 window.addEventListener("hashchange", goToAddress);
 
 data.load().then(() => {
+  byId("sequence").textContent = data.sequence;
   view.fit();
   showLists();
   corrections.offerCategories();

@@ -163,10 +163,10 @@ export class MapView {
     c.fillStyle = this.panel;
     c.fillRect(0, 0, this.width, this.height);
     const taken = new Taken(this.width, this.height);
-    taken.take(this.width - 50, 0, 50, 150, true); // the buttons
+    taken.take(this.width - 50, 0, 50, 180, true); // the buttons
     this._floor.draw(c);
     drawPlaces(c, this);
-    drawPlan(c, this);
+    drawPlan(c, this, taken);
     this._objects.draw(c, taken);
     drawHighlights(c, this);
     drawTrail(c, this);

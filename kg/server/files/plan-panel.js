@@ -50,7 +50,7 @@ export class PlanPanel {
   _steps(plan) {
     const given = new Set(); // reasons, each told once
     return plan.steps.slice(0, STEPS).map((step, n) => {
-      const reason = step.why.find((one) => !given.has(one.iri));
+      const reason = step.why.slice(0, 1).find((one) => !given.has(one.iri));
       if (reason) given.add(reason.iri);
       return element("li", "", button(`look ${n + 1}`, () => this._view.goTo(step.x, step.y)),
         ` by ${Math.round(step.seconds)} s, finds it with ${step.probability.toFixed(3)}`,

@@ -31,6 +31,7 @@ function cellOf(term, base, prefixes) {
   }
   cell.textContent = term.value;
   if (isNumeric(term)) cell.className = "number";
+  else if (/#(date|dateTime)$/.test(term.datatype || "")) cell.className = "time";
   if (term["xml:lang"]) cell.append(Object.assign(element("span", ` @${term["xml:lang"]}`), { className: "dim" }));
   return cell;
 }

@@ -33,7 +33,7 @@ export function drawRobot(c, view, taken) {
 }
 
 /** The steps of a plan: where to stand, which way to look, in which order. */
-export function drawPlan(c, view) {
+export function drawPlan(c, view, taken) {
   if (!view.plan) return;
   const { steps, start } = view.plan, stops = steps.map((step) => view.toScreen(step.x, step.y));
   c.strokeStyle = c.fillStyle = view.accent;
@@ -48,15 +48,28 @@ export function drawPlan(c, view) {
   c.globalAlpha = 1;
   c.font = "600 12px system-ui, sans-serif";
   c.textAlign = "center";
-  stops.forEach(([u, v], n) => {
+  for (const [[u, v], numbers] of bySpot(stops)) {
+    const text = numbers.join(", "), half = Math.max(c.measureText(text).width / 2 + 5, 10);
+    taken.take(u - half, v - 10, 2 * half, 20, true);
     c.fillStyle = view.accent;
     c.beginPath();
-    c.arc(u, v, 10, 0, 7);
+    c.roundRect(u - half, v - 10, 2 * half, 20, 10);
     c.fill();
     c.fillStyle = view.panel;
-    c.fillText(String(n + 1), u, v + 4);
-  });
+    c.fillText(text, u, v + 4);
+  }
   c.textAlign = "left";
+}
+
+/** Each spot once, with the numbers of the looks that are taken from there. */
+function bySpot(stops) {
+  const spots = new Map();
+  stops.forEach(([u, v], n) => {
+    const key = `${Math.round(u)} ${Math.round(v)}`;
+    if (!spots.has(key)) spots.set(key, [[u, v], []]);
+    spots.get(key)[1].push(n + 1);
+  });
+  return spots.values();
 }
 
 function drawSector(c, [u, v], step, scale) {

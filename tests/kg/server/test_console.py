@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import re
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
@@ -10,8 +13,6 @@ import pytest
 from tests.kg.server.browser_pages import HOSTILE, PATIENCE, OpenPage, says, serious_faults
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from conftest import Served
 
 CUPS = "SELECT ?cup ?name { ?cup a here:Cup ; rdfs:label ?name }"
@@ -27,6 +28,16 @@ def write(page: Any, query: str) -> None:
 def ask(page: Any, query: str) -> None:
     write(page, query)
     page.keyboard.press("Control+Enter")
+
+
+def test_pages_run_no_script_and_no_style_of_their_own_text(served: Served) -> None:
+    for path in ("", "console", "object/1"):
+        page = served.get(path, headers={"Accept": "text/html"})
+        policy = page.headers["Content-Security-Policy"]
+        assert "default-src 'none'; script-src 'self'; style-src 'self'" in policy
+        assert "unsafe" not in policy
+        assert "<style" not in page.text
+        assert "://" not in "".join(re.findall(r"<(?:script|link)[^>]*>", page.text))
 
 
 def test_questions_are_listed_with_their_parameters(served: Served) -> None:
@@ -225,3 +236,14 @@ def test_a_private_map_is_looked_at_with_a_token_that_is_kept_nowhere(
     assert reader not in kept
     page.reload()
     page.wait_for_selector("#entry-token", timeout=PATIENCE)
+
+
+def test_the_vendored_editor_is_what_its_build_file_names() -> None:
+    root = Path(__file__).parents[3]
+    pinned = json.loads((root / "bundles/codemirror/package.json").read_text())["dependencies"]
+    vendored = root / "kg/server/files/vendor"
+    banner = (vendored / "codemirror.min.js").read_text().partition("*/")[0]
+    licences = (vendored / "codemirror.LICENSES").read_text()
+    for name, version in pinned.items():
+        assert f"{name} {version}" in banner
+        assert f"{name} {version}" in licences

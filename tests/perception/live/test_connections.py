@@ -155,10 +155,14 @@ def test_a_hostile_ros1_master_is_asked_again(messages: Messages, answer: Any) -
             frame_of(made)
 
 
-def test_addresses_that_are_none_are_refused() -> None:
+def test_addresses_that_are_none_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     for address in ("ros1://", "ros1://:11311", "ros1://host:port"):
         with pytest.raises(RecordingError, match="ros1://localhost:11311"):
             Ros1Master.at(address)
+    monkeypatch.delenv("ROS_MASTER_URI", raising=False)
+    assert Ros1Master.at("ros1").address == "ros1://localhost:11311"
+    monkeypatch.setenv("ROS_MASTER_URI", "http://robot:11312/")
+    assert Ros1Master.at("ros1").address == "ros1://robot:11312"
     assert Ros1Master.at("ros1://robot").port == 11311
     for address in ("ws://", "ws://:8765", "ws://host:port"):
         with pytest.raises(RecordingError, match="ws://localhost:8765"):

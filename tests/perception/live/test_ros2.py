@@ -6,9 +6,10 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from queue import Empty, SimpleQueue
 from types import SimpleNamespace
 
 import numpy as np
@@ -20,11 +21,13 @@ from cyclonedds.domain import DomainParticipant
 from cyclonedds.pub import DataWriter
 from cyclonedds.qos import Policy, Qos
 from cyclonedds.topic import Topic
+from cyclonedds.util import duration
 
 from kg.errors import RecordingError
 from perception.live import stream
 from perception.live.ros2 import Ros2Domain, topics_of
 from perception.live.stream import FrameStream
+from perception.recordings.bag_file import RawMessage, decoded
 from perception.recordings.bag_writer import COLOUR, DEPTH, write_bag
 from perception.recordings.listing import Streams
 from perception.recordings.recording import FolderRecording
@@ -137,6 +140,56 @@ def test_hostile_messages_are_skipped(bag: Path, caplog: pytest.LogCaptureFixtur
         ended.set()
         thread.join()
     assert "messages of /tf are skipped" in caplog.text
+
+
+class Inbox:
+    def __init__(self) -> None:
+        self.heard = SimpleQueue[RawMessage]()
+
+    def wanted(self, topics: Mapping[str, str]) -> set[str]:
+        return {topic for topic, type_ in topics.items() if type_ == "nav_msgs/msg/Odometry"}
+
+    def offer(self, raw: RawMessage, *, is_ros1: bool) -> None:
+        assert not is_ros1
+        self.heard.put(raw)
+
+
+def test_odometry_comes_as_it_was_written() -> None:
+    header = ros2_peer.Header(ros2_peer.Time(1_700_000_000, 123), "odom")
+    turned = ros2_peer.Quaternion(0.0, 0.0, 0.6, 0.8)
+    pose = ros2_peer.Pose(ros2_peer.Point(1.5, -2.5, 0.0), turned)
+    still = ros2_peer.Twist(ros2_peer.Vector3(0.0, 0.0, 0.0), ros2_peer.Vector3(0.0, 0.0, 0.25))
+    message = ros2_peer.Odometry(
+        header,
+        "base_link",
+        ros2_peer.PoseWithCovariance(pose, [0.5] * 36),
+        ros2_peer.TwistWithCovariance(still, [0.0] * 36),
+    )
+    participant = DomainParticipant(DOMAIN)
+    reliable = Qos(Policy.Reliability.Reliable(duration(seconds=1)))
+    writer = DataWriter(
+        participant, Topic(participant, "rt/odom", ros2_peer.Odometry), qos=reliable
+    )
+    inbox, ended = Inbox(), threading.Event()
+    thread = threading.Thread(target=Ros2Domain(DOMAIN).run, args=(inbox, ended))
+    thread.start()
+    try:
+        raw = None
+        while raw is None:
+            writer.write(message)
+            with suppress(Empty):
+                raw = inbox.heard.get(timeout=0.1)
+    finally:
+        ended.set()
+        thread.join()
+    assert (raw.topic, raw.type) == ("/odom", "nav_msgs/msg/Odometry")
+    odometry = decoded(raw, False, "here")
+    assert (odometry.header.stamp.sec, odometry.header.stamp.nanosec) == (1_700_000_000, 123)
+    assert (odometry.header.frame_id, odometry.child_frame_id) == ("odom", "base_link")
+    position, orientation = odometry.pose.pose.position, odometry.pose.pose.orientation
+    assert (position.x, position.y, orientation.z, orientation.w) == (1.5, -2.5, 0.6, 0.8)
+    assert odometry.pose.covariance.tolist() == [0.5] * 36
+    assert odometry.twist.twist.angular.z == 0.25
 
 
 def written(topic: str, type_: str, *policies: object) -> SimpleNamespace:

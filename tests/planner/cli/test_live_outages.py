@@ -5,14 +5,20 @@ from __future__ import annotations
 import json
 import re
 import subprocess
+import threading
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
 
+from kg.errors import MapBusyError, RemoteError, UnreachableError
+from perception.live import connection
 from planner.cli import main
+from planner.cli.server_outages import MappedFrames, through_outages
 from tests.planner.cli.test_serve import Process, home, serve, tokens
 from tests.planner.cli.test_served_maps import applied, start, token, trusted, until
 
@@ -117,3 +123,48 @@ def test_a_server_that_was_never_there_is_an_error(
 ) -> None:
     words = ("--scene", "none", "--idle", 5)
     assert "127.0.0.1:1" in fails("live", kitchen, "--into", "http://127.0.0.1:1/", *words)
+
+
+AWAY, REFUSED = UnreachableError("nobody answers"), RemoteError("broke off its answer")
+BUSY = MapBusyError("somebody else maps")
+
+
+@pytest.mark.parametrize(
+    ("opened", "happens", "raised"),
+    [
+        (False, [AWAY], AWAY),  # it was never there
+        (True, [AWAY, AWAY, "frame", AWAY, "frame"], None),
+        (True, [REFUSED, AWAY, "frame", REFUSED, "frame"], None),
+        (True, [REFUSED, REFUSED], REFUSED),
+        (True, [BUSY], BUSY),  # another mapper
+        (True, [AWAY, BUSY, "frame"], None),  # our own frame of before
+        (True, [AWAY, BUSY, BUSY], BUSY),
+    ],
+)
+def test_what_is_an_outage_and_what_an_error(
+    monkeypatch: pytest.MonkeyPatch, opened: bool, happens: list[Any], raised: Exception | None
+) -> None:
+    monkeypatch.setattr(connection, "FIRST_PAUSE", 0.001)
+    mapped, left = MappedFrames(opened=opened), list(happens)
+
+    def run() -> None:
+        while left:
+            now = left.pop(0)
+            if now != "frame":
+                raise now
+            mapped.count += 1
+
+    with pytest.raises(type(raised)) if raised else nullcontext():
+        through_outages("http://here", threading.Event(), mapped, run)
+    assert not left
+
+
+def test_ended_during_an_outage_it_says_so() -> None:
+    ended = threading.Event()
+
+    def run() -> None:
+        ended.set()
+        raise AWAY
+
+    with pytest.raises(UnreachableError):
+        through_outages("http://here", ended, MappedFrames(opened=True), run)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pytest
@@ -21,12 +22,26 @@ from planner.execution import move_base
 from planner.execution.events import Event
 from planner.execution.move_base import MoveBase
 from planner.execution.options import SearchOptions
+from planner.execution.protocol import (
+    Arrived,
+    Command,
+    DetectionsMessage,
+    Failed,
+    GoTo,
+    Hello,
+    LookAround,
+    RobotPose,
+)
+from planner.execution.ros1_robot import Ros1Robot
 from planner.execution.search_loop import search
 from planner.simulation.houses.house import furnished_house
 from planner.simulation.robot.motion import Pose
 from planner.simulation.robot.ros1_node import Ros1HouseNode
+from planner.simulation.sensing.camera import CameraModel, SimulatedCamera
 from tests.perception.live.ros1_master import FakeMaster, fake_master
 from tests.planner.ros1_house import ORANGE, START, add_dining_room, house, robot, running
+
+M = TypeVar("M")
 
 
 @pytest.fixture(autouse=True)
@@ -137,9 +152,45 @@ def test_what_is_missing_is_said_before_the_search_begins(
 
     assert "nobody takes goals of /move_base/goal (--navigation)" in fails(patience=0.5)
     with running(Blind(master.address, house(), START)):
-        assert "no colour images" in fails(patience=2)
+        assert "no colour images" in fails(patience=5)
     with running(Ros1HouseNode(master.address, house(), START)):
         assert "tf has no frame base (--base-frame)" in fails(base="base")
+
+
+class SideCamera(CameraModel):
+    """A camera that looks to the left of the robot."""
+
+    def pose(self, x: float, y: float, heading: float) -> np.ndarray:
+        return super().pose(x, y, heading + np.pi / 2)
+
+
+def test_a_camera_that_looks_aside_is_turned_towards_what_is_to_be_seen(
+    master: FakeMaster, tmp_path: Path
+) -> None:
+    node = Ros1HouseNode(master.address, furnished_house(), START, rate=5)
+    node._camera = SimulatedCamera(furnished_house(), SideCamera())
+    driven = robot(master.address, tmp_path)
+    try:
+        with running(node):
+            assert received(driven, Hello(), RobotPose).heading == pytest.approx(np.pi / 2)
+            received(driven, GoTo(1, *START, -2.0), Arrived)
+            assert received(driven, LookAround(2, 1.5, 2.5), DetectionsMessage).id == 2
+            off = math.remainder(node.pose.heading - (-0.5 - np.pi / 2), 2 * np.pi)
+            assert abs(off) < 0.05
+    finally:
+        driven.close()
+
+
+def received(driven: Ros1Robot, command: Command, kind: type[M]) -> M:
+    """The first answer of a kind, but pictures on the way."""
+    driven.send(command)
+    end = time.monotonic() + 30
+    while time.monotonic() < end:
+        message = driven.receive(0.1)
+        assert not isinstance(message, Failed), message
+        if isinstance(message, kind) and getattr(message, "id", 0) is not None:
+            return message
+    raise AssertionError(f"no {kind.__name__}")
 
 
 def test_malformed_status_is_said_once_and_skipped(
