@@ -47,6 +47,12 @@ def test_pictures_are_small() -> None:
     assert [p.name for p in pictures if p.stat().st_size > 150_000] == []
 
 
+def test_every_picture_is_made_by_the_command_or_said_to_be_made_otherwise() -> None:
+    script = (ROOT / "docs" / "make_pictures.py").read_text(encoding="utf-8")
+    pictures = [picture.stem for picture in (ROOT / "docs" / "pictures").iterdir()]
+    assert [name for name in pictures if f'"{name}": ' not in script] == ["rviz"]
+
+
 def test_the_index_links_to_every_page() -> None:
     docs = ROOT / "docs"
     linked = set(_LINK.findall((docs / "index.md").read_text(encoding="utf-8")))

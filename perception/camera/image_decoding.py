@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from typing import Any, Final
 
 import cv2
@@ -12,14 +13,16 @@ from kg.errors import RecordingError
 
 NO_RETURN: Final = (0, 65535)  # 65535 marks invalid pixels in 7-Scenes, elsewhere saturation
 MOST_PIXELS: Final = 1 << 27
+PNG: Final = b"\x89PNG\r\n\x1a\n"
 MILLIMETRES: Final = 1000.0  # units a metre of 16-bit depth, where nothing else is said
 
 
 def decode_image(data: NDArray[np.uint8], flags: int, where: str) -> NDArray[Any]:
     """Decoded image; raises RecordingError, beginning with `where`, for a damaged one."""
     image: NDArray[Any] | None = None
-    if _png_pixels(data) > MOST_PIXELS:
-        raise RecordingError(f"{where} cannot be decoded: its header names too large a size")
+    if data[: len(PNG)].tobytes() == PNG:
+        _check_pixels(data, where)
+        check_png(data.data, where)  # libpng would complain on a line of its own
     try:
         image = cv2.imdecode(data, flags) if data.size else None
     except (cv2.error, MemoryError) as error:
@@ -32,12 +35,27 @@ def decode_image(data: NDArray[np.uint8], flags: int, where: str) -> NDArray[Any
     return image
 
 
-def _png_pixels(data: NDArray[np.uint8]) -> int:
-    """Pixels that the header of a PNG names: kilobytes may expand to gigabytes; 0 for others."""
-    if data[:8].tobytes() != b"\x89PNG\r\n\x1a\n":
-        return 0
-    width, height = data[16:20].tobytes(), data[20:24].tobytes()
-    return int.from_bytes(width, "big") * int.from_bytes(height, "big")
+def _check_pixels(png: NDArray[np.uint8], where: str) -> None:
+    """Refuse a PNG whose header names too many pixels: kilobytes may expand to gigabytes."""
+    width, height = (int.from_bytes(png[place : place + 4].tobytes(), "big") for place in (16, 20))
+    if width * height > MOST_PIXELS:
+        raise RecordingError(f"{where} cannot be decoded: its header names too large a size")
+
+
+def check_png(data: bytes | memoryview, where: str) -> None:
+    """Raise RecordingError for a PNG that is truncated or damaged, without decoding it.
+
+    Walks the chunks: length, type, data, CRC-32 of type and data (PNG specification, 5.3).
+    """
+    place, kind = len(PNG), b""
+    while kind != b"IEND":
+        end = place + 12 + int.from_bytes(data[place : place + 4], "big")
+        if end > len(data) or place + 12 > len(data):
+            raise RecordingError(f"{where} is truncated after {len(data)} bytes")
+        kind = bytes(data[place + 4 : place + 8])
+        if zlib.crc32(data[place + 4 : end - 4]) != int.from_bytes(data[end - 4 : end], "big"):
+            raise RecordingError(f"{where} is damaged: the checksum at byte {end - 4} is wrong")
+        place = end
 
 
 def metres(

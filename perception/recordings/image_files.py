@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.errors import RecordingError
-from perception.camera.image_decoding import decode_image, metres
+from perception.camera.image_decoding import PNG, check_png, decode_image, metres
 
 COLOUR_SUFFIXES = (".jpg", ".jpeg", ".png")
-_PNG = b"\x89PNG\r\n\x1a\n"
 _TAIL = 4096  # bytes: some cameras write notes after the end-of-image marker
 
 
@@ -26,25 +24,12 @@ def check_image_file(path: Path) -> None:
     A PNG carries a checksum with each of its chunks; a JPEG has only its end-of-image marker.
     """
     data = _bytes_of(path).tobytes()
-    if data.startswith(_PNG):
-        _check_png(path, data)
+    if data.startswith(PNG):
+        check_png(data, str(path))
     elif not data.startswith(b"\xff\xd8"):
         raise RecordingError(f"{path} is neither PNG nor JPEG ({len(data)} bytes)")
     elif b"\xff\xd9" not in data[-_TAIL:]:
         raise RecordingError(f"{path} is truncated after {len(data)} bytes")
-
-
-def _check_png(path: Path, data: bytes) -> None:
-    """Walk the chunks: length, type, data, CRC-32 of type and data (PNG specification, 5.3)."""
-    place, kind = len(_PNG), b""
-    while kind != b"IEND":
-        end = place + 12 + int.from_bytes(data[place : place + 4], "big")
-        if end > len(data) or place + 12 > len(data):
-            raise RecordingError(f"{path} is truncated after {len(data)} bytes")
-        kind = data[place + 4 : place + 8]
-        if zlib.crc32(data[place + 4 : end - 4]) != int.from_bytes(data[end - 4 : end], "big"):
-            raise RecordingError(f"{path} is damaged: the checksum at byte {end - 4} is wrong")
-        place = end
 
 
 def decoded(path: Path, flags: int) -> NDArray[Any]:

@@ -65,6 +65,8 @@ def run(arguments: argparse.Namespace) -> int:
         if state is not None:
             plan = plan_from(semantic_map, state, arguments.start)
             plot_plan(semantic_map, state, plan, output, least=least, legend=arguments.legend)
+            if not plan.steps:
+                note(f"no look for {arguments.find} is drawn: none shows where it may be")
         else:
             plot_map(semantic_map, output, least=least, legend=arguments.legend)
             if arguments.find is not None:

@@ -108,7 +108,8 @@ def draw_object(axes: Axes, record: ObjectRecord, group: Group, size: float = 6.
         style |= {"mfc": "none", "mec": group.colour, "mew": 0.9, "alpha": 0.45, "zorder": 5.5}
     else:
         alpha = 0.35 + 0.65 * float(np.clip(record.existence, 0, 1))
-        style |= {"mfc": group.colour, "mec": "white", "mew": 0.8, "alpha": alpha, "zorder": 6}
+        rim = {"mec": "white", "mew": min(0.8, size / 8)}
+        style |= {"mfc": group.colour, "alpha": alpha, "zorder": 6, **rim}
         if record.extent is not None and np.isfinite(record.extent).all():
             width, depth, _ = (float(side) for side in record.extent)
             fill, edge = to_rgba(group.colour, 0.05), to_rgba(group.colour, 0.4)

@@ -5,9 +5,11 @@ All boxes are (xmin, ymin, xmax, ymax) in the same unit, pixels for a picture.
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import product
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +19,7 @@ Box = tuple[float, float, float, float]
 #: boxes (k, 4) -> whether each lies over what is not to be written over, (k,) bool
 Covers = Callable[[Boxes], NDArray[np.bool_]]
 
+_SQUARE: Final = 64.0  # side of the squares that taken boxes are found by
 #: Directions to try, the better readable first: right, left, above, below, then the corners.
 _DIRECTIONS = np.array(
     [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1)], np.float64
@@ -51,16 +54,16 @@ def place_labels(
     xy = np.asarray(points, np.float64).reshape(-1, 2)
     wh = np.asarray(sizes, np.float64).reshape(-1, 2)
     dots = np.hstack([xy - gap / 2, xy + gap / 2])
-    taken = _Taken(np.vstack([np.asarray(obstacles, np.float64).reshape(-1, 4), dots]), len(xy))
+    taken = _Taken()
+    for box in np.vstack([np.asarray(obstacles, np.float64).reshape(-1, 4), dots]):
+        taken.add(box)
     placed = []
     for index in _crowded_first(xy, float(np.median(wh[:, 0])) if len(wh) else 0.0):
         for ring in range(rings):
             boxes = _around(xy[index], wh[index], gap * (1 + 1.5 * ring))
             free = _inside(boxes, bounds) & (~covers(boxes) if covers else True)
-            boxes = boxes[free]
-            boxes = boxes[~taken.overlap(boxes)]
-            if len(boxes):
-                box = boxes[0]
+            box = next((box for box in boxes[free] if not taken.overlaps(box)), None)
+            if box is not None:
                 taken.add(box)
                 a, b, c, d = (float(v) for v in box)
                 placed.append(Label(int(index), (a, b, c, d), ring > 0))
@@ -69,17 +72,29 @@ def place_labels(
 
 
 class _Taken:
-    """Boxes that nothing may overlap; with room for `more`."""
+    """Boxes that nothing may overlap, found by the squares of a grid that they touch."""
 
-    def __init__(self, boxes: Boxes, more: int) -> None:
-        self._boxes, self._count = np.vstack([boxes, np.empty((more, 4))]), len(boxes)
+    def __init__(self) -> None:
+        self._squares: dict[tuple[int, int], list[Box]] = defaultdict(list)
 
     def add(self, box: Boxes) -> None:
-        self._boxes[self._count] = box
-        self._count += 1
+        """Take a box (4,)."""
+        for square in self._touched(box):
+            self._squares[square].append((box[0], box[1], box[2], box[3]))
 
-    def overlap(self, boxes: Boxes) -> NDArray[np.bool_]:
-        return overlapping(boxes, self._boxes[: self._count])
+    def overlaps(self, box: Boxes) -> bool:
+        """Whether a box (4,) overlaps one that is taken."""
+        a, b, c, d = box.tolist()
+        return any(
+            xmin < c and a < xmax and ymin < d and b < ymax
+            for square in self._touched(box)
+            for xmin, ymin, xmax, ymax in self._squares.get(square, ())
+        )
+
+    @staticmethod
+    def _touched(box: Boxes) -> Iterator[tuple[int, int]]:
+        a, b, c, d = (int(edge // _SQUARE) for edge in box.tolist())
+        return product(range(a, c + 1), range(b, d + 1))
 
 
 def overlapping(boxes: Boxes, taken: Boxes) -> NDArray[np.bool_]:

@@ -37,6 +37,7 @@ _ITEM: Final = (0.26, 0.40)  # [inch] of an item of the listing, without and wit
 _TICK: Final = 7.0  # [pt] of the numbers on the axes
 _SIZE: Final = 8.5  # [pt] of legend and listing
 _TITLE: Final = (15.0, 40)  # [pt] of the title, and the length from which on it is smaller
+_SCALE_BAR: Final = 1.6  # [inch] that the scale bar takes of the first row below the drawing
 _HANDLE: Final = 0.36  # [inch] of a mark of the legend with the space around its name
 
 
@@ -85,6 +86,21 @@ class Listing:
     items: tuple[Item, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class _Block:
+    """Legend and listing as they stand together; lengths in inches."""
+
+    width: float
+    rows: list[list[Line2D]]  # of the legend
+    indent: float  # of the legend
+    listing: Listing | None
+    columns: int  # of the listing
+
+    @property
+    def height(self) -> float:
+        return _ROW * len(self.rows) + _height(self.listing, self.columns)
+
+
 class Sheet:
     """A white page with an empty drawing of `extent` in its frame; all else is written."""
 
@@ -100,33 +116,45 @@ class Sheet:
     ) -> None:
         self._extent = extent
         self._scale = _scale(extent, np.asarray(spots, np.float64).reshape(-1, 2))  # [inch/m]
-        width, height = extent.width * self._scale, extent.height * self._scale
         self.figure = Figure(dpi=DPI)
         self.measure = TextMeasure(self.figure)
         labels = (_metres_text(round(y)) for y in (extent.ymin, extent.ymax))
         self._left = _LEFT + max(self.measure.size(label, _TICK)[0] for label in labels) / DPI
+        width, height = extent.width * self._scale, extent.height * self._scale
         beside = height > TALL * width
-        room = _BESIDE[listing is not None] if beside else width
-        rows = [[mark] for mark in legend] if beside else self._flowing(legend, room - 1.6)
-        columns = 1 if beside or not listing or len(listing.items) <= _LONG else 2
-        needed = _ROW * len(rows) + _height(listing, columns)
-        page_width = self._left + width + _RIGHT + (room + _GUTTER if beside else 0.0)
-        below = 0.3 if beside else needed + 0.1
-        drawn = max(height, needed) if beside else height
-        self._page = np.array([page_width, _TOP + drawn + _BOTTOM + below])  # [inch]
+        block = self._block_beside(legend, listing) if beside else self._block(legend, listing)
+        high = max(height, block.height) if beside else height
+        self._page = np.array(  # [inch]
+            [
+                self._left + width + _RIGHT + (block.width + _GUTTER if beside else 0.0),
+                _TOP + high + _BOTTOM + (0.3 if beside else block.height + 0.1),
+            ]
+        )
         self.figure.set_size_inches(*self._page)
         self.axes = self._framed(width, height)
         self._write_heading(title, line)
         self._draw_scale_bar(_TOP + height + _BOTTOM + 0.12)
-        left, top = (
-            (self._left + width + _GUTTER, _TOP)
-            if beside
-            else (self._left, _TOP + height + _BOTTOM)
-        )
-        for number, row in enumerate(rows):
-            self._draw_legend_row(row, left + (0.0 if beside else 1.6), top + _ROW * number)
-        if listing is not None:
-            self._write_listing(listing, left, top + _ROW * len(rows) + 0.2, room, columns)
+        x, y = (width + _GUTTER, _TOP) if beside else (0.0, _TOP + height + _BOTTOM)
+        self._write_block(block, self._left + x, y)
+
+    def _block(self, legend: Sequence[Line2D], listing: Listing | None) -> _Block:
+        """What stands below the drawing: rows of the legend beside the scale bar, the listing."""
+        width = self._extent.width * self._scale
+        columns = 2 if listing and len(listing.items) > _LONG else 1
+        rows = self._flowing(legend, width - _SCALE_BAR)
+        return _Block(width, rows, _SCALE_BAR, listing, columns)
+
+    @staticmethod
+    def _block_beside(legend: Sequence[Line2D], listing: Listing | None) -> _Block:
+        """What stands beside the drawing: one mark of the legend below the other, the listing."""
+        return _Block(_BESIDE[listing is not None], [[mark] for mark in legend], 0.0, listing, 1)
+
+    def _write_block(self, block: _Block, x: float, y: float) -> None:
+        for row in block.rows:
+            self._draw_legend_row(row, x + block.indent, y)
+            y += _ROW
+        if block.listing is not None:
+            self._write_listing(block.listing, x, y + 0.2, block.width, block.columns)
 
     def metres(self, points: float) -> float:
         """Length in the map [m] of so many typographic points on paper."""

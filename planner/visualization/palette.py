@@ -52,7 +52,7 @@ _OF_PLACES: Final = [
     "#aa4499",
     "#117733",
     "#6b7280",
-    "#999933",
+    "#ddcc77",
     "#882255",
 ]
 _PALENESS: Final = 0.84  # share of white in the colour of a place's floor

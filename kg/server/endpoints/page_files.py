@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from hashlib import sha256
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from typing import Final
@@ -21,17 +22,17 @@ async def page_file(serving: AppState, request: Request) -> Response:
     name, known = request.path_params["name"], _files()
     if name not in known:
         raise Problem(404, f"no file {name[:100]!r}; there are: {', '.join(known)}")
-    media_type = _TYPES[name.rpartition(".")[2]]
-    return Response(
-        known[name].read_bytes(), media_type=media_type, headers={"Cache-Control": "max-age=300"}
-    )
+    body = known[name].read_bytes()
+    # asked for each time: modules of two versions do not fit together
+    headers = {"ETag": f'"{sha256(body).hexdigest()[:16]}"', "Cache-Control": "no-cache"}
+    if headers["ETag"] in request.headers.get("if-none-match", ""):
+        return Response(status_code=304, headers=headers)
+    return Response(body, media_type=_TYPES[name.rpartition(".")[2]], headers=headers)
 
 
 @cache
 def _files() -> dict[str, Traversable]:
     folder = files("kg.server").joinpath("files")
     found = {one.name: one for one in folder.iterdir()}
-    vendored = folder.joinpath("vendor")
-    if vendored.is_dir():
-        found |= {f"vendor/{one.name}": one for one in vendored.iterdir()}
+    found |= {f"vendor/{one.name}": one for one in folder.joinpath("vendor").iterdir()}
     return {name: found[name] for name in sorted(found) if name.rpartition(".")[2] in _TYPES}

@@ -57,5 +57,5 @@ async def question(serving: AppState, request: Request) -> Response:
     given = query_parameters(request)
     values = {name: given.one(name) for name in dict(given.pairs)}
     text = await run_in_threadpool(serving.semantic_map.bound, found, values)
-    body = "".join(line for line in text.splitlines(True) if not line.startswith("#+"))
+    body = "\n".join(line for line in text.split("\n") if not line.startswith("#+"))
     return Response(f"{body.strip()}\n", media_type=QUERY)

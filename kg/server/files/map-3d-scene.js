@@ -30,14 +30,31 @@ export class SolidScene {
   update() {
     const { data, layers, dark, selected, plan } = this._view, { floor, places, doors, robot, trail } = data;
     this._part("floor", [floor, layers.floor, layers.viewed, dark], (group) => this._addFloor(group));
-    this._part("places", [places, doors, dark, selected], (group) => this._addPlaces(group));
+    this._part("places", [places, doors, floor, dark, selected], (group) => this._addPlaces(group));
     this._part("objects", [{}], (group) => this._addObjects(group));
     this._part("robot", [{}, robot], (group) => this._addRobot(group, trail));
-    this._part("plan", [plan, dark], (group) => this._addPlan(group));
+    this._part("plan", [plan, floor, dark], (group) => this._addPlan(group));
   }
 
-  at(x, y, z = 0) {
+  /** Height of the floor [m]: that of most of the map. */
+  get ground() {
+    const { floor } = this._view.data;
+    if (floor !== this._floor) {
+      const heights = floor.map((tile) => tile.z ?? 0).sort((a, b) => a - b);
+      this._ground = heights[heights.length >> 1] ?? 0;
+      this._floor = floor;
+    }
+    return this._ground;
+  }
+
+  /** Where a point of the map is drawn; without a height, on the floor. */
+  at(x, y, z = this.ground) {
     return new THREE.Vector3(x - this.origin[0], y - this.origin[1], z);
+  }
+
+  /** A point a little above the floor. */
+  over(x, y, height) {
+    return this.at(x, y, this.ground + height);
   }
 
   _part(name, sources, fill) {
@@ -63,7 +80,7 @@ export class SolidScene {
         const material = new THREE.MeshBasicMaterial({ map: texture, transparent: true, depthWrite: false, side: THREE.DoubleSide });
         const mesh = new THREE.Mesh(new THREE.PlaneGeometry(span, span), material);
         mesh.renderOrder = GROUND;
-        mesh.position.copy(this.at(tile.x + span / 2, tile.y + span / 2));
+        mesh.position.copy(this.at(tile.x + span / 2, tile.y + span / 2, tile.z));
         group.add(mesh);
       }
       if (layers.floor) walls.push(...wallsOf(tile));
@@ -85,16 +102,17 @@ export class SolidScene {
   _addPlaces(group) {
     for (const place of this._view.data.places.values()) {
       const colour = hexOf(this._view.colourOfPlace(place)), chosen = place.iri === this._view.selected;
-      const rings = place.rings.map((ring) => ring.map(([x, y]) => this.at(x, y, 0.01)));
+      const rings = place.rings.map((ring) => ring.map(([x, y]) => this.over(x, y, 0.01)));
       const shape = new THREE.Shape(rings[0]);
       shape.holes = rings.slice(1).map((ring) => new THREE.Path(ring));
       const tint = { color: colour, transparent: true, opacity: chosen ? 0.28 : 0.14, depthWrite: false, side: THREE.DoubleSide };
       const floor = new THREE.Mesh(new THREE.ShapeGeometry(shape), new THREE.MeshBasicMaterial(tint));
+      floor.position.z = this.ground;
       floor.renderOrder = GROUND + 1;
       group.add(floor, ...rings.map((ring) => lineOf(ring, colour, true)));
     }
     for (const door of this._view.data.doors) {
-      group.add(lineOf([this.at(door.x, door.y), this.at(door.x, door.y, WALL)], hexOf(this._view.accent)));
+      group.add(lineOf([this.at(door.x, door.y), this.over(door.x, door.y, WALL)], hexOf(this._view.accent)));
     }
   }
 
@@ -134,7 +152,7 @@ export class SolidScene {
   _addSelection(group) {
     const one = this._view.data.objects.get(this._view.selected);
     if (!one) return;
-    const ink = hexOf(this._view.ink), middle = this.at(one.x, one.y, one.z ?? 0);
+    const ink = hexOf(this._view.ink), middle = this.at(one.x, one.y, one.z);
     group.add(lineOf([middle, this.at(one.x, one.y)], ink));
     if (!one.deviation) return;
     const material = new THREE.MeshBasicMaterial({ color: ink, wireframe: true, transparent: true, opacity: 0.18 });
@@ -145,11 +163,11 @@ export class SolidScene {
 
   _addRobot(group, trail) {
     const { robot } = this._view.data, colour = hexOf(this._view.accent);
-    if (this._view.layers.trail && trail.length > 1) group.add(lineOf(trail.map(([x, y]) => this.at(x, y, 0.03)), colour));
+    if (this._view.layers.trail && trail.length > 1) group.add(lineOf(trail.map(([x, y]) => this.over(x, y, 0.03)), colour));
     if (!robot) return;
     const arrow = new THREE.Shape([[0.36, 0], [-0.27, 0.24], [-0.15, 0], [-0.27, -0.24]].map(([x, y]) => new THREE.Vector2(x, y)));
     const mesh = new THREE.Mesh(new THREE.ShapeGeometry(arrow), new THREE.MeshBasicMaterial({ color: colour, side: THREE.DoubleSide }));
-    mesh.position.copy(this.at(robot.x, robot.y, 0.05));
+    mesh.position.copy(this.over(robot.x, robot.y, 0.05));
     mesh.rotation.z = robot.heading;
     group.add(mesh);
   }
@@ -159,15 +177,15 @@ export class SolidScene {
     const { plan, accent } = this._view, colour = hexOf(accent);
     if (!plan) return;
     const way = plan.steps.flatMap((step) => [...(step.way || []), [step.x, step.y]]);
-    group.add(lineOf([plan.start, ...way].map(([x, y]) => this.at(x, y, 0.04)), colour));
-    group.add(this._boxes(plan.steps.map((step) => [step.x, step.y, 0.05, 0.16, 0.16, 0.1]), colour));
+    group.add(lineOf([plan.start, ...way].map(([x, y]) => this.over(x, y, 0.04)), colour));
+    group.add(this._boxes(plan.steps.map((step) => [step.x, step.y, this.ground + 0.05, 0.16, 0.16, 0.1]), colour));
   }
 }
 
 /** Middle and sides [m] of an object's box; a small cube where it is not `sized`. */
 export function boxOf(one, sized) {
   const sides = sized && one.dx ? [one.dx, one.dy, one.dz].map((side) => Math.max(side, LEAST)) : [SMALL, SMALL, SMALL];
-  return [one.x, one.y, one.z ?? sides[2] / 2, ...sides];
+  return [one.x, one.y, one.z ?? 0, ...sides];
 }
 
 /** A CSS colour as three.js reads it. */
@@ -185,7 +203,7 @@ function wallsOf(tile) {
       const wall = y < side && cells[x * side + y] === TALL;
       if (wall && from < 0) from = y;
       if (wall || from < 0) continue;
-      found.push([tile.x + (x + 0.5) * size, tile.y + (from + y) / 2 * size, WALL / 2, size, (y - from) * size, WALL]);
+      found.push([tile.x + (x + 0.5) * size, tile.y + (from + y) / 2 * size, (tile.z ?? 0) + WALL / 2, size, (y - from) * size, WALL]);
       from = -1;
     }
   }

@@ -10,7 +10,6 @@ const REST = 150; // [ms] after which a map that was moved rests
 const NAMES = 60; // objects whose names are written, the selected and the nearest
 const HIGH = 1; // [m] of what stands on the floor, as far as it has to be on the canvas
 const SOUTH = new THREE.Vector3(0, -0.62, 0.78); // towards the camera at first
-const FLOOR = new THREE.Plane(new THREE.Vector3(0, 0, 1));
 const CLOSE = 5; // [m] from which a thing is looked at, at most
 
 export class Map3d {
@@ -64,8 +63,8 @@ export class Map3d {
   fit() {
     const bounds = this._view.bounds();
     if (!bounds) return;
-    const [[xmin, ymin], [xmax, ymax]] = bounds, { target } = this._controls;
-    const corners = [[xmin, ymin], [xmin, ymax], [xmax, ymin], [xmax, ymax]].flatMap(([x, y]) => [[x, y, 0], [x, y, HIGH]]);
+    const [[xmin, ymin], [xmax, ymax]] = bounds, { target } = this._controls, { ground } = this._solid;
+    const corners = [[xmin, ymin], [xmin, ymax], [xmax, ymin], [xmax, ymax]].flatMap(([x, y]) => [[x, y, ground], [x, y, ground + HIGH]]);
     target.copy(this._solid.at((xmin + xmax) / 2, (ymin + ymax) / 2));
     let far = 4 * Math.hypot(xmax - xmin, ymax - ymin) / Math.min(1, this._camera.aspect) + 4;
     this._camera.far = 20 * far;
@@ -118,7 +117,8 @@ export class Map3d {
     ray.setFromCamera(new THREE.Vector2(x, y), this._camera);
     const [hit] = ray.intersectObjects(this._solid.meshes, false);
     const one = hit ? hit.object.things[hit.instanceId] : this._nearest(u, v);
-    const spot = hit?.point ?? ray.ray.intersectPlane(FLOOR, new THREE.Vector3());
+    const floor = new THREE.Plane(new THREE.Vector3(0, 0, 1), -this._solid.ground);
+    const spot = hit?.point ?? ray.ray.intersectPlane(floor, new THREE.Vector3());
     if (!spot) return; // the sky
     const point = [spot.x + this._solid.origin[0], spot.y + this._solid.origin[1]];
     const below = [...this._view.data.places.values()].filter((place) => inside(...point, place.rings)).pop();
@@ -188,10 +188,10 @@ export class Map3d {
 
   /** Names of stops and places, of the selected object and of those nearest to the camera. */
   _writeNames() {
-    const view = this._view, write = this._writer();
-    view.plan?.steps.forEach((step, n) => write(String(n + 1), this._project(step.x, step.y, 0.04), view.accent, "700 14px"));
+    const view = this._view, { ground } = this._solid, write = this._writer();
+    view.plan?.steps.forEach((step, n) => write(String(n + 1), this._project(step.x, step.y, ground), view.accent, "700 14px"));
     for (const place of view.data.places.values()) {
-      const middle = this._project((place.xmin + place.xmax) / 2, (place.ymin + place.ymax) / 2, 0);
+      const middle = this._project((place.xmin + place.xmax) / 2, (place.ymin + place.ymax) / 2, ground);
       write(view.nameOfPlace(place), middle, view.colourOfPlace(place), "600 13px");
     }
     if (this._isMoving) return;

@@ -71,8 +71,8 @@ export class MapView {
     return [[xmin, ymin], [xmax, ymax]];
   }
 
-  /** Bring a point [m] into the middle. */
-  goTo(x, y, scale = Math.max(this.scale, 70), z = 0) {
+  /** Bring a point [m] into the middle; without `z` one of the floor. */
+  goTo(x, y, scale = Math.max(this.scale, 70), z) {
     this.centre = [x, y];
     this.scale = scale;
     this.solid?.goTo(x, y, z);

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
+from urllib.parse import quote
 
 import numpy as np
 import pytest
@@ -44,6 +46,27 @@ def test_what_stands_somewhere_has_a_link_to_its_place_on_the_map(served: Served
         page = served.get(path, headers={"Accept": "text/html"}).text
         assert (f'<a href="/#{fragment}">' in page) == (fragment is not None)
         assert ('href="/#' in page) == (fragment is not None)
+
+
+def test_files_of_the_pages_are_sent_again_only_when_they_changed(served: Served) -> None:
+    first = served.get("files/map-page.js")
+    again = served.get("files/map-page.js", headers={"If-None-Match": first.headers["ETag"]})
+    other = served.get("files/map-page.js", headers={"If-None-Match": '"another"'})
+    assert (first.status_code, again.status_code, again.content) == (200, 304, b"")
+    assert other.content == first.content
+    for name in ("console.html", "../app.py", "vendor/../style.css", "vendor"):
+        assert served.get(f"files/{quote(name, safe='')}").status_code == 404
+
+
+def test_the_live_map_has_less_than_100_kb_of_our_own_code(served: Served) -> None:
+    waiting, read = ["map-page.js"], dict[str, str]()
+    while waiting:
+        name = waiting.pop()
+        read[name] = served.get(f"files/{name}").text
+        imported = re.findall(r'"/files/([\w-]+\.js)"', read[name])
+        waiting += [one for one in imported if one not in read and one not in waiting]
+    assert len(read) > 15
+    assert sum(len(text.encode()) for text in read.values()) < 100_000
 
 
 def test_front_page_escapes_and_loads_nothing_from_afar(served: Served) -> None:

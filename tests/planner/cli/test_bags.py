@@ -135,3 +135,28 @@ def test_commands_on_what_is_no_bag(
     kept = tmp_path / "kept.mcap"
     kept.write_text("mine")
     assert "exists already" in fails("convert", folder, "-o", kept, "--limit", 2)
+
+
+def test_a_bag_that_is_damaged_in_the_middle_is_mapped_up_to_there(
+    folder: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    from planner.cli import main
+
+    bag, into = tmp_path / "kitchen.bag", tmp_path / "kitchen.map"
+    assert main(["convert", str(folder), "-o", str(bag), "--limit", "6"]) == 0
+    whole = bag.read_bytes()
+    images = [place for place in range(len(whole)) if whole.startswith(b"\x89PNG", place)]
+    assert len(images) == 6
+    damaged = bytearray(whole)
+    damaged[images[3] + 5000] ^= 0xFF
+    bag.write_bytes(damaged)
+    words = ["map", str(bag), "--into", str(into), "--detector", "nanodet_g_416", "--json"]
+    capfd.readouterr()
+    assert main(words) == 1
+    out, err = capfd.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1 and "image_raw/compressed at 0.8" in err
+    bag.write_bytes(whole)
+    assert main(words) == 0
+    again = json.loads(capfd.readouterr().out)
+    assert (again["skipped"], again["frames"]) == (3, 3), "whole frames were kept"
