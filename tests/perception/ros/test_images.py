@@ -205,6 +205,13 @@ def test_compressed_depth_that_is_none(data: bytes) -> None:
         depth_image(message, "here")
 
 
+@pytest.mark.parametrize("depth", [[[65535, 1, 65535, 1]], [[1, 0, 65535, 0]], [[65535]]])
+def test_rvl_is_read_no_further_than_its_pixels_may_need(depth: list[list[int]]) -> None:
+    data = struct.pack("<iff", 0, 0, 0) + rvl(np.array(depth)) + b"\xff" * 4096 + bytes(4)
+    message = Message(header=header(), format="16UC1; compressedDepth rvl", data=data)
+    assert depth_image(message, "here").tolist() == depth
+
+
 def test_rvl_that_is_none() -> None:
     whole = rvl(MM)
     head = struct.pack("<iff", 0, 0, 0)
