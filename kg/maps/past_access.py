@@ -35,11 +35,11 @@ class PastAccess:
         """The log of all transactions; HistoryError where the map keeps none."""
         if self._log is None:
             remedy = (
-                "read it from its folder or through `hereabouts serve`"
+                "read it from its folder, or ask a running `hereabouts serve` by log, diff and --at"
                 if self._store.shared
                 else "one begins when the map is opened for writing"
             )
-            raise HistoryError(f"the map at {self._store.where} keeps no history; {remedy}")
+            raise HistoryError(f"the map at {self._store.where} keeps no history here; {remedy}")
         return self._log
 
     def changes(self, since: int) -> Iterator[ChangeSet]:

@@ -22,6 +22,7 @@ CONVENTIONS: dict[str, Callable[[Pose], Pose]] = {
     "world-to-camera": lambda T: np.linalg.inv(T).astype(np.float64),
     "opengl": lambda T: T @ np.diag([1.0, -1.0, -1.0, 1.0]),
 }
+FARTHEST = 1e7  # [m] no map is larger than the Earth
 RIGID_TOLERANCE = 5e-3  # largest entry of R'R - I that rounding and drift of trackers explain
 GRID = 2.0**40  # steps of the numbers of a quaternion that is exact
 LONGEST_GAP = 0.2  # [s] between two poses of a trajectory that are still interpolated
@@ -44,7 +45,8 @@ def checked_pose(T: NDArray[np.float64], where: str) -> Pose:
     Trackers accumulate rounding: the rotations of 7-Scenes are off by up to 2e-4.
 
     Raises RecordingError, beginning with `where`, if it is not finite, not (4, 4) with the last row
-    0 0 0 1, or if its rotation part is no rotation (scaled, sheared or mirrored).
+    0 0 0 1, farther than FARTHEST from the origin, or if its rotation part is no rotation (scaled,
+    sheared or mirrored).
     """
     if T.shape != (4, 4):
         raise RecordingError(f"{where}: a pose is a 4x4 matrix (16 numbers), got {T.size} numbers")
@@ -53,6 +55,12 @@ def checked_pose(T: NDArray[np.float64], where: str) -> Pose:
     if np.abs(T[3] - (0, 0, 0, 1)).max() > RIGID_TOLERANCE:
         raise RecordingError(
             f"{where}: the last row of a pose is 0 0 0 1, got {' '.join(f'{x:g}' for x in T[3])}"
+        )
+    far = float(np.abs(T[:3, 3]).max())
+    if far > FARTHEST:
+        raise RecordingError(
+            f"{where}: the pose is {far:.3g} m from the origin; poses are in metres, up to "
+            f"{FARTHEST:g}"
         )
     R = T[:3, :3]
     error = float(np.abs(R.T @ R - np.eye(3)).max())

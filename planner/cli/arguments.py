@@ -123,9 +123,9 @@ def count(text: str) -> int:
 
 def whole(text: str) -> int:
     """A whole number from 1 on."""
-    if count(text) < 1:
+    if not (text.isascii() and text.isdigit() and int(text)):
         raise argparse.ArgumentTypeError(f"needs a whole number from 1 on, got {text!r}")
-    return count(text)
+    return int(text)
 
 
 def plain_value(text: str) -> int | float | str:

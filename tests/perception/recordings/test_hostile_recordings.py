@@ -110,6 +110,7 @@ def replace_pose(folder, change) -> None:
         (lambda T: T.__setitem__((0, 3), np.nan), "not finite"),
         (lambda T: T.__setitem__((0, 3), np.inf), "not finite"),
         (lambda T: T.__setitem__(slice(3), T[:3] * 1.1), "not rigid"),
+        (lambda T: T.__setitem__((0, 3), 1e308), "from the origin"),
         (lambda T: T.__setitem__((slice(3), 0), -T[:3, 0]), "determinant -1"),
         (lambda T: T.__setitem__(3, [0, 0, 0, 2]), "last row"),
         (lambda T: T.__setitem__(slice(None), 0), "last row"),
