@@ -67,6 +67,11 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         metavar="N",
         help="mcap, rrd, bag: what the map believed before as well, at N moments of its past",
     )
+    parser.add_argument(
+        "--pictures",
+        metavar="FOLDER",
+        help="copy the pictures of the objects there, that of object/17 as 17.jpg",
+    )
     parser.set_defaults(run=run)
 
 
@@ -97,7 +102,28 @@ def run(arguments: argparse.Namespace) -> int:
         else:
             triples = _write_linked_data(semantic_map, output, arguments)
             note(f"wrote {output}: {triples:,} triples")
+        if arguments.pictures is not None:
+            folder = Path(arguments.pictures)
+            count = _copy_pictures(semantic_map, folder, _least(arguments))
+            note(f"wrote {folder}: {count} pictures")
     return 0
+
+
+def _copy_pictures(semantic_map: SemanticMap, folder: Path, least: float) -> int:
+    """Copy the pictures of objects of existence `least` and above; returns how many."""
+    from kg.export.serialization import write_atomically
+    from kg.maps.object_pictures import ObjectPictures
+
+    if semantic_map.store.path is None:
+        raise QueryParameterError("--pictures copies from a map's folder: give that as MAP")
+    _make(folder)
+    pictures = ObjectPictures(semantic_map.store.path)
+    records = [one for one in semantic_map.objects() if one.existence >= least]
+    found = {one.iri: pictures.path_of(one) for one in records}
+    kept = {iri.rpartition("/")[2]: path for iri, path in found.items() if path is not None}
+    for number, path in kept.items():
+        write_atomically(folder / f"{number}.jpg", path.read_bytes())
+    return len(kept)
 
 
 def _refuse_unknown(chosen: str) -> None:
@@ -119,13 +145,24 @@ def _by_ending(output: Path) -> str | None:
 def _write_reference(semantic_map: SemanticMap, folder: Path) -> str:
     from kg.export.thesis_json import export_reference_maps
 
+    _make(folder)
+    objects, places = folder / "saved_objects.json", folder / "saved_places.json"
+    export_reference_maps(semantic_map, objects, places)
+    return f"{objects} and {places}"
+
+
+def _least(arguments: argparse.Namespace) -> float:
+    """Existence from which on objects are exported for people."""
+    from planner.visualization.drawing import SHOWN_EXISTENCE
+
+    return 0.0 if arguments.all else SHOWN_EXISTENCE
+
+
+def _make(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise GraphError(f"cannot make the folder {folder}: {error.strerror}") from error
-    objects, places = folder / "saved_objects.json", folder / "saved_places.json"
-    export_reference_maps(semantic_map, objects, places)
-    return f"{objects} and {places}"
 
 
 def _write_linked_data(
@@ -143,9 +180,8 @@ def _write_document(
 ) -> str:
     from kg.export.plain_documents import geojson_document, rooms_document
     from kg.export.serialization import write_atomically
-    from planner.visualization.drawing import SHOWN_EXISTENCE
 
-    least = 0.0 if arguments.all else SHOWN_EXISTENCE
+    least = _least(arguments)
     make = geojson_document if chosen == "geojson" else rooms_document
     document = make(semantic_map, least)
     text = json.dumps(document, ensure_ascii=False, allow_nan=False, indent=1)
@@ -160,11 +196,10 @@ def _write_scene(
 ) -> str:
     from kg.export.serialization import write_atomically
     from planner.viewers.past_scenes import past_scenes, present_scene
-    from planner.visualization.drawing import SHOWN_EXISTENCE
 
     make = _scene_writer(chosen)
     plan = None if arguments.find is None else _plan(semantic_map, arguments)
-    least = 0.0 if arguments.all else SHOWN_EXISTENCE
+    least = _least(arguments)
     scene, stamp = present_scene(semantic_map, least, plan)
     past = past_scenes(semantic_map, arguments.past, least) if arguments.past else ()
     write_atomically(output, make(chain(past, [(scene, stamp)])))

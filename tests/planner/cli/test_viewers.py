@@ -19,7 +19,8 @@ from rerun.chunk import RrdReader
 from rosbags.rosbag1 import Reader
 from websockets.sync.client import connect
 
-from kg.opening import create_map
+from kg.maps.object_pictures import ObjectPictures
+from kg.opening import create_map, open_map
 from mapping.places.layout import load_layout
 from planner.cli import main
 from tests.planner.robots import FAR_APPLE, command, ring
@@ -80,6 +81,23 @@ def test_the_map_of_then_is_exported(lab: Path, tmp_path: Path) -> None:
     for when, has_rooms in (("#0", False), ("#1", True)):
         assert main(["export", str(lab), "-o", str(out), "--format", "json", "--at", when]) == 0
         assert bool(json.loads(out.read_text("utf-8"))["rooms"]) is has_rooms
+
+
+def test_pictures_of_objects_are_copied(
+    kitchen_map: Path, tmp_path: Path, fails: Callable[..., str]
+) -> None:
+    out, folder = tmp_path / "rooms.json", tmp_path / "shots"
+    with open_map(kitchen_map, read_only=True) as semantic_map:
+        kept = {one.iri: ObjectPictures(kitchen_map).path_of(one) for one in semantic_map.objects()}
+    assert (
+        main(["export", str(kitchen_map), "-o", str(out), "--pictures", str(folder), "--all"]) == 0
+    )
+    copied = {path.stem: path.read_bytes() for path in folder.iterdir()}
+    expected = {iri.rpartition("/")[2]: path.read_bytes() for iri, path in kept.items() if path}
+    assert copied == expected and expected
+    assert "lies in the folder of the map" in fails(
+        "export", kitchen_map, "-o", out, "--pictures", kitchen_map / "shots"
+    )
 
 
 def test_what_cannot_be_written_is_one_line(
