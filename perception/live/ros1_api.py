@@ -30,10 +30,13 @@ FAILURES: Final = (
 def ask(uri: str, method: str, *arguments: Any, caller: str) -> Any:
     """Answer of a master or a node; raises one of FAILURES."""
     with xmlrpc.client.ServerProxy(uri, transport=_Transport()) as proxy:
-        code, said, answer = getattr(proxy, method)(caller, *arguments)
+        answer = getattr(proxy, method)(caller, *arguments)
+    if not (isinstance(answer, list) and len(answer) == 3):
+        raise RecordingError(f"{method}: answered by what is no ROS 1 master or node")
+    code, said, value = answer
     if code != 1:
         raise RecordingError(f"{method} failed: {said}")
-    return answer
+    return value
 
 
 class _Transport(xmlrpc.client.Transport):
