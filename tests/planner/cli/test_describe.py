@@ -91,4 +91,4 @@ def test_a_served_map_is_described_on_its_page_and_in_dcat(
     page = requests.get(process.url, headers={"Accept": "text/html"}, timeout=120).text
     assert f'<a rel="license" href="{CC_BY}">' in page
     assert process.end() == 0
-    assert "<h1>O&#x27;Neill&#x27;s &quot;flat&quot;" in page
+    assert '<h1 id="title">O&#x27;Neill&#x27;s &quot;flat&quot;' in page
