@@ -23,9 +23,9 @@ from planner.cli.map_recording import (
 )
 from planner.cli.recording_arguments import (
     MappingInputs,
-    given_streams,
     open_given_recording,
     open_mapping_inputs,
+    open_stream,
 )
 from planner.cli.recording_options import add_live_options
 from planner.cli.server_outages import MappedFrames, through_outages
@@ -150,17 +150,9 @@ def _stream_run(
     mapped: MappedFrames,
 ) -> Callable[[], None]:
     """What maps a connection's frames until it is ended."""
-    from perception.camera.intrinsics import load_intrinsics
     from perception.live.live_recording import LiveRecording
-    from perception.live.stream import FrameStream
 
-    given = arguments.intrinsics
-    stream = FrameStream(
-        connection.address,
-        given_streams(arguments),
-        load_intrinsics(Path(given)) if given else None,
-        arguments.depth_scale,
-    )
+    stream = open_stream(connection.address, arguments)
 
     def run() -> None:
         name, limit = arguments.name or "live", mapped.left(arguments.limit)

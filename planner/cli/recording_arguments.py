@@ -18,7 +18,9 @@ if TYPE_CHECKING:
     from mapping.objects.settings import ObjectSettings
     from mapping.places.layout import Layout
     from mapping.reference.settings import ReferenceSettings
+    from perception.camera.intrinsics import Intrinsics
     from perception.frames import Detector, SceneClassifier
+    from perception.live.stream import FrameStream
     from perception.recordings.listing import RecordingListing, Streams
     from perception.recordings.recording import FolderRecording
 
@@ -73,6 +75,21 @@ def given_streams(arguments: argparse.Namespace) -> Streams:
         arguments.map_frame,
         arguments.tolerance,
     )
+
+
+def given_intrinsics(arguments: argparse.Namespace) -> Intrinsics | None:
+    """Intrinsics in the file that the options name; raises RecordingError."""
+    from perception.camera.intrinsics import load_intrinsics
+
+    return load_intrinsics(Path(arguments.intrinsics)) if arguments.intrinsics else None
+
+
+def open_stream(address: str, arguments: argparse.Namespace) -> FrameStream:
+    """Frames of the messages that come from `address`, as the options say; RecordingError."""
+    from perception.live.stream import FrameStream
+
+    intrinsics = given_intrinsics(arguments)
+    return FrameStream(address, given_streams(arguments), intrinsics, arguments.depth_scale)
 
 
 def open_inputs(arguments: argparse.Namespace) -> Inputs:
@@ -174,7 +191,6 @@ def open_given_recording(
     `T_map_world` (4, 4) what is known already.
     """
     from mapping.transform_file import load_transform
-    from perception.camera.intrinsics import load_intrinsics
     from perception.recordings.recording import open_recording
     from perception.recordings.selection import Selection
 
@@ -190,7 +206,7 @@ def open_given_recording(
         Path(arguments.recording),
         format=arguments.format,
         name=arguments.name,
-        intrinsics=load_intrinsics(Path(arguments.intrinsics)) if arguments.intrinsics else None,
+        intrinsics=given_intrinsics(arguments),
         depth_scale=arguments.depth_scale,
         up=arguments.up,
         T_map_world=transform,

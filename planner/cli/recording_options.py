@@ -42,6 +42,14 @@ def add_live_options(parser: argparse.ArgumentParser) -> None:
     _add_mapping_options(parser.add_argument_group("mapping"))
 
 
+def add_intrinsics_options(camera: argparse._ArgumentGroup) -> None:
+    """Declare the options that `given_intrinsics` and `open_stream` read, but for the streams."""
+    camera.add_argument("--intrinsics", metavar="FILE", help="intrinsics.json, .txt or K.txt")
+    camera.add_argument(
+        "--depth-scale", type=positive, metavar="N", help="depth units in a metre, e.g. 1000"
+    )
+
+
 def _add_source_options(camera: argparse._ArgumentGroup) -> None:
     camera.add_argument(
         "--format",
@@ -49,10 +57,7 @@ def _add_source_options(camera: argparse._ArgumentGroup) -> None:
         help="auto, tum, 7scenes, trajectory-log, hololens, stray-scanner or bag (default: auto)",
     )
     camera.add_argument("--name", help="name of the recording in the map (default: its folder)")
-    camera.add_argument("--intrinsics", metavar="FILE", help="intrinsics.json, .txt or K.txt")
-    camera.add_argument(
-        "--depth-scale", type=positive, metavar="N", help="depth units in a metre, e.g. 1000"
-    )
+    add_intrinsics_options(camera)
     camera.add_argument(
         "--pose-convention",
         choices=("camera-to-world", "world-to-camera", "opengl"),

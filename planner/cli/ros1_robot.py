@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from planner.cli.arguments import add_device, positive
 from planner.cli.live import require_ros
 from planner.cli.models import named_detector
-from planner.cli.recording_arguments import given_streams
-from planner.cli.recording_options import add_stream_options
+from planner.cli.recording_arguments import open_stream
+from planner.cli.recording_options import add_intrinsics_options, add_stream_options
 
 if TYPE_CHECKING:
     from planner.execution.robot import Robot
@@ -48,10 +47,7 @@ def add_ros1_options(parser: argparse.ArgumentParser) -> None:
         metavar="FRAME",
         help="the robot's frame in tf (default: base_link, base_footprint, else the camera's)",
     )
-    group.add_argument("--intrinsics", metavar="FILE", help="intrinsics.json, .txt or K.txt")
-    group.add_argument(
-        "--depth-scale", type=positive, metavar="N", help="depth units in a metre, e.g. 1000"
-    )
+    add_intrinsics_options(group)
     add_stream_options(group)
     defaults = {option.dest: option.default for option in group._group_actions}
     parser.set_defaults(ros1_defaults=defaults)
@@ -67,25 +63,16 @@ def refuse_ros1_options(arguments: argparse.Namespace) -> None:
 def open_ros1_robot(arguments: argparse.Namespace) -> Robot:
     """The robot that the options describe; raises HereaboutsError before it is moved."""
     require_ros(arguments.robot, "rosbags")
-    from perception.camera.intrinsics import load_intrinsics
     from perception.inference.recorded_detections import open_detector
     from perception.live.ros1 import Ros1Master
-    from perception.live.stream import FrameStream
     from planner.execution.ros1_robot import Ros1Robot
 
     master = Ros1Master.at(arguments.robot)
     name = named_detector(arguments.detector)
     detector = open_detector(name, threshold=arguments.threshold, device=arguments.device)
-    given = arguments.intrinsics
-    stream = FrameStream(
-        master.address,
-        given_streams(arguments),
-        load_intrinsics(Path(given)) if given else None,
-        arguments.depth_scale,
-    )
     return Ros1Robot(
         master,
-        stream,
+        open_stream(master.address, arguments),
         detector,
         navigation=arguments.navigation,
         base=arguments.base_frame,

@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 from mapping.reference.settings import ReferenceSettings
 from planner.execution.object_updates import AssociatedDetection
 from planner.execution.protocol import Detected
+from planner.goals.status import PRESENT
 from planner.goals.targets import Target
 
 #: A score from which one detection may be enough.
 SURE: Final = 0.6
-#: Existence from which on the map shows an object, and `status` calls it present.
-LIKELY: Final = 0.5
 #: Looks straight at one spot that may hold a target.
 MOST_VERIFICATIONS: Final = 3
 
@@ -62,7 +61,7 @@ class DetectionVerifier:
             for other, p_other in self._seen
         )
         self._seen.append((category, p_map))
-        certain = (again or thing.score >= SURE) and detection.existence >= LIKELY
+        certain = (again or thing.score >= SURE) and detection.existence >= PRESENT
         return TargetDetection(target, category, thing, detection.iri, certain)
 
     def open(self, detection: TargetDetection) -> bool:

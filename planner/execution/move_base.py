@@ -82,7 +82,7 @@ class MoveBase:
             message = decoded(raw, is_ros1, self._master.address)
             states = message.status_list if raw.type == _STATUS else [message.status]
             for state in states:
-                self._told(str(state.goal_id.id), int(state.status), str(state.text))
+                self._update(str(state.goal_id.id), int(state.status), str(state.text))
         except (RecordingError, AttributeError, TypeError, ValueError) as error:
             if raw.topic not in self._said:
                 self._said.add(raw.topic)
@@ -135,7 +135,7 @@ class MoveBase:
     def _id(self, goal: _Goal, stamp: int) -> Any:
         return self._maker.make(_CANCEL, stamp=self._maker.time(stamp), id=goal.id)
 
-    def _told(self, number: str, status: int, text: str) -> None:
+    def _update(self, number: str, status: int, text: str) -> None:
         with self._lock:
             goal = self._goal
             if goal is None or goal.id != number or goal.outcome is not None:

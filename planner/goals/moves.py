@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from kg.history.timestamps import Instant
 from kg.maps.semantic_map import SemanticMap
+from planner.goals.status import PRESENT
 
-_PRESENT: Final = 0.5  # existence from which on a thing is there
 FAR: Final = 0.3  # [m] from which on a thing counts as moved
 
 
@@ -49,6 +49,6 @@ def moved_things(
             one.p_map,
         )
         for one in semantic_map.objects(at=until)
-        if one.iri in before and min(one.existence, before[one.iri].existence) >= _PRESENT
+        if one.iri in before and min(one.existence, before[one.iri].existence) >= PRESENT
     ]
     return tuple(sorted((m for m in moved if m.metres >= far), key=lambda m: (-m.metres, m.iri)))

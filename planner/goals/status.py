@@ -18,7 +18,7 @@ from planner.goals.search_goals import resolve_target
 
 Value = Literal["present", "gone", "hidden", "never looked"]
 
-_PRESENT: Final = 0.5  # existence from which on a thing counts as present
+PRESENT: Final = 0.5  # existence from which on a thing counts as present
 _PLACES_NAMED: Final = 3  # in a proof, the least viewed ones
 
 
@@ -135,7 +135,7 @@ def _of_thing(semantic_map: SemanticMap, what: str) -> Status:
         views = None if place is None else place.viewed
         seen = datetime.fromtimestamp(record.last_seen, UTC)
         since = views is not None and views.last > record.last_seen
-        value: Value = "present" if record.existence >= _PRESENT else "gone" if since else "hidden"
+        value: Value = "present" if record.existence >= PRESENT else "gone" if since else "hidden"
         where = place.label if place else "no place"
         proof = f"in {where}, {record.existence:.2f} sure, last seen {stamp(seen)}"
         if value != "present" and views is not None:

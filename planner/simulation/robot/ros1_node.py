@@ -97,7 +97,7 @@ class Ros1HouseNode:
         self._orders = deque[tuple[str, Any]](maxlen=100)
         self._cancelled = deque[str](maxlen=100)  # goals that have not come yet
         self._maker = MessageMaker(message_types(True), is_ros1=True)
-        told = {
+        topics = {
             **IMAGE_TOPICS,
             "/tf": _TRANSFORMS,
             "/tf_static": _TRANSFORMS,
@@ -105,7 +105,7 @@ class Ros1HouseNode:
             f"{navigation}/result": _RESULT,
             f"{navigation}/feedback": "move_base_msgs/msg/MoveBaseActionFeedback",
         }
-        self._publisher = Ros1Publisher(master, told, frozenset(["/tf_static"]))
+        self._publisher = Ros1Publisher(master, topics, frozenset(["/tf_static"]))
         self._pictures = 0
 
     @property
@@ -116,8 +116,8 @@ class Ros1HouseNode:
 
     def wanted(self, topics: Mapping[str, str]) -> set[str]:
         """Topics of goals and of what cancels them."""
-        heard = {f"{self._navigation}/goal": _GOAL, f"{self._navigation}/cancel": _CANCEL}
-        return {topic for topic, type_ in topics.items() if heard.get(topic) == type_}
+        known = {f"{self._navigation}/goal": _GOAL, f"{self._navigation}/cancel": _CANCEL}
+        return {topic for topic, type_ in topics.items() if known.get(topic) == type_}
 
     def offer(self, raw: RawMessage, *, is_ros1: bool) -> None:
         """Take a goal, or what cancels one; what is neither is left out."""
@@ -133,12 +133,13 @@ class Ros1HouseNode:
         T_base_cam = self._camera.model.pose(0.0, 0.0, 0.0)
         mounted = self._maker.transforms(self._stamp, BASE, CAMERA, T_base_cam)
         self._publisher.publish("/tf_static", mounted)
-        due = {self._show: 0.0, self._tell: 0.0}
+        periods = {self._publish_picture: PICTURE, self._publish_status: STATUS}
+        due = dict.fromkeys(periods, 0.0)
         try:
             while not ended.wait(STEP):
                 self._take_orders()
                 self._move()
-                for action, period in ((self._show, PICTURE), (self._tell, STATUS)):
+                for action, period in periods.items():
                     if time.monotonic() >= due[action]:
                         due[action] = time.monotonic() + period
                         action()
@@ -201,7 +202,7 @@ class Ros1HouseNode:
         return [*way, *turn(way[-1], towards, self._gait)]
 
     def _move(self) -> None:
-        """Move on, and tell where it is."""
+        """Move on, and publish the pose."""
         goal, now = self._active, self.seconds
         self.pose = Pose(self.pose.x, self.pose.y, self.pose.heading, now)
         if goal is not None:
@@ -217,7 +218,7 @@ class Ros1HouseNode:
 
     def _end(self, goal: _Goal, status: int, text: str) -> None:
         goal.status, goal.text, goal.ended = status, text, time.monotonic()
-        self._tell()
+        self._publish_status()
         result = self._maker.make("move_base_msgs/msg/MoveBaseResult")
         message = self._maker.make(
             _RESULT,
@@ -231,15 +232,15 @@ class Ros1HouseNode:
         fields = {"goal_id": goal.id, "status": goal.status, "text": goal.text}
         return self._maker.make("actionlib_msgs/msg/GoalStatus", **fields)
 
-    def _tell(self) -> None:
-        """Tell the status of all goals that were not long ago."""
+    def _publish_status(self) -> None:
+        """Publish the status of the active goal and of those that ended lately."""
         recent = time.monotonic() - REMEMBERED
         states = [self._status(goal) for goal in self._goals if goal.ended > recent]
         header = self._maker.header(self._stamp, "")
         message = self._maker.make(_STATUS, header=header, status_list=states)
         self._publisher.publish(f"{self._navigation}/status", message)
 
-    def _show(self) -> None:
+    def _publish_picture(self) -> None:
         """Publish what the camera shows."""
         pose, make = self.pose, self._maker
         self._pictures += 1

@@ -83,7 +83,7 @@ class Deaf(Ros1HouseNode):
 
 
 class Blind(Ros1HouseNode):
-    def _show(self) -> None:
+    def _publish_picture(self) -> None:
         pass
 
 
