@@ -25,6 +25,7 @@
     │   ├── UnknownCategoryError a label no category carries; says which come close
     │   └── ConceptNetError      ConceptNet, or a file of it, that cannot be read
     ├── RecordingError           a recording that cannot be read: poses, images, intrinsics
+    │   └── FrameError           a frame, or its detections, that cannot be mapped; a ValueError too
     ├── ModelError               a network that cannot be loaded, fetched or understood
     ├── LayoutError              places or transforms given by file that make no sense
     ├── LabelsError              a table of what a network's labels mean that makes no sense
@@ -150,6 +151,10 @@ class ConceptNetError(OntologyError):
 
 class RecordingError(HereaboutsError):
     """A recording cannot be read."""
+
+
+class FrameError(RecordingError, ValueError):
+    """A frame or its detections cannot be right: shapes, types, depth, pose, intrinsics, stamp."""
 
 
 class ModelError(HereaboutsError):

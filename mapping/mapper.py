@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from kg.errors import ConflictError
 from kg.maps.semantic_map import SemanticMap
 from kg.records import FloorTile, MapUpdate, ObjectRecord, PlaceRecord, RecordingRecord, RobotRecord
+from mapping.frame_checks import FrameChecks, check_detections
 from mapping.label_resolver import LabelResolver
 from mapping.label_table import LabelTable
 from mapping.mapper_lease import MapperLease
@@ -67,8 +68,8 @@ class Mapper:
         detector: name of the detector, kept with each observation.
         scene_model: name of the scene classifier, kept with the stream.
         again: whether the stream is mapped once more from its beginning.
-        check_poses: whether jumps and drift of the poses are looked for in the depth, and warned
-            of (`mapping.pose_monitor`).
+        check_poses: whether poses are compared with the depth: jumps and drift are warned of
+            (`mapping.pose_monitor`), another convention is refused (`mapping.pose_convention`).
         pictures: whether a small picture of each object is kept in the map's folder, none of people
             (`mapping.picture_keeper`).
 
@@ -135,6 +136,7 @@ class Mapper:
             self._rooms = FoundPlaces(semantic_map, self._places, recording=recording)
         self._rooms_at = -math.inf  # [s] stamp of the frame they were last found with
         self._found = FoundChanges()  # not written yet
+        self._checks = FrameChecks(check_poses=check_poses)
         self._monitor = PoseMonitor(recording) if check_poses else None
         self._pictures = PictureKeeper(semantic_map, recording) if pictures else None
         self._observed: Frame | None = None  # the frame that the places have taken in
@@ -155,12 +157,16 @@ class Mapper:
         """Map one frame: objects, places, occupancy and the robot's pose; returns what was written.
 
         `scores` count where `viewed_place` says so. Raises MapBusyError where another mapper writes
-        the same stream, ConflictError where others keep writing the same things.
+        the same stream, ConflictError where others keep writing the same things, and RecordingError
+        for what cannot be right (`mapping.frame_checks`: depth in other units, no depth in the
+        first frames, poses that are no rigid camera-to-map transforms, detections of another type);
+        the map is then as before.
         """
         with self.timer.stage("map"):
+            check_detections(detections, scores)
+            self._observe(frame)
             if self._monitor is not None:
                 self._monitor.add(frame)
-            self._observe(frame)
         place = None if scores is None else self.viewed_place(frame)
         if scores is not None and place is not None:
             with self.timer.stage("map"):
@@ -199,7 +205,7 @@ class Mapper:
         """IRI of the place whose category belief the scene scores of `frame` would update.
 
         None: they would not count (little depth, several places in view, a repeated view), so that
-        the scene classifier need not be run.
+        the scene classifier need not be run. Raises RecordingError where `add` would.
         """
         if self._viewed is None or self._viewed[0] is not frame:
             with self.timer.stage("map"):
@@ -246,6 +252,7 @@ class Mapper:
 
     def _observe(self, frame: Frame) -> None:
         if self._observed is not frame:
+            self._checks.check(frame)
             self._places.refresh()
             s = self._settings
             self._places.observe(map_points(frame, s.stride, s.max_depth))

@@ -14,12 +14,15 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from kg.errors import FrameError
+
 
 @dataclass(frozen=True, slots=True)
 class Frame:
     """RGB-D image, registered, with its pose.
 
-    Raises ValueError where shapes or types are not the ones below.
+    Raises FrameError, a ValueError, where shapes or types are not the ones below. What the numbers
+    may be is checked where frames are mapped (`mapping.frame_checks`).
     """
 
     id: str
@@ -30,18 +33,24 @@ class Frame:
     stamp: float  # [s] since 1970-01-01 UTC
 
     def __post_init__(self) -> None:
-        height, width = self.depth.shape
-        if self.rgb.shape != (height, width, 3) or self.rgb.dtype != np.uint8:
-            raise ValueError(f"rgb must be uint8 {(height, width, 3)}, got {self.rgb.shape}")
+        _refuse_lists(rgb=self.rgb, depth=self.depth, K=self.K, T_map_cam=self.T_map_cam)
+        if self.depth.ndim != 2:
+            raise FrameError(f"depth must be (H, W), got {self.depth.shape}")
+        shape = (*self.depth.shape, 3)
+        if self.rgb.shape != shape or self.rgb.dtype != np.uint8:
+            raise FrameError(f"rgb must be uint8 {shape}, got {self.rgb.dtype} {self.rgb.shape}")
         if self.K.shape != (3, 3) or self.T_map_cam.shape != (4, 4):
-            raise ValueError(
+            raise FrameError(
                 f"K must be (3, 3) and T_map_cam (4, 4), got {self.K.shape}, {self.T_map_cam.shape}"
             )
 
 
 @dataclass(frozen=True, slots=True)
 class Detections:
-    """Detections of one image: parallel arrays of length n, best score first."""
+    """Detections of one image: parallel arrays of length n, best score first.
+
+    Raises FrameError, a ValueError, where shapes or types are not the ones below.
+    """
 
     xyxy: NDArray[np.float32]  # (n, 4) [px] in the frame's own pixels
     score: NDArray[np.float32]  # (n,) 0..1
@@ -52,13 +61,17 @@ class Detections:
     mask: tuple[NDArray[np.bool_] | None, ...] = ()
 
     def __post_init__(self) -> None:
+        _refuse_lists(xyxy=self.xyxy, score=self.score)
         n = len(self.label)
         if self.mask and len(self.mask) != n:
-            raise ValueError(f"mask must be ({n},), got ({len(self.mask)},)")
+            raise FrameError(f"mask must be ({n},), got ({len(self.mask)},)")
         if self.source and len(self.source) != n:
-            raise ValueError(f"source must be ({n},), got ({len(self.source)},)")
+            raise FrameError(f"source must be ({n},), got ({len(self.source)},)")
         if self.xyxy.shape != (n, 4) or self.score.shape != (n,):
-            raise ValueError(f"xyxy must be ({n}, 4), got {self.xyxy.shape}; score ({n},)")
+            raise FrameError(
+                f"xyxy must be ({n}, 4) and score ({n},) as there are {n} labels, "
+                f"got {self.xyxy.shape}, {self.score.shape}"
+            )
 
     def __len__(self) -> int:
         return len(self.label)
@@ -74,6 +87,15 @@ class Detections:
             self.detectors,
             tuple(self.mask[i] for i in at) if self.mask else (),
         )
+
+
+def _refuse_lists(**arrays: object) -> None:
+    for name, given in arrays.items():
+        if not isinstance(given, np.ndarray):
+            raise FrameError(
+                f"{name} must be a numpy array, got {type(given).__name__}; "
+                f"np.asarray({name}) would work"
+            )
 
 
 def box_pixels(

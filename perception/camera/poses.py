@@ -15,12 +15,17 @@ from perception.number_tables import all_numbers, floats, rows
 
 Pose = NDArray[np.float64]  # (4, 4)
 
+BODY_FROM_CAMERA = np.array(
+    [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+)
 #: what the matrices of a recording may mean, and how to make camera -> world of them, with the
-#: camera's x right, y down, z ahead; OpenGL's cameras have y up and look along -z
+#: camera's x right, y down, z ahead; OpenGL's cameras have y up and look along -z; bodies of ROS
+#: (REP 103) have x ahead, y left, z up
 CONVENTIONS: dict[str, Callable[[Pose], Pose]] = {
     "camera-to-world": lambda T: T,
     "world-to-camera": lambda T: np.linalg.inv(T).astype(np.float64),
     "opengl": lambda T: T @ np.diag([1.0, -1.0, -1.0, 1.0]),
+    "ros": lambda T: T @ BODY_FROM_CAMERA,
 }
 FARTHEST = 1e7  # [m] no map is larger than the Earth
 RIGID_TOLERANCE = 5e-3  # largest entry of R'R - I that rounding and drift of trackers explain

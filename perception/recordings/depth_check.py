@@ -8,7 +8,7 @@ another convention of poses, the recording is read wrongly, and that is what wou
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -45,7 +45,9 @@ FrameAt = Callable[[int], Frame]
 
 
 @dataclass(frozen=True, slots=True)
-class _Pair:
+class FramePair:
+    """Two frames that may show one scene."""
+
     a: DepthSamples
     b: DepthSamples
     poses: tuple[Pose, Pose]  # camera -> world, as read
@@ -95,9 +97,9 @@ def depth_findings(
             read[index] = frame_at(index)
         return read[index]
 
-    def pairs_by(reading: str) -> list[_Pair]:
+    def pairs_by(reading: str) -> list[FramePair]:
         return [
-            _Pair(
+            FramePair(
                 depth_samples(frame(i).depth, frame(i).K),
                 depth_samples(frame(j).depth, frame(j).K),
                 (poses[i], poses[j]),
@@ -143,21 +145,35 @@ def _chosen_pairs(poses: Sequence[Pose], convention: str) -> list[tuple[int, int
     return found[:: max(1, -(-len(found) // PAIRS))]
 
 
-def _another_convention(name: str, pairs: list[_Pair], convention: str) -> str | None:
+def better_convention(
+    found: Mapping[str, Sequence[Agreement]], convention: str, good: float = GOOD
+) -> tuple[float, float, str] | None:
+    """Whether another convention explains depth that the given one does not.
+
+    `found` has, by convention, how pairs of frames agree. Returns the share of agreeing points by
+    the given one (0: no pair shows one scene by it, though it may by others), the share by the
+    best, which is at least `good`, and its name; None where none is better.
+    """
+    given = median_share(found[convention]) or 0.0
+    best, other = max((median_share(found[one]) or 0.0, one) for one in found)
+    return (given, best, other) if given < POOR and best >= max(good, given + BETTER) else None
+
+
+def _another_convention(name: str, pairs: list[FramePair], convention: str) -> str | None:
     """What to say where another convention of poses fits, None where none does."""
-    # given 0: by these poses no pair shows one scene, though it may by others
-    given = _median_share(pairs, convention, 1.0) or 0.0
-    best, other = max((_median_share(pairs, one, 1.0) or 0.0, one) for one in CONVENTIONS)
-    if given < POOR and best >= max(GOOD, given + BETTER):
-        return (
-            f"{_problem(name, given)} ({best:.0%}) if these are {other} poses; "
-            f"--pose-convention {other} would work, --no-check maps it as it is"
-        )
-    return None
+    found = {one: [pair.share(one, 1.0) for pair in pairs] for one in CONVENTIONS}
+    better = better_convention(found, convention)
+    if better is None:
+        return None
+    given, best, other = better
+    return (
+        f"{_problem(name, given)} ({best:.0%}) if these are {other} poses; "
+        f"--pose-convention {other} would work, --no-check maps it as it is"
+    )
 
 
 def _another_scale(
-    name: str, pairs: list[_Pair], convention: str, depth_scale: float
+    name: str, pairs: list[FramePair], convention: str, depth_scale: float
 ) -> str | None:
     """What to say where another scale of depth fits, None where none does."""
     given = _median_share(pairs, convention, 1.0) or 0.0
@@ -178,14 +194,17 @@ def _problem(name: str, given: float) -> str:
     )
 
 
-def _median_share(pairs: list[_Pair], convention: str, scale: float) -> float | None:
+def _median_share(pairs: list[FramePair], convention: str, scale: float) -> float | None:
+    return median_share([pair.share(convention, scale) for pair in pairs])
+
+
+def median_share(found: Sequence[Agreement]) -> float | None:
     """Median share of agreeing points; None where too few pairs show one scene."""
-    found = [pair.share(convention, scale) for pair in pairs]
     shares = [one.share for one in found if one.overlap >= OVERLAP]
     return float(np.median(shares)) if len(shares) >= LEAST else None
 
 
-def _best_scale(pairs: list[_Pair], convention: str) -> tuple[float, float]:
+def _best_scale(pairs: list[FramePair], convention: str) -> tuple[float, float]:
     """Share and factor of depth that fits best; share 0 where the largest factors fit as well.
 
     Those take the motion for nothing, which fits a scene that moves with the camera.

@@ -25,7 +25,9 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     add_json(listing)
     listing.set_defaults(run=run_list)
     fetch = actions.add_parser("fetch", help="download a network, resuming and checking it")
-    fetch.add_argument("name", metavar="NAME")
+    fetch.add_argument(
+        "name", metavar="NAME", help="of `models list`, or best: the best detector there is"
+    )
     fetch.set_defaults(run=run_fetch)
     path = actions.add_parser("path", help="print where a network lies")
     path.add_argument("name", metavar="NAME")
@@ -59,9 +61,9 @@ def run_list(arguments: argparse.Namespace) -> int:
 
 def run_fetch(arguments: argparse.Namespace) -> int:
     """Download a network."""
-    from perception.inference.model_zoo import find_model
+    from perception.inference.model_zoo import best_detector, find_model
 
-    write(str(_fetch(find_model(arguments.name))))
+    write(str(_fetch(best_detector() if arguments.name == "best" else find_model(arguments.name))))
     return 0
 
 

@@ -60,10 +60,11 @@ def _add_source_options(camera: argparse._ArgumentGroup) -> None:
     add_intrinsics_options(camera)
     camera.add_argument(
         "--pose-convention",
-        choices=("camera-to-world", "world-to-camera", "opengl"),
+        choices=("camera-to-world", "world-to-camera", "opengl", "ros"),
         default="camera-to-world",
         help="what the poses are; opengl: camera to world, of a camera with y up that looks along "
-        "-z (default: camera-to-world)",
+        "-z; ros: body to world, of a camera that looks along x with z up (default: "
+        "camera-to-world)",
     )
     camera.add_argument(
         "--no-check",
