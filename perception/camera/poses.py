@@ -58,8 +58,10 @@ def checked_pose(T: NDArray[np.float64], where: str) -> Pose:
     if not np.isfinite(T).all():
         raise RecordingError(f"{where}: the pose is not finite (lost tracking?); drop that frame")
     if np.abs(T[3] - (0, 0, 0, 1)).max() > RIGID_TOLERANCE:
+        by_columns = np.abs(T[:, 3] - (0, 0, 0, 1)).max() <= RIGID_TOLERANCE
         raise RecordingError(
             f"{where}: the last row of a pose is 0 0 0 1, got {' '.join(f'{x:g}' for x in T[3])}"
+            + ("; its transpose would work" if by_columns else "")
         )
     far = float(np.abs(T[:3, 3]).max())
     if far > FARTHEST:

@@ -10,10 +10,17 @@ import numpy as np
 import pytest
 
 from kg.errors import RecordingError
-from perception.camera.poses import CONVENTIONS
+from perception.camera.poses import BODY_FROM_CAMERA, CONVENTIONS
 from perception.recordings.recording import open_recording
 from perception.recordings.recording_writer import RecordingWriter, pose_line
 from tests.perception.box_room import room_frame, round_tour
+
+#: by convention, right poses as they would be given
+MISREAD = {
+    "world-to-camera": CONVENTIONS["world-to-camera"],
+    "opengl": CONVENTIONS["opengl"],
+    "ros": lambda T: T @ np.linalg.inv(BODY_FROM_CAMERA),
+}
 
 
 def write(folder: Path, as_written=lambda T: T) -> Path:
@@ -41,9 +48,9 @@ def test_a_wrong_depth_scale_is_refused_with_the_right_one(room, scale):
     assert open_recording(room, depth_scale=scale, check=False).depth_scale == scale
 
 
-@pytest.mark.parametrize("convention", ["world-to-camera", "opengl"])
+@pytest.mark.parametrize("convention", MISREAD)
 def test_another_convention_of_poses_is_refused_and_named(tmp_path, room, convention):
-    folder = write(tmp_path / "room", CONVENTIONS[convention])  # each undoes itself
+    folder = write(tmp_path / "room", MISREAD[convention])
     with pytest.raises(RecordingError, match=f"--pose-convention {convention} would work"):
         open_recording(folder)
     read = open_recording(folder, pose_convention=convention)

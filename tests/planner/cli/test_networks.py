@@ -58,6 +58,7 @@ def test_the_best_detector_cannot_be_fetched_without_a_network(
         cards = tuple(replace(card, url=card.url and nobody) for card in model_zoo.cards())
         monkeypatch.setattr(model_zoo, "cards", lambda: cards)
         monkeypatch.setenv("HEREABOUTS_CACHE", str(tmp_path / "cache"))
+        assert "no connection" in fails("models", "fetch", "best")
         told = fails("map", kitchen, "--into", tmp_path / "k.map", "--detector", "best")
     assert "no connection" in told and "the bundled ones are used" in told
     assert not (tmp_path / "k.map").exists()
