@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from kg.errors import FrameError
-from perception.camera.depth_agreement import Agreement, depth_samples
+from perception.camera.depth_agreement import Agreement, agreement, depth_samples
 from perception.camera.poses import CONVENTIONS, motion
 from perception.frames import Frame
 from perception.recordings.depth_check import FramePair, better_convention, median_share
@@ -21,6 +21,7 @@ from perception.recordings.depth_check import FramePair, better_convention, medi
 APART: Final = (0.15, 1.0)  # [m] between the two frames of a pair: one that tells, and the most
 TURNED: Final = (np.radians(6.0), np.radians(35.0))
 OVERLAP: Final = 0.3  # share of a pair's points that both frames show by the poses as given
+STILL: Final = 0.8  # share by no motion at all, from which a pair tells nothing
 SOUND: Final = 0.85  # share of agreeing points that clears the poses as given
 EXPLAINED: Final = 0.95  # share by another convention that refuses them; right ones reach 0.98
 ENOUGH: Final = 8  # pairs that clear sound poses
@@ -33,6 +34,7 @@ class PoseConventionCheck:
 
     def __init__(self) -> None:
         self._anchor: Frame | None = None
+        self._pairs = 0  # that were compared
         self._found = {name: list[Agreement]() for name in CONVENTIONS}
         self._done = False
         self._problem: str | None = None
@@ -60,16 +62,17 @@ class PoseConventionCheck:
         return FramePair(*samples, (a.T_map_cam, b.T_map_cam))
 
     def _conclude(self, pair: FramePair, frame_id: str) -> None:
-        if pair.share(GIVEN, 1.0).overlap < OVERLAP:
-            return
-        for name, found in self._found.items():
-            found.append(pair.share(name, 1.0))
-        pairs, share = len(self._found[GIVEN]), median_share(self._found[GIVEN])
+        self._pairs += 1
+        still = agreement(pair.a, pair.b, np.eye(4))  # what moves with the camera tells nothing
+        if still.share < STILL and pair.share(GIVEN, 1.0).overlap >= OVERLAP:
+            for name, found in self._found.items():
+                found.append(pair.share(name, 1.0))
+        share = median_share(self._found[GIVEN])
         better = better_convention(self._found, GIVEN, EXPLAINED)
         if share is not None and better is not None:
             self._problem = _problem(frame_id, *better)
-        sound = pairs >= ENOUGH and share is not None and share >= SOUND
-        if self._problem is not None or sound or pairs >= MOST:
+        sound = len(self._found[GIVEN]) >= ENOUGH and share is not None and share >= SOUND
+        if self._problem is not None or sound or self._pairs >= MOST:
             self._done, self._anchor = True, None
 
 
@@ -78,5 +81,5 @@ def _problem(frame_id: str, given: float, best: float, name: str) -> str:
         f"frame {frame_id}: depth does not fit T_map_cam as camera-to-map poses ({given:.0%} of "
         f"the points that two frames share agree), but does ({best:.0%}) if they are {name} poses: "
         f'CONVENTIONS["{name}"](T_map_cam) of perception.camera.poses would work, in a new map; '
-        "check_poses=False takes them as they are"
+        "check_poses=False (--no-check) takes them as they are"
     )

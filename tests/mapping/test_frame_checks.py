@@ -200,6 +200,15 @@ def test_right_poses_of_a_room_are_taken(tour):
     pass_all(room_frame(T, n) for n, T in enumerate(TOURS[tour]))
 
 
+def test_what_is_carried_before_the_camera_tells_nothing_of_its_poses():
+    ahead = [pose(-1.5 + 0.2 * n, 0.1 * n, 0.1 * n) for n in range(30)]
+    pass_all(room_frame(T, n) for n, T in enumerate(ahead[:8]))
+    seen = room_frame(ahead[0], 0)
+    box = np.full_like(seen.depth, 0.6)
+    for depth in (seen.depth, box):
+        pass_all(replace(seen, depth=depth, T_map_cam=T) for T in ahead)
+
+
 @pytest.mark.parametrize("recording", ["redkitchen", "icl_livingroom", "hololens_lounge"])
 def test_right_poses_of_recordings_are_taken_and_others_refused(shared, recording):
     folder = open_recording(shared(f"data/rgbd/{recording}"), check=False)
