@@ -12,7 +12,14 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
+RECALL: Final = 0.8  # of a thing that fills the image
+HALF: Final = 0.055  # share of the image's side at which recall is half of that
 KNOWN: Final = 2.0  # views that the detector's recall counts as, and hits known after a restart
+
+
+def recall(side: float) -> float:
+    """Usual recall of detectors for a thing whose `side` is that share of the image's."""
+    return RECALL / (1 + (HALF / max(side, 1e-6)) ** 2)
 
 
 @dataclass(slots=True)

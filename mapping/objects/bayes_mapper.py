@@ -17,6 +17,7 @@ from kg.maps.semantic_map import SemanticMap
 from kg.records import ObjectRecord
 from mapping.label_resolver import LabelResolver
 from mapping.label_table import LabelTable
+from mapping.objects.absence import RECALL
 from mapping.objects.association import associate
 from mapping.objects.existence import logit
 from mapping.objects.identity import IdentityResolver
@@ -26,7 +27,15 @@ from mapping.objects.object_mapper import ObjectChanges
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.sightings import SightingExtractor, ThingSighting
 from mapping.objects.track_updater import TrackUpdater
-from mapping.objects.tracks import Track, count_together, same_facts, track_of
+from mapping.objects.tracks import (
+    CELL,
+    Track,
+    Viewpoint,
+    count_together,
+    same_facts,
+    track_of,
+    viewpoint,
+)
 from mapping.objects.volume_view import in_front
 from mapping.places.place_registry import PlaceRegistry
 from mapping.reference.settings import UnknownLabels
@@ -99,18 +108,17 @@ class BayesObjectMapper:
         """Process one frame: evidence for what is seen and what is missed, candidates, merges."""
         self.refresh()
         self._updater.begin(frame.stamp)
-        camera = frame.T_map_cam[:3, 3]
+        view = viewpoint(frame.T_map_cam)
         sightings = self._extractor.sightings(frame, detections)
-        detectors = detections.detectors or ("",)
         known = self._associated(sightings)
         for sighting, track in known:
-            self._updater.see(track, sighting, detectors, frame, track.novelty(camera))
+            self._updater.see(track, sighting, frame, view)
         count_together([track for _, track in known])
         seen = [track for _, track in known]
-        missed = self._updater.miss(self._in_front(frame, seen), frame, detectors)
+        missed = self._updater.miss(self._in_front(frame, seen), frame, view)
         matched = {id(sighting) for sighting, _ in known}
         born = [
-            self._born(sighting, detectors, frame)
+            self._born(sighting, frame, view)
             for sighting in sightings
             if id(sighting) not in matched and self._may_be_new(sighting)
         ]
@@ -136,21 +144,16 @@ class BayesObjectMapper:
         self._updater.begin(stamp)
         located = [self._extractor.of_position(sighting) for sighting in sightings]
         touched, born = dict[int, Track](), list[Track]()
+        view = () if robot is None else tuple(np.floor(robot / CELL).astype(int).tolist())
         for sighting in located:
             # one by one: a message may hold the same thing several times, from several pictures
             known = self._associated((sighting,))
             track = known[0][1] if known else self._updater.new_track(sighting, stamp)
             touched[id(track)] = track
             track.iri = track.iri or self._map.new_object_iri()
-            weight = 1.0
-            if robot is not None:
-                weight = track.novelty(np.append(robot, track.p_map[2]))
-                track.views += weight == 1.0
+            weight = track.look(view)
             self._updater.locate(track, sighting, weight, stamp)
-            for (detector, category), score in sighting.scores.items():
-                track.add_evidence(
-                    category, detector, self._updater.rate("").hit(score, 1.0), weight
-                )
+            track.hit(sighting.best, weight, 1.0)
             self._updater.finish(track, sighting, stamp, frame)
             if not known:
                 self._tracks.append(track)
@@ -171,10 +174,10 @@ class BayesObjectMapper:
         track = next((track for track in self._tracks if track.iri == iri), None)
         if track is None or times < 1:
             return ObjectChanges()
-        rates = self._updater.rate("")
-        ratio = rates.miss_with(rates.recall_of(1.0) if recall is None else recall)
-        for category in track.evidence:
-            track.add_evidence(category, "", ratio, times)
+        chance = RECALL if recall is None else recall
+        track.looks += times * chance
+        for _ in range(times):
+            track.absence.miss(1.0, chance)
         self._updater.assess(track)
         return self._changes([], [track], ())
 
@@ -263,11 +266,6 @@ class BayesObjectMapper:
         A box that the border cuts is likely a part of an object of its category nearby.
         """
         s = self._settings
-        odds = max(
-            self._updater.rate(d).hit(score, 1.0) for (d, _), score in sighting.scores.items()
-        )
-        if odds + s.prior < s.birth:
-            return False
         if not sighting.cut or not self._tracks:
             return True
         offsets = np.linalg.norm(self._positions() - sighting.p_map, axis=1)
@@ -278,9 +276,9 @@ class BayesObjectMapper:
             for index in np.nonzero(offsets < 2.0)[0]
         )
 
-    def _born(self, sighting: ThingSighting, detectors: Collection[str], frame: Frame) -> Track:
+    def _born(self, sighting: ThingSighting, frame: Frame, view: Viewpoint) -> Track:
         track = self._updater.new_track(sighting, frame.stamp)
-        self._updater.see(track, sighting, detectors, frame, track.novelty(frame.T_map_cam[:3, 3]))
+        self._updater.see(track, sighting, frame, view)
         return track
 
     def _merge(self, touched: Sequence[Track]) -> tuple[Track, ...]:
@@ -345,9 +343,7 @@ class BayesObjectMapper:
         return [
             track
             for track in touched
-            if track.iri is None
-            and track.views >= s.confirmed_views
-            and track.existence >= s.confirmed
+            if track.iri is None and track.existence >= s.confirmed
         ]
 
     def _improbable(self, track: Track) -> bool:
@@ -355,10 +351,7 @@ class BayesObjectMapper:
         if self._objects.asserted_present(track.iri):
             return False
         s = self._settings
-        # of a robot's single sighting that a further look did not confirm
-        unconfirmed = track.views < s.confirmed_views and track.last_frame < self._updater.frame
-        least = s.confirmed if unconfirmed else s.removed
-        return track.existence < least or len(track.clear_views) >= s.clear_views
+        return track.existence < s.removed or len(track.clear_views) >= s.clear_views
 
     def _drop(self, lost: Sequence[Track]) -> None:
         """Forget what left the map, and candidates that are improbable or long unseen."""

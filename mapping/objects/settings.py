@@ -24,27 +24,20 @@ class ObjectSettings:
     border: float = 4.0  # [px] a box this near the image's border is cut
 
     # existence
-    prior: float = -1.8  # log-odds that a first candidate of a category is one
-    correlation: float = 0.12  # of the views of one thing
-    repeated_view: float = 0.15  # weight of a view from where the thing was seen before
-    view_distance: float = 0.2  # [m] a view is new this far from others ...
-    view_angle: float = math.radians(10)  # ... or from this other direction
-    birth: float = -3.0  # log-odds by one detection, below which no candidate is made
-    confirmed_views: int = 2  # distinct views before a candidate enters the map, and ...
-    confirmed: float = 0.2  # ... the existence that it needs
+    confirmed: float = 0.1  # existence that a candidate needs to enter the map
     removed: float = 0.02  # existence at which an object leaves the map
     forgotten: int = 300  # frames after which a candidate is dropped
 
     # association
-    gate: float = 0.2  # [m] gate of equal categories: gate + gate_size (sizes) + gate_depth z^2
-    gate_size: float = 0.3
+    gate: float = 0.1  # [m] gate of equal categories: gate + gate_size (sizes) + gate_depth z^2
+    gate_size: float = 0.12
     gate_depth: float = 0.02  # [1/m]
     stale: float = 3600.0  # [s] without a sighting after which a small thing may have been replaced
     stale_gate: float = 0.5  # share of its gate from then on
     small: float = 0.45  # [m] size of small things
     other_gate: float = 0.5  # share of the smaller size, for unequal categories
     largest: float = 1.5  # [m] sizes count no more than this
-    overlap: float = 0.5  # share of the smaller footprint that makes one object of two boxes
+    overlap: float = 0.7  # share of the smaller footprint that makes one object of two boxes
 
     # extents and position
     voices: int = 25  # latest sightings that an extent is made of
@@ -57,7 +50,7 @@ class ObjectSettings:
     # merging
     separation: float = 0.6  # share of the usual width within which two of a category are one
     same_place: float = 0.2  # share of the sizes within which two never seen together are one
-    interpenetration: float = 0.5  # shared footprint that two solid things cannot have
+    interpenetration: float = 0.7  # shared footprint that two solid things cannot have
 
     # negative evidence
     sight_margin: float = 5.0  # [px] from the image's border
@@ -67,7 +60,6 @@ class ObjectSettings:
     ray_noise: float = 0.006  # [1/m] ... more with the square of its depth
     empty: float = 0.7  # share of rays through the volume that shows it empty
     occluded: float = 0.3  # share of rays that end before it, above which nothing is known
-    emptiness: float = -1.0  # log-odds of a view of an empty volume
     clear_views: int = 3  # distinct ones through its volume after which an object has left
     empty_ratio: float = 3.0  # log-likelihood ratio of such a view: absent against there
 

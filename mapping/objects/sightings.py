@@ -12,15 +12,18 @@ from mapping.label_resolver import LabelResolver
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.usual_sizes import UNUSUAL, SizeOf
 from mapping.projection import back_project, to_map
-from mapping.reference.depth_histogram import box_depth, fullest_bin
+from mapping.reference.depth_histogram import box_depth
 from mapping.sighting import Sighting
 from perception.frames import Detections, Frame
 
 Floats = NDArray[np.float64]
 Box = tuple[float, float, float, float]  # xyxy [px]
 
-_SAMPLES = 4000  # pixels of a box that are looked at
-_LEAST_DEPTH = 0.25  # share of a box with depth; lit screens and glass have less
+_SAMPLES = 1000  # pixels of a box that are looked at
+_LEAST_DEPTH = 0.05  # share of a box with depth; lit screens and glass have less
+_LEAST_PIXELS = 10
+_PERCENTILE = 35  # of the depths in a box
+_THICKNESS = 0.25  # share of its longer side that a thing's surface lies before or behind its depth
 _RING = 0.15  # width of the ring around such a box, as a share of its side
 
 
@@ -38,6 +41,15 @@ class ThingSighting:
     cut: bool  # whether the image's border cuts the box
     categories: frozenset[str] = frozenset()  # IRIs of its detections' categories
     point: bool = False  # whether nothing but its position was measured; `size` is the usual one
+
+
+    @property
+    def best(self) -> dict[str, float]:
+        """Best score of each category."""
+        found: dict[str, float] = {}
+        for (_, category), score in self.scores.items():
+            found[category] = max(found.get(category, 0.0), score)
+        return found
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,15 +110,12 @@ class SightingExtractor:
 
     def _localised(self, frame: Frame, group: Sequence[_Detection]) -> ThingSighting | None:
         s, box = self._settings, group[0].box
-        p_cam = _visible_points(frame, group)
-        if p_cam is None:
+        surface = _visible_surface(frame, group)
+        if surface is None or not s.min_depth <= surface.depth <= s.max_depth:
             return None
-        centre = p_cam.mean(axis=0)
-        depth = float(centre[2])
-        if not s.min_depth <= depth <= s.max_depth:
-            return None
-        p_map = to_map(frame.T_map_cam, centre)
-        points = to_map(frame.T_map_cam, p_cam[:: max(len(p_cam) // 400, 1)])
+        depth = surface.depth
+        p_map = to_map(frame.T_map_cam, surface.centre)
+        points = to_map(frame.T_map_cam, surface.points)
         low, high = np.percentile(points, [5, 95], axis=0)
         x1, y1, x2, y2 = box
         height, width = frame.depth.shape
@@ -171,47 +180,60 @@ def intersection_over_union(a: Box, b: Box) -> float:
     return shared / (areas - shared + 1e-9)
 
 
-def _visible_points(frame: Frame, group: Sequence[_Detection]) -> Floats | None:
-    """Points (n, 3) [m] of the thing that a group shows, in the camera frame; None without depth.
+@dataclass(frozen=True, slots=True)
+class _Surface:
+    """Visible surface of a thing, in the camera frame."""
 
-    Where a detection has a mask, all points in the strongest one's but outliers; else those of the
-    fullest bin of the depth histogram of the strongest box. Of a box that has hardly any depth (a
-    lit screen, glass) one point at the median depth of the ring around it.
+    depth: float  # [m] along the optical axis
+    centre: Floats  # (3,) [m] on the ray through the middle of its box
+    points: Floats  # (n, 3) [m]
+
+
+def _visible_surface(frame: Frame, group: Sequence[_Detection]) -> _Surface | None:
+    """Surface of the thing that a group shows, by its strongest box or mask; None without depth.
+
+    Its depth is a low percentile of the box's, as more of a box shows what lies behind a thing than
+    what lies before it. Of a box that has hardly any depth (a lit screen, glass) it is that of the
+    ring around it.
     """
     best = next((one for one in group if one.mask is not None), group[0])
     found = box_depth(frame, np.array(best.box), best.mask)
     if found is None:
         return None
-    patch, pixels, counted = found
+    patch, (top, bottom, left, right), counted = found
     step = max(1, int(np.sqrt(counted / _SAMPLES)))
     rows, columns = np.nonzero(patch[::step, ::step] > 0)  # nan compares false
-    rows, columns = rows * step, columns * step
-    if len(rows) < max(_LEAST_DEPTH * counted / step**2, 1):
-        return _ring_point(frame, pixels)
-    depths = patch[rows, columns].astype(np.float64)
-    kept = fullest_bin(depths, "fd", 1000) if best.mask is None else _inliers(depths)
-    return back_project(rows[kept] + pixels[0], columns[kept] + pixels[2], depths[kept], frame.K)
+    if len(rows) * step**2 < max(_LEAST_DEPTH * counted, _LEAST_PIXELS):
+        depth = _ring_depth(frame, (top, bottom, left, right))
+        if depth is None:
+            return None
+        centre = _ray(frame, best.box, depth)
+        return _Surface(depth, centre, centre[None])
+    depths = patch[::step, ::step][rows, columns].astype(np.float64)
+    depth = _percentile(depths, _PERCENTILE if best.mask is None else 50)
+    side = depth * max((right - left) / frame.K[0, 0], (bottom - top) / frame.K[1, 1])
+    kept = np.abs(depths - depth) < min(max(_THICKNESS * side, 0.1), 1.0)
+    rows, columns = rows[kept] * step + top, columns[kept] * step + left
+    points = back_project(rows, columns, depths[kept], frame.K)
+    return _Surface(depth, _ray(frame, best.box, depth), points)
 
 
-def _inliers(depths: Floats) -> NDArray[np.bool_]:
-    """Mask (n,) of depths that lie no farther outside the quartiles than these from one another.
-
-    A mask's edge shows some of the background, which lies farther.
-    """
-    low, high = np.percentile(depths, [25, 75])
-    reach = max(high - low, 0.02)
-    inside: NDArray[np.bool_] = (depths >= low - reach) & (depths <= high + reach)
-    return inside
+def _ray(frame: Frame, box: Box, depth: float) -> Floats:
+    """Point (3,) [m] in the camera frame at `depth` [m] behind the middle of a box."""
+    K, x, y = frame.K, (box[0] + box[2]) / 2, (box[1] + box[3]) / 2
+    return depth * np.array([(x - K[0, 2]) / K[0, 0], (y - K[1, 2]) / K[1, 1], 1.0])
 
 
-def _ring_point(frame: Frame, clipped: tuple[int, int, int, int]) -> Floats | None:
+def _ring_depth(frame: Frame, clipped: tuple[int, int, int, int]) -> float | None:
     top, bottom, left, right = clipped
     high, wide = int((bottom - top) * _RING) + 4, int((right - left) * _RING) + 4
     outer_top, outer_left = max(top - high, 0), max(left - wide, 0)
-    ring = frame.depth[outer_top : bottom + high, outer_left : right + wide].copy()
-    ring[top - outer_top : bottom - outer_top, left - outer_left : right - outer_left] = np.nan
+    ring = frame.depth[outer_top : bottom + high, outer_left : right + wide]
     depths = ring[ring > 0]
-    if len(depths) < 10:
-        return None
-    row, column = np.array([(top + bottom) // 2]), np.array([(left + right) // 2])
-    return back_project(row, column, np.array([float(np.median(depths))]), frame.K)
+    return None if len(depths) < 10 else _percentile(depths, _PERCENTILE)
+
+
+def _percentile(values: NDArray[np.floating], percent: int) -> float:
+    """One of the `values` (n,), so that much of the way from the least to the greatest."""
+    rank = (len(values) - 1) * percent // 100
+    return float(np.partition(values, rank)[rank])

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 
 import numpy as np
 
 from kg.maps.semantic_map import SemanticMap
 from kg.records import Evidence
-from mapping.objects.detector_rates import DetectorRates, rates_of
+from mapping.objects.absence import recall
+from mapping.objects.existence import visibility
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.sightings import ThingSighting
-from mapping.objects.tracks import Track
+from mapping.objects.tracks import Track, Viewpoint
 from mapping.objects.usual_sizes import UsualSize, size_log_likelihood, usual_sizes
 from mapping.objects.volume_view import VolumeView, ray_test
 from mapping.persistence import departed, listed_half_life
@@ -29,7 +30,6 @@ class TrackUpdater:
     ) -> None:
         self._map, self._settings = semantic_map, settings
         self._recording, self._model = recording, model
-        self._rates: dict[str, DetectorRates] = {}
         self.frame = 0  # number of the present one
         self.stamp = 0.0  # [s] of the present one
 
@@ -38,53 +38,33 @@ class TrackUpdater:
         self.frame += 1
         self.stamp = self.stamp if stamp is None else stamp
 
-    def see(
-        self,
-        track: Track,
-        sighting: ThingSighting,
-        detectors: Collection[str],
-        frame: Frame,
-        novelty: float,
-    ) -> None:
-        """Count a sighting as a view: hits of its categories, misses of the track's others."""
-        track.views += novelty == 1.0
-        track.absence.hit(novelty)
+    def see(self, track: Track, sighting: ThingSighting, frame: Frame, view: Viewpoint) -> None:
+        """Count a sighting as a look that shows the track."""
+        weight = track.look(view)
+        track.absence.hit(weight)
         track.clear_views.clear()
-        track.emptiness = min(0.0, track.emptiness + 2 * novelty)
-        self.locate(track, sighting, novelty, frame.stamp)
-        share = self._share(track.size, sighting.depth or 1.0, frame)
-        for category in sorted(sighting.categories):  # sums follow the order
-            track.evidence.setdefault(category, {})
-        for category in track.evidence:
-            for detector in detectors:
-                score = sighting.scores.get((detector, category))
-                rate = self.rate(detector)
-                if score is not None:
-                    track.add_evidence(category, detector, rate.hit(score, share), novelty)
-                elif not sighting.cut:
-                    track.add_evidence(category, detector, rate.miss(share), novelty)
+        self.locate(track, sighting, weight, frame.stamp)
+        visible = 0.0 if sighting.cut else visibility(
+            self._share(track.size, sighting.depth or 1.0, frame)
+        )
+        track.hit(sighting.best, weight, visible)
         self.finish(track, sighting, frame.stamp, frame.id)
 
-    def miss(
-        self, tracks: Iterable[Track], frame: Frame, detectors: Collection[str]
-    ) -> list[Track]:
+    def miss(self, tracks: Iterable[Track], frame: Frame, view: Viewpoint) -> list[Track]:
         """Count the frame against those of `tracks` that it should have shown; returns them."""
         s, camera = self._settings, frame.T_map_cam[:3, 3]
         missed = list[Track]()
         for track in tracks:
-            view = ray_test(frame, track.p_map, min(track.size, s.largest), s)
-            if view is VolumeView.NOTHING:
+            shown = ray_test(frame, track.p_map, min(track.size, s.largest), s)
+            if shown is VolumeView.NOTHING:
                 continue
-            weight = track.novelty(camera)
-            if view is VolumeView.EMPTY:
-                track.add_clear_view(camera)
-                track.emptiness = max(track.emptiness + s.emptiness * weight, -8.0)
+            weight = track.look(view)
+            if shown is VolumeView.EMPTY:
+                track.clear_views.add(view)
                 track.absence.empty(weight, s.empty_ratio)
             share = self._share(track.size, float(np.linalg.norm(track.p_map - camera)), frame)
-            track.absence.miss(weight, max(self.rate(d).recall_of(share) for d in detectors))
-            for category in track.evidence:
-                for detector in detectors:
-                    track.add_evidence(category, detector, self.rate(detector).miss(share), weight)
+            track.absence.miss(weight, recall(share))
+            track.looks += weight * visibility(share)
             self.assess(track)
             missed.append(track)
         return missed
@@ -137,12 +117,6 @@ class TrackUpdater:
     def usual_size(self, category: str) -> UsualSize | None:
         """Usual size of a category, by IRI; None where it has none."""
         return usual_sizes().get(self._map.catalogue.label(category))
-
-    def rate(self, detector: str) -> DetectorRates:
-        """Rates of a detector by name; "": the one that is the mapper's."""
-        if detector not in self._rates:
-            self._rates[detector] = rates_of(detector or self._model)
-        return self._rates[detector]
 
     def _share(self, size: float, depth: float, frame: Frame) -> float:
         """Side of a thing of `size` [m] at `depth` [m], as a share of the image's side."""

@@ -14,17 +14,28 @@ from numpy.typing import NDArray
 from kg.facts.label_beliefs import STEP
 from kg.records import DepartedRecord, Evidence, ObjectRecord
 from mapping.objects.absence import KNOWN, Absence
-from mapping.objects.existence import ViewEvidence, category_probabilities
+from mapping.objects.existence import CategoryEvidence, category_probabilities, strength
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.sightings import ThingSighting
 from mapping.objects.usual_sizes import UNUSUAL, SizeOf, size_log_likelihood
 
 Floats = NDArray[np.float64]
-Viewpoint = tuple[Floats, Floats]  # position (3,) [m] of the camera, direction (3,) to the thing
-_VIEWPOINTS = 64  # remembered of each track
-RECORD = "record"  # stands for the detectors whose evidence is only known by its result
+_VIEWPOINTS = 100  # remembered of each track
 _SAME_LABEL = 0.04  # change of an alternative's probability up to which it is not written again
 _numbers = count()  # of tracks
+
+#: cell of the camera's position and direction; looks from one cell are correlated
+Viewpoint = tuple[int, ...]
+CELL = 0.3  # [m]
+_TURN = math.radians(15)
+
+
+def viewpoint(T_map_cam: Floats) -> Viewpoint:
+    """Viewpoint of a camera by its pose (4, 4)."""
+    x, y, z = T_map_cam[:3, 2]
+    turned = math.atan2(y, x) / _TURN, math.asin(min(max(z, -1.0), 1.0)) / _TURN
+    cell = np.floor(T_map_cam[:3, 3] / CELL).astype(int).tolist()
+    return (*cell, math.floor(turned[0]), math.floor(turned[1]))
 
 
 @dataclass(eq=False, slots=True)
@@ -38,13 +49,12 @@ class Track:
     size: float  # [m] longest dimension that was seen
     settings: ObjectSettings
     iri: str | None = None
-    evidence: dict[str, dict[str, ViewEvidence]] = field(default_factory=dict)  # category, detector
-    emptiness: float = 0.0  # log-odds of views through its volume
+    evidence: dict[str, CategoryEvidence] = field(default_factory=dict)  # by category
+    looks: float = 0.0  # that showed its place, each as much as it counts as a miss
     absence: Absence = field(default_factory=Absence)
     absent: float = 0.0  # probability that it left the spot where it was last seen
     peak: float = 0.0  # greatest existence so far
     stale: bool = False  # whether it was last seen long ago
-    views: int = 0  # distinct ones that showed it
     observations: int = 0
     weight: float = 0.0  # of the sightings in its position
     sizes: deque[float] = field(default_factory=lambda: deque(maxlen=15))  # of whole boxes
@@ -52,8 +62,8 @@ class Track:
     highs: deque[Floats] = field(default_factory=deque)
     low: Floats = field(default_factory=lambda: np.zeros(3))  # (3,) [m] corners of its own
     high: Floats = field(default_factory=lambda: np.zeros(3))
-    viewpoints: list[Viewpoint] = field(default_factory=list)
-    clear_views: list[Viewpoint] = field(default_factory=list)  # through its volume, since seen
+    viewpoints: dict[Viewpoint, int] = field(default_factory=dict)  # with the looks from there
+    clear_views: set[Viewpoint] = field(default_factory=set)  # through its volume, since seen
     number: int = field(default_factory=_numbers.__next__, init=False)  # no other track has it
     together: dict[int, int] = field(default_factory=dict)  # frames that also showed track `number`
     first_seen: float = 0.0  # [s]
@@ -93,27 +103,13 @@ class Track:
         s = self.settings
         return s.position_noise + s.size_noise * min(self.size, 2 * s.largest)
 
-    def novelty(self, camera: Floats) -> float:
-        """Weight of a view from `camera` (3,) [m], which is remembered if it is a new one."""
-        known = len(self.viewpoints) == _VIEWPOINTS or not self._add(self.viewpoints, camera)
-        return self.settings.repeated_view if known else 1.0
-
-    def add_clear_view(self, camera: Floats) -> None:
-        """Count a view from `camera` (3,) [m] through its volume, unless one from there was."""
-        self._add(self.clear_views, camera)
-
-    def _add(self, viewpoints: list[Viewpoint], camera: Floats) -> bool:
-        """Add a viewpoint; False if it is near another."""
-        s = self.settings
-        offset = self.p_map - camera
-        direction = offset / max(float(np.linalg.norm(offset)), 1e-6)
-        if viewpoints:
-            positions, directions = (np.array(part) for part in zip(*viewpoints, strict=True))
-            near = np.linalg.norm(positions - camera, axis=1) < s.view_distance
-            if bool(np.any(near & (directions @ direction > np.cos(s.view_angle)))):
-                return False
-        viewpoints.append((camera.copy(), direction))
-        return True
+    def look(self, viewpoint: Viewpoint) -> float:
+        """Count a look from `viewpoint`; returns its weight, as looks from there are correlated."""
+        before = self.viewpoints.pop(viewpoint, 0)
+        self.viewpoints[viewpoint] = before + 1
+        if len(self.viewpoints) > _VIEWPOINTS:
+            del self.viewpoints[next(iter(self.viewpoints))]
+        return 1 / (1 + before)
 
     def locate(self, sighting: ThingSighting, novelty: float) -> None:
         """Update position and extent with a sighting.
@@ -159,26 +155,23 @@ class Track:
             self.highs.clear()
             self.add_box(self.p_map - half, self.p_map + half)
 
-    def add_evidence(self, category: str, detector: str, ratio: float, weight: float) -> None:
-        """Add a view's log-likelihood ratio for one of the categories."""
-        held = self.evidence.setdefault(category, {})
-        if detector not in held:  # the first detector after a restart continues the record's views
-            held[detector] = held.pop(RECORD) if RECORD in held else ViewEvidence()
-        held[detector].add(ratio, weight)
+    def hit(self, scores: Mapping[str, float], weight: float, visibility: float) -> None:
+        """Count a look that shows it, with the best score of each category."""
+        self.looks += weight * visibility
+        for category, score in scores.items():
+            held = self.evidence.setdefault(category, CategoryEvidence())
+            held.strength += weight * strength(score)
+            held.looks += weight * visibility
 
-    def assess(self, size_prior: Mapping[str, float], departed: float = 0.0) -> None:
+    def assess(self, size: Mapping[str, float], departed: float = 0.0) -> None:
         """Compute the categories' log-odds and the absence anew.
 
-        `size_prior` has log-likelihoods by category, `departed` is the prior probability that the
-        thing left since it was last seen.
+        `size` has the log-likelihood of its size by category, `departed` is the prior probability
+        that the thing left since it was last seen.
         """
-        s = self.settings
         self.absent = self.absence.probability(departed) if departed else 0.0
         self.log_odds = {
-            category: s.prior
-            + self.emptiness
-            + size_prior.get(category, 0.0)
-            + sum(one.saturated(s.correlation) for one in held.values())
+            category: held.log_odds(self.looks, size.get(category, 0.0))
             for category, held in self.evidence.items()
         }
         self.peak = max(self.peak, self.existence)
@@ -197,9 +190,8 @@ class Track:
     def merge(self, other: Track) -> None:
         """Take over all that is known of `other`, which is the same thing."""
         for category, held in other.evidence.items():
-            for detector, evidence in held.items():
-                mine = self.evidence.setdefault(category, {})
-                mine.setdefault(detector, ViewEvidence()).merge(evidence)
+            self.evidence.setdefault(category, CategoryEvidence()).merge(held)
+        self.looks += other.looks
         total = self.weight + other.weight
         if total > 0:
             self.p_map = (self.p_map * self.weight + other.p_map * other.weight) / total
@@ -208,8 +200,8 @@ class Track:
         self.sizes.extend(other.sizes)
         for low, high in zip(other.lows, other.highs, strict=True):
             self.add_box(low, high)
-        self.viewpoints = (self.viewpoints + other.viewpoints)[-_VIEWPOINTS:]
-        self.views = max(self.views, other.views)
+        for viewpoint, looks in other.viewpoints.items():
+            self.viewpoints[viewpoint] = max(looks, self.viewpoints.get(viewpoint, 0))
         self.observations += other.observations
         self.first_seen = min(self.first_seen, other.first_seen)
         self.last_seen = max(self.last_seen, other.last_seen)
@@ -271,20 +263,17 @@ def track_of(record: ObjectRecord, settings: ObjectSettings, usual_size: SizeOf)
         category: size_log_likelihood(size, usual_size(category))
         for category in (record.category, *record.labels)
     }
-    views = float(min(record.observations, 20))
-    evidence = dict[str, dict[str, ViewEvidence]]()
+    evidence = dict[str, CategoryEvidence]()
     for category, odds in _log_odds(record).items():
-        ratio = odds - settings.prior - prior[category]
-        total = ratio * (1 + (views - 1) * settings.correlation)
-        evidence[category] = {RECORD: ViewEvidence(views, total)}
+        evidence[category] = CategoryEvidence()
+        evidence[category].set_log_odds(odds, 0.0, prior[category])
     track = Track(
         p_map=record.p_map,
         size=max(float(extent.max()), 0.05),
         settings=settings,
         iri=record.iri,
         evidence=evidence,
-        absence=Absence(hits=min(views, KNOWN)),
-        views=settings.confirmed_views,
+        absence=Absence(hits=min(float(record.observations), KNOWN)),
         observations=record.observations,
         weight=min(0.5 * record.observations, settings.most_weight),
         first_seen=record.first_seen,
