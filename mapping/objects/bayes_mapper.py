@@ -65,6 +65,7 @@ class BayesObjectMapper:
         self._extractor = SightingExtractor(self.labels, self._updater.usual_size, self._settings)
         self._tracks: list[Track] = [self._track(r) for r in self._objects.perceived.values()]
         self._new: set[str | None] = set()  # IRIs that the last frame gave
+        self.sightings: list[ThingSighting] = []  # of the last frame, strongest first
         self._identity = IdentityResolver(
             semantic_map, self._objects, self._settings, self._updater.usual_size
         )
@@ -88,19 +89,19 @@ class BayesObjectMapper:
         """Object with that IRI, with assertions applied; None where there is none."""
         return self._objects.get(iri)
 
-    def object_of(self, sighting: Sighting) -> str | None:
-        """IRI of the object that `sighting` is associated with at present, or None."""
-        objects = [track for track in self._tracks if track.iri is not None]
-        one = self._extractor.of_position(sighting)
-        found = associate((one,), objects, self._asserted, self._settings)
-        return objects[found[0]].iri if found else None
+    def belief_of(self, sighting: Sighting | ThingSighting) -> tuple[str | None, float]:
+        """IRI (None: a candidate's) and existence of what `sighting` is associated with now."""
+        if isinstance(sighting, Sighting):
+            sighting = self._extractor.of_position(sighting)
+        known = self._associated((sighting,))
+        return (known[0][1].iri, known[0][1].existence) if known else (None, 0.0)
 
     def add(self, frame: Frame, detections: Detections) -> ObjectChanges:
         """Process one frame: evidence for what is seen and what is missed, candidates, merges."""
         self.refresh()
         self._updater.begin(frame.stamp)
         camera = frame.T_map_cam[:3, 3]
-        sightings = self._extractor.sightings(frame, detections)
+        self.sightings = sightings = self._extractor.sightings(frame, detections)
         detectors = detections.detectors or ("",)
         known = self._associated(sightings)
         for sighting, track in known:

@@ -38,6 +38,13 @@ class TargetDetection:
         """(3,) [m]."""
         return np.array([self.thing.x, self.thing.y, self.thing.z])
 
+    def shows(self, other: TargetDetection) -> bool:
+        """Whether both show one thing: one object, or one spot while it is none yet."""
+        near = self.category == other.category and (
+            float(np.linalg.norm(self.p_map - other.p_map)) < ReferenceSettings().kappa
+        )
+        return near or (self.object is not None and self.object == other.object)
+
     @property
     def spot(self) -> Spot:
         """About where it is: an object that is doubted away and detected anew has another IRI."""
@@ -62,6 +69,7 @@ class DetectionVerifier:
         )
         self._seen.append((category, p_map))
         certain = (again or thing.score >= SURE) and detection.existence >= PRESENT
+        certain = certain and detection.iri is not None  # a candidate is seen from one spot
         return TargetDetection(target, category, thing, detection.iri, certain)
 
     def open(self, detection: TargetDetection) -> bool:

@@ -111,10 +111,10 @@ class RobotSession:
                 return message
         return Failed(number, f"no detections after {limit:.0f} s")
 
-    def turn_to(self, heading: float) -> bool:
-        """Turn on the spot to `heading` [rad, map]; whether the robot says that it did."""
+    def go_to(self, x: float, y: float, heading: float) -> bool:
+        """Go to (x, y) [m] nearby with `heading` [rad, map]; whether the robot says that it did."""
         number = self.next_id()
-        self.send(GoTo(number, self.pose.x, self.pose.y, heading))
+        self.send(GoTo(number, x, y, heading))
         for message in self.messages(limit=2 * self._timeout):
             if isinstance(message, Arrived) and message.id == number:
                 return True

@@ -21,6 +21,7 @@ from planner.viewpoints.sensor import Motion, Sensor, angle_between
 
 NEAR: float = 0.5  # [m] a look from this near to a planned one, and ...
 ALIKE: float = 0.35  # [rad] ... towards about the same, is that look
+STEP: float = 0.5  # [m] to another point of view of what is doubted
 BLOCKS: float = 0.6  # [m] around an obstacle that cannot be driven through: this closes a door
 
 
@@ -127,6 +128,21 @@ class ViewpointAdapter:
         """The floor that a look shows."""
         space = self._state.space
         return floor_in_view(space, self._sensor, space.nearest((x, y)), heading, extent)
+
+    def another_view(self, pose: RobotPose, p_map: np.ndarray) -> tuple[float, float]:
+        """Floor (x, y) [m] a step from `pose` to see what lies at `p_map` (3,) [m] anew.
+
+        As near to it as the camera sees well, in the same room; `pose` where there is none.
+        """
+        space, here = self._state.space, np.array([pose.x, pose.y])
+        cells, room = space.within(here, STEP), space.room.reshape(-1)
+        centres = space.centres(cells[room[cells] == room[space.nearest(here)]])
+        centres = centres[np.linalg.norm(centres - here, axis=1) >= STEP / 2]
+        if not len(centres):
+            return pose.x, pose.y
+        far = np.linalg.norm(centres - p_map[:2], axis=1)
+        x, y = centres[np.lexsort((far, -np.minimum(far, 2 * self._sensor.near)))[0]].tolist()
+        return x, y
 
     def found(self, target: str, p_map: np.ndarray) -> None:
         """Learn where `target` (its text) is."""
