@@ -266,15 +266,9 @@ class _Run:
 
     def _on_the_way(self, message: DetectionsMessage, goal: NextView) -> bool:
         """Apply a picture taken while driving; whether it changes the plan."""
-        pose = message.pose or self._robot.pose
-        sightings, update = self._add_detections(message, pose)
-        found = self._confirm(sightings)
+        sightings, found, changes = self._apply_passing(message)
         if not sightings:
-            self._passing_views.add(pose, goal)
-        changes = update.changes
-        if changes.updated or changes.removed:
-            self._note_progress()
-            self._log.sighting(self._robot.pose, changes, update.shown, found)
+            self._passing_views.add(message.pose or self._robot.pose, goal)
         doubtful = self._doubtful(sightings)
         if not found and not doubtful:
             return self._replan_for(changes.updated)
@@ -282,6 +276,17 @@ class _Run:
         for sighting in doubtful[:1]:
             self._verify(sighting)
         return True
+
+    def _apply_passing(
+        self, message: DetectionsMessage
+    ) -> tuple[list[TargetDetection], tuple[str, ...], ObjectChanges]:
+        """Write a picture taken while driving; what may be a target, what was found, changes."""
+        sightings, update = self._add_detections(message, message.pose or self._robot.pose)
+        found, changes = self._confirm(sightings), update.changes
+        if changes.updated or changes.removed:
+            self._note_progress()
+            self._log.sighting(self._robot.pose, changes, update.shown, found)
+        return sightings, found, changes
 
     def _add_detections(
         self, message: DetectionsMessage, pose: RobotPose
@@ -333,8 +338,12 @@ class _Run:
             f"perhaps {thing.label} at ({thing.x:.1f}, {thing.y:.1f}), score {thing.score:.2f}: "
             "looking again"
         )
-        if not self._robot.go_to(x, y, heading):
-            return False
+        for message in self._robot.go_to(x, y, heading):
+            if isinstance(message, DetectionsMessage) and self._apply_passing(message)[1]:
+                self._robot.halt()
+                return True
+            if isinstance(message, Blocked | Failed):
+                return False
         answer = self._look_around(0.0, self._adapter.field_of_view)
         if answer is None:
             return False

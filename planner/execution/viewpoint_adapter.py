@@ -130,18 +130,17 @@ class ViewpointAdapter:
         return floor_in_view(space, self._sensor, space.nearest((x, y)), heading, extent)
 
     def another_view(self, pose: RobotPose, p_map: np.ndarray) -> tuple[float, float]:
-        """Floor (x, y) [m] a step from `pose` to see what lies at `p_map` (3,) [m] anew.
+        """Floor (x, y) [m] from where what `pose` showed at `p_map` (3,) [m] is seen anew.
 
-        As near to it as the camera sees well, in the same room; `pose` where there is none.
+        It lies in the line of sight, nearer, unless that is too near to see.
         """
-        space, here = self._state.space, np.array([pose.x, pose.y])
-        cells, room = space.within(here, STEP), space.room.reshape(-1)
-        centres = space.centres(cells[room[cells] == room[space.nearest(here)]])
-        centres = centres[np.linalg.norm(centres - here, axis=1) >= STEP / 2]
-        if not len(centres):
-            return pose.x, pose.y
-        far = np.linalg.norm(centres - p_map[:2], axis=1)
-        x, y = centres[np.lexsort((far, -np.minimum(far, 2 * self._sensor.near)))[0]].tolist()
+        near, far = self._sensor.near, self._sensor.far
+        offset = (pose.x, pose.y) - p_map[:2]
+        distance = max(float(np.hypot(*offset)), 1e-6)
+        closer = max(min(distance - STEP, (near + far) / 2), 2 * near)
+        away = closer if distance - closer >= STEP / 2 else distance + STEP
+        space = self._state.space
+        x, y = space.centres([space.nearest(p_map[:2] + offset * (away / distance))])[0].tolist()
         return x, y
 
     def found(self, target: str, p_map: np.ndarray) -> None:
