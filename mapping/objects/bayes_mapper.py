@@ -7,6 +7,7 @@ of the map once distinct views make it probable, and leaves it when they make it
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 
@@ -33,6 +34,7 @@ from mapping.reference.settings import UnknownLabels
 from mapping.sighting import Sighting
 from perception.frames import Detections, Frame
 
+_ONE_SPOT = 0.88  # existence that positions from one spot, or of one message, give at most
 _NEARBY = 6.0  # [m] tracks farther from every sighting are not looked at
 
 
@@ -130,29 +132,28 @@ class BayesObjectMapper:
         """Process detections that have positions already, taken at `stamp` [s since 1970].
 
         As `add`, but without negative evidence, as nothing is known of what the camera could see,
-        and each is an object at once. `frame` is the id of the image, `robot` (2,) [m] where it was
-        taken from: what is seen again from there counts less.
+        and each is an object at once. `frame` is the id of the image of those that name none,
+        `robot` (2,) [m] where it was taken from: what is seen again from there counts less, and all
+        that is seen from there alone makes nothing certain.
         """
         self.refresh()
         self._updater.begin(stamp)
-        located = [self._extractor.of_position(sighting) for sighting in sightings]
         touched, born = dict[int, Track](), list[Track]()
-        for sighting in located:
+        for one in sightings:
             # one by one: a message may hold the same thing several times, from several pictures
+            sighting = self._extractor.of_position(one)
             known = self._associated((sighting,))
             track = known[0][1] if known else self._updater.new_track(sighting, stamp)
+            weight = self._settings.repeated_view if id(track) in touched else 1.0
             touched[id(track)] = track
             track.iri = track.iri or self._map.new_object_iri()
-            weight = 1.0
             if robot is not None:
                 weight = track.novelty(np.append(robot, track.p_map[2]))
-                track.views += weight == 1.0
+            track.views += weight == 1.0
             self._updater.locate(track, sighting, weight, stamp)
-            for (detector, category), score in sighting.scores.items():
-                track.add_evidence(
-                    category, detector, self._updater.rate("").hit(score, 1.0), weight
-                )
-            self._updater.finish(track, sighting, stamp, frame)
+            ratio = min(self._updater.rate("").hit(one.score, 1.0), self._left(track) / weight)
+            track.add_evidence(one.category, "", ratio, weight)
+            self._updater.finish(track, sighting, stamp, one.frame or frame)
             if not known:
                 self._tracks.append(track)
                 born.append(track)
@@ -283,6 +284,13 @@ class BayesObjectMapper:
         track = self._updater.new_track(sighting, frame.stamp)
         self._updater.see(track, sighting, detectors, frame, track.novelty(frame.T_map_cam[:3, 3]))
         return track
+
+    def _left(self, track: Track) -> float:
+        """Log-likelihood ratio that one more position may add to a track seen from one spot."""
+        if track.views >= self._settings.confirmed_views:
+            return math.inf
+        odds = logit(track.existence) if track.log_odds else self._settings.prior
+        return max(logit(_ONE_SPOT) - odds, 0.0)
 
     def _merge(self, touched: Sequence[Track]) -> tuple[Track, ...]:
         """Merge tracks that are one thing; returns those that were absorbed.

@@ -105,10 +105,6 @@ class ObjectMapper:
         """Object with that IRI, with assertions applied; None where there is none."""
         return self._objects.get(iri)
 
-    def object_of(self, sighting: Sighting) -> str | None:
-        """IRI of the object that `sighting` is associated with at present, or None."""
-        return next(iter(self._associated((sighting,)).matched), None)
-
     def add(self, frame: Frame, detections: Detections) -> ObjectChanges:
         """Process one frame: reinforce what is seen, register what is new, decay what is missed."""
         self.refresh()
