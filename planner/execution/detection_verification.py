@@ -74,7 +74,11 @@ class DetectionVerifier:
 
     def open(self, detection: TargetDetection) -> bool:
         """Whether another look straight at it is worth while."""
-        return self._looks[detection.spot] < MOST_VERIFICATIONS
+        return self.looks(detection) < MOST_VERIFICATIONS
+
+    def looks(self, detection: TargetDetection) -> int:
+        """Looks straight at it so far."""
+        return self._looks[detection.spot]
 
     def note_look(self, detection: TargetDetection) -> None:
         """A look straight at it is taken."""

@@ -92,9 +92,7 @@ class ObjectUpdates:
             return ObjectChanges()
         return self._relations.update(self._mapper.decay(iri, times, recall))
 
-    def _map_views(
-        self, views: Sequence[View], stamp: float
-    ) -> tuple[ObjectChanges, list[_Seen]]:
+    def _map_views(self, views: Sequence[View], stamp: float) -> tuple[ObjectChanges, list[_Seen]]:
         self._has_views = True
         changes, seen = ObjectChanges(), list[_Seen]()
         for view in views:

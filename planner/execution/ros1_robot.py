@@ -145,9 +145,7 @@ class Ros1Robot:
             frame = self._stream.next_frame(_TICK)
             yield None
         self._field_of_view = 2 * math.atan(frame.rgb.shape[1] / 2 / float(frame.K[0, 0]))
-        yield Hello(
-            name=self.name, field_of_view=self._field_of_view, detector=self._detector.name
-        )
+        yield Hello(name=self.name, field_of_view=self._field_of_view, detector=self._detector.name)
         yield self._pose()
 
     def _refuse_late(self, until: float, missing: str) -> None:

@@ -41,6 +41,7 @@ from planner.goals.targets import Target, resolve
 LOST: Final = 3.0  # [m] a robot that arrives this far off is not where it was sent
 OFF: Final = 0.5  # [m] one that arrives this far off could not stand where it was sent
 POSSIBLE: Final = 0.2  # existence from which on what was not shown again is looked for once more
+ASIDE: Final = 0.6  # [rad] by which it is then seen from another side
 MOST_LOOKS: Final = 1000
 _LATE: Final = 5.0  # times the expected seconds after which a robot is late
 
@@ -323,7 +324,10 @@ class _Run:
         """Look at what may be a target until it is found, or improbable and not shown again."""
         while not self._is_found(sighting) and self._verifier.open(sighting):
             self._verifier.note_look(sighting)
-            if not self._shown_again(sighting) and self._objects.existence(sighting.thing) < POSSIBLE:
+            if (
+                not self._shown_again(sighting)
+                and self._objects.existence(sighting.thing) < POSSIBLE
+            ):
                 return
 
     def _shown_again(self, sighting: TargetDetection) -> bool:
@@ -332,7 +336,10 @@ class _Run:
         What is seen again from one spot says little.
         """
         pose, thing = self._robot.pose, sighting.thing
-        x, y = self._adapter.another_view(pose, sighting.p_map)
+        aside = (
+            ASIDE if self._verifier.looks(sighting) > 1 else 0.0
+        )  # something may stand before it
+        x, y = self._adapter.another_view(pose, sighting.p_map, aside)
         heading = math.atan2(thing.y - y, thing.x - x)
         self._reporter.surprise(
             f"perhaps {thing.label} at ({thing.x:.1f}, {thing.y:.1f}), score {thing.score:.2f}: "
