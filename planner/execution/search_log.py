@@ -192,8 +192,8 @@ class SearchLog:
     def _write(self, note: str, update: MapUpdate, shown: Collection[str] = ()) -> None:
         """Apply `update`; where others changed its objects meanwhile, the later word counts.
 
-        That is the robot's of the objects that were `shown` to it, else the others'. Floor and places
-        are worked out anew for the next look.
+        That is the robot's of the objects that were `shown` to it, else the others'. Floor and
+        places are worked out anew for the next look.
         """
         for _ in range(TRIES):
             try:

@@ -15,7 +15,11 @@ from kg.errors import HereaboutsError, RobotError
 from kg.maps.semantic_map import SemanticMap
 from kg.records import ObjectRecord, SearchState
 from mapping.objects.object_mapper import ObjectChanges
-from planner.execution.detection_verification import DetectionVerifier, TargetDetection
+from planner.execution.detection_verification import (
+    POSSIBLE,
+    DetectionVerifier,
+    TargetDetection,
+)
 from planner.execution.failed_goals import FailedGoals
 from planner.execution.missed_objects import decay_missed
 from planner.execution.object_updates import DetectionUpdate, ObjectUpdates
@@ -40,8 +44,6 @@ from planner.goals.targets import Target, resolve
 
 LOST: Final = 3.0  # [m] a robot that arrives this far off is not where it was sent
 OFF: Final = 0.5  # [m] one that arrives this far off could not stand where it was sent
-POSSIBLE: Final = 0.2  # existence from which on what was not shown again is looked for once more
-ASIDE: Final = 0.6  # [rad] by which it is then seen from another side
 MOST_LOOKS: Final = 1000
 _LATE: Final = 5.0  # times the expected seconds after which a robot is late
 
@@ -321,13 +323,11 @@ class _Run:
         return sighting.target.text in self._found
 
     def _verify(self, sighting: TargetDetection) -> None:
-        """Look at what may be a target until it is found, or improbable and not shown again."""
+        """Look at what may be a target until it is found, or neither shown again nor possible."""
         while not self._is_found(sighting) and self._verifier.open(sighting):
+            again = self._shown_again(sighting)
             self._verifier.note_look(sighting)
-            if (
-                not self._shown_again(sighting)
-                and self._objects.existence(sighting.thing) < POSSIBLE
-            ):
+            if not again and self._objects.existence(sighting.thing) < POSSIBLE:
                 return
 
     def _shown_again(self, sighting: TargetDetection) -> bool:
@@ -335,11 +335,8 @@ class _Run:
 
         What is seen again from one spot says little.
         """
-        pose, thing = self._robot.pose, sighting.thing
-        aside = (
-            ASIDE if self._verifier.looks(sighting) > 1 else 0.0
-        )  # something may stand before it
-        x, y = self._adapter.another_view(pose, sighting.p_map, aside)
+        thing, aside = sighting.thing, self._verifier.aside(sighting)
+        x, y = self._adapter.another_view(self._robot.pose, sighting.p_map, aside)
         heading = math.atan2(thing.y - y, thing.x - x)
         self._reporter.surprise(
             f"perhaps {thing.label} at ({thing.x:.1f}, {thing.y:.1f}), score {thing.score:.2f}: "
