@@ -17,3 +17,4 @@ class Sighting:
     p_map: NDArray[np.float64]  # (3,) [m]
     depth: float | None = None  # [m] along the optical axis; None: not from a depth image
     box: tuple[float, float, float, float] | None = None  # xyxy [px]; None: no pixels known
+    frame: str = ""  # id of the image that `box` is in

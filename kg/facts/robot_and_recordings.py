@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from typing import Final
 from urllib.parse import quote, unquote
 
 import numpy as np
@@ -25,6 +27,7 @@ from kg.facts.literals import (
 from kg.rdf.quad_store import QuadStore
 from kg.records import RecordingRecord, RobotRecord
 
+_SEARCH_NAME: Final = re.compile(r"search/\d+")
 _MAP = NamedNode(v.MAP_GRAPH)
 _DATASET = NamedNode(v.DATASET_GRAPH)
 _TYPE = NamedNode(v.RDF_TYPE)
@@ -53,13 +56,15 @@ def robot_in(store: QuadStore, base: str) -> RobotRecord | None:
 
 
 def recording_iri(name: str, base: str) -> str:
-    """IRI of the recording called `name` in the map `base`."""
+    """IRI of the recording called `name` in the map `base`; "search/1" is that of a search."""
+    if _SEARCH_NAME.fullmatch(name):
+        return base + name
     return f"{base}recording/{quote(name, safe='')}"
 
 
 def recording_name(iri: str, base: str) -> str:
-    """Name of the recording `iri`."""
-    return unquote(iri.removeprefix(base + "recording/"))
+    """Name of the recording, or search, `iri`."""
+    return unquote(iri.removeprefix(base).removeprefix("recording/"))
 
 
 def recording_quads(record: RecordingRecord, base: str) -> list[Quad]:

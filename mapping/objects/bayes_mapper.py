@@ -1,8 +1,8 @@
 """Bayes mapper of objects: multi-view existence, one identity for each thing, extents.
 
 Each frame's detections are grouped by thing and localised, associated with tracks, and counted as
-evidence: a hit or a miss of each detector for each category of a track. A track becomes an object
-of the map once distinct views make it probable, and leaves it when they make it improbable.
+evidence: a hit or a miss of each category of a track. A track becomes an object of the map once it
+is probable enough, and leaves it when it is improbable.
 """
 
 from __future__ import annotations
@@ -74,6 +74,7 @@ class BayesObjectMapper:
         self._extractor = SightingExtractor(self.labels, self._updater.usual_size, self._settings)
         self._tracks: list[Track] = [self._track(r) for r in self._objects.perceived.values()]
         self._new: set[str | None] = set()  # IRIs that the last frame gave
+        self.sightings: list[ThingSighting] = []  # of the last frame, strongest first
         self._identity = IdentityResolver(
             semantic_map, self._objects, self._settings, self._updater.usual_size
         )
@@ -97,19 +98,19 @@ class BayesObjectMapper:
         """Object with that IRI, with assertions applied; None where there is none."""
         return self._objects.get(iri)
 
-    def object_of(self, sighting: Sighting) -> str | None:
-        """IRI of the object that `sighting` is associated with at present, or None."""
-        objects = [track for track in self._tracks if track.iri is not None]
-        one = self._extractor.of_position(sighting)
-        found = associate((one,), objects, self._asserted, self._settings)
-        return objects[found[0]].iri if found else None
+    def belief_of(self, sighting: Sighting | ThingSighting) -> tuple[str | None, float]:
+        """IRI (None: a candidate's) and existence of what `sighting` is associated with now."""
+        if isinstance(sighting, Sighting):
+            sighting = self._extractor.of_position(sighting)
+        known = self._associated((sighting,))
+        return (known[0][1].iri, known[0][1].existence) if known else (None, 0.0)
 
     def add(self, frame: Frame, detections: Detections) -> ObjectChanges:
         """Process one frame: evidence for what is seen and what is missed, candidates, merges."""
         self.refresh()
         self._updater.begin(frame.stamp)
         view = viewpoint(frame.T_map_cam)
-        sightings = self._extractor.sightings(frame, detections)
+        self.sightings = sightings = self._extractor.sightings(frame, detections)
         known = self._associated(sightings)
         for sighting, track in known:
             self._updater.see(track, sighting, frame, view)
@@ -136,25 +137,25 @@ class BayesObjectMapper:
     ) -> ObjectChanges:
         """Process detections that have positions already, taken at `stamp` [s since 1970].
 
-        As `add`, but without negative evidence, as nothing is known of what the camera could see,
-        and each is an object at once. `frame` is the id of the image, `robot` (2,) [m] where it was
-        taken from: what is seen again from there counts less.
+        As `add`, but without negative evidence, as nothing is known of what the camera could see.
+        One call is one look: a thing that it holds several times counts once. `frame` is the id of
+        the image of those that name none, `robot` (2,) [m] where it was taken from: what is seen
+        again from there counts less.
         """
         self.refresh()
         self._updater.begin(stamp)
-        located = [self._extractor.of_position(sighting) for sighting in sightings]
         touched, born = dict[int, Track](), list[Track]()
         view = () if robot is None else tuple(np.floor(robot / CELL).astype(int).tolist())
-        for sighting in located:
+        for one in sightings:
             # one by one: a message may hold the same thing several times, from several pictures
+            sighting = self._extractor.of_position(one)
             known = self._associated((sighting,))
             track = known[0][1] if known else self._updater.new_track(sighting, stamp)
+            weight = 0.0 if id(track) in touched else track.look(view)  # a message is one look
             touched[id(track)] = track
-            track.iri = track.iri or self._map.new_object_iri()
-            weight = track.look(view)
             self._updater.locate(track, sighting, weight, stamp)
             track.hit(sighting.best, weight, 1.0)
-            self._updater.finish(track, sighting, stamp, frame)
+            self._updater.finish(track, sighting, stamp, one.frame or frame)
             if not known:
                 self._tracks.append(track)
                 born.append(track)
@@ -340,11 +341,7 @@ class BayesObjectMapper:
     def _confirmed(self, touched: Sequence[Track]) -> list[Track]:
         """Candidates that are probable enough to enter the map."""
         s = self._settings
-        return [
-            track
-            for track in touched
-            if track.iri is None and track.existence >= s.confirmed
-        ]
+        return [track for track in touched if track.iri is None and track.existence >= s.confirmed]
 
     def _improbable(self, track: Track) -> bool:
         assert track.iri is not None

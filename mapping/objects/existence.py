@@ -41,7 +41,9 @@ class CategoryEvidence:
     def log_odds(self, looks: float, size: float) -> float:
         """Log-odds after `looks` in all; `size` is the log-likelihood of the thing's size."""
         missed = max(looks - self.looks, 0.0)
-        return SEEN * math.log1p(self.strength) - MISSED * math.log1p(missed) + SIZE * size - NOTHING
+        return (
+            SEEN * math.log1p(self.strength) - MISSED * math.log1p(missed) + SIZE * size - NOTHING
+        )
 
     def set_log_odds(self, log_odds: float, looks: float, size: float) -> None:
         """Choose the hits so that these `log_odds` follow, with no more misses than there are."""

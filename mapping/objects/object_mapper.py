@@ -35,6 +35,20 @@ class ObjectChanges:
     missed: int = 0
     departed: tuple[DepartedRecord, ...] = ()  # of those removed, what is remembered
 
+    def followed_by(self, later: ObjectChanges) -> ObjectChanges:
+        """Both as one: of each object what became of it in the end."""
+        latest = {record.iri: record for record in (*self.updated, *later.updated)}
+        removed = {*self.removed, *later.removed} - {record.iri for record in later.updated}
+        left = {record.iri: record for record in (*self.departed, *later.departed)}
+        return ObjectChanges(
+            tuple(record for iri, record in latest.items() if iri not in removed),
+            tuple(sorted(removed)),
+            self.new + later.new,
+            self.seen + later.seen,
+            self.missed + later.missed,
+            tuple(record for iri, record in left.items() if iri in removed),
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class _Source:
@@ -90,10 +104,6 @@ class ObjectMapper:
     def get(self, iri: str) -> ObjectRecord | None:
         """Object with that IRI, with assertions applied; None where there is none."""
         return self._objects.get(iri)
-
-    def object_of(self, sighting: Sighting) -> str | None:
-        """IRI of the object that `sighting` is associated with at present, or None."""
-        return next(iter(self._associated((sighting,)).matched), None)
 
     def add(self, frame: Frame, detections: Detections) -> ObjectChanges:
         """Process one frame: reinforce what is seen, register what is new, decay what is missed."""

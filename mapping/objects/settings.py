@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 
@@ -10,8 +9,8 @@ from dataclasses import dataclass
 class ObjectSettings:
     """Settings of `BayesObjectMapper`.
 
-    Detector rates are fitted to photographs, the rest was chosen on simulated houses and two real
-    rooms; `docs/explanation/mapping.md` says how.
+    They were chosen on three real rooms and simulated houses (`python -m benchmarks.rooms`);
+    `mapping.objects.existence` has the numbers of the evidence.
     """
 
     min_score: float = 0.2  # detections below are ignored

@@ -42,7 +42,6 @@ class ThingSighting:
     categories: frozenset[str] = frozenset()  # IRIs of its detections' categories
     point: bool = False  # whether nothing but its position was measured; `size` is the usual one
 
-
     @property
     def best(self) -> dict[str, float]:
         """Best score of each category."""

@@ -44,8 +44,10 @@ class TrackUpdater:
         track.absence.hit(weight)
         track.clear_views.clear()
         self.locate(track, sighting, weight, frame.stamp)
-        visible = 0.0 if sighting.cut else visibility(
-            self._share(track.size, sighting.depth or 1.0, frame)
+        visible = (
+            0.0
+            if sighting.cut
+            else visibility(self._share(track.size, sighting.depth or 1.0, frame))
         )
         track.hit(sighting.best, weight, visible)
         self.finish(track, sighting, frame.stamp, frame.id)

@@ -18,6 +18,7 @@ from planner.cli.console import (
 
 if TYPE_CHECKING:
     from kg.query.query_files import Table
+    from mapping.evaluation.class_scores import MapScore
     from planner.simulation.demo.house_demo import DemoProgress, DemoReport
 
 
@@ -71,16 +72,13 @@ _SHOWN: Final = ("place", "label", "category", "belief", "x", "y", "z", "existen
 
 
 def _tell(report: DemoReport) -> None:
-    mapping, score = report.mapping, report.score
+    mapping = report.mapping
     heading(
         f"Mapped {report.rooms} rooms and {mapping.objects} objects in {mapping.seconds:.0f} s "
         f"({mapping.frames_per_second:.0f} frames/s)"
     )
     note(
-        f"against the house as it is: {score.recall or 0:.0%} of its objects are in the map, "
-        f"{score.precision or 0:.0%} of the map's objects are real, median error "
-        f"{100 * (score.position_error_median or 0):.0f} cm, "
-        f"{report.rooms_right} of {report.rooms} rooms named right"
+        f"{_against_house(report.score)}, {report.rooms_right} of {report.rooms} rooms named right"
     )
     for answer in report.answers:
         parameters = "".join(f" -p {k}={_quoted(v)}" for k, v in answer.parameters.items())
@@ -89,12 +87,21 @@ def _tell(report: DemoReport) -> None:
         _print_answer(answer.table)
     _tell_plan(report)
     _tell_search(report)
+    note(f"after the search, {_against_house(report.searched)}")
     heading("What it leaves")
     write(f"{report.map_path}/  the map; ask it anything with hereabouts ask")
     write(f"{report.export_path}  the map as linked data, {report.triples:,} triples")
     write(f"{report.picture_path}  the map as a picture, with the search")
     write(f"try: hereabouts search {report.map_path} cup --robot sim")
     note(f"{report.seconds:.0f} s, {report.peak_memory:.0f} MB")
+
+
+def _against_house(score: MapScore) -> str:
+    return (
+        f"against the house as it is: {score.recall or 0:.0%} of its objects are in the map, "
+        f"{score.precision or 0:.0%} of the map's objects are real, median error "
+        f"{100 * (score.position_error_median or 0):.0f} cm"
+    )
 
 
 def _print_answer(table: Table) -> None:

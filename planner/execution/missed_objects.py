@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from kg.records import DepartedRecord, ObjectRecord
+from kg.records import ObjectRecord
 from mapping.objects.object_mapper import ObjectChanges
 from planner.execution.object_updates import ObjectUpdates
 from planner.execution.search_log import SearchLog
@@ -18,8 +18,7 @@ def decay_missed(
     log: SearchLog,
 ) -> ObjectChanges:
     """Changes to those of `records` that later looks of the search covered in vain."""
-    kept, gone = dict[str, ObjectRecord](), list[str]()
-    departed = list[DepartedRecord]()
+    changes = ObjectChanges()
     for record in records:
         times = sum(
             adapter.shows(look, record.p_map)
@@ -27,9 +26,5 @@ def decay_missed(
             if look.stamp > record.last_seen and not look.found
         )
         if times and record.iri not in log.record.found:
-            changes = objects.decay(record.iri, times, adapter.recall)
-            kept |= {changed.iri: changed for changed in changes.updated}
-            gone += changes.removed
-            departed += changes.departed
-    updated = tuple(record for iri, record in kept.items() if iri not in gone)
-    return ObjectChanges(updated, tuple(gone), departed=tuple(departed))
+            changes = changes.followed_by(objects.decay(record.iri, times, adapter.recall))
+    return changes

@@ -1,21 +1,21 @@
-"""Object updates from a robot's detections: the mapper's own rules, on positions in the map."""
+"""Object updates from what a robot sees: pictures are mapped as recordings are, else positions."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from kg.maps.semantic_map import SemanticMap
 from kg.records import ObjectRecord
-from mapping.label_resolver import LabelResolver
 from mapping.objects.bayes_mapper import BayesObjectMapper
 from mapping.objects.object_mapper import ObjectChanges
+from mapping.objects.sightings import ThingSighting
 from mapping.places.place_registry import PlaceRegistry
 from mapping.relations.relation_mapper import RelationMapper
-from mapping.sighting import Sighting as MappedSighting
-from planner.execution.protocol import Detected, RobotPose
+from mapping.sighting import Sighting
+from planner.execution.protocol import Detected, DetectionsMessage, RobotPose, View
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,44 +24,58 @@ class AssociatedDetection:
 
     thing: Detected
     category: str  # IRI: the object's, assertions applied; the label's where there is no object
-    iri: str | None  # of the object
-    existence: float  # of the object, with this detection; 0 where there is none
+    iri: str | None  # of the object; None of a candidate, which is none yet
+    existence: float  # of the object or candidate, with this detection
 
 
 @dataclass(frozen=True, slots=True)
 class DetectionUpdate:
     """Effect of one message of detections on the map."""
 
-    updated: tuple[ObjectRecord, ...]  # to be written
-    removed: tuple[str, ...]  # IRIs of objects that others have absorbed
+    changes: ObjectChanges  # to be written
     detections: tuple[AssociatedDetection, ...]  # of known labels
-    unknown: tuple[str, ...]  # labels that no category of objects has
+    unknown: tuple[str, ...]  # labels so far that no category of objects has
+
+    @property
+    def shown(self) -> frozenset[str]:
+        """IRIs of the objects that were detected."""
+        return frozenset(one.iri for one in self.detections if one.iri is not None)
+
+
+_Seen = tuple[Detected, str, Sighting | ThingSighting]  # with its category's IRI
 
 
 class ObjectUpdates:
-    """Objects of a map during a search, updated by `mapping`'s object mapper; writes nothing."""
+    """Objects of a map during a search, updated by `mapping`'s object mapper; writes nothing.
 
-    def __init__(self, semantic_map: SemanticMap) -> None:
+    Observations name `recording`, which is the search, and the robot's `detector`.
+    """
+
+    def __init__(
+        self, semantic_map: SemanticMap, recording: str = "search", detector: str = ""
+    ) -> None:
         places = PlaceRegistry(semantic_map, recording=None)
-        self._mapper = BayesObjectMapper(semantic_map, places=places)
-        self._relations = RelationMapper(semantic_map, self._mapper.cache)
-        self._labels = LabelResolver(semantic_map, "object")
-
-    def add(self, things: Sequence[Detected], stamp: float, pose: RobotPose) -> DetectionUpdate:
-        """Associate detections, taken at `stamp` [s since 1970] from `pose`, with objects."""
-        named = [(thing, self._labels.category(thing.label)) for thing in things]
-        sightings = [
-            (thing, MappedSighting(category, thing.score, np.array([thing.x, thing.y, thing.z])))
-            for thing, category in named
-            if category is not None
-        ]
-        found = self._mapper.add_sightings(
-            [sighting for _, sighting in sightings], stamp, robot=np.array([pose.x, pose.y])
+        self._mapper = BayesObjectMapper(
+            semantic_map, places=places, recording=recording, model=detector
         )
-        changes = self._relations.update(found)
-        detections = tuple(self._associated(thing, sighting) for thing, sighting in sightings)
-        unknown = dict.fromkeys(thing.label for thing, category in named if category is None)
-        return DetectionUpdate(changes.updated, changes.removed, detections, tuple(unknown))
+        self._relations = RelationMapper(semantic_map, self._mapper.cache)
+        self._map = semantic_map
+        self._has_views = False
+
+    def add(self, message: DetectionsMessage, stamp: float, pose: RobotPose) -> DetectionUpdate:
+        """Map what a message shows, taken at `stamp` [s since 1970]; without views from `pose`."""
+        if message.views:
+            changes, seen = self._map_views(message.views, stamp)
+        else:
+            changes, seen = self._map_positions(message.objects, stamp, pose)
+        changes = self._relations.update(changes)
+        detections = tuple(self._associated(*one) for one in seen)
+        return DetectionUpdate(changes, detections, tuple(self._mapper.labels.unknown_labels))
+
+    def existence(self, thing: Detected) -> float:
+        """Existence of what stands where a detection was, object or candidate; 0 of nothing."""
+        sighting = self._sighting(thing)
+        return 0.0 if sighting is None else self._mapper.belief_of(sighting)[1]
 
     def of(self, categories: Collection[str]) -> tuple[ObjectRecord, ...]:
         """Objects of these categories (IRIs) at present, assertions applied."""
@@ -72,12 +86,45 @@ class ObjectUpdates:
         """Changes after `times` looks that should have shown the object and did not.
 
         `recall` is the chance that such a look shows it; the detector's greatest by default.
+        Looks that were mapped as views count no more: each picture has, for what it missed.
         """
+        if self._has_views:
+            return ObjectChanges()
         return self._relations.update(self._mapper.decay(iri, times, recall))
 
-    def _associated(self, thing: Detected, sighting: MappedSighting) -> AssociatedDetection:
-        iri = self._mapper.object_of(sighting)
+    def _map_views(self, views: Sequence[View], stamp: float) -> tuple[ObjectChanges, list[_Seen]]:
+        self._has_views = True
+        changes, seen = ObjectChanges(), list[_Seen]()
+        for view in views:
+            frame = replace(view.frame, stamp=stamp)  # the robot's clock may be another
+            changes = changes.followed_by(self._mapper.add(frame, view.detections))
+            for one in self._mapper.sightings:
+                (_, category), score = max(one.scores.items(), key=lambda item: item[1])
+                thing = Detected(self._map.catalogue.label(category), score, *one.p_map.tolist())
+                seen.append((thing, category, one))
+        return changes, seen
+
+    def _map_positions(
+        self, things: Sequence[Detected], stamp: float, pose: RobotPose
+    ) -> tuple[ObjectChanges, list[_Seen]]:
+        located = [(thing, self._sighting(thing)) for thing in things]
+        seen = [(thing, one.category, one) for thing, one in located if one is not None]
+        sightings, robot = [one for _, _, one in seen], np.array([pose.x, pose.y])
+        return self._mapper.add_sightings(sightings, stamp, robot=robot), list(seen)
+
+    def _sighting(self, thing: Detected) -> Sighting | None:
+        """A detection with a position; None where its label has no category."""
+        category = self._mapper.labels.category(thing.label)
+        if category is None:
+            return None
+        p_map = np.array([thing.x, thing.y, thing.z])
+        return Sighting(category, thing.score, p_map, thing.depth, thing.box, thing.frame)
+
+    def _associated(
+        self, thing: Detected, category: str, sighting: Sighting | ThingSighting
+    ) -> AssociatedDetection:
+        iri, existence = self._mapper.belief_of(sighting)
         record = None if iri is None else self._mapper.get(iri)
-        category = sighting.category if record is None else record.category
-        existence = 0.0 if record is None else record.existence
-        return AssociatedDetection(thing, category, iri, existence)
+        if record is None:
+            return AssociatedDetection(thing, category, None, existence)
+        return AssociatedDetection(thing, record.category, iri, record.existence)

@@ -12,11 +12,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
+from perception.frames import Detections, Frame
+
 VERSION: Final = 1
 LONGEST_LINE: Final = 1 << 20  # [bytes]
 FARTHEST: Final = 1e7  # [m] no map is larger than the Earth
 MOST_OBJECTS: Final = 1000  # detections in one message
 _LONGEST_TEXT = 300
+_WIDEST: Final = 1e6  # [px] of an image
 
 
 class MalformedValueError(ValueError):
@@ -35,6 +38,7 @@ class Hello:
     far: float | None = None  # [m] ... to there
     field_of_view: float | None = None  # [rad] across
     recall: float | None = None  # chance to detect what a picture shows, 0..1
+    detector: str | None = None  # name of what detects
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,18 +107,31 @@ class Detected:
     x: float  # [m]
     y: float
     z: float
+    frame: str = ""  # id of the picture
+    box: tuple[float, float, float, float] | None = None  # xyxy [px] in it
+    depth: float | None = None  # [m] along the optical axis; "range" on the wire
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """A picture with depth and pose, and what was detected in it; never goes over the wire."""
+
+    frame: Frame
+    detections: Detections
 
 
 @dataclass(frozen=True, slots=True)
 class DetectionsMessage:
     """What one picture on the way shows (no id), or all pictures of the `look` with that id.
 
-    `pose` is where the picture was taken; None: at the last pose.
+    As positions, or by a robot in this process as `views`, which count instead. `pose` is where
+    the picture was taken; None: at the last pose.
     """
 
     id: int | None
-    objects: tuple[Detected, ...]
+    objects: tuple[Detected, ...] = ()
     pose: RobotPose | None = None
+    views: tuple[View, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,6 +222,7 @@ def _hello(fields: Mapping[str, Any]) -> Hello:
         far=_optional(fields, "far", 0.1, 1000.0),
         field_of_view=_optional(fields, "field_of_view", 0.01, 2 * math.pi + 1e-6),
         recall=_optional(fields, "recall", 0.01, 1.0),
+        detector=cleaned(fields.get("detector") or "") or None,
     )
 
 
@@ -247,13 +265,29 @@ def _detections(fields: Mapping[str, Any]) -> DetectionsMessage:
 def _detected(thing: object) -> Detected:
     if not isinstance(thing, dict) or not isinstance(thing.get("label"), str):
         raise MalformedValueError("a detection needs a label")
+    frame, box = cleaned(thing.get("frame") or ""), thing.get("box")
+    if box is not None and not frame:
+        raise MalformedValueError("a box needs the frame that it is in")
     return Detected(
         label=cleaned(thing["label"]),
         score=_number(thing, "score", 0.0, 1.0),
         x=_metres(thing, "x"),
         y=_metres(thing, "y"),
         z=_metres(thing, "z") if "z" in thing else 0.0,
+        frame=frame,
+        box=None if box is None else _box(box),
+        depth=_optional(thing, "range", 0.0, 1000.0),
     )
+
+
+def _box(corners: object) -> tuple[float, float, float, float]:
+    if not isinstance(corners, list) or len(corners) != 4:
+        raise MalformedValueError("a box must be [x1, y1, x2, y2]")
+    named = dict(zip(("x1", "y1", "x2", "y2"), corners, strict=True))
+    x1, y1, x2, y2 = (_number(named, key, -_WIDEST, _WIDEST) for key in named)
+    if not (x1 < x2 and y1 < y2):
+        raise MalformedValueError("a box must have x1 < x2 and y1 < y2")
+    return x1, y1, x2, y2
 
 
 def _failed(fields: Mapping[str, Any]) -> Failed:

@@ -111,16 +111,14 @@ class RobotSession:
                 return message
         return Failed(number, f"no detections after {limit:.0f} s")
 
-    def turn_to(self, heading: float) -> bool:
-        """Turn on the spot to `heading` [rad, map]; whether the robot says that it did."""
+    def go_to(self, x: float, y: float, heading: float) -> Iterator[Message]:
+        """Go to (x, y) [m] nearby with `heading` [rad]; messages until it is there or cannot."""
         number = self.next_id()
-        self.send(GoTo(number, self.pose.x, self.pose.y, heading))
+        self.send(GoTo(number, x, y, heading))
         for message in self.messages(limit=2 * self._timeout):
-            if isinstance(message, Arrived) and message.id == number:
-                return True
-            if isinstance(message, Blocked | Failed):
-                return False
-        return True
+            yield message
+            if isinstance(message, Blocked | Failed) or message == Arrived(number):
+                return
 
     def messages(self, *, poses: bool = False, limit: float | None = None) -> Iterator[Message]:
         """Messages of the robot, without poses unless `poses`; ends after `limit` [s], if given.

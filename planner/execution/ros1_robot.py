@@ -1,7 +1,7 @@
 """A robot behind a ROS 1 master: move_base drives it, its camera is read from topics and tf.
 
 It turns for a look by goals on the spot, a picture at each, overlapping. Pictures on the way are
-looked at as they come. What is detected is localised by depth, as in mapping.
+looked at as they come.
 """
 
 from __future__ import annotations
@@ -20,13 +20,11 @@ from perception.live.ros1 import Ros1Master
 from perception.live.stream import FrameStream
 from perception.recordings.bag_file import RawMessage
 from perception.ros.headers import NANOSECONDS
-from planner.execution.localisation import detected
 from planner.execution.move_base import MoveBase
 from planner.execution.protocol import (
     FARTHEST,
     Arrived,
     Command,
-    Detected,
     DetectionsMessage,
     Failed,
     GoTo,
@@ -35,6 +33,7 @@ from planner.execution.protocol import (
     Message,
     RobotPose,
     StopCommand,
+    View,
 )
 
 BASES: Final = ("base_link", "base_footprint")  # frames that robots usually have
@@ -146,7 +145,7 @@ class Ros1Robot:
             frame = self._stream.next_frame(_TICK)
             yield None
         self._field_of_view = 2 * math.atan(frame.rgb.shape[1] / 2 / float(frame.K[0, 0]))
-        yield Hello(name=self.name, field_of_view=self._field_of_view)
+        yield Hello(name=self.name, field_of_view=self._field_of_view, detector=self._detector.name)
         yield self._pose()
 
     def _refuse_late(self, until: float, missing: str) -> None:
@@ -163,7 +162,7 @@ class Ros1Robot:
         """Turn on the spot by goals, and look at a picture taken after each."""
         start = self._pose()
         turns = math.ceil(abs(look.turn) / (OVERLAP * self._field_of_view) - 1e-6)
-        seen = list[Detected]()
+        seen = list[View]()
         for number in range(turns + 1):
             if number:
                 self._go(start.x, start.y, start.heading + look.turn * number / turns)
@@ -175,8 +174,8 @@ class Ros1Robot:
             if frame is None:
                 yield Failed(look.id, f"no picture for {PICTURE_WITHIN:g} s")
                 return
-            seen += detected(frame, self._detector.detect(frame))
-        yield DetectionsMessage(look.id, tuple(seen))
+            seen.append(self._view(frame))
+        yield DetectionsMessage(look.id, views=tuple(seen))
 
     def _until_over(self, *, pictures: bool) -> Generator[_Step, None, str]:
         """Poses until the goal is over, and pictures if asked for; returns why it failed, or ""."""
@@ -184,12 +183,15 @@ class Ros1Robot:
             yield self._pose()
             frame = self._stream.next_frame(_TICK) if pictures else None
             if frame is not None:
-                things = detected(frame, self._detector.detect(frame))
-                yield DetectionsMessage(None, things, self._pose_of(frame))
+                view = self._view(frame)
+                yield DetectionsMessage(None, pose=self._pose_of(frame), views=(view,))
             elif not pictures:
                 self._ended.wait(_TICK)
         yield self._pose()
         return outcome
+
+    def _view(self, frame: Frame) -> View:
+        return View(frame, self._detector.detect(frame))
 
     def _picture_after(self, since: float) -> Generator[_Step, None, Frame | None]:
         """A frame taken at `since` [s by the robot's clock] or later; None where none comes."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Final
@@ -16,7 +16,6 @@ from kg.maps.semantic_map import SemanticMap
 from kg.records import (
     LookRecord,
     MapUpdate,
-    ObjectRecord,
     ObstacleRecord,
     RobotRecord,
     SearchRecord,
@@ -96,12 +95,14 @@ class SearchLog:
         categories: Sequence[str],
         *,
         found: Sequence[str] = (),
-        objects: Sequence[ObjectRecord] = (),
+        changes: ObjectChanges | None = None,
+        shown: Collection[str] = (),
         glimpses: Sequence[tuple[float, float, float]] = (),
         viewed: Sequence[FloorView] = (),
     ) -> LookRecord:
-        """Write a look: what it was for, the IRIs it found, all the objects it showed, and floor.
+        """Write a look: what it was for, the IRIs it found, all that it changed, and floor.
 
+        `shown` are the IRIs of the objects that it showed.
         Floor `viewed` and what that makes of places is written once it has changed enough, or ends.
         """
         number = max((look.number for look in self.looks), default=0) + 1
@@ -123,25 +124,30 @@ class SearchLog:
         floor, places = self._floor.take_changed(record.stamp)
         self._write(
             f"look {number}: {outcome}",
-            MapUpdate(
-                objects=tuple(objects),
+            replace(
+                _update(changes or ObjectChanges()),
                 places=places,
                 robot=self._robot(pose),
                 search=self.record,
                 looks=(record,),
                 floor=floor,
             ),
+            shown,
         )
         self.looks.append(record)
         return record
 
     def sighting(
-        self, pose: RobotPose, objects: Sequence[ObjectRecord], found: Sequence[str] = ()
+        self,
+        pose: RobotPose,
+        changes: ObjectChanges,
+        shown: Collection[str],
+        found: Sequence[str] = (),
     ) -> None:
-        """Write what a picture on the way showed."""
+        """Write what a picture on the way changed; `shown` are the objects that it showed."""
         self._found(found)
-        update = MapUpdate(objects=tuple(objects), robot=self._robot(pose), search=self.record)
-        self._write("found on the way" if found else "seen on the way", update)
+        update = replace(_update(changes), robot=self._robot(pose), search=self.record)
+        self._write("found on the way" if found else "seen on the way", update, shown)
 
     def obstacle(self, pose: RobotPose, x: float, y: float, reason: str) -> ObstacleRecord:
         """Write where the robot, now at `pose`, could not go on."""
@@ -155,7 +161,7 @@ class SearchLog:
 
     def change(self, note: str, changes: ObjectChanges) -> None:
         """Write objects that a look has put in doubt, and drop those it has done away with."""
-        self._write(note, replace(_update(changes), search=self.record), shown=False)
+        self._write(note, replace(_update(changes), search=self.record))
 
     def end(
         self,
@@ -174,7 +180,7 @@ class SearchLog:
             search=self.record,
             floor=floor,
         )
-        self._write(state, update, shown=False)
+        self._write(state, update)
 
     def _found(self, iris: Sequence[str]) -> None:
         self.record = replace(self.record, found=tuple(dict.fromkeys((*self.record.found, *iris))))
@@ -183,11 +189,11 @@ class SearchLog:
         p_map = np.array([pose.x, pose.y, self._height])
         return RobotRecord(p_map, math.remainder(pose.heading, 2 * math.pi), self._clock())
 
-    def _write(self, note: str, update: MapUpdate, *, shown: bool = True) -> None:
+    def _write(self, note: str, update: MapUpdate, shown: Collection[str] = ()) -> None:
         """Apply `update`; where others changed its objects meanwhile, the later word counts.
 
-        That is the robot's where the objects were `shown` to it, else the others'. Floor and places
-        are worked out anew for the next look.
+        That is the robot's of the objects that were `shown` to it, else the others'. Floor and
+        places are worked out anew for the next look.
         """
         for _ in range(TRIES):
             try:
@@ -197,7 +203,7 @@ class SearchLog:
                 self._map.catch_up()
                 self._floor.undo(update)
                 update = replace(update, floor=(), places=())
-                update = update if shown else _without(update, conflict.things)
+                update = _without(update, {*conflict.things} - {*shown})
         raise GraphError(f"others change what {self.name} writes, {TRIES} times on end; stop them")
 
     def _cause(self, note: str) -> Cause:
@@ -208,7 +214,7 @@ def _update(changes: ObjectChanges) -> MapUpdate:
     return MapUpdate(changes.updated, changes.removed, departed=changes.departed)
 
 
-def _without(update: MapUpdate, things: Sequence[str]) -> MapUpdate:
+def _without(update: MapUpdate, things: Collection[str]) -> MapUpdate:
     """`update` but for the objects among `things`."""
     kept = tuple(record for record in update.objects if record.iri not in things)
     removed = tuple(iri for iri in update.removed if iri not in things)

@@ -15,16 +15,19 @@ from kg.errors import HereaboutsError, RobotError
 from kg.maps.semantic_map import SemanticMap
 from kg.records import ObjectRecord, SearchState
 from mapping.objects.object_mapper import ObjectChanges
-from planner.execution.detection_verification import DetectionVerifier, TargetDetection
+from planner.execution.detection_verification import (
+    POSSIBLE,
+    DetectionVerifier,
+    TargetDetection,
+)
 from planner.execution.failed_goals import FailedGoals
 from planner.execution.missed_objects import decay_missed
-from planner.execution.object_updates import ObjectUpdates
+from planner.execution.object_updates import DetectionUpdate, ObjectUpdates
 from planner.execution.options import SearchOptions, SearchOutcome
 from planner.execution.passing_views import PassingViews
 from planner.execution.protocol import (
     Arrived,
     Blocked,
-    Detected,
     DetectionsMessage,
     Failed,
     GoTo,
@@ -79,7 +82,8 @@ def search(
         else:
             categories = sorted({kind for target in targets for kind in target.queried})
             log = SearchLog.begin(semantic_map, words, categories, options.clock)
-        return _Run(semantic_map, targets, adapter, session, log, options).run()
+        detector = hello.detector or ""
+        return _Run(semantic_map, targets, adapter, session, log, options, detector).run()
     finally:
         robot.close()
 
@@ -95,10 +99,11 @@ class _Run:
         session: RobotSession,
         log: SearchLog,
         options: SearchOptions,
+        detector: str,
     ) -> None:
         self._map, self._targets, self._adapter = semantic_map, tuple(targets), adapter
         self._robot, self._log, self._options = session, log, options
-        self._objects = ObjectUpdates(semantic_map)
+        self._objects = ObjectUpdates(semantic_map, log.name, detector)
         self._verifier = DetectionVerifier()
         self._found: dict[str, tuple[str, Any]] = {}  # target's text -> object IRI, position
         self._passing_views = PassingViews()
@@ -209,7 +214,7 @@ class _Run:
         self._failed_goals.looked()
         pose = self._robot.pose
         middle = goal.middle
-        sightings = self._after_look(pose, middle, goal.extent, answer.objects)
+        sightings = self._after_look(pose, middle, goal.extent, answer)
         if math.hypot(pose.x - goal.x, pose.y - goal.y) > OFF:
             self._unreachable(goal, "one cannot stand there")
         for sighting in self._doubtful(sightings)[:3]:
@@ -223,11 +228,11 @@ class _Run:
         return answer
 
     def _after_look(
-        self, pose: RobotPose, heading: float, extent: float, things: Sequence[Detected]
+        self, pose: RobotPose, heading: float, extent: float, answer: DetectionsMessage
     ) -> list[TargetDetection]:
         """Write a look and what it showed; returns what might be a target."""
         wanted = self._wanted()
-        sightings, records = self._add_detections(things, pose)
+        sightings, update = self._add_detections(answer, pose)
         found = self._confirm(sightings)
         across, in_view = self._adapter.field_of_view, self._adapter.in_view
         viewed = [in_view(*picture, across) for picture in self._passing_views]
@@ -241,13 +246,15 @@ class _Run:
             extent,
             sorted({kind for target in wanted for kind in target.queried}),
             found=found,
-            objects=records,
+            changes=update.changes,
+            shown=update.shown,
             glimpses=tuple(self._passing_views),
             viewed=[*viewed, in_view(pose.x, pose.y, heading, extent)],
         )
         self._passing_views = PassingViews()
+        things = [detection.thing for detection in update.detections]
         self._reporter.look(look, things, self._adapter.left)
-        self._replan_for(records)
+        self._replan_for(update.changes.updated)
         return sightings
 
     def _doubtful(self, sightings: Sequence[TargetDetection]) -> list[TargetDetection]:
@@ -262,28 +269,32 @@ class _Run:
 
     def _on_the_way(self, message: DetectionsMessage, goal: NextView) -> bool:
         """Apply a picture taken while driving; whether it changes the plan."""
-        pose = message.pose or self._robot.pose
-        sightings, records = self._add_detections(message.objects, pose)
-        found = self._confirm(sightings)
+        sightings, found, changes = self._apply_passing(message)
         if not sightings:
-            self._passing_views.add(pose, goal)
-        if records:
-            self._note_progress()
-            self._log.sighting(self._robot.pose, records, found)
+            self._passing_views.add(message.pose or self._robot.pose, goal)
         doubtful = self._doubtful(sightings)
         if not found and not doubtful:
-            return self._replan_for(records)
+            return self._replan_for(changes.updated)
         self._robot.halt()
         for sighting in doubtful[:1]:
             self._verify(sighting)
         return True
 
+    def _apply_passing(
+        self, message: DetectionsMessage
+    ) -> tuple[list[TargetDetection], tuple[str, ...], ObjectChanges]:
+        """Write a picture taken while driving; what may be a target, what was found, changes."""
+        sightings, update = self._add_detections(message, message.pose or self._robot.pose)
+        found, changes = self._confirm(sightings), update.changes
+        if changes.updated or changes.removed:
+            self._note_progress()
+            self._log.sighting(self._robot.pose, changes, update.shown, found)
+        return sightings, found, changes
+
     def _add_detections(
-        self, things: Sequence[Detected], pose: RobotPose
-    ) -> tuple[list[TargetDetection], list[ObjectRecord]]:
-        update = self._objects.add(things, self._options.clock(), pose)
-        if update.removed:
-            self._log.change("merged with others", ObjectChanges(removed=update.removed))
+        self, message: DetectionsMessage, pose: RobotPose
+    ) -> tuple[list[TargetDetection], DetectionUpdate]:
+        update = self._objects.add(message, self._options.clock(), pose)
         for label in update.unknown:
             if label not in self._unknown and len(self._unknown) < 100:
                 self._unknown.add(label)
@@ -294,7 +305,7 @@ class _Run:
             for target in self._wanted()
             if detection.category in target.kinds
         ]
-        return sightings, list(update.updated)
+        return sightings, update
 
     def _confirm(self, sightings: Sequence[TargetDetection]) -> tuple[str, ...]:
         """Mark certain detections as found; returns the objects' IRIs."""
@@ -312,28 +323,37 @@ class _Run:
         return sighting.target.text in self._found
 
     def _verify(self, sighting: TargetDetection) -> None:
-        """Look straight at what may be a target until it is likely or a look does not show it."""
+        """Look at what may be a target until it is found, or neither shown again nor possible."""
         while not self._is_found(sighting) and self._verifier.open(sighting):
+            again = self._shown_again(sighting)
             self._verifier.note_look(sighting)
-            if not self._shown_again(sighting):
+            if not again and self._objects.existence(sighting.thing) < POSSIBLE:
                 return
 
     def _shown_again(self, sighting: TargetDetection) -> bool:
-        """Whether a look straight at what may be a target shows it; if not it is doubted."""
-        pose, thing = self._robot.pose, sighting.thing
-        heading = math.atan2(thing.y - pose.y, thing.x - pose.x)
+        """Whether a look from another point of view shows what may be a target; else it is doubted.
+
+        What is seen again from one spot says little.
+        """
+        thing, aside = sighting.thing, self._verifier.aside(sighting)
+        x, y = self._adapter.another_view(self._robot.pose, sighting.p_map, aside)
+        heading = math.atan2(thing.y - y, thing.x - x)
         self._reporter.surprise(
             f"perhaps {thing.label} at ({thing.x:.1f}, {thing.y:.1f}), score {thing.score:.2f}: "
             "looking again"
         )
-        if not self._robot.turn_to(heading):
-            return False
+        for message in self._robot.go_to(x, y, heading):
+            if isinstance(message, DetectionsMessage) and self._apply_passing(message)[1]:
+                self._robot.halt()
+                return True
+            if isinstance(message, Blocked | Failed):
+                return False
         answer = self._look_around(0.0, self._adapter.field_of_view)
         if answer is None:
             return False
         at = self._robot.pose
-        sightings = self._after_look(at, heading, self._adapter.field_of_view, answer.objects)
-        shown = self._is_found(sighting) or sighting.object in {one.object for one in sightings}
+        sightings = self._after_look(at, heading, self._adapter.field_of_view, answer)
+        shown = self._is_found(sighting) or any(map(sighting.shows, sightings))
         if not shown:
             self._decay(sighting)
         return shown

@@ -21,6 +21,7 @@ from planner.viewpoints.sensor import Motion, Sensor, angle_between
 
 NEAR: float = 0.5  # [m] a look from this near to a planned one, and ...
 ALIKE: float = 0.35  # [rad] ... towards about the same, is that look
+STEP: float = 0.5  # [m] nearer to what is doubted
 BLOCKS: float = 0.6  # [m] around an obstacle that cannot be driven through: this closes a door
 
 
@@ -127,6 +128,27 @@ class ViewpointAdapter:
         """The floor that a look shows."""
         space = self._state.space
         return floor_in_view(space, self._sensor, space.nearest((x, y)), heading, extent)
+
+    def another_view(
+        self, pose: RobotPose, p_map: np.ndarray, aside: float = 0.0
+    ) -> tuple[float, float]:
+        """Floor (x, y) [m] from where what `pose` showed at `p_map` (3,) [m] is seen anew.
+
+        It lies nearer, unless that is too near to see; seen from the thing `aside` [rad] of `pose`,
+        to the side where there is floor.
+        """
+        near, far = self._sensor.near, self._sensor.far
+        dx, dy = pose.x - p_map[0], pose.y - p_map[1]
+        distance, direction = math.hypot(dx, dy), math.atan2(dy, dx)
+        closer = max(min(distance - STEP, (near + far) / 2), 2 * near)
+        away = closer if aside or distance - closer >= STEP / 2 else distance + STEP
+        floor = self._state.space.centres(self._state.space.floor())
+        off = [
+            np.hypot(*(floor - p_map[:2] - away * np.array([math.cos(d), math.sin(d)])).T)
+            for d in (direction + aside, direction - aside)
+        ]
+        x, y = floor[min(off, key=np.min).argmin()].tolist()
+        return x, y
 
     def found(self, target: str, p_map: np.ndarray) -> None:
         """Learn where `target` (its text) is."""

@@ -62,7 +62,8 @@ class PointRobot:
         seen = [thing for thing in things if self.sees(thing, middle, command)]
         if self.looks == self.settings.get("phantom_at_look"):
             seen.append(["apple", self.x + 2, self.y, 0.8, 0.4])
-        objects = [dict(zip(("label", "x", "y", "z", "score"), t, strict=True)) for t in seen]
+        keys = ("label", "x", "y", "z", "score", "frame", "box", "range")
+        objects = [dict(zip(keys, thing, strict=False)) for thing in seen]
         return [self.pose(), {"type": "detections", "id": command["id"], "objects": objects}]
 
     def sees(self, thing: list[Any], middle: float, command: dict[str, Any]) -> bool:

@@ -123,7 +123,7 @@ class Explainer:
             return
         sequence = sequence_of(self._log, quad)
         commit = self._log.commit(sequence)
-        mapped = commit is None or commit.cause.kind in ("frame", "recovery")
+        mapped = commit is None or commit.cause.kind in ("frame", "recovery", "search")
         if commit is None and (held := self._assertion_behind(quad)):
             yield held
         elif mapped and quad.graph_name == _MAP and isinstance(quad.subject, NamedNode):
@@ -269,7 +269,8 @@ class Explainer:
             )
         commit = removals[-1]
         made = self._commit(commit.sequence)
-        reasons = [made] if commit.cause.kind != "frame" else [Explanation("rule", REMOVAL), made]
+        mapped = commit.cause.kind in ("frame", "search")
+        reasons = [Explanation("rule", REMOVAL), made] if mapped else [made]
         text = f"{short(iri, self._base)} is no longer in the map"
         return Explanation("was", text, iri.value, tuple(reasons))
 

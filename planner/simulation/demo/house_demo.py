@@ -74,6 +74,7 @@ class DemoReport:
     picture_path: Path
     mapping: MappingReport
     score: MapScore  # of the map against the house
+    searched: MapScore  # the same after the search, when what was hidden is there, too
     rooms_right: int  # places whose likeliest category is their room's
     rooms: int
     answers: tuple[DemoAnswer, ...]
@@ -93,6 +94,7 @@ class DemoReport:
             "picture": str(self.picture_path),
             "mapping": self.mapping.to_json(),
             "score": self.score.to_json(),
+            "score_after_search": self.searched.to_json(),
             "rooms": self.rooms,
             "rooms_right": self.rooms_right,
             "answers": [
@@ -144,10 +146,12 @@ def run_demo(
         mapping = _map(semantic_map, tour, camera, report)
         answers = _ask(semantic_map, report)
         score, right = score_house(semantic_map, house), _rooms_right(semantic_map, house)
-        robot = simulated_robot(semantic_map, house.with_objects([HIDDEN]), seed=seed)
+        changed = house.with_objects([HIDDEN])
+        robot = simulated_robot(semantic_map, changed, seed=seed)
         report(DemoProgress("plan", 0, 1, TARGET))
         planned = plan_for(semantic_map, TARGET, robot)
         run = _search(semantic_map, robot, len(planned.plan.steps), report)
+        searched = score_house(semantic_map, changed)
         report(DemoProgress("export", 0, 1))
         triples = export_map(semantic_map, folder / "map.ttl")
         report(DemoProgress("picture", 0, 1))
@@ -166,6 +170,7 @@ def run_demo(
         picture_path=picture,
         mapping=mapping,
         score=score,
+        searched=searched,
         rooms_right=right,
         rooms=len(house.rooms),
         answers=answers,

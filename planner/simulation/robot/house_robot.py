@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from kg.errors import LayoutError
 from kg.maps.semantic_map import SemanticMap
-from planner.execution.localisation import detected
 from planner.execution.protocol import (
     Aborted,
     Arrived,
@@ -23,6 +22,7 @@ from planner.execution.protocol import (
     Message,
     RobotPose,
     StopCommand,
+    View,
 )
 from planner.simulation.houses.floor_grid import FloorGrid
 from planner.simulation.houses.house import House, furnished_house
@@ -72,6 +72,7 @@ class SimulatedHouseRobot:
             far=RANGE[1],
             field_of_view=2 * math.atan(model.width / 2 / model.focal),
             recall=RECALL,
+            detector=self._detector.name,
         )
 
     def send(self, command: Command) -> None:
@@ -104,20 +105,22 @@ class SimulatedHouseRobot:
             yield Aborted(str(error))
             return
         for pose in drive(self._pose, path, self._gait):
-            yield self._move(pose)
-            yield self._picture()
+            yield from self._pass(pose)
         towards = math.remainder(goal.heading - self._pose.heading, 2 * math.pi)
         for pose in turn(self._pose, towards, self._gait):
-            yield self._move(pose)
-            yield self._picture()
+            yield from self._pass(pose)
         yield Arrived(goal.id)
 
     def _look(self, look: LookAround) -> Iterator[Message]:
-        seen = list(self._picture().objects)
+        seen = [self._view()]
         for pose in turn(self._pose, look.turn, self._gait):
             yield self._move(pose)
-            seen += self._picture().objects
-        yield DetectionsMessage(look.id, tuple(seen))
+            seen.append(self._view())
+        yield DetectionsMessage(look.id, views=tuple(seen))
+
+    def _pass(self, pose: Pose) -> Iterator[Message]:
+        yield self._move(pose)
+        yield DetectionsMessage(None, pose=self._told(), views=(self._view(),))
 
     def _move(self, pose: Pose) -> RobotPose:
         self._pose = pose
@@ -128,13 +131,12 @@ class SimulatedHouseRobot:
         pose = self._pose
         return RobotPose(pose.x, pose.y, pose.heading, pose.seconds)
 
-    def _picture(self) -> DetectionsMessage:
+    def _view(self) -> View:
         pose = self._pose
         self._pictures += 1
         T_map_cam = self._camera.model.pose(pose.x, pose.y, pose.heading)
         frame = self._camera.frame(f"search-{self._pictures:06d}", T_map_cam, pose.seconds)
-        seen = detected(frame, self._detector.detect(frame), RANGE[0])
-        return DetectionsMessage(None, seen, self._told())
+        return View(frame, self._detector.detect(frame))
 
 
 def simulated_robot(

@@ -16,16 +16,21 @@ from kg.maps.semantic_map import SemanticMap
 from kg.opening import in_memory_map
 from kg.records import MapUpdate, ObjectRecord, PlaceRecord
 from kg.workers.limited_queries import LimitedQueries
+from mapping.projection import to_map
+from mapping.reference.depth_histogram import localise
+from mapping.reference.settings import ReferenceSettings
 from planner.agents.map_context import MapContext
 from planner.agents.open_searches import MOST, OpenSearch, OpenSearches
 from planner.agents.tool_server import tool_server
 from planner.execution.protocol import (
     Aborted,
     Arrived,
+    Detected,
     DetectionsMessage,
     GoTo,
     LookAround,
     RobotPose,
+    View,
 )
 from planner.simulation.demo.house_demo import HIDDEN, layout_of
 from planner.simulation.houses.house import House, furnished_house
@@ -103,8 +108,18 @@ def looked_around(robot: SimulatedHouseRobot, look: dict[str, Any]) -> list[Any]
     robot.send(LookAround(2, look["extent"], look["extent"]))
     while (message := robot.receive(1.0)) is not None:
         if isinstance(message, DetectionsMessage) and message.id == 2:
-            return list(message.objects)
+            return [one for view in message.views for one in located(view)]
     return None
+
+
+def located(view: View) -> Iterator[Detected]:
+    """What a picture shows, with positions."""
+    found, settings = view.detections, ReferenceSettings()
+    for box, score, label in zip(found.xyxy, found.score, found.label, strict=True):
+        p_cam = localise(view.frame, box, settings, None)
+        if p_cam is not None:
+            p_map = to_map(view.frame.T_map_cam, p_cam)
+            yield Detected(label, float(score), *p_map.tolist())
 
 
 def test_an_agent_finds_a_thing_in_the_house_by_the_tools_alone() -> None:

@@ -17,6 +17,7 @@ from planner.execution.protocol import (
     LONGEST_LINE,
     Arrived,
     Blocked,
+    Detected,
     DetectionsMessage,
     GoTo,
     Hello,
@@ -49,6 +50,10 @@ def test_messages_are_read_with_what_may_be_left_out() -> None:
     assert decoded('{"type":"arrived","id":3}') == Arrived(3)
     assert decoded('{"type":"blocked","x":1,"y":2}') == Blocked(None, 1, 2, "blocked")
     assert decoded('{"type":"detections","id":4,"objects":[]}') == DetectionsMessage(4, ())
+    cup = '{"label":"cup","score":0.5,"x":1,"y":2,"frame":"7","box":[1,2,30,40],"range":1.5}'
+    assert decoded('{"type":"detections","objects":[' + cup + "]}") == DetectionsMessage(
+        None, (Detected("cup", 0.5, 1.0, 2.0, 0.0, "7", (1.0, 2.0, 30.0, 40.0), 1.5),)
+    )
     assert decoded('{"type":"made up later"}') is None
 
 
@@ -72,6 +77,14 @@ def test_messages_are_read_with_what_may_be_left_out() -> None:
         '{"type":"detections","objects":[{"label":"cup","score":1.5,"x":0,"y":0}]}',
         '{"type":"detections","objects":[{"score":0.5,"x":0,"y":0}]}',
         '{"type":"detections","pose":[1,2,3]}',
+        '{"type":"detections","objects":[{"label":"a","score":1,"x":0,"y":0,"box":[1,2,3,4]}]}',
+        '{"type":"detections","objects":[{"label":"a","score":1,"x":0,"y":0,"range":-1}]}',
+        *(
+            '{"type":"detections","objects":[{"label":"a","score":1,"x":0,"y":0,"frame":"1","box":'
+            + box
+            + "}]}"
+            for box in ("7", "[1,2,3]", "[1,2,3,NaN]", '[1,2,3,"4"]', "[3,2,1,4]", "[1,2,3,1e9]")
+        ),
         '{"type":"detections","objects":' + json.dumps([{}] * 1001) + "}",
         '{"type":"hello","protocol":"1"}',
         '{"type":"hello","protocol":1,"speed":0}',
@@ -86,6 +99,7 @@ def test_what_is_no_message_is_refused(line: str) -> None:
 _KINDS = ("hello", "pose", "arrived", "blocked", "detections", "error", "abort", "other")
 _ODD = [None, True, 0, -1, 1.5, 1e300, math.nan, math.inf, 10**400, "", "\x00", [], {}]
 _SEEN = [None, {}, {"label": "cup", "score": 0.5, "x": 1, "y": 2}]
+_SEEN += [{"label": "cup", "score": 0, "x": 1, "y": 2, "frame": 7, "box": [0, 0, 10**400, 1]}]
 _JSON = st.one_of(
     st.sampled_from(_ODD),
     st.floats(),

@@ -73,6 +73,14 @@ def test_the_map_is_good(report: DemoReport) -> None:
     assert report.rooms_right >= report.rooms - 1
 
 
+def test_the_search_leaves_no_phantoms(report: DemoReport) -> None:
+    before, after = report.score, report.searched
+    assert None not in (before.recall, before.precision, after.recall, after.precision)
+    assert (after.recall or 0) > (before.recall or 0)
+    assert (after.precision or 0) > (before.precision or 0) - 0.03
+    assert after.per_class[TARGET].matched == 1
+
+
 def test_the_three_questions_have_answers(report: DemoReport) -> None:
     assert len(report.answers) == 3
     assert all(answer.table.rows for answer in report.answers)
@@ -138,6 +146,8 @@ def test_progress_is_told_stage_by_stage(report: DemoReport, heard: list[DemoPro
 def test_the_report_is_plain_json(report: DemoReport) -> None:
     plain = json.loads(json.dumps(report.to_json()))
     assert plain["search"]["found"] is True
+    assert plain["score"].keys() == plain["score_after_search"].keys()
+    assert plain["score_after_search"]["per_class"][TARGET]["mapped"] >= 1
     assert plain["search"]["looks"] >= plain["search"]["explored_in_vain"]
     assert plain["thesis_rule"]["expected_seconds"] > 0
     assert plain["plan"]["target"] == TARGET
