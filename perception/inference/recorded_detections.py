@@ -97,11 +97,18 @@ def _rows(found: Detections) -> list[list[Any]]:
     ):
         mask = found.mask[number] if found.mask else None
         # a box that is rounded may have other pixels than its mask
-        sides = [float(c) if mask is not None else round(float(c), 1) for c in box]
+        sides = _sides(box, exact=mask is not None)
         rows.append([*sides, round(float(score), 4), label])
         if mask is not None:
             rows[-1].append({"size": list(mask.shape), "runs": _runs(mask)})
     return rows
+
+
+def _sides(box: NDArray[np.floating], *, exact: bool) -> list[float]:
+    """x1, y1, x2, y2 [px] of a box, to 0.1 px where that leaves it a width and a height."""
+    sides = [float(c) for c in box]
+    x1, y1, x2, y2 = rounded = [round(c, 1) for c in sides]
+    return sides if exact or x1 >= x2 or y1 >= y2 else rounded
 
 
 def _runs(mask: NDArray[np.bool_]) -> list[int]:
