@@ -1,11 +1,8 @@
-"""The gate for maps: `python -m benchmarks.rooms [--cache DIR] [--seeds N N ...]`.
+"""The gate for object mappers: `python -m benchmarks.rooms [--cache DIR]`.
 
-Maps every real recording that has a complete truth, with every network, in stretches: whole, every
-4th frame, each half, backwards, where the camera only turns, where it stands, and single frames;
-and simulated houses, drawn anew each time. Prints the default mapper's scores beside the
-reference's as Markdown. Exits with 1, and a line for each reason, where the default is worse than
-the reference in a room, misses its goals in houses, or is badly calibrated (docs/reference/
-benchmarks.md).
+Maps every real recording that has a complete truth, with every network, and simulated houses drawn
+anew each time. Prints the default mapper's scores beside the reference's as Markdown. Exits with 1,
+and a line for each reason, where the default falls short (docs/reference/benchmarks.md).
 """
 
 from __future__ import annotations
@@ -15,48 +12,49 @@ import os
 import random
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Final, TypeVar
 
 from benchmarks.command_line import run
-from benchmarks.rooms.gate import violations
-from benchmarks.rooms.looks import networks
-from benchmarks.rooms.measuring import measured
-from benchmarks.rooms.real_room import room_folders
-from benchmarks.rooms.report import report
+from benchmarks.rooms.gate import report, violations
+from benchmarks.rooms.measuring import measured, measured_houses
+from benchmarks.rooms.recordings import networks, room_folders
 from benchmarks.rooms.stretches import STRETCHES
 
 HOUSES_DRAWN: Final = 4
 
 T = TypeVar("T")
 
+
 def _command(arguments: argparse.Namespace) -> int:
-    folders = _chosen(room_folders(), arguments.rooms, "room", arguments)
-    chosen = _chosen(networks(), arguments.networks, "network", arguments)
-    if arguments.seeds is None:
-        arguments.seeds = random.sample(range(1000, 1_000_000), HOUSES_DRAWN)
+    refuse, processes = arguments.usage_error, arguments.processes
+    folders = _chosen(room_folders(), arguments.rooms, refuse)
+    looking = _chosen(networks(), arguments.networks, refuse)
+    seeds = arguments.seeds
+    if seeds is None:
+        seeds = random.sample(range(1000, 1_000_000), HOUSES_DRAWN)
     with tempfile.TemporaryDirectory() as temporary:
         cache = arguments.cache or Path(temporary)
         cache.mkdir(parents=True, exist_ok=True)
-        outcomes = measured(
-            (list(folders.values()), chosen, tuple(arguments.stretches), arguments.seeds),
-            cache,
-            arguments.processes,
-        )
-    lines = [*report(outcomes), f"- seeds of the houses: {' '.join(map(str, arguments.seeds))}"]
-    failed = [f"- gate: {line}" for line in violations(outcomes)]
-    sys.stdout.write("\n".join([*lines, *(failed or ["- gate: passed"])]) + "\n")
-    return 1 if failed else 0
+        outcomes = measured([*folders.values()], looking, arguments.stretches, cache, processes)
+    outcomes += measured_houses(seeds, processes)
+    if not outcomes:
+        refuse("neither rooms nor houses: there is nothing to measure")
+    failed = [f"- gate: {line}" for line in violations(outcomes)] or ["- gate: passed"]
+    drawn = f"- seeds of the houses: {' '.join(map(str, seeds)) or 'none'}"
+    sys.stdout.write("\n".join([*report(outcomes), drawn, *failed]) + "\n")
+    return 0 if failed == ["- gate: passed"] else 1
 
 
 def _chosen(
-    known: dict[str, T], names: Sequence[str] | None, kind: str, arguments: argparse.Namespace
+    known: Mapping[str, T], names: Sequence[str] | None, refuse: Callable[[str], None]
 ) -> dict[str, T]:
+    """Those of `known` that are named, all without names."""
     for name in names or ():
         if name not in known:
-            arguments.usage_error(f"no {kind} {name!r}; there are: {', '.join(known)}")
-    return known if names is None else {name: known[name] for name in names}
+            refuse(f"no {name!r}; there are: {', '.join(known)}")
+    return {name: known[name] for name in (known if names is None else names)}
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -1,4 +1,4 @@
-"""The gate: what the default mapper must reach."""
+"""The gate: what the default mapper must reach; and the report, beside the reference."""
 
 from __future__ import annotations
 
@@ -7,63 +7,93 @@ from itertools import groupby
 from typing import Final
 
 from benchmarks.rooms.houses import GOALS, HOUSES
-from benchmarks.rooms.outcomes import MAPPERS, Outcome, Score, mean, score
+from benchmarks.rooms.outcomes import (
+    DEFAULT,
+    MAPPERS,
+    REFERENCE,
+    Outcome,
+    Row,
+    Scores,
+    mean,
+    scores,
+)
 from benchmarks.rooms.stretches import SINGLE
 
-ECE_ROOMS: Final = 0.10
-ECE_HOUSES: Final = 0.05
-DEFAULT, REFERENCE = MAPPERS
+REAL: Final = "real rooms"
+MOST_ECE: Final = {REAL: 0.10, HOUSES: 0.05}
 
-Rows = dict[tuple[str, str, str], dict[str, list[Outcome]]]  # room, network, stretch -> by mapper
-
-
-def in_rows(outcomes: Sequence[Outcome]) -> Rows:
-    """Outcomes by room, network and stretch, and each by mapper, in the order they come."""
-    rows: Rows = {}
-    for one in outcomes:
-        rows.setdefault(one.row, {}).setdefault(one.mapper, []).append(one)
-    return rows
-
-
-def means(outcomes: Sequence[Outcome]) -> dict[tuple[str, str], dict[str, Score]]:
-    """(room, network) -> mapper -> mean over the stretches, single frames apart."""
-    rows = in_rows([o for o in outcomes if o.room != HOUSES and o.stretch != SINGLE])
-    return {
-        pair: {m: mean(score(rows[row][m]) for row in group) for m in MAPPERS}
-        for pair, keys in groupby(rows, key=lambda row: row[:2])
-        for group in [list(keys)]
-    }
-
-
-def calibrated(outcomes: Sequence[Outcome], mapper: str) -> dict[str, Score]:
-    """Scores of what is calibrated together: real rooms, single looks at them, houses."""
-    ours = [o for o in outcomes if o.mapper == mapper]
-    rooms = [o for o in ours if o.room != HOUSES]
-    together = {
-        "real rooms": [o for o in rooms if o.stretch != SINGLE],
-        "single looks": [o for o in rooms if o.stretch == SINGLE],
-        HOUSES: [o for o in ours if o.room == HOUSES],
-    }
-    return {name: score(some) for name, some in together.items() if some}
+ByMapper = dict[str, Scores]
 
 
 def violations(outcomes: Sequence[Outcome]) -> Iterator[str]:
     """One line for each demand that the default mapper does not meet."""
-    for (room, network), by_mapper in means(outcomes).items():
-        ours, theirs = by_mapper[DEFAULT].ap, by_mapper[REFERENCE].ap
+    for (room, network), by_mapper in _means(outcomes):
+        ours, theirs = (by_mapper[mapper]["AP"] for mapper in (DEFAULT, REFERENCE))
         if ours is not None and theirs is not None and ours < theirs - 1e-9:
-            yield f"{room}, {network}: average precision {ours:.3f}, the reference's {theirs:.3f}"
-    for (room, senses, _), by_mapper_of_row in in_rows(outcomes).items():
+            yield f"{room}, {network}: AP {ours:.3f}, the reference's is {theirs:.3f}"
+    for (room, senses, _), by_mapper in _rows(outcomes):
         if room == HOUSES:
-            yield from _missed_goals(senses, score(by_mapper_of_row[DEFAULT]))
-    limits = {"real rooms": ECE_ROOMS, HOUSES: ECE_HOUSES}
-    for name, found in calibrated(outcomes, DEFAULT).items():
-        if name in limits and found.ece is not None and found.ece > limits[name]:
-            yield f"{name}: ECE {found.ece:.3f}, at most {limits[name]:.2f}"
+            for name, goal in zip(("recall", "precision"), GOALS[senses], strict=True):
+                value = by_mapper[DEFAULT][name] or 0.0
+                if value < goal:
+                    yield f"{HOUSES}, {senses} senses: {name} {value:.3f}, at least {goal:.2f}"
+    for name, found in _together(outcomes, DEFAULT):
+        if (found["ECE"] or 0.0) > MOST_ECE.get(name, 1.0):
+            yield f"{name}: ECE {found['ECE']:.3f}, at most {MOST_ECE[name]:.2f}"
 
 
-def _missed_goals(senses: str, found: Score) -> Iterator[str]:
-    values = ("recall", found.recall), ("precision", found.precision)
-    for (name, value), goal in zip(values, GOALS[senses], strict=True):
-        if value is None or value < goal:
-            yield f"{HOUSES}, {senses} senses: {name} {value}, at least {goal:.2f}"
+def report(outcomes: Sequence[Outcome]) -> Iterator[str]:
+    """Markdown: each stretch, the mean of each room and network, and calibration."""
+    columns = ("room", "network", "stretch", "frames", "true", *scores(outcomes[:1]))
+    yield f"| {' | '.join(columns)} |"
+    yield "|" + "---|" * len(columns)
+    for row, by_mapper in _rows(outcomes):
+        ours = [o for o in outcomes if o.row == row and o.mapper == DEFAULT]
+        counts = sum(o.frames for o in ours), sum(o.evaluation.matcher.counted for o in ours)
+        yield _line((*row, *counts), by_mapper)
+    for pair, by_mapper in _means(outcomes):
+        yield _line((*pair, "mean", "", ""), by_mapper)
+    yield ""
+    for mapper in MAPPERS:
+        for name, found in _together(outcomes, mapper):
+            values = ", ".join(f"{key} {_cell(key, found[key])}" for key in ("ECE", "95 % ellipse"))
+            yield f"- {mapper}, {name}: {values}"
+
+
+def _rows(outcomes: Sequence[Outcome]) -> Iterator[tuple[Row, ByMapper]]:
+    """Scores of each room, network and stretch, by mapper."""
+    for row in dict.fromkeys(o.row for o in outcomes):
+        ours = [o for o in outcomes if o.row == row]
+        yield row, {m: scores([o for o in ours if o.mapper == m]) for m in MAPPERS}
+
+
+def _means(outcomes: Sequence[Outcome]) -> Iterator[tuple[tuple[str, str], ByMapper]]:
+    """Means of each real room and network over its stretches, single frames apart."""
+    rows = [row for row in _rows(outcomes) if row[0][0] != HOUSES and row[0][2] != SINGLE]
+    for pair, group in groupby(rows, key=lambda row: row[0][:2]):
+        several = [by_mapper for _, by_mapper in group]
+        yield pair, {m: mean(by_mapper[m] for by_mapper in several) for m in MAPPERS}
+
+
+def _together(outcomes: Sequence[Outcome], mapper: str) -> Iterator[tuple[str, Scores]]:
+    """Scores of all stretches of real rooms together, of single looks at them, of houses."""
+    parts: dict[str, list[Outcome]] = {}
+    for one in outcomes:
+        room, _, stretch = one.row
+        name = HOUSES if room == HOUSES else "single looks" if stretch == SINGLE else REAL
+        if one.mapper == mapper:
+            parts.setdefault(name, []).append(one)
+    yield from ((name, scores(part)) for name, part in parts.items())
+
+
+def _line(head: Sequence[object], by_mapper: ByMapper) -> str:
+    cells = [
+        " / ".join(_cell(name, by_mapper[mapper][name]) for mapper in MAPPERS)
+        for name in by_mapper[DEFAULT]
+    ]
+    return f"| {' | '.join(map(str, (*head, *cells)))} |"
+
+
+def _cell(name: str, value: float | None) -> str:
+    digits = {"AP": 3, "ECE": 3, "ms a frame": 1}.get(name, 2)
+    return "-" if value is None else f"{value:.{digits}f}"
