@@ -21,6 +21,7 @@ from benchmarks.rooms.gate import report, violations
 from benchmarks.rooms.measuring import measured, measured_houses
 from benchmarks.rooms.recordings import networks, room_folders
 from benchmarks.rooms.stretches import STRETCHES
+from planner.cli.arguments import count, whole
 
 HOUSES_DRAWN: Final = 4
 
@@ -63,9 +64,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--rooms", nargs="*", metavar="NAME", help="recordings (default: all)")
     parser.add_argument("--networks", nargs="*", metavar="NAME", help="detectors (default: all)")
     parser.add_argument("--stretches", nargs="*", default=STRETCHES, choices=STRETCHES)
-    parser.add_argument("--seeds", type=int, nargs="*", help="houses (default: 4, drawn anew)")
+    parser.add_argument("--seeds", type=count, nargs="*", help="houses (default: 4, drawn anew)")
     parser.add_argument("--cache", type=Path, metavar="DIR", help="keeps what networks saw")
-    parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--processes", type=whole, default=os.cpu_count() or 1)
     return run(parser, _command, argv)
 
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 import tempfile
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from benchmarks.rooms.outcomes import MAPPERS, Outcome, outcome
 from mapping.evaluation.complete_truth import load_complete_truth
 from mapping.evaluation.truth_matching import TruthMatcher
-from perception.frames import Frame
+from perception.frames import Detections, Frame
 from perception.inference.recorded_detections import RecordedDetector
 from planner.simulation.houses.random_house import random_house
 from planner.simulation.recording.object_truth import VisibilityRecord, object_truth
@@ -27,23 +27,26 @@ GOALS: Final = {"demo": (0.95, 0.95), "hard": (0.86, 0.90)}  # senses -> least r
 def map_house(seed: int) -> list[Outcome]:
     """The house of `seed`, by each mapper with each of the senses that have goals."""
     camera = SimulatedCamera(random_house(seed), seed=seed)
-    frames, outcomes = tuple(SimulatedTour(camera).frames()), list[Outcome]()
-    truth = _truth(camera, frames)
-    for senses in GOALS:
-        detector = SimulatedDetector(camera, SENSES[senses])
-        found = {frame.id: detector.detect(frame) for frame in frames}
-        seen = (RecordedDetector(detector.name, Path(), found, 0.0),)
-        row = HOUSES, senses, "tour"
-        outcomes += [outcome(row, mapper, frames, seen, truth) for mapper in MAPPERS]
-    return outcomes
-
-
-def _truth(camera: SimulatedCamera, frames: tuple[Frame, ...]) -> TruthMatcher:
-    """The truth of a tour, read as that of a recording is."""
-    visible = VisibilityRecord(camera.house, camera.model)
-    for frame in frames:
+    detectors = {senses: SimulatedDetector(camera, SENSES[senses]) for senses in GOALS}
+    found: dict[str, dict[str, Detections]] = {senses: {} for senses in GOALS}
+    visible, frames = VisibilityRecord(camera.house, camera.model), list[Frame]()
+    for frame in SimulatedTour(camera).frames():  # each is rendered once
+        frames.append(frame)
         visible.add(frame.id, camera.view(frame.T_map_cam, frame.stamp))
+        for senses, detector in detectors.items():
+            found[senses][frame.id] = detector.detect(frame)
+    truth = _truth(object_truth(camera.house, visible.frames, []))
+    return [
+        outcome((HOUSES, senses, "tour"), mapper, frames, (recorded,), truth)
+        for senses, detector in detectors.items()
+        for recorded in [RecordedDetector(detector.name, Path(), found[senses], 0.0)]
+        for mapper in MAPPERS
+    ]
+
+
+def _truth(truth: dict[str, Any]) -> TruthMatcher:
+    """A truth, read as that of a recording is."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "truth.json"
-        path.write_text(json.dumps(object_truth(camera.house, visible.frames, [])))
+        path.write_text(json.dumps(truth))
         return TruthMatcher(load_complete_truth(path), np.eye(4))

@@ -49,7 +49,7 @@ def stretches(poses: Floats) -> list[tuple[str, Sequence[int]]]:
 
 
 def longest(poses: Floats, radius: float, angle: float = 360.0) -> range:
-    """The longest run of poses whose camera stays in one spot.
+    """The longest run of poses whose camera stays in one spot, the last of several as long.
 
     Positions lie within `radius` [m] of their mean, viewing directions within `angle` [degrees] of
     each other.
@@ -59,7 +59,7 @@ def longest(poses: Floats, radius: float, angle: float = 360.0) -> range:
         last = first
         while last < len(poses) and _stays(poses[first : last + 1], radius, angle):
             last += 1
-        best = max(best, range(first, last), key=len)
+        best = max(range(first, last), best, key=len)
     return best
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.rooms import houses
 from benchmarks.rooms import outcomes as rooms_outcomes
 from benchmarks.rooms import recordings
 from benchmarks.rooms.__main__ import main
@@ -208,6 +209,25 @@ def test_the_command_fails_where_the_reference_wins(
     monkeypatch.setitem(rooms_outcomes._LEAST_SCORE, DEFAULT, 1.0)  # it sees nothing
     assert gate("--stretches", "whole") == 1
     assert "- gate: small, default: AP 0.000, the reference's is " in capsys.readouterr().out
+
+
+def test_a_house_is_mapped_by_both_mappers_with_each_of_the_senses(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    class Short(SimulatedTour):
+        def frames(self, start: int = 0) -> Iterator[Frame]:
+            return islice(super().frames(start), FRAMES)
+
+    monkeypatch.setattr(houses, "SimulatedTour", Short)
+    found = houses.map_house(2)
+    assert [(o.row, o.mapper) for o in found] == [
+        ((HOUSES, senses, "tour"), mapper)
+        for senses in ("demo", "hard")
+        for mapper in (DEFAULT, REFERENCE)
+    ]
+    assert {o.frames for o in found} == {FRAMES}
+    assert len({o.evaluation.matcher.counted for o in found}) == 1
+    assert scores(found[:1])["AP"] > 0
 
 
 def test_an_unknown_room_is_wrong_usage(
