@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.rooms import houses
+from benchmarks.rooms import houses, recordings
 from benchmarks.rooms import outcomes as rooms_outcomes
-from benchmarks.rooms import recordings
 from benchmarks.rooms.__main__ import main
 from benchmarks.rooms.gate import report, violations
 from benchmarks.rooms.houses import HOUSES
@@ -216,7 +215,7 @@ def test_a_house_is_mapped_by_both_mappers_with_each_of_the_senses(
 ) -> None:
     class Short(SimulatedTour):
         def frames(self, start: int = 0) -> Iterator[Frame]:
-            return islice(super().frames(start), FRAMES)
+            return islice(super().frames(start), 5 * FRAMES)
 
     monkeypatch.setattr(houses, "SimulatedTour", Short)
     found = houses.map_house(2)
@@ -225,9 +224,9 @@ def test_a_house_is_mapped_by_both_mappers_with_each_of_the_senses(
         for senses in ("demo", "hard")
         for mapper in (DEFAULT, REFERENCE)
     ]
-    assert {o.frames for o in found} == {FRAMES}
+    assert {o.frames for o in found} == {5 * FRAMES}
     assert len({o.evaluation.matcher.counted for o in found}) == 1
-    assert scores(found[:1])["AP"] > 0
+    assert (scores(found[:1])["AP"] or 0) > 0.5
 
 
 def test_an_unknown_room_is_wrong_usage(
