@@ -9,6 +9,7 @@ from typing import Any
 from kg.errors import HistoryError
 from kg.maps.semantic_map import SemanticMap
 from kg.records import ObjectRecord
+from mapping.evaluation.average_precision import ExistenceCurve, existence_curve, pooled_curve
 from mapping.evaluation.existence_calibration import calibration
 from mapping.evaluation.existence_scores import (
     THRESHOLDS,
@@ -36,6 +37,8 @@ class MapScores:
     switches: int | None  # identity switches; None: the past is not kept
     calibration: Calibration
     coverage: Coverage
+    average_precision: float | None  # over existence; None where nothing is true
+    best_f1: float | None  # at the best existence
     relations: tuple[RelationScore, ...] = ()  # empty: the truth knows none
 
     def to_json(self) -> dict[str, Any]:
@@ -50,6 +53,7 @@ class MapEvaluation:
     matcher: TruthMatcher
     matchings: tuple[Matching, ...]  # at each of THRESHOLDS
     switches: int | None
+    curve: ExistenceCurve
     relations: RelationOutcomes
 
     @property
@@ -65,6 +69,8 @@ class MapEvaluation:
             switches=self.switches,
             calibration=calibration([everything]),
             coverage=coverage([(everything, self.matcher)]),
+            average_precision=self.curve.average_precision,
+            best_f1=self.curve.best_f1,
             relations=self.relations.scores(),
         )
 
@@ -87,12 +93,14 @@ def evaluate_map(semantic_map: SemanticMap, matcher: TruthMatcher, since: int = 
         if matcher.matches(shown.mapped[pair.mapped], pair.true)
     }
     relations = relation_outcomes(records, matched, matcher)
-    return MapEvaluation(matcher, matchings, switches, relations)
+    curve = existence_curve(objects, matcher)
+    return MapEvaluation(matcher, matchings, switches, curve, relations)
 
 
 def pooled(evaluations: Sequence[MapEvaluation]) -> MapScores:
     """Scores over the objects of several maps together."""
     switches = [e.switches for e in evaluations if e.switches is not None]
+    curve = pooled_curve([e.curve for e in evaluations])
     relations = RelationOutcomes()
     for evaluation in evaluations:
         relations.add(evaluation.relations)
@@ -103,6 +111,8 @@ def pooled(evaluations: Sequence[MapEvaluation]) -> MapScores:
         switches=sum(switches) if len(switches) == len(evaluations) else None,
         calibration=calibration(e.matchings[0] for e in evaluations),
         coverage=coverage((e.matchings[0], e.matcher) for e in evaluations),
+        average_precision=curve.average_precision,
+        best_f1=curve.best_f1,
         relations=relations.scores(),
     )
 

@@ -28,7 +28,10 @@ _FARTHEST: Final = 1.6  # [m] distances beyond are alike: a door is never that w
 
 @dataclass(frozen=True, slots=True)
 class SegmentationSettings:
-    """Settings of the segmentation, fit on simulated houses (`python -m benchmarks.rooms`)."""
+    """Settings of the segmentation, fit on simulated houses.
+
+    `python -m benchmarks.room_segmentation` measures them.
+    """
 
     cell: float = 0.1  # [m] side of a cell of the segmentation
     widest: float = 2.1  # [m] a wider passage is no door

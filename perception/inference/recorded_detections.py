@@ -80,28 +80,40 @@ def load_recorded_detections(path: Path, *, threshold: float = 0.0) -> RecordedD
     return RecordedDetector(str(data.get("name") or path.stem), path, read, threshold)
 
 
-def save_recorded_detections(path: Path, name: str, frames: Mapping[str, Detections]) -> None:
-    """Write `frames` (frame id -> detections) as a file of recorded detections."""
-    lines = [f"{json.dumps(frame)}: {json.dumps(_rows(found))}" for frame, found in frames.items()]
-    body = ",\n".join(lines)
+def save_recorded_detections(
+    path: Path, name: str, frames: Mapping[str, Detections], *, exact: bool = False
+) -> None:
+    """Write `frames` (frame id -> detections) as a file of recorded detections.
+
+    Boxes are rounded to 0.1 px and scores to 0.0001, unless they are to come back `exact`.
+    """
+    rows = {frame: _rows(found, exact) for frame, found in frames.items()}
+    body = ",\n".join(f"{json.dumps(frame)}: {json.dumps(found)}" for frame, found in rows.items())
     try:
         path.write_text(f'{{"name": {json.dumps(name)},\n"frames": {{\n{body}\n}}}}\n', "utf-8")
     except OSError as error:
         raise ModelError(f"cannot write {path}: {error.strerror}") from error
 
 
-def _rows(found: Detections) -> list[list[Any]]:
+def _rows(found: Detections, exact: bool) -> list[list[Any]]:
     rows: list[list[Any]] = []
     for number, (box, score, label) in enumerate(
         zip(found.xyxy, found.score, found.label, strict=True)
     ):
         mask = found.mask[number] if found.mask else None
         # a box that is rounded may have other pixels than its mask
-        sides = [float(c) if mask is not None else round(float(c), 1) for c in box]
-        rows.append([*sides, round(float(score), 4), label])
+        sides = _sides(box, exact=exact or mask is not None)
+        rows.append([*sides, float(score) if exact else round(float(score), 4), label])
         if mask is not None:
             rows[-1].append({"size": list(mask.shape), "runs": _runs(mask)})
     return rows
+
+
+def _sides(box: NDArray[np.floating], *, exact: bool) -> list[float]:
+    """x1, y1, x2, y2 [px] of a box, to 0.1 px where that leaves it a width and a height."""
+    sides = [float(c) for c in box]
+    x1, y1, x2, y2 = rounded = [round(c, 1) for c in sides]
+    return sides if exact or x1 >= x2 or y1 >= y2 else rounded
 
 
 def _runs(mask: NDArray[np.bool_]) -> list[int]:

@@ -60,8 +60,8 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         description="Score the objects of a map, or of a recording mapped into a temporary one: "
         "same class within 0.5 m (large things 1.0 m), one to one. A complete truth (entries with "
         "also, ignore, extent or reach) is scored at several existence thresholds, with "
-        "duplicates, wrong labels, ghosts, identity switches, calibration of existence and "
-        "coverage of position ellipses.",
+        "duplicates, wrong labels, ghosts, average precision, identity switches, calibration of "
+        "existence and coverage of position ellipses.",
         epilog="example: hereabouts evaluate map --recording redkitchen --truth objects_gt.json",
     )
     mapping.add_argument("maps", metavar="MAP", nargs="*", help=MAP_HELP)
@@ -241,10 +241,15 @@ def _print_complete(scored: Sequence[tuple[Run, MapScores]]) -> None:
         for score in scores.thresholds
     ]
     print_table((*names, *_THRESHOLD_COLUMNS), rows)
-    columns = ("identity switches", "ECE", "ellipse 95 %", "ellipsoid 95 %", "frames/s")
+    columns = (
+        *("AP", "best F1", "identity switches", "ECE"),
+        *("ellipse 95 %", "ellipsoid 95 %", "frames/s"),
+    )
     rows = [
         (
             *_cells(run, modes),
+            scores.average_precision,
+            scores.best_f1,
             scores.switches,
             scores.calibration.ece,
             scores.coverage.ellipse,

@@ -46,6 +46,25 @@ def test_what_is_saved_is_loaded_again(tmp_path: Path) -> None:
     assert np.allclose(again.score, found.score)
 
 
+def test_boxes_narrower_than_what_is_written_stay_boxes(tmp_path: Path) -> None:
+    boxes = np.array([[10.01, 5, 10.04, 20], [7.22, 3.51, 60.18, 3.54]], np.float32)
+    found = Detections(boxes, np.array([0.9, 0.6], np.float32), ("cup", "book"))
+    save_recorded_detections(tmp_path / "found.json", "mine", {"a": found})
+    again = load_recorded_detections(tmp_path / "found.json").detect(frame("a"))
+    assert np.array_equal(again.xyxy, boxes)
+
+
+def test_what_is_saved_exactly_is_the_same_again(tmp_path: Path) -> None:
+    rng = np.random.default_rng(4)
+    corners = rng.uniform(0, 60, (20, 2))
+    boxes = np.hstack([corners, corners + rng.uniform(0.01, 9, (20, 2))]).astype(np.float32)
+    scores = np.sort(rng.uniform(0, 1, 20))[::-1].astype(np.float32)
+    found = Detections(boxes, scores, ("cup",) * 20)
+    save_recorded_detections(tmp_path / "found.json", "mine", {"a": found}, exact=True)
+    again = load_recorded_detections(tmp_path / "found.json").detect(frame("a"))
+    assert np.array_equal(again.xyxy, boxes) and np.array_equal(again.score, scores)
+
+
 def test_a_frame_that_is_not_listed_is_an_error(tmp_path: Path) -> None:
     detector = load_recorded_detections(written(tmp_path, []))
     with pytest.raises(ModelError, match="has no frame 'c'; an entry for each frame"):

@@ -30,7 +30,8 @@ def mapped(kitchen_map: Path, tmp_path: Path) -> Path:
 
 def scores_of(run: dict[str, object]) -> dict[str, object]:
     """What does not depend on how the map came to be."""
-    return {key: run[key] for key in ("thresholds", "switches", "calibration", "coverage")}
+    keys = ("thresholds", "switches", "calibration", "coverage", "average_precision", "best_f1")
+    return {key: run[key] for key in keys}
 
 
 def test_truth_by_class_counts_what_the_map_holds(
@@ -62,6 +63,7 @@ def test_a_map_scores_as_its_recording_does(
     assert given["name"] == "mapped" and "mode" not in given
     assert fresh["mode"] == MODES[0] and fresh["frames"] == 8
     assert given["thresholds"][0]["matched"] >= 1
+    assert 0 < given["average_precision"] <= given["best_f1"] < 1
     assert given["switches"] >= 0 and 0 <= given["calibration"]["ece"] <= 1
 
 
@@ -86,6 +88,8 @@ def test_several_maps_are_pooled(mapped: Path, truth: Path, prints: Prints) -> N
         assert together["precision"] == alone["precision"]
     assert both["calibration"]["ece"] == pytest.approx(one["calibration"]["ece"])
     assert both["switches"] == 2 * one["switches"]
+    assert both["average_precision"] == pytest.approx(one["average_precision"])
+    assert both["best_f1"] == pytest.approx(one["best_f1"])
     assert prints(*twice).count(" all ") == 4 + 1
 
 

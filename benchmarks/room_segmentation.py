@@ -1,4 +1,6 @@
-"""How well rooms are found: `python -m benchmarks.rooms [--mapped DIR ...] [--homes DIR]`.
+"""How well rooms are found.
+
+    python -m benchmarks.room_segmentation [--mapped DIR ...] [--homes DIR]
 
 Prints Markdown rows: simulated houses with their true floor; maps of simulated houses (each DIR
 holds what `hereabouts simulate house --seed N -o DIR` wrote, N in its name, and DIR.map its map by
@@ -163,7 +165,7 @@ def _command(arguments: argparse.Namespace) -> int:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Measure, and print the table."""
-    parser = argparse.ArgumentParser(prog="benchmarks.rooms", description=__doc__)
+    parser = argparse.ArgumentParser(prog="benchmarks.room_segmentation", description=__doc__)
     parser.add_argument("--houses", type=int, default=50, help="simulated houses (default: 50)")
     parser.add_argument("--mapped", type=Path, nargs="*", default=(), metavar="DIR")
     parser.add_argument("--homes", type=Path, metavar="DIR")
