@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import os
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -37,7 +37,6 @@ class ModelCard:
     size: int = 0  # [bytes], 0 = not published
     labels: str | None = None  # name of a shipped list of labels
     ap: float | None = None  # [%] of a detector on COCO, as published
-    rates: Mapping[str, float] | None = None  # measured (`mapping.objects.detector_rates`)
     labels_url: str | None = None
     labels_sha256: str | None = None
 
@@ -87,11 +86,6 @@ def find_model(name: str) -> ModelCard:
     raise ModelError(
         f"no network {name!r}{did_you_mean(name, names)}; there are: {', '.join(names)}"
     )
-
-
-def find_rates(name: str) -> Mapping[str, float] | None:
-    """Measured hit and false-alarm rates of the detector `name`; None where none were."""
-    return next((card.rates for card in cards() if card.name == name), None)
 
 
 def default_model(kind: str) -> ModelCard:
