@@ -30,18 +30,18 @@ def measured(
 ) -> list[Outcome]:
     """The stretches `names` of rooms by each mapper; what networks see goes into `cache`."""
     every = [one for looking in networks.values() for one in looking]
-    _each(look, [(folder, every, cache) for folder in folders], processes)
+    each(look, [(folder, every, cache) for folder in folders], processes)
     rooms = [
         (folder, network, looking, names, cache)
         for folder in folders
         for network, looking in networks.items()
     ]
-    return [*chain.from_iterable(_each(map_room, rooms, processes))]
+    return [*chain.from_iterable(each(map_room, rooms, processes))]
 
 
 def measured_houses(seeds: Sequence[int], processes: int) -> list[Outcome]:
     """The houses of `seeds` by each mapper."""
-    return [*chain.from_iterable(_each(map_house, [(seed,) for seed in seeds], processes))]
+    return [*chain.from_iterable(each(map_house, [(seed,) for seed in seeds], processes))]
 
 
 def map_room(
@@ -51,26 +51,26 @@ def map_room(
     seen = looks(folder, looking, cache)
     return [
         outcome((folder.name, network, name), mapper, frames, seen, truth)
-        for name, frames, truth in _parts(folder)
+        for name, frames, truth in parts(folder)
         if name in names
         for mapper in MAPPERS
     ]
 
 
 @lru_cache(maxsize=1)
-def _parts(folder: Path) -> list[tuple[str, list[Frame], TruthMatcher]]:
+def parts(folder: Path) -> list[tuple[str, list[Frame], TruthMatcher]]:
     """Name, frames and truth of all stretches of a recording that have frames."""
     frames, truth = frames_of(folder), load_complete_truth(folder / TRUTH)
     T_map_world = open_recording(folder).T_map_world
-    parts, whole = [], TruthMatcher(truth, T_map_world)
+    found, whole = [], TruthMatcher(truth, T_map_world)
     for name, indices in stretches(np.stack([frame.T_map_cam for frame in frames])):
         if some := [frames[i] for i in indices]:
             part = whole if name in SHOW_ALL else matcher_of(some, truth, T_map_world)
-            parts.append((name, some, part))
-    return parts
+            found.append((name, some, part))
+    return found
 
 
-def _each(
+def each(
     task: Callable[..., T], arguments: Sequence[tuple[object, ...]], processes: int
 ) -> list[T]:
     """What `task` gives for each of `arguments`, in their order; progress goes to stderr."""
