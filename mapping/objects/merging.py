@@ -8,12 +8,11 @@ import numpy as np
 
 from mapping.objects.association import boxes_touch, shared_footprint
 from mapping.objects.settings import ObjectSettings
-from mapping.objects.tracks import Track
+from mapping.objects.tracks import SEEN_TOGETHER, Track
 from mapping.objects.usual_sizes import UNUSUAL, SizeOf, UsualSize
 
 _LARGE = 1.2  # [m] usual size of things that are seen in parts
 _TOLERANCE = 1.15  # of the usual size
-_SEEN_TOGETHER = 2  # frames with a detection of each, which shows that they are two
 
 
 def duplicates(
@@ -54,7 +53,7 @@ def same_thing(a: Track, b: Track, usual: SizeOf, s: ObjectSettings) -> bool:
     """Whether two tracks are one thing."""
     distance = float(np.linalg.norm(a.p_map - b.p_map))
     sizes = min(a.size, s.largest), min(b.size, s.largest)
-    apart = a.together.get(b.number, 0) >= _SEEN_TOGETHER
+    apart = a.together.get(b.number, 0) >= SEEN_TOGETHER
     if a.category != b.category:
         return not apart and distance < 0.3 * min(sizes)
     expected = usual(a.category) or UNUSUAL

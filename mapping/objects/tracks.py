@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import count
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,25 @@ from mapping.objects.usual_sizes import UNUSUAL, SizeOf, size_log_likelihood
 Floats = NDArray[np.float64]
 _VIEWPOINTS = 100  # remembered of each track
 _SAME_LABEL = 0.04  # change of an alternative's probability up to which it is not written again
-_numbers = count()  # of tracks
+
+
+class _Numbers:
+    """Numbers of tracks, each given once."""
+
+    def __init__(self) -> None:
+        self._last = 0
+
+    def next(self) -> int:
+        """The next number, from 1."""
+        self._last += 1
+        return self._last
+
+    def reserve(self, given: Iterable[int]) -> None:
+        """Give none of the numbers that other runs gave."""
+        self._last = max([self._last, *given])
+
+
+numbers: Final = _Numbers()
 
 #: cell of the camera's position and direction; looks from one cell are correlated
 Viewpoint = tuple[int, ...]
@@ -64,7 +82,7 @@ class Track:
     high: Floats = field(default_factory=lambda: np.zeros(3))
     viewpoints: dict[Viewpoint, int] = field(default_factory=dict)  # with the looks from there
     clear_views: set[Viewpoint] = field(default_factory=set)  # through its volume, since seen
-    number: int = field(default_factory=_numbers.__next__, init=False)  # no other track has it
+    number: int = field(default_factory=numbers.next)  # no other track has it
     together: dict[int, int] = field(default_factory=dict)  # frames that also showed track `number`
     first_seen: float = 0.0  # [s]
     last_seen: float = 0.0
@@ -72,7 +90,9 @@ class Track:
     place: str | None = None
     best: Evidence | None = None
     written: ObjectRecord | None = None
+    labels: dict[str, float] = field(default_factory=dict)  # alternatives, as last written
     log_odds: dict[str, float] = field(default_factory=dict)  # by category, as last computed
+    changed: bool = True  # since it was last stored
 
     @property
     def category(self) -> str:
@@ -169,6 +189,7 @@ class Track:
         `size` has the log-likelihood of its size by category, `departed` is the prior probability
         that the thing left since it was last seen.
         """
+        self.changed = True
         self.absent = self.absence.probability(departed) if departed else 0.0
         self.log_odds = {
             category: held.log_odds(self.looks, size.get(category, 0.0))
@@ -179,7 +200,7 @@ class Track:
     @property
     def alternatives(self) -> dict[str, float]:
         """Probability that a thing of each other category is there, as written where still so."""
-        before = {} if self.written is None else self.written.labels
+        before = self.labels
         found = dict[str, float]()
         for category, p in category_probabilities(self.log_odds).items():
             p, old = p * (1 - self.absent), before.get(category, 0.0)
@@ -281,6 +302,7 @@ def track_of(record: ObjectRecord, settings: ObjectSettings, usual_size: SizeOf)
         place=record.place,
         best=record.evidence,
         written=record,
+        labels=dict(record.labels),
     )
     track.low, track.high = record.p_map - extent / 2, record.p_map + extent / 2
     for _ in range(min(record.observations, settings.voices)):
@@ -320,12 +342,16 @@ def _log_odds(record: ObjectRecord) -> dict[str, float]:
     return {c: math.log(min(max(p, 0.005), 0.995) / nothing) for c, p in believed.items()}
 
 
+SEEN_TOGETHER: Final = 2  # frames with a detection of each, which shows that they are two
+
+
 def count_together(tracks: Sequence[Track]) -> None:
     """Count a frame that shows these tracks as different things."""
     for track in tracks:
         for other in tracks:
             if other is not track:
-                track.together[other.number] = track.together.get(other.number, 0) + 1
+                times = track.together.get(other.number, 0)
+                track.together[other.number] = min(times + 1, SEEN_TOGETHER)
 
 
 def same_facts(a: ObjectRecord, b: ObjectRecord) -> bool:
