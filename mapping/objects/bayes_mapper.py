@@ -241,7 +241,6 @@ class BayesObjectMapper:
             unknown = [c for c in track.evidence if self._catalogue.by_iri(c) is None]
             for category in unknown:
                 del track.evidence[category]
-                track.log_odds.pop(category, None)
             if unknown and track.evidence:
                 self._updater.assess(track)
         gone = [track.iri for track in self._tracks if track.iri and not track.evidence]
@@ -428,6 +427,7 @@ class BayesObjectMapper:
             absent = track.absent
             self._updater.assess(track)
             track.absent = absent
+            track.conclude()
             if track.iri is not None:
                 record = held.get(track.iri)
                 if record is None or not same_facts(track.record(), record):

@@ -31,11 +31,14 @@ def duplicates(
     for track in touched:
         if id(track) in gone:
             continue
-        near = np.linalg.norm(positions - track.p_map, axis=1) < farthest
+        distances = np.linalg.norm(positions - track.p_map, axis=1)
+        near = distances < farthest
         near |= boxes_touch(track.low, track.high, lows, highs)
         for index in np.nonzero(near)[0]:
             other = tracks[int(index)]
             if other is track or id(other) in gone or id(track) in gone:
+                continue
+            if other.category != track.category and distances[index] >= 0.3 * settings.largest:
                 continue
             if same_thing(track, other, usual, settings):
                 kept, absorbed = sorted((track, other), key=_seniority)

@@ -91,24 +91,11 @@ class Track:
     best: Evidence | None = None
     written: ObjectRecord | None = None
     labels: dict[str, float] = field(default_factory=dict)  # alternatives, as last written
-    log_odds: dict[str, float] = field(default_factory=dict)  # by category, as last computed
+    log_odds: dict[str, float] = field(default_factory=dict)  # by category, as last assessed
+    category: str = ""  # IRI of the most probable one
+    plausible: frozenset[str] = frozenset()  # categories that a detection of it may have
+    existence: float = 0.0  # probability that a thing of `category` is there
     changed: bool = True  # since it was last stored
-
-    @property
-    def category(self) -> str:
-        """IRI of the most probable category."""
-        return max(self.log_odds, key=lambda c: (self.log_odds[c], c))
-
-    @property
-    def existence(self) -> float:
-        """Probability that a thing of `category` is there."""
-        return category_probabilities(self.log_odds)[self.category] * (1 - self.absent)
-
-    @property
-    def plausible(self) -> frozenset[str]:
-        """Categories that a detection of the same thing may have."""
-        top = max(self.log_odds.values())
-        return frozenset(c for c, odds in self.log_odds.items() if odds > top - 3)
 
     @property
     def position(self) -> Floats:
@@ -195,6 +182,15 @@ class Track:
             category: held.log_odds(self.looks, size.get(category, 0.0))
             for category, held in self.evidence.items()
         }
+        self.conclude()
+
+    def conclude(self) -> None:
+        """Compute category and existence from the log-odds and the absence."""
+        odds = self.log_odds
+        self.category = max(odds, key=lambda c: (odds[c], c))
+        top = odds[self.category]
+        self.plausible = frozenset(c for c, value in odds.items() if value > top - 3)
+        self.existence = category_probabilities(odds)[self.category] * (1 - self.absent)
         self.peak = max(self.peak, self.existence)
 
     @property
