@@ -236,6 +236,11 @@ class Mapper:
         return self._progress.frames_applied if self._progress else 0
 
     @property
+    def looked_from(self) -> dict[str, NDArray[np.float64]]:
+        """Pose (4, 4) of the last frame that each detector, by name, looked at, also before."""
+        return self._objects.looked_from
+
+    @property
     def pose_problems(self) -> tuple[str, ...]:
         """What was found wrong with the poses so far, one line for each kind."""
         return () if self._monitor is None else tuple(self._monitor.problems.values())
@@ -331,6 +336,7 @@ class Mapper:
             changes, update = changed
             try:
                 with self.timer.stage("graph"):
+                    self._objects.save(self._map.sequence + 1)
                     self.changed_triples = self._map.apply(update)
             except ConflictError:
                 self._undo(changes, update)

@@ -26,6 +26,7 @@ from perception.frames import (
     SceneClassifier,
     SceneScores,
 )
+from perception.inference.detector_pair import DetectorPair
 
 OnFrame = Callable[[FrameReport], None]
 OnDetections = Callable[[Frame, Detections, SceneScores | None], None]
@@ -90,6 +91,8 @@ def map_recording(
         pictures=pictures,
     )
     start = 0 if again else min(mapper.frames_applied, len(recording))
+    if start and isinstance(detector, DetectorPair):
+        detector.resume(mapper.looked_from)
     run = _Run(mapper, recording, detector, scene, fit, ahead)
     try:
         with closing(read_ahead(run.detect(start), ahead)) as detected:

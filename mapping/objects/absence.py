@@ -14,6 +14,7 @@ from typing import Final
 
 RECALL: Final = 0.8  # of a thing that fills the image
 HALF: Final = 0.055  # share of the image's side at which recall is half of that
+SURE: Final = 0.5  # greatest rate of detection from a new view, however often it was seen before
 KNOWN: Final = 2.0  # views that the detector's recall counts as, and hits known after a restart
 
 
@@ -40,7 +41,7 @@ class Absence:
     def miss(self, weight: float, recall: float) -> None:
         """Count a view without a detection by a detector with that `recall`, below 1."""
         views = self.hits + self.misses + self.run
-        rate = (self.hits + KNOWN * recall) / (views + KNOWN)
+        rate = min((self.hits + KNOWN * recall) / (views + KNOWN), SURE)
         self.log_ratio -= weight * math.log(1 - rate)
         self.run += weight
 

@@ -26,12 +26,14 @@ from mapping.objects.object_cache import ObjectCache
 from mapping.objects.object_mapper import ObjectChanges
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.sightings import SightingExtractor, ThingSighting
+from mapping.objects.track_store import RunState, TrackStore
 from mapping.objects.track_updater import TrackUpdater
 from mapping.objects.tracks import (
     CELL,
     Track,
     Viewpoint,
     count_together,
+    numbers,
     same_facts,
     track_of,
     viewpoint,
@@ -72,7 +74,10 @@ class BayesObjectMapper:
         )
         self._updater = TrackUpdater(semantic_map, self._settings, recording=recording, model=model)
         self._extractor = SightingExtractor(self.labels, self._updater.usual_size, self._settings)
-        self._tracks: list[Track] = [self._track(r) for r in self._objects.perceived.values()]
+        folder = None if semantic_map.read_only else semantic_map.store.path
+        self._store = None if folder is None else TrackStore(folder)
+        self._run = RunState()
+        self._tracks: list[Track] = self._loaded()
         self._new: set[str | None] = set()  # IRIs that the last frame gave
         self.sightings: list[ThingSighting] = []  # of the last frame, strongest first
         self._identity = IdentityResolver(
@@ -105,11 +110,24 @@ class BayesObjectMapper:
         known = self._associated((sighting,))
         return (known[0][1].iri, known[0][1].existence) if known else (None, 0.0)
 
+    @property
+    def looked_from(self) -> dict[str, NDArray[np.float64]]:
+        """Pose (4, 4) of the last frame that each detector, by name, looked at."""
+        return {name: np.array(pose) for name, pose in self._run.looked_from.items()}
+
+    def save(self, sequence: int) -> None:
+        """Store the tracks beside the map, before its transaction of that number."""
+        if self._store is not None:
+            self._run.frame, self._run.stamp = self._updater.frame, self._updater.stamp
+            self._store.save(self._tracks, self._run, sequence)
+
     def add(self, frame: Frame, detections: Detections) -> ObjectChanges:
         """Process one frame: evidence for what is seen and what is missed, candidates, merges."""
         self.refresh()
         self._updater.begin(frame.stamp)
         view = viewpoint(frame.T_map_cam)
+        for name in detections.detectors:
+            self._run.looked_from[name] = frame.T_map_cam.tolist()
         self.sightings = sightings = self._extractor.sightings(frame, detections)
         known = self._associated(sightings)
         for sighting, track in known:
@@ -124,8 +142,8 @@ class BayesObjectMapper:
             if id(sighting) not in matched and self._may_be_new(sighting)
         ]
         self._tracks += born
-        absorbed = self._merge([*seen, *born])
-        return self._changes([*seen, *born], missed, absorbed)
+        merged = self._merge([*seen, *born])
+        return self._changes([*seen, *born], missed, merged)
 
     def add_sightings(
         self,
@@ -160,10 +178,10 @@ class BayesObjectMapper:
                 self._tracks.append(track)
                 born.append(track)
         seen = list(touched.values())
-        absorbed = self._merge(seen)
+        merged = self._merge(seen)
         for track in born:
             track.assume_extent()
-        return self._changes(seen, [], absorbed)
+        return self._changes(seen, [], merged)
 
     def decay(self, iri: str, times: int = 1, recall: float | None = None) -> ObjectChanges:
         """Count `times` looks that should have shown the object and did not.
@@ -223,7 +241,6 @@ class BayesObjectMapper:
             unknown = [c for c in track.evidence if self._catalogue.by_iri(c) is None]
             for category in unknown:
                 del track.evidence[category]
-                track.log_odds.pop(category, None)
             if unknown and track.evidence:
                 self._updater.assess(track)
         gone = [track.iri for track in self._tracks if track.iri and not track.evidence]
@@ -282,8 +299,8 @@ class BayesObjectMapper:
         self._updater.see(track, sighting, frame, view)
         return track
 
-    def _merge(self, touched: Sequence[Track]) -> tuple[Track, ...]:
-        """Merge tracks that are one thing; returns those that were absorbed.
+    def _merge(self, touched: Sequence[Track]) -> list[tuple[Track, Track]]:
+        """Merge tracks that are one thing; returns pairs of those kept and absorbed.
 
         An object of which people assert anything stays itself.
         """
@@ -294,22 +311,26 @@ class BayesObjectMapper:
             )
             if not self._objects.has_assertions(absorbed.iri)
         ]
-        if not found:
-            return ()
         for kept, absorbed in found:
             kept.merge(absorbed)
             self._updater.assess(kept)
         gone = {id(absorbed) for _, absorbed in found}
-        self._tracks = [track for track in self._tracks if id(track) not in gone]
-        return tuple(absorbed for _, absorbed in found)
+        if gone:
+            self._tracks = [track for track in self._tracks if id(track) not in gone]
+        return found
 
     # changes of the map
 
     def _changes(
-        self, seen: Sequence[Track], missed: Sequence[Track], absorbed: Sequence[Track]
+        self,
+        seen: Sequence[Track],
+        missed: Sequence[Track],
+        merged: Sequence[tuple[Track, Track]],
     ) -> ObjectChanges:
+        absorbed = [track for _, track in merged]
         gone = {id(track) for track in absorbed}
-        touched = [track for track in (*seen, *missed) if id(track) not in gone]
+        every = {id(track): track for track in (*seen, *missed, *(kept for kept, _ in merged))}
+        touched = [track for key, track in every.items() if key not in gone]
         new = self._confirmed(touched)
         lost = [track for track in touched if track.iri is not None and self._improbable(track)]
         removed = {track.iri for track in (*lost, *absorbed) if track.iri is not None}
@@ -372,7 +393,7 @@ class BayesObjectMapper:
         if self._places is not None:
             track.place = self._places.at(self._objects.believed(record).p_map)
             record = replace(record, place=track.place)
-        track.written = record
+        track.written, track.labels = record, dict(record.labels)
         return record
 
     def _moved(self, written: Mapping[str, ObjectRecord]) -> dict[str, ObjectRecord]:
@@ -391,6 +412,30 @@ class BayesObjectMapper:
         return moved
 
     # helpers
+
+    def _loaded(self) -> list[Track]:
+        """The tracks that are stored beside the map, and those of all other objects."""
+        stored = list[Track]()
+        if self._store is not None:
+            stored, self._run = self._store.load(self._map.sequence, self._settings)
+            numbers.reserve(track.number for track in stored)
+            self._updater.frame, self._updater.stamp = self._run.frame, self._run.stamp
+        tracks, held = list[Track](), dict(self._objects.perceived)
+        for track in stored:
+            if any(self._catalogue.by_iri(category) is None for category in track.evidence):
+                continue
+            absent = track.absent
+            self._updater.assess(track)
+            track.absent = absent
+            track.conclude()
+            if track.iri is not None:
+                record = held.get(track.iri)
+                if record is None or not same_facts(track.record(), record):
+                    continue
+                track.written = held.pop(track.iri)
+            track.changed = False
+            tracks.append(track)
+        return tracks + [self._track(record) for record in held.values()]
 
     def _track(self, record: ObjectRecord) -> Track:
         return track_of(record, self._settings, self._updater.usual_size)

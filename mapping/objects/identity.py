@@ -68,7 +68,7 @@ class IdentityResolver:
         changes the IRIs that are `removed`. `now` is the frame's stamp [s].
         """
         self.departures.add([t for t in lost if not self._fixed(t) and not self._denied(t)])
-        also = self._returned(new)
+        also = self._returned(new, tracks)
         old = list[Track]()
         gone = {id(track) for track in lost}
         least = self._settings.left
@@ -93,15 +93,15 @@ class IdentityResolver:
             also.append(move.track)
         return also, old
 
-    def _returned(self, new: Sequence[Track]) -> list[Track]:
+    def _returned(self, new: Sequence[Track], tracks: Sequence[Track]) -> list[Track]:
         """Undo moves of things that stand in their old spot after all; the tracks they were given.
 
         What was taken for the object is one of its own again.
         """
-        others = list[Track]()
+        others, present = list[Track](), {id(track) for track in tracks}
         for track in new:
             move = self.departures.back(track)
-            if move is None or self._fixed(move.track):
+            if move is None or id(move.track) not in present or self._fixed(move.track):
                 continue
             other = move.track
             track.becomes(other)

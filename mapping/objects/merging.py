@@ -8,12 +8,11 @@ import numpy as np
 
 from mapping.objects.association import boxes_touch, shared_footprint
 from mapping.objects.settings import ObjectSettings
-from mapping.objects.tracks import Track
+from mapping.objects.tracks import SEEN_TOGETHER, Track
 from mapping.objects.usual_sizes import UNUSUAL, SizeOf, UsualSize
 
 _LARGE = 1.2  # [m] usual size of things that are seen in parts
 _TOLERANCE = 1.15  # of the usual size
-_SEEN_TOGETHER = 2  # frames with a detection of each, which shows that they are two
 
 
 def duplicates(
@@ -32,11 +31,14 @@ def duplicates(
     for track in touched:
         if id(track) in gone:
             continue
-        near = np.linalg.norm(positions - track.p_map, axis=1) < farthest
+        distances = np.linalg.norm(positions - track.p_map, axis=1)
+        near = distances < farthest
         near |= boxes_touch(track.low, track.high, lows, highs)
         for index in np.nonzero(near)[0]:
             other = tracks[int(index)]
             if other is track or id(other) in gone or id(track) in gone:
+                continue
+            if other.category != track.category and distances[index] >= 0.3 * settings.largest:
                 continue
             if same_thing(track, other, usual, settings):
                 kept, absorbed = sorted((track, other), key=_seniority)
@@ -54,7 +56,7 @@ def same_thing(a: Track, b: Track, usual: SizeOf, s: ObjectSettings) -> bool:
     """Whether two tracks are one thing."""
     distance = float(np.linalg.norm(a.p_map - b.p_map))
     sizes = min(a.size, s.largest), min(b.size, s.largest)
-    apart = a.together.get(b.number, 0) >= _SEEN_TOGETHER
+    apart = a.together.get(b.number, 0) >= SEEN_TOGETHER
     if a.category != b.category:
         return not apart and distance < 0.3 * min(sizes)
     expected = usual(a.category) or UNUSUAL

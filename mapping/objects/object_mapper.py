@@ -148,6 +148,14 @@ class ObjectMapper:
         self._objects.update({record.iri: record for record in updated})
         return ObjectChanges(updated, removed, missed=1)
 
+    def save(self, sequence: int) -> None:
+        """Nothing to do: the map holds all that this mapper knows."""
+
+    @property
+    def looked_from(self) -> dict[str, NDArray[np.float64]]:
+        """Nothing is known of where each detector looked from."""
+        return {}
+
     def undo(self, changes: ObjectChanges) -> None:
         """Discard changes that could not be written; their objects are read again."""
         self._objects.invalidate((*(record.iri for record in changes.updated), *changes.removed))

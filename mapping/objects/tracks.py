@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import count
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,25 @@ from mapping.objects.usual_sizes import UNUSUAL, SizeOf, size_log_likelihood
 Floats = NDArray[np.float64]
 _VIEWPOINTS = 100  # remembered of each track
 _SAME_LABEL = 0.04  # change of an alternative's probability up to which it is not written again
-_numbers = count()  # of tracks
+
+
+class _Numbers:
+    """Numbers of tracks, each given once."""
+
+    def __init__(self) -> None:
+        self._last = 0
+
+    def next(self) -> int:
+        """The next number, from 1."""
+        self._last += 1
+        return self._last
+
+    def reserve(self, given: Iterable[int]) -> None:
+        """Give none of the numbers that other runs gave."""
+        self._last = max([self._last, *given])
+
+
+numbers: Final = _Numbers()
 
 #: cell of the camera's position and direction; looks from one cell are correlated
 Viewpoint = tuple[int, ...]
@@ -64,7 +82,7 @@ class Track:
     high: Floats = field(default_factory=lambda: np.zeros(3))
     viewpoints: dict[Viewpoint, int] = field(default_factory=dict)  # with the looks from there
     clear_views: set[Viewpoint] = field(default_factory=set)  # through its volume, since seen
-    number: int = field(default_factory=_numbers.__next__, init=False)  # no other track has it
+    number: int = field(default_factory=numbers.next)  # no other track has it
     together: dict[int, int] = field(default_factory=dict)  # frames that also showed track `number`
     first_seen: float = 0.0  # [s]
     last_seen: float = 0.0
@@ -72,23 +90,12 @@ class Track:
     place: str | None = None
     best: Evidence | None = None
     written: ObjectRecord | None = None
-    log_odds: dict[str, float] = field(default_factory=dict)  # by category, as last computed
-
-    @property
-    def category(self) -> str:
-        """IRI of the most probable category."""
-        return max(self.log_odds, key=lambda c: (self.log_odds[c], c))
-
-    @property
-    def existence(self) -> float:
-        """Probability that a thing of `category` is there."""
-        return category_probabilities(self.log_odds)[self.category] * (1 - self.absent)
-
-    @property
-    def plausible(self) -> frozenset[str]:
-        """Categories that a detection of the same thing may have."""
-        top = max(self.log_odds.values())
-        return frozenset(c for c, odds in self.log_odds.items() if odds > top - 3)
+    labels: dict[str, float] = field(default_factory=dict)  # alternatives, as last written
+    log_odds: dict[str, float] = field(default_factory=dict)  # by category, as last assessed
+    category: str = ""  # IRI of the most probable one
+    plausible: frozenset[str] = frozenset()  # categories that a detection of it may have
+    existence: float = 0.0  # probability that a thing of `category` is there
+    changed: bool = True  # since it was last stored
 
     @property
     def position(self) -> Floats:
@@ -169,17 +176,27 @@ class Track:
         `size` has the log-likelihood of its size by category, `departed` is the prior probability
         that the thing left since it was last seen.
         """
+        self.changed = True
         self.absent = self.absence.probability(departed) if departed else 0.0
         self.log_odds = {
             category: held.log_odds(self.looks, size.get(category, 0.0))
             for category, held in self.evidence.items()
         }
+        self.conclude()
+
+    def conclude(self) -> None:
+        """Compute category and existence from the log-odds and the absence."""
+        odds = self.log_odds
+        self.category = max(odds, key=lambda c: (odds[c], c))
+        top = odds[self.category]
+        self.plausible = frozenset(c for c, value in odds.items() if value > top - 3)
+        self.existence = category_probabilities(odds)[self.category] * (1 - self.absent)
         self.peak = max(self.peak, self.existence)
 
     @property
     def alternatives(self) -> dict[str, float]:
         """Probability that a thing of each other category is there, as written where still so."""
-        before = {} if self.written is None else self.written.labels
+        before = self.labels
         found = dict[str, float]()
         for category, p in category_probabilities(self.log_odds).items():
             p, old = p * (1 - self.absent), before.get(category, 0.0)
@@ -281,6 +298,7 @@ def track_of(record: ObjectRecord, settings: ObjectSettings, usual_size: SizeOf)
         place=record.place,
         best=record.evidence,
         written=record,
+        labels=dict(record.labels),
     )
     track.low, track.high = record.p_map - extent / 2, record.p_map + extent / 2
     for _ in range(min(record.observations, settings.voices)):
@@ -320,12 +338,16 @@ def _log_odds(record: ObjectRecord) -> dict[str, float]:
     return {c: math.log(min(max(p, 0.005), 0.995) / nothing) for c, p in believed.items()}
 
 
+SEEN_TOGETHER: Final = 2  # frames with a detection of each, which shows that they are two
+
+
 def count_together(tracks: Sequence[Track]) -> None:
     """Count a frame that shows these tracks as different things."""
     for track in tracks:
         for other in tracks:
             if other is not track:
-                track.together[other.number] = track.together.get(other.number, 0) + 1
+                times = track.together.get(other.number, 0)
+                track.together[other.number] = min(times + 1, SEEN_TOGETHER)
 
 
 def same_facts(a: ObjectRecord, b: ObjectRecord) -> bool:

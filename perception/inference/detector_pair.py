@@ -7,6 +7,7 @@ Detections keep the name of their network; who maps them weighs each by its own 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
@@ -35,6 +36,10 @@ class DetectorPair:
     def device(self) -> str:
         """What the first runs on: "cpu", "cuda", ...; "" where it is no network."""
         return str(getattr(self._first, "device", ""))
+
+    def resume(self, looked_from: Mapping[str, NDArray[np.float64]]) -> None:
+        """Go on after an earlier run, by the pose (4, 4) that each network last looked from."""
+        self._looked_from = looked_from.get(self._second.name)
 
     def detect(self, frame: Frame) -> Detections:
         """Detections of the first network, and of the second where the point of view is new."""
