@@ -1,7 +1,7 @@
 """Detector pair: two networks that are weak alone and err in different ways, as one detector.
 
 The first looks at every frame, the second, which is slower, at those from a new point of view.
-Detections keep the name of their network; who maps them weighs each by its own rates.
+Detections keep the name of their network.
 """
 
 from __future__ import annotations

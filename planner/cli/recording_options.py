@@ -182,7 +182,7 @@ def _add_network_options(networks: argparse._ArgumentGroup) -> None:
     networks.add_argument(
         "--second-detector",
         metavar="NAME|FILE",
-        help="another detector, which looks at new points of view and votes by its own rates",
+        help="another detector, which looks at new points of view",
     )
     networks.add_argument(
         "--threshold",

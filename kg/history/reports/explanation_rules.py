@@ -45,8 +45,8 @@ RULES: Final[dict[str, str]] = {
     v.CONFIDENCE: "in reference mode raised with the score of each sighting, up to nu (eq. 3.1), "
     "and lowered by xi for each frame that should have shown it and did not (eq. 3.2 to 3.4); else "
     "nu times the existence",
-    v.EXISTENCE: "the probability of its category by all views that showed it or should have, from "
-    "the detectors' measured rates; in reference mode confidence divided by nu",
+    v.EXISTENCE: "the probability of its category by all views that showed it or should have, and "
+    "by its size; in reference mode confidence divided by nu",
     v.HAS_LABEL_BELIEF: _LABELS,
     v.LABEL_PROBABILITY: _LABELS,
     v.OBSERVATION_COUNT: "one more for each frame with a detection that was associated with it",
