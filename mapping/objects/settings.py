@@ -42,8 +42,8 @@ class ObjectSettings:
     voices: int = 25  # latest sightings that an extent is made of
     outliers: float = 0.1  # share of their sides that lie outside
     centred: float = 0.3  # [m] longer things stand at the centre of their extent
-    position_noise: float = 0.025  # [m] standard deviation of a position, and ...
-    size_noise: float = 0.15  # ... by the object's size
+    position_noise: float = 0.05  # [m] standard deviation of a position, and ...
+    size_noise: float = 0.2  # ... by the object's size
     most_weight: float = 20.0  # of earlier sightings in a position
 
     # merging

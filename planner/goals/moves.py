@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -12,7 +13,8 @@ from kg.history.timestamps import Instant
 from kg.maps.semantic_map import SemanticMap
 from planner.goals.status import PRESENT
 
-FAR: Final = 0.3  # [m] from which on a thing counts as moved
+FAR: Final = 0.3  # [m] from which on a thing counts as moved, and ...
+SURE: Final = 2.0  # ... how many standard deviations of both positions it must be
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,6 +26,7 @@ class MovedThing:
     place: str | None  # IRI of the place it is in now
     was: NDArray[np.float64]  # (3,) [m]
     now: NDArray[np.float64]  # (3,) [m]
+    deviation: float = 0.0  # [m] standard deviation of each coordinate of their difference
 
     @property
     def metres(self) -> float:
@@ -36,6 +39,8 @@ def moved_things(
 ) -> tuple[MovedThing, ...]:
     """Objects that stand at least `far` [m] from where they stood at `since`, the farthest first.
 
+    A move is larger than the uncertainty of both positions, so that a bed that was seen from
+    another side has not moved.
     `until` is now unless given. What came, or left and was not found elsewhere, is not among
     them. Raises HistoryError for a past that is not kept.
     """
@@ -47,8 +52,10 @@ def moved_things(
             one.place,
             before[one.iri].p_map,
             one.p_map,
+            math.hypot(before[one.iri].deviation or 0.0, one.deviation or 0.0),
         )
         for one in semantic_map.objects(at=until)
         if one.iri in before and min(one.existence, before[one.iri].existence) >= PRESENT
     ]
-    return tuple(sorted((m for m in moved if m.metres >= far), key=lambda m: (-m.metres, m.iri)))
+    found = [m for m in moved if m.metres >= max(far, SURE * m.deviation)]
+    return tuple(sorted(found, key=lambda m: (-m.metres, m.iri)))
