@@ -75,7 +75,9 @@ class DetectionReporter:
         )
 
     def keep(self) -> None:
-        """Write the report into the map's folder, where the last time is some time ago."""
+        """Settle what the last frame added; now and then write the report."""
+        if isinstance(self._objects, BayesObjectMapper):
+            self._objects.fates.settle()
         if self._folder is not None and time.monotonic() - self._written > PAUSE:
             self.finish()
 
@@ -111,7 +113,7 @@ class DetectionReporter:
         return [
             self._object(record, held.get(record.iri), fates)
             for record in self._objects.objects()
-            if record.existence < BELIEVED
+            if round(record.existence, 2) < BELIEVED  # as the map has it
         ]
 
     def _object(

@@ -64,7 +64,7 @@ class ThingFates:
 class DetectionFates:
     """Counter of detection fates; `name` gives the category of a label or of an IRI in words.
 
-    What a frame adds can be taken back until the next begins.
+    What a frame adds can be taken back until it is settled.
     """
 
     def __init__(self, name: Callable[[str], str] = str) -> None:
@@ -79,11 +79,13 @@ class DetectionFates:
         self._unnamed: Counter[tuple[Fate, str]] = Counter()  # of the frames before
         self._seen: list[tuple[Track, frozenset[str], float | None]] = []
         self._merges: list[tuple[Track, Track]] = []
+        self._open = False  # whether a frame has begun and is not settled
 
     def begin(self, held: Sequence[Track]) -> None:
         """Begin a frame; `held` are the tracks that the mapper has."""
         self.settle()
         self.frames += 1
+        self._open = True
         if self.frames % _SWEEP == 0:
             self.sweep(held)
 
@@ -113,7 +115,9 @@ class DetectionFates:
         self._merges.append((kept, absorbed))
 
     def undo(self) -> None:
-        """Take back this frame's detections; merged tracks stay merged."""
+        """Take back a frame that is not settled; merged tracks stay merged."""
+        self.frames -= self._open
+        self._open = False
         self._unused.clear()
         self._seen.clear()
 
@@ -127,7 +131,7 @@ class DetectionFates:
             if (thing := self.things.pop(absorbed.number, None)) is not None:
                 self._thing(kept).merge(thing)
                 self.merged.update(thing.counts.keys())
-        self._unused, self._seen, self._merges = [], [], []
+        self._unused, self._seen, self._merges, self._open = [], [], [], False
 
     def sweep(self, held: Sequence[Track]) -> None:
         """Settle what became of things that the mapper no longer has, and name the rest."""
