@@ -5,13 +5,16 @@ from __future__ import annotations
 from kg.errors import GraphError, UnknownCategoryError
 from kg.maps.semantic_map import SemanticMap
 from mapping.detection_files import NAME, read_report
-from mapping.detection_report import CategoryFates, DetectionReport, DoubtedThing
+from mapping.detection_report import CategoryFates, DetectionReport, DoubtedThing, Fate
 from planner.cli.console import heading, note, print_table, write, write_json
 from planner.cli.doubted_things import (
     ROWS,
+    advice,
     category_lines,
+    counted,
     fate_table,
     legend,
+    short,
     shown_fates,
     things_table,
 )
@@ -34,6 +37,25 @@ def explain_detections(semantic_map: SemanticMap, category: str, *, json: bool) 
     else:
         _print_all(report)
     return 0
+
+
+def detections_in_vain(semantic_map: SemanticMap, label: str, address: str) -> str:
+    """A sentence on detections of a category of which the map has no object; "" without any."""
+    try:
+        report = None if semantic_map.store.path is None else read_report(semantic_map.store.path)
+    except GraphError:
+        return ""
+    of = None if report is None else report.categories.get(label)
+    if of is None or not of.detections:
+        return ""
+    weak = of.fates.get(Fate.WEAK, 0)
+    told = f"; {weak} of them {'was' if weak == 1 else 'were'} too weak" if weak else ""
+    if weak == of.detections:
+        told = "; all of them were too weak" if weak > 1 else "; it was too weak"
+    return (
+        f"{counted(of.detections, 'detection')} made no {label} of the map{told} "
+        f"(hereabouts why {address} --candidates {label})"
+    )
 
 
 def _report(semantic_map: SemanticMap) -> DetectionReport:
@@ -84,9 +106,20 @@ def _print_category(semantic_map: SemanticMap, report: DetectionReport) -> None:
             "too weakly to count; another detector may (hereabouts models list)"
         )
     else:
-        existences = {record.iri: record.existence for record in semantic_map.objects()}
-        write(printable("\n".join(category_lines(report, name, of, existences))))
+        write(printable("\n".join(category_lines(report, name, of, _objects(semantic_map)))))
     _print_things(report.things, len(report.things))
+    if advice(of):
+        note(advice(of))
+
+
+def _objects(semantic_map: SemanticMap) -> dict[str, str]:
+    """The map's objects in words, by IRI."""
+    name = semantic_map.catalogue.label
+    return {
+        one.iri: f"{name(one.category)} {one.iri.rpartition('/')[2]} "
+        f"({short(one.iri)}, existence {one.existence:.2f})"
+        for one in semantic_map.objects()
+    }
 
 
 def _print_all(report: DetectionReport) -> None:

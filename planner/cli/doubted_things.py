@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Final
 
-from mapping.detection_report import BELIEVED, Fate
+from mapping.detection_report import Fate
 
 if TYPE_CHECKING:
     from mapping.detection_report import CategoryFates, DetectionReport, DoubtedThing
@@ -13,21 +13,34 @@ if TYPE_CHECKING:
 _NAMED: Final = 6  # things in one line
 ROWS: Final = 20  # things of all categories in a table
 _CATEGORIES: Final = 30  # in a table
+_OBJECTS: Final = 8  # of one category
 
 #: the fates in order, each as a sentence's end
 _WORDS: Final[Mapping[Fate, str]] = {
     Fate.OBJECT: "joined objects of the map",
-    Fate.CANDIDATE: "belong to candidates, which are too improbable for the map",
-    Fate.FORGOTTEN: "belonged to candidates that were dropped, as they were not seen again",
-    Fate.LEFT: "belonged to objects that are no longer in the map",
+    Fate.CANDIDATE: "made candidates, which are still too improbable for the map",
+    Fate.FORGOTTEN: "made candidates that were dropped, too improbable or not seen again",
+    Fate.LEFT: "joined objects that are no longer in the map",
     Fate.WEAK: "had a score below {least:g}, which is too weak",
     Fate.UNKNOWN: "had a label that no category has",
     Fate.IGNORED: "had a label that the labels map says to ignore",
     Fate.NO_DEPTH: "had no usable depth",
-    Fate.NEAR: "were too near (below {nearest:g} m)",
-    Fate.FAR: "were too far (beyond {farthest:g} m)",
-    Fate.CUT: "were cut by the image's border, beside a thing of their category",
+    Fate.NEAR: "lay too near (below {nearest:g} m)",
+    Fate.FAR: "lay too far away (beyond {farthest:g} m)",
+    Fate.CUT: "lay at the image's border, beside a thing of that category",
     Fate.DOUBLE: "showed a thing that another box of the same frame shows",
+}
+
+#: what may help where most detections have this fate
+_ADVICE: Final[Mapping[Fate, str]] = {
+    Fate.WEAK: "a lower --threshold counts weak detections, and more mistakes with them; another "
+    "--detector may be surer (hereabouts models list)",
+    Fate.UNKNOWN: "--labels-map says what a label means",
+    Fate.NO_DEPTH: "--pictures DIR saves frames with their boxes; depth that does not fit the "
+    "colour images, or its scale, may be the reason",
+    Fate.NEAR: "depth in other units than the recording says would look like this",
+    Fate.FAR: "depth in other units than the recording says would look like this",
+    Fate.FORGOTTEN: "poses that jump spread one thing over several places (hereabouts info)",
 }
 
 
@@ -36,18 +49,13 @@ def listed_things(things: Sequence[DoubtedThing]) -> str:
     best = {one.category: one for one in reversed(things)}
     ranked = [best[category] for category in dict.fromkeys(one.category for one in things)]
     named = [
-        f"{one.category} {shown(one.existence)}" + " (from one side only)" * one.one_side
+        f"{one.category} {one.existence:.2f}" + " (from one side only)" * one.one_side
         for one in ranked
     ]
     kinds = len(named) - _NAMED
     more = f" and {kinds} more kind{'s' * (kinds > 1)}" if kinds > 0 else ""
     first = "the best of each kind: " if len(named) < len(things) else ""
     return first + ", ".join(named[:_NAMED]) + more
-
-
-def shown(existence: float) -> str:
-    """Two digits of an existence below 0.5, which never read as 0.5."""
-    return f"{min(existence, 0.49):.2f}"
 
 
 def legend(report: DetectionReport, fates: Iterable[Fate]) -> list[str]:
@@ -71,32 +79,34 @@ def shown_fates(report: DetectionReport) -> list[Fate]:
 
 
 def category_lines(
-    report: DetectionReport, name: str, of: CategoryFates, existences: Mapping[str, float]
+    report: DetectionReport, name: str, of: CategoryFates, objects: Mapping[str, str]
 ) -> list[str]:
-    """What became of the detections of one category; `existences` are those of objects now."""
-    count = f"{of.detections} detection{'s' * (of.detections != 1)}"
-    lines = [f"{name}: {count} in {report.frames} frames"]
+    """What became of the detections of one category; `objects` are those of the map, in words."""
+    lines = [f"{name}: {counted(of.detections, 'detection')} in {report.frames} frames"]
     for fate in _WORDS:
         if of.fates.get(fate):
-            lines.append(f"  {of.fates[fate]} {_words(report, fate)}")
-        if fate is Fate.OBJECT and of.objects:
-            lines.append(f"    {_joined(of, existences)}")
+            told = ":" * (fate is Fate.OBJECT and bool(of.objects))
+            lines.append(f"  {of.fates[fate]} {_words(report, fate)}{told}")
+        if fate is Fate.OBJECT:
+            lines += [
+                f"    {count} joined {objects.get(iri, f'{short(iri)}, which is gone')}"
+                for iri, count in list(of.objects.items())[:_OBJECTS]
+            ]
     if of.merged:
-        found = "thing was" if of.merged == 1 else "things were"
-        lines.append(
-            f"  {of.merged} {found} merged into another one that turned out to be the same"
-        )
+        lines.append(f"  {counted(of.merged, 'thing')} turned out to be the same as another one")
     return lines
 
 
-def _joined(of: CategoryFates, existences: Mapping[str, float]) -> str:
-    """The objects that detections joined, with how many and their existence."""
-    told = []
-    for iri, count in of.objects.items():
-        existence = existences.get(iri)
-        now = "no longer there" if existence is None else f"existence {existence:.2f}"
-        told.append(f"{short(iri)} {count} times ({now})" if count > 1 else f"{short(iri)} ({now})")
-    return ", ".join(told)
+def advice(of: CategoryFates) -> str:
+    """A sentence on what may help, where most detections came to nothing; "" elsewhere."""
+    lost = {fate: count for fate, count in of.fates.items() if fate in _ADVICE}
+    most = max(lost, key=lambda fate: lost[fate], default=None)
+    return _ADVICE[most] if most is not None and 2 * lost[most] > of.detections else ""
+
+
+def counted(count: int, noun: str) -> str:
+    """``1 detection``, ``2 detections``."""
+    return f"{count} {noun}{'s' * (count != 1)}"
 
 
 def short(iri: str) -> str:
@@ -113,7 +123,7 @@ def things_table(
         (
             one.category,
             short(one.iri) if one.iri else "forgotten" if one.forgotten else "candidate",
-            shown(one.existence) if one.existence < BELIEVED else f"{one.existence:.2f}",
+            one.existence,
             one.seen,
             "one side" if one.one_side else "",
             one.score if one.frame else None,
