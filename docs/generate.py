@@ -34,6 +34,9 @@ PUBLIC: Final = {
     ),
     "Mapping": (
         "mapping.mapper:Mapper",
+        "mapping.detection_report:DetectionReport",
+        "mapping.detection_report:CategoryFates",
+        "mapping.detection_report:DoubtedThing",
         "mapping.recording_mapper:map_recording",
         "mapping.sighting:Sighting",
         "mapping.places.layout:*",

@@ -50,6 +50,16 @@ class LabelResolver:
             self.unknown_labels[label] += 1
         return iri
 
+    def ignores(self, label: str) -> bool:
+        """Whether the table says to ignore `label`."""
+        return self._table.ignores(label)
+
+    def name(self, label_or_iri: str) -> str:
+        """Label of the category that has this label or IRI; the text itself where none has."""
+        category = self._catalogue.by_iri(label_or_iri)
+        category = category or self._catalogue.by_iri(self._known(label_or_iri) or "")
+        return label_or_iri if category is None else category.label
+
     def _known(self, label: str) -> str | None:
         if self._catalogue is not self._map.catalogue:  # somebody changed the ontology
             self._catalogue = self._map.catalogue

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from kg.errors import ConflictError
 from kg.maps.semantic_map import SemanticMap
 from kg.records import FloorTile, MapUpdate, ObjectRecord, PlaceRecord, RecordingRecord, RobotRecord
+from mapping.detection_report import DetectionReport
+from mapping.detection_reporter import DetectionReporter
 from mapping.frame_checks import FrameChecks, check_detections
 from mapping.label_resolver import LabelResolver
 from mapping.label_table import LabelTable
@@ -139,6 +141,7 @@ class Mapper:
         self._checks = FrameChecks(check_poses=check_poses)
         self._monitor = PoseMonitor(recording) if check_poses else None
         self._pictures = PictureKeeper(semantic_map, recording) if pictures else None
+        self._reporter = DetectionReporter(semantic_map, self._objects, objects)
         self._observed: Frame | None = None  # the frame that the places have taken in
         self._viewed: tuple[Frame, str | None] | None = None
 
@@ -179,6 +182,7 @@ class Mapper:
         self._next += 1
         if self._pictures is not None:
             self._pictures.keep(update, frame, detections)
+        self._reporter.keep()
         return update
 
     def add_sightings(
@@ -199,7 +203,9 @@ class Mapper:
             update = MapUpdate(changes.updated, changes.removed, robot=robot)
             return changes, replace(update, departed=changes.departed)
 
-        return self._apply(change)
+        applied = self._apply(change)
+        self._reporter.keep()
+        return applied
 
     def viewed_place(self, frame: Frame) -> str | None:
         """IRI of the place whose category belief the scene scores of `frame` would update.
@@ -214,13 +220,14 @@ class Mapper:
         return self._viewed[1]
 
     def flush(self) -> None:
-        """Write what is left of the occupancy map, and the rooms of all of it."""
+        """Write what is left of the occupancy map, the rooms of all of it, and the detections."""
         if self._occupancy is not None:
             self._apply(self._rest_of_occupancy)
         if self._rooms is not None:
             self._apply(self._rest_of_rooms)
         if self._pictures is not None:
             self._pictures.finish()
+        self._reporter.finish()
 
     def objects(self) -> tuple[ObjectRecord, ...]:
         """All objects of the map, with assertions applied."""
@@ -229,6 +236,13 @@ class Mapper:
     def places(self) -> tuple[PlaceRecord, ...]:
         """All places of the map, as perception believes them."""
         return self._places.places()
+
+    def detection_report(self) -> DetectionReport:
+        """What became of all detections, and which things were seen but are not believed.
+
+        A map with a folder keeps it there (`detections.json`) and counts on from earlier runs.
+        """
+        return self._reporter.report()
 
     @property
     def frames_applied(self) -> int:

@@ -8,7 +8,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Final
 
+from mapping.detection_report import DoubtedThing, thing_json
+
 STAGES: Final = ("read", "detect", "scene", "map", "floor", "graph")
+_MOST_DOUBTED: Final = 20  # things that are seen but not believed, in JSON
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +46,8 @@ class MappingReport:
     provisional: tuple[str, ...] = ()  # labels of provisional categories that it met
     problems: tuple[str, ...] = ()  # what depth says is wrong with the poses
     fit: str = ""  # how it fits the recordings that the map held before
+    doubted: int = 0  # things that were seen but exist with less than 0.5
+    most_probable: tuple[DoubtedThing, ...] = ()  # of these, in order
 
     @property
     def frames_per_second(self) -> float:
@@ -71,6 +76,10 @@ class MappingReport:
             "provisional": list(self.provisional),
             "problems": list(self.problems),
             "fit": self.fit,
+            "doubted": self.doubted,
+            "most_probable_doubted": [
+                thing_json(thing) for thing in self.most_probable[:_MOST_DOUBTED]
+            ],
         }
 
 

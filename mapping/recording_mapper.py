@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass
 
+import numpy as np
+
 from kg.errors import RecordingError
 from kg.maps.semantic_map import SemanticMap
 from mapping.alignment.recording_fit import check_fit
@@ -59,9 +61,10 @@ def map_recording(
     order, so that the map is the same as by one after the other. Each frame is one transaction: a
     run that ends early, by an error or by being killed, leaves whole frames, and the same call
     continues after them. `on_frame` is called after each frame is
-    written; `on_detections` with each frame, its detections and, where the scene classifier was
-    run, its scores. `same_frame` says that the recording's world is the map's. `ahead` frames are
-    read, and detected in, before they are needed. The other arguments are `Mapper`'s.
+    written; `on_detections` with each frame, its detections but those that are too weak and, where
+    the scene classifier was run, its scores. `same_frame` says that the recording's world is the
+    map's. `ahead` frames are read, and detected in, before they are needed. The other arguments are
+    `Mapper`'s.
 
     Raises RecordingError at the first unreadable frame, LayoutError where the layout contradicts
     the ontology, or another recording of that name, or this one by another transform, is in the
@@ -90,6 +93,7 @@ def map_recording(
         check_poses=check_poses,
         pictures=pictures,
     )
+    weighed = (objects or ObjectSettings()) if mode == "bayes" else settings or ReferenceSettings()
     start = 0 if again else min(mapper.frames_applied, len(recording))
     if start and isinstance(detector, DetectorPair):
         detector.resume(mapper.looked_from)
@@ -99,7 +103,7 @@ def map_recording(
             for index, one in enumerate(detected, start):
                 report, scores = run.map(index, one)
                 if on_detections is not None:
-                    on_detections(one.frame, one.detections, scores)
+                    on_detections(one.frame, _strong(one.detections, weighed.min_score), scores)
                 if on_frame is not None:
                     on_frame(report)
     except RecordingError:
@@ -107,6 +111,12 @@ def map_recording(
         raise
     mapper.flush()
     return run.report(start)
+
+
+def _strong(detections: Detections, least: float) -> Detections:
+    """Those that the settings do not ignore as too weak."""
+    strong = detections.score >= least
+    return detections if strong.all() else detections.chosen(np.nonzero(strong)[0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,6 +190,7 @@ class _Run:
         """Report of the whole run."""
         mapper = self.mapper
         resolvers = mapper.label_resolvers
+        detected = mapper.detection_report()
         unknown = resolvers[0].unknown_labels + resolvers[1].unknown_labels
         return MappingReport(
             recording=self.recording.name,
@@ -195,4 +206,6 @@ class _Run:
             provisional=tuple(label for resolver in resolvers for label in resolver.provisional),
             problems=mapper.pose_problems,
             fit=self.fit,
+            doubted=detected.doubted,
+            most_probable=detected.things[: detected.doubted],
         )

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
 from kg.records import ObjectRecord
+from mapping.detection_report import Fate
 from mapping.label_resolver import LabelResolver
 from mapping.label_table import LabelTable
 from mapping.objects.absence import RECALL
@@ -74,6 +75,7 @@ class BayesObjectMapper:
         )
         self._updater = TrackUpdater(semantic_map, self._settings, recording=recording, model=model)
         self._extractor = SightingExtractor(self.labels, self._updater.usual_size, self._settings)
+        self.fates = self._extractor.fates
         folder = None if semantic_map.read_only else semantic_map.store.path
         self._store = None if folder is None else TrackStore(folder)
         self._run = RunState()
@@ -89,6 +91,11 @@ class BayesObjectMapper:
     def cache(self) -> ObjectCache:
         """The objects as perceived, and the assertions about them."""
         return self._objects
+
+    @property
+    def tracks(self) -> Sequence[Track]:
+        """Objects and candidates."""
+        return self._tracks
 
     @property
     def unplaced(self) -> int:
@@ -125,6 +132,7 @@ class BayesObjectMapper:
         """Process one frame: evidence for what is seen and what is missed, candidates, merges."""
         self.refresh()
         self._updater.begin(frame.stamp)
+        self.fates.begin(self._tracks)
         view = viewpoint(frame.T_map_cam)
         for name in detections.detectors:
             self._run.looked_from[name] = frame.T_map_cam.tolist()
@@ -132,6 +140,7 @@ class BayesObjectMapper:
         known = self._associated(sightings)
         for sighting, track in known:
             self._updater.see(track, sighting, frame, view)
+            self.fates.seen(track, sighting.categories, frame.T_map_cam[:3, 3])
         count_together([track for _, track in known])
         seen = [track for _, track in known]
         missed = self._updater.miss(self._in_front(frame, seen), frame, view)
@@ -162,6 +171,7 @@ class BayesObjectMapper:
         """
         self.refresh()
         self._updater.begin(stamp)
+        self.fates.begin(self._tracks)
         touched, born = dict[int, Track](), list[Track]()
         view = () if robot is None else tuple(np.floor(robot / CELL).astype(int).tolist())
         for one in sightings:
@@ -174,6 +184,7 @@ class BayesObjectMapper:
             self._updater.locate(track, sighting, weight, stamp)
             track.hit(sighting.best, weight, 1.0)
             self._updater.finish(track, sighting, stamp, one.frame or frame)
+            self.fates.seen(track, sighting.categories, robot)
             if not known:
                 self._tracks.append(track)
                 born.append(track)
@@ -202,6 +213,7 @@ class BayesObjectMapper:
 
     def undo(self, changes: ObjectChanges) -> None:
         """Discard changes that could not be written; their objects are read again."""
+        self.fates.undo()
         self._objects.invalidate([*(record.iri for record in changes.updated), *changes.removed])
         for track in self._tracks:
             if track.iri in self._new:
@@ -288,15 +300,18 @@ class BayesObjectMapper:
             return True
         offsets = np.linalg.norm(self._positions() - sighting.p_map, axis=1)
         size = min(sighting.size, s.largest)
-        return not any(
+        part = any(
             offsets[index] < 0.4 + 0.5 * max(size, min(self._tracks[index].size, s.largest))
             and sighting.categories & self._tracks[index].plausible
             for index in np.nonzero(offsets < 2.0)[0]
         )
+        self.fates.unused(Fate.CUT, sighting.categories if part else ())
+        return not part
 
     def _born(self, sighting: ThingSighting, frame: Frame, view: Viewpoint) -> Track:
         track = self._updater.new_track(sighting, frame.stamp)
         self._updater.see(track, sighting, frame, view)
+        self.fates.seen(track, sighting.categories, frame.T_map_cam[:3, 3])
         return track
 
     def _merge(self, touched: Sequence[Track]) -> list[tuple[Track, Track]]:
@@ -313,6 +328,7 @@ class BayesObjectMapper:
         ]
         for kept, absorbed in found:
             kept.merge(absorbed)
+            self.fates.merge(kept, absorbed)
             self._updater.assess(kept)
         gone = {id(absorbed) for _, absorbed in found}
         if gone:

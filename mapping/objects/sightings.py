@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mapping.detection_report import Fate
 from mapping.label_resolver import LabelResolver
+from mapping.objects.detection_fates import DetectionFates
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.usual_sizes import UNUSUAL, SizeOf
 from mapping.projection import back_project, to_map
@@ -66,6 +68,7 @@ class SightingExtractor:
     def __init__(self, labels: LabelResolver, usual_size: SizeOf, settings: ObjectSettings) -> None:
         self._labels, self._usual_size, self._settings = labels, usual_size, settings
         self.unplaced = 0
+        self.fates = DetectionFates(labels.name)
 
     def sightings(self, frame: Frame, detections: Detections) -> list[ThingSighting]:
         """Sightings of one frame, strongest first."""
@@ -77,6 +80,8 @@ class SightingExtractor:
                 self.unplaced += 1
             elif not any(self._same_thing(sighting, other) for other in found):
                 found.append(sighting)
+            else:
+                self.fates.unused(Fate.DOUBLE, sighting.categories)
         return found
 
     def of_position(self, sighting: Sighting) -> ThingSighting:
@@ -99,6 +104,7 @@ class SightingExtractor:
         least = self._settings.min_score
         labelled = list(zip(detections.label, detections.score, detections.xyxy, strict=True))
         self._labels.learn(label for label, score, _ in labelled if score >= least)
+        self.fates.unused(Fate.WEAK, [label for label, score, _ in labelled if score < least])
         sources = detections.source or ("",) * len(detections)
         masks = detections.mask or (None,) * len(detections)
         for (label, score, box), source, mask in zip(labelled, sources, masks, strict=True):
@@ -106,11 +112,18 @@ class SightingExtractor:
             if category is not None:
                 x1, y1, x2, y2 = (float(side) for side in box)
                 yield _Detection(source, category, float(score), (x1, y1, x2, y2), mask)
+            elif score >= least:
+                self.fates.unused(self._unused(label), (label,))
+
+    def _unused(self, label: str) -> Fate:
+        return Fate.IGNORED if self._labels.ignores(label) else Fate.UNKNOWN
 
     def _localised(self, frame: Frame, group: Sequence[_Detection]) -> ThingSighting | None:
         s, box = self._settings, group[0].box
         surface = _visible_surface(frame, group)
         if surface is None or not s.min_depth <= surface.depth <= s.max_depth:
+            reached = None if surface is None else surface.depth
+            self.fates.unplaced(reached, s.min_depth, {one.category for one in group})
             return None
         depth = surface.depth
         p_map = to_map(frame.T_map_cam, surface.centre)

@@ -147,6 +147,7 @@ def _print_known(
     semantic_map: SemanticMap, state: PlanningState, arguments: argparse.Namespace
 ) -> None:
     """Print what the map has of each target."""
+    from planner.cli.candidates import detections_in_vain
     from planner.goals.candidate_queries import map_time
     from planner.goals.known_objects import LISTED, answer_lines, known_objects
     from planner.goals.status import status
@@ -154,11 +155,13 @@ def _print_known(
     now = _moment(arguments.at) or map_time(semantic_map)
     for target in state.targets:
         known = known_objects(semantic_map, target, located=LISTED)
-        for line in answer_lines(known, now):
+        for line in answer_lines(known, now, address=arguments.map):
             write(line)
         if not known and target.iri is not None:
             answer = status(semantic_map, target.iri)
             write(f"no {target.label} is in the map ({answer.value}): {answer.proof}")
+            if told := detections_in_vain(semantic_map, target.label, arguments.map):
+                write(told)
         elif not known:
             write(f"nothing to {target.label.partition(' to ')[2] or target.label} is in the map")
 

@@ -311,7 +311,18 @@ def print_outcome(
     )
     _note_labels(report)
     _note_detector(report, arguments)
+    if report.doubted:
+        note(_doubted(report, arguments.into))
     note(f"next: hereabouts ask {arguments.into} objects, hereabouts find {arguments.into} cup")
+
+
+def _doubted(report: MappingReport, address: str) -> str:
+    """The line about things that were seen but are not believed."""
+    from planner.cli.doubted_things import listed_things
+
+    count = f"{report.doubted} thing{'s' * (report.doubted > 1)}"
+    found = listed_things(report.most_probable)
+    return f"{count} seen but not believed: {found} (hereabouts why {address} --candidates)"
 
 
 def _note_labels(report: MappingReport) -> None:

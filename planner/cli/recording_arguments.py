@@ -29,6 +29,8 @@ FOUND: Final = "found"
 ONE: Final = "one"
 #: least score of a detection by mode; the Bayes mapper weighs weak ones
 _THRESHOLDS: Final = {"bayes": 0.2, "reference": 0.4}
+#: share of it from which on weaker ones are counted, for `hereabouts why --candidates`
+_REPORTED: Final = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,7 +121,7 @@ def open_mapping_inputs(arguments: argparse.Namespace) -> MappingInputs:
     from perception.inference.scene_classifier import load_scene_classifier
 
     _refuse_places(arguments)
-    threshold = arguments.threshold or min(_THRESHOLDS.values())
+    threshold = _REPORTED * (arguments.threshold or min(_THRESHOLDS.values()))
     device = arguments.device
     name = _detector_file(arguments)
     detector: Detector = open_detector(name, threshold=threshold, device=device)

@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import asdict
 from datetime import datetime
+from typing import TYPE_CHECKING
 
 from planner.cli.arguments import add_json, add_map
 from planner.cli.console import print_table, write, write_json
+
+if TYPE_CHECKING:
+    from kg.maps.semantic_map import SemanticMap
+    from planner.goals.known_objects import KnownObject
+    from planner.goals.status import Status
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -37,10 +44,15 @@ def run(arguments: argparse.Namespace) -> int:
 
     with open_map(arguments.map, read_only=True) as semantic_map:
         found = status(semantic_map, arguments.object, arguments.place)
+        doubted = _doubted(semantic_map, found, arguments.place)
+        lines = _perhaps(semantic_map, found, doubted, arguments.map)
     if arguments.json:
-        write_json(_plain(asdict(found)))
+        plain = {name: _plain(value) for name, value in asdict(found).items()}
+        write_json({**plain, "perhaps": [_doubted_json(one) for one in doubted]})
         return 0
     write(f"{found.target}: {found.value}. {found.proof[:1].upper()}{found.proof[1:]}.")
+    for line in lines:
+        write(f"{line}.")
     if found.places:
         print_table(
             ("place", "status", "object", "sure", "last seen", "viewed", "close by", "last viewed"),
@@ -59,6 +71,48 @@ def run(arguments: argparse.Namespace) -> int:
             ],
         )
     return 0
+
+
+def _doubted(semantic_map: SemanticMap, found: Status, place: str | None) -> Sequence[KnownObject]:
+    """Objects that were detected and more probably are not there, where none is present."""
+    from planner.goals.known_objects import LISTED, known_objects
+    from planner.goals.targets import resolve
+
+    if found.value == "present" or "object/" in found.target:
+        return ()
+    (target,) = resolve(semantic_map, (found.target,))
+    chosen = None if place is None else semantic_map.place_named(place)
+    return [
+        one
+        for one in known_objects(semantic_map, target, located=LISTED)
+        if one.doubted and chosen in (None, one.place)
+    ]
+
+
+def _perhaps(
+    semantic_map: SemanticMap, found: Status, doubted: Sequence[KnownObject], address: str
+) -> list[str]:
+    from planner.cli.candidates import detections_in_vain
+    from planner.goals.candidate_queries import map_time
+    from planner.goals.known_objects import answer_lines
+
+    if doubted:
+        return answer_lines(doubted, map_time(semantic_map), address=address)
+    told = (
+        "" if found.value == "present" else detections_in_vain(semantic_map, found.target, address)
+    )
+    return [told] if told else []
+
+
+def _doubted_json(one: KnownObject) -> dict[str, object]:
+    return {
+        "object": one.iri,
+        "category": one.category,
+        "existence": one.existence,
+        "observations": one.observations,
+        "where": one.where,
+        "last_seen": None if one.last_seen is None else one.last_seen.isoformat(),
+    }
 
 
 def _plain(value: object) -> object:

@@ -25,14 +25,22 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         description="Explain a statement of the map: from a thing or a fact to the frame, box, "
         "camera pose, rule, model, source or person behind it, and the transaction that wrote it.",
         epilog="examples: hereabouts why kitchen.map object/17; "
-        "hereabouts why kitchen.map 'object/17 here:inPlace place/1'",
+        "hereabouts why kitchen.map 'object/17 here:inPlace place/1'; "
+        "hereabouts why kitchen.map --candidates keyboard",
     )
     add_map(parser)
     parser.add_argument(
         "what",
-        nargs="+",
+        nargs="*",
         metavar="WHAT",
         help="object/17, place/1, an IRI; or subject, predicate and perhaps object of a fact",
+    )
+    parser.add_argument(
+        "--candidates",
+        nargs="*",
+        metavar="CATEGORY",
+        help="what became of all detections, or of those of a category, and what was seen but is "
+        "not believed",
     )
     parser.add_argument(
         "--format",
@@ -43,11 +51,15 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser.add_argument(
         "--json", action="store_const", const="json", dest="format", help="as --format json"
     )
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, usage_error=parser.error)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Explain."""
+    if arguments.candidates is not None:
+        return _candidates(arguments)
+    if not arguments.what:
+        arguments.usage_error("give WHAT to explain, object/17 say, or --candidates")
     from kg.history.reports.prov_export import provenance
     from kg.opening import open_map
 
@@ -64,6 +76,18 @@ def run(arguments: argparse.Namespace) -> int:
         for path in pictures:
             write(f"picture: {path}")
     return 0
+
+
+def _candidates(arguments: argparse.Namespace) -> int:
+    """Tell what became of detections."""
+    from kg.opening import open_map
+    from planner.cli.candidates import explain_detections
+
+    if arguments.format == "ttl":
+        arguments.usage_error("--candidates has no Turtle; --json has all of it")
+    with open_map(arguments.map, read_only=True) as semantic_map:
+        category = " ".join([*arguments.candidates, *arguments.what])
+        return explain_detections(semantic_map, category, json=arguments.format == "json")
 
 
 def _pictures(semantic_map: SemanticMap, reasons: Sequence[Explanation]) -> list[Path]:

@@ -39,11 +39,17 @@ class KnownObject:
     found_by: str | None  # IRI of a search that found it
     own: str | None = None  # category that it more probably is of
     may_be: tuple[tuple[str, float], ...] = ()  # other categories, with their probabilities
+    place: str | None = None  # IRI
 
     @property
     def sure(self) -> bool:
         """Whether it is there rather than not, or a search found it."""
         return self.existence >= _SURE or self.found_by is not None
+
+    @property
+    def doubted(self) -> bool:
+        """Whether it was detected as what it is searched for, and more probably is not there."""
+        return not self.sure and self.own is None
 
 
 def known_objects(
@@ -76,6 +82,7 @@ def known_objects(
                 frame=None if row["frame"] is None else str(row["frame"]),
                 found_by=None if row["foundBy"] is None else str(row["foundBy"]),
                 own=None if row["own"] is None else str(row["own"]),
+                place=None if row["place"] is None else str(row["place"]),
                 may_be=tuple(others.get(str(row["iri"]), ())),
             )
     known = sorted(found.values(), key=lambda one: (not one.sure, -one.existence, one.iri))
@@ -95,27 +102,27 @@ def _kind(semantic_map: SemanticMap, place: PlaceRecord | None) -> str:
     return f" ({kind})" if kind and kind.casefold() not in place.label.casefold() else ""
 
 
-def answer_lines(known: Sequence[KnownObject], now: float, most: int = LISTED) -> list[str]:
+def answer_lines(
+    known: Sequence[KnownObject], now: float, most: int = LISTED, *, address: str = "MAP"
+) -> list[str]:
     """Known objects in sentences: what, where, when last seen, how sure, by what evidence.
 
-    `now` [s since 1970] is the moment that ages count from.
+    `now` [s since 1970] is the moment that ages count from, `address` that of the map.
     """
     lines = []
     for one in known[:most]:
+        if one.doubted:
+            lines.append(perhaps(one, now, address))
+            continue
         x, y = (float(value) for value in one.p_map)
         text = f"{'' if one.sure else 'perhaps '}{one.label}"
         if one.own is not None:
             text += f", which may be {with_article(one.category)}"
         text += f": {one.where} at ({x:.1f}, {y:.1f}), {one.existence:.2f} sure"
-        if one.own is None and one.may_be:
-            may_be = (f"{with_article(other)} ({p:.2f})" for other, p in one.may_be)
-            text += f", may also be {' or '.join(may_be)}"
+        text += _may_be(one)
         if one.found_by is not None:
             text += f", found by search/{one.found_by.rpartition('/')[2]}"
-        if one.last_seen is not None:
-            age = max(now - one.last_seen.timestamp(), 0.0)
-            text += f", last seen {span(age)} ago" if age >= 1 else ", seen just now"
-            text += f" ({stamp(one.last_seen)})"
+        text += _last_seen(one, now)
         if one.observations:
             text += f", {one.observations} observation{'s' * (one.observations > 1)}"
             text += f", the best in {one.frame}" if one.frame else ""
@@ -123,6 +130,35 @@ def answer_lines(known: Sequence[KnownObject], now: float, most: int = LISTED) -
     if len(known) > most:
         lines.append(f"and {len(known) - most} more: `hereabouts ask MAP objects-by-category`")
     return lines
+
+
+def perhaps(one: KnownObject, now: float, address: str) -> str:
+    """A sentence about an object that was detected, and more probably is not there."""
+    x, y = (float(value) for value in one.p_map)
+    where = "" if one.where.startswith("at (") else f" {one.where}"
+    times = "once" if one.observations == 1 else f"{one.observations} times"
+    number = "/".join(one.iri.rsplit("/", 2)[-2:])
+    return (
+        f"Perhaps: {with_article(one.category)} {f'was seen {times}' if one.observations else 'is'}"
+        f"{where} at ({x:.1f}, {y:.1f}){_last_seen(one, now)}, "
+        f"existence {one.existence:.2f}{_may_be(one)} "
+        f"(hereabouts why {address} {number})"
+    )
+
+
+def _may_be(one: KnownObject) -> str:
+    if one.own is not None or not one.may_be:
+        return ""
+    may_be = (f"{with_article(other)} ({p:.2f})" for other, p in one.may_be)
+    return f", may also be {' or '.join(may_be)}"
+
+
+def _last_seen(one: KnownObject, now: float) -> str:
+    if one.last_seen is None:
+        return ""
+    age = max(now - one.last_seen.timestamp(), 0.0)
+    ago = f", last seen {span(age)} ago" if age >= 1 else ", seen just now"
+    return f"{ago} ({stamp(one.last_seen)})"
 
 
 def known_json(semantic_map: SemanticMap, targets: Sequence[Target]) -> list[dict[str, object]]:

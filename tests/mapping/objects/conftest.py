@@ -65,10 +65,9 @@ def make_track(make_sighting: Callable[..., ThingSighting]) -> Callable[..., Tra
     def make(category: str, p_map: Sequence[float], *, views: int = 3, **of: object) -> Track:
         sighting = make_sighting({category: 0.8}, p_map, **of)
         track = Track(p_map=sighting.p_map, size=sighting.size, settings=SETTINGS)
-        for _ in range(views):
-            track.locate(sighting, 1.0)
-            track.add_evidence(category, "", 3.0, 1.0)
-        track.views = views
+        for view in range(views):
+            track.locate(sighting, track.look((view,)))
+            track.hit({category: 0.9}, 4.0, 1.0)
         track.assess({})
         return track
 

@@ -8,45 +8,81 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mapping.objects.existence import ViewEvidence, category_probabilities, logit
+from mapping.objects.existence import (
+    CategoryEvidence,
+    category_probabilities,
+    logit,
+    strength,
+    visibility,
+)
 
 odds = st.floats(-30, 30, allow_nan=False)
+scores = st.floats(0, 1)
 
 
-def seen(times: int, ratio: float, weight: float = 1.0) -> ViewEvidence:
-    evidence = ViewEvidence()
-    for _ in range(times):
-        evidence.add(ratio, weight)
-    return evidence
+def existence(*hits: float, missed: float = 0.0, size: float = 0.0) -> float:
+    """Existence after hits of these scores, each from a viewpoint of its own."""
+    held = CategoryEvidence(sum(map(strength, hits)), float(len(hits)))
+    return 1 / (1 + math.exp(-held.log_odds(len(hits) + missed, size)))
 
 
-def test_one_view_counts_in_full():
-    assert seen(1, 1.5).saturated(0.1) == pytest.approx(1.5)
+@given(scores, scores)
+def test_a_higher_score_says_no_less(one, other):
+    low, high = sorted((one, other))
+    assert strength(low) <= strength(high)
 
 
-@given(st.integers(1, 500), st.floats(0.01, 0.5))
-def test_a_label_that_repeats_itself_saturates(times, correlation):
-    total = seen(times, 2.0).saturated(correlation)
-    assert total <= seen(times + 1, 2.0).saturated(correlation) + 1e-9
-    assert total < 2.0 / correlation + 1e-9
+@given(scores)
+def test_one_look_never_makes_it_likely(score):
+    assert existence(score) < 0.5
 
 
-def test_views_without_correlation_add_up():
-    assert seen(4, 1.5).saturated(0.0) == pytest.approx(6.0)
+@given(st.lists(scores, min_size=1, max_size=20), scores)
+def test_every_hit_speaks_for_it_and_every_miss_against_it(hits, another):
+    assert existence(*hits, another) > existence(*hits)
+    assert existence(*hits, missed=1) < existence(*hits)
 
 
-def test_views_from_where_it_was_seen_before_count_by_their_weight():
-    held = seen(1, 2.0)
-    held.add(2.0, 0.15)
-    assert (held.views, held.total) == (pytest.approx(1.15), pytest.approx(2.3))
+def test_ten_good_looks_make_it_near_certain_and_ten_faint_ones_do_not():
+    assert existence(*[0.8] * 10) > 0.95
+    assert existence(*[0.22] * 10) < 0.75
 
 
-@given(st.integers(0, 20), st.integers(0, 20), odds, odds)
-def test_merged_evidence_is_that_of_all_views(one, other, ratio, other_ratio):
-    merged = seen(one, ratio)
-    merged.merge(seen(other, other_ratio))
-    assert merged.views == one + other
-    assert merged.total == pytest.approx(one * ratio + other * other_ratio, abs=1e-6)
+def test_what_is_larger_than_things_of_its_name_is_less_likely():
+    assert existence(0.7, 0.7, 0.7, size=-2.0) < 0.5 * existence(0.7, 0.7, 0.7)
+
+
+def test_a_false_detection_that_is_repeated_from_one_spot_stays_below_ten_looks_around():
+    """Looks from one viewpoint count 1 / n."""
+    weight = sum(1 / n for n in range(1, 1001))
+    repeated = CategoryEvidence(weight * strength(0.3), weight)
+    assert repeated.log_odds(weight, 0.0) < CategoryEvidence(10 * strength(0.5), 10.0).log_odds(
+        10.0, 0.0
+    )
+
+
+@given(st.floats(1e-3, 2), st.floats(1e-3, 2))
+def test_a_miss_of_a_thing_that_looks_larger_says_more(one, other):
+    small, large = sorted((one, other))
+    assert 0 <= visibility(small) <= visibility(large) <= 1
+
+
+@given(st.floats(-3.5, 20), st.floats(-4, 0))
+def test_evidence_of_given_log_odds_has_them(log_odds, size):
+    held = CategoryEvidence()
+    held.set_log_odds(log_odds, 0.0, size)
+    assert held.strength >= 0
+    assert held.log_odds(0.0, size) >= log_odds - 1e-9
+    if held.strength > 0:
+        assert held.log_odds(0.0, size) == pytest.approx(log_odds)
+
+
+@given(st.lists(scores, max_size=5), st.lists(scores, max_size=5))
+def test_merged_evidence_is_that_of_all_looks(one, other):
+    merged = CategoryEvidence(sum(map(strength, one)), len(one))
+    merged.merge(CategoryEvidence(sum(map(strength, other)), len(other)))
+    assert merged.looks == len(one) + len(other)
+    assert merged.strength == pytest.approx(sum(map(strength, [*one, *other])))
 
 
 @given(st.dictionaries(st.text(max_size=3), odds, max_size=6))

@@ -67,7 +67,13 @@ def facts(path: Path, prints: Prints, folder: Path) -> rdflib.Graph:
 
 
 def test_a_recording_mapped_into_a_served_map_makes_the_map_it_makes_in_the_folder(
-    serve: Serve, kitchen: Path, home: Path, tokens: Path, prints: Prints, tmp_path: Path
+    serve: Serve,
+    kitchen: Path,
+    home: Path,
+    tokens: Path,
+    prints: Prints,
+    tmp_path: Path,
+    fails: Prints,
 ) -> None:
     process = trusted(serve(home, "--token-file", tokens))
     report = json.loads(prints("map", kitchen, "--into", process.url, "--json"))
@@ -76,6 +82,8 @@ def test_a_recording_mapped_into_a_served_map_makes_the_map_it_makes_in_the_fold
     assert (again["frames"], again["skipped"]) == (0, 8)
     told = prints("log", process.url, "object/1", "--json")
     assert {entry["by"] for entry in json.loads(told)} == {"ann"}
+    assert report["doubted"] > 0
+    assert "is kept in a map's folder" in fails("why", process.url, "--candidates")
     assert process.end() == 0
     here = tmp_path / "here.map"
     prints("map", kitchen, "--into", here, "--base", BASE, "--json")

@@ -54,7 +54,23 @@ def test_it_is_an_answer_for_bowls_too(chart: SemanticMap) -> None:
 def test_a_thing_that_is_hardly_there_has_its_alternatives_too(chart: SemanticMap) -> None:
     (cup,) = chart.objects()
     chart.apply(MapUpdate(objects=(replace(cup, existence=0.3, confidence=0.9),)))
-    assert line(chart, "cup").endswith("0.30 sure, may also be a bowl (0.30)")
+    assert line(chart, "cup") == "Perhaps: a cup was seen 4 times at (1.0, 2.0)"
+    (text,) = answer_lines(
+        known_objects(chart, resolve(chart, ["cup"])[0]), now=10.0, address="lab.map"
+    )
+    assert text.endswith(
+        "existence 0.30, may also be a bowl (0.30) (hereabouts why lab.map object/1)"
+    )
+
+
+def test_what_was_seen_once_is_said_to_be_so(chart: SemanticMap) -> None:
+    (cup,) = chart.objects()
+    chart.apply(MapUpdate(objects=(replace(cup, existence=0.49, labels={}, observations=1),)))
+    (text,) = answer_lines(known_objects(chart, resolve(chart, ["cup"])[0]), now=70.0)
+    assert text == (
+        "Perhaps: a cup was seen once at (1.0, 2.0), last seen 60 s ago (1970-01-01 00:00:10), "
+        "existence 0.49 (hereabouts why MAP object/1)"
+    )
 
 
 def test_json_has_the_alternatives(chart: SemanticMap) -> None:
