@@ -173,16 +173,21 @@ class BayesObjectMapper:
         self._updater.begin(stamp)
         self.fates.begin(self._tracks)
         touched, born = dict[int, Track](), list[Track]()
+        weights, counted = dict[int, float](), set[tuple[int, str]]()
         view = () if robot is None else tuple(np.floor(robot / CELL).astype(int).tolist())
         for one in sightings:
             # one by one: a message may hold the same thing several times, from several pictures
             sighting = self._extractor.of_position(one)
             known = self._associated((sighting,))
             track = known[0][1] if known else self._updater.new_track(sighting, stamp)
-            weight = 0.0 if id(track) in touched else track.look(view)  # a message is one look
-            touched[id(track)] = track
+            if id(track) not in touched:
+                touched[id(track)] = track
+                weights[id(track)] = track.look(view)
+            weight = weights[id(track)]
             self._updater.locate(track, sighting, weight, stamp)
-            track.hit(sighting.best, weight, 1.0)
+            if (id(track), one.category) not in counted:  # a call is one look
+                counted.add((id(track), one.category))
+                track.hit(sighting.best, weight, 1.0)
             self._updater.finish(track, sighting, stamp, one.frame or frame)
             self.fates.seen(track, sighting.categories, robot)
             if not known:
@@ -220,6 +225,7 @@ class BayesObjectMapper:
                 track.iri = track.written = None  # a candidate again
             if track.iri is None and track.last_frame == self._updater.frame:
                 track.observations -= 1
+        self._tracks = [t for t in self._tracks if t.iri is not None or t.observations > 0]
         self._identity.departures.undo()
         self._revision = -1
 

@@ -113,7 +113,7 @@ class TrackUpdater:
 
     def departed(self, track: Track, age: float) -> float:
         """Prior probability that a thing left within `age` [s] after it was seen."""
-        likely = track.category if track.log_odds else next(iter(track.evidence))
+        likely = track.category if track.category in track.evidence else next(iter(track.evidence))
         return departed(listed_half_life(self._map.catalogue.label(likely)), age)
 
     def usual_size(self, category: str) -> UsualSize | None:

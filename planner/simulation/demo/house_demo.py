@@ -28,6 +28,7 @@ from mapping.places.layout import Layout, LayoutPlace
 from mapping.progress_report import FrameReport, MappingReport
 from mapping.recording_mapper import map_recording
 from planner.execution.events import Event
+from planner.goals.status import PRESENT
 from planner.plans.report import plan_json
 from planner.simulation.demo.demo_search import DrivenSearch, PlannedSearch, carry_out, plan_for
 from planner.simulation.houses.house import House, Item, furnished_house
@@ -234,7 +235,7 @@ def layout_of(house: House) -> Layout:
 
 
 def score_house(semantic_map: SemanticMap, house: House) -> MapScore:
-    """How good the map's objects are against what really stands in the house, all classes."""
+    """How good the objects that the map shows are against what really stands in the house."""
     label = semantic_map.catalogue.label
     truth = Truth(
         names=tuple(f"{item.label} {number}" for number, item in enumerate(house.objects)),
@@ -244,7 +245,11 @@ def score_house(semantic_map: SemanticMap, house: House) -> MapScore:
             c.label for c in semantic_map.catalogue.categories if c.kind == "object"
         ),
     )
-    objects = [(label(record.category), record.p_map) for record in semantic_map.objects()]
+    objects = [
+        (label(record.category), record.p_map)
+        for record in semantic_map.objects()
+        if record.existence >= PRESENT
+    ]
     return score_map(objects, truth, np.eye(4))
 
 

@@ -38,7 +38,7 @@ def test_two_cups_where_one_was_known_leave_one_over(make_sighting, make_track):
 
 
 def test_gates_grow_with_size(make_sighting, make_track):
-    shift = 0.8
+    shift = 0.45
     cup = make_sighting({"cup": 0.7}, (2, shift, 1))
     assert found([cup], [make_track("cup", (2, 0, 1))]) == {}
     table = make_sighting({"dining table": 0.7}, (2, shift, 1), size=1.2)

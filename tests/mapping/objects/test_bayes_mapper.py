@@ -68,7 +68,7 @@ def box(column: float, row: float = 24, half: float = 3) -> tuple[float, ...]:
     return (column - half, row - half, column + half, row + half)
 
 
-CUP = ("cup", 0.8, MIDDLE)
+CUP = ("cup", 0.95, MIDDLE)
 
 
 @pytest.fixture
@@ -81,21 +81,22 @@ def room(semantic_map: SemanticMap, step_back: Callable[..., Frame]) -> Iterator
 # entering the map
 
 
-def test_a_thing_enters_the_map_by_its_second_distinct_view(room):
-    assert room.see(CUP).objects == ()
+def test_a_thing_is_in_the_map_from_its_first_view_with_little_existence(room):
     (record,) = room.see(CUP).objects
+    assert record.existence < 0.5
     assert record.p_map == pytest.approx([2, 0, 1], abs=0.05)
     assert room.label(room.one) == "cup"
-    assert (record.observations, record.first_seen, record.last_seen) == (2, 1e9, 1e9 + 1)
-    assert (record.evidence.score, record.evidence.model) == (pytest.approx(0.8), "scripted")
+    assert (record.observations, record.first_seen, record.last_seen) == (1, 1e9, 1e9)
+    assert (record.evidence.score, record.evidence.model) == (pytest.approx(0.95), "scripted")
+    assert room.see(CUP).objects[0].existence > record.existence
 
 
-def test_the_same_view_again_and_again_is_one_view(room, step_back):
-    for _ in range(30):
-        room.mapper.add(step_back(0), detections(CUP))
-    assert room.map.objects() == ()
-    room.mapper.add(step_back(1), detections(CUP))
-    assert room.one.observations == 31
+def test_a_camera_that_stands_still_maps_what_it_sees_again_and_again(room, step_back):
+    small = ("cup", 0.9, (30, 22, 33, 25))
+    for n in range(100):
+        room.mapper.add(step_back(0, id=f"f{n}", stamp=1e9 + n), detections(small))
+    assert room.one.existence > 0.8
+    assert room.one.observations == 100
 
 
 def test_repeated_views_make_it_less_sure_than_new_ones(room, step_back):
@@ -112,17 +113,18 @@ def test_repeated_views_make_it_less_sure_than_new_ones(room, step_back):
     assert other.existence > still
 
 
-def test_faint_detections_enter_no_map_and_strong_ones_are_near_certain(room):
-    room.see(("cup", 0.21, box(10)), CUP, times=6)
-    assert room.label(room.one) == "cup"
-    assert 0.95 < room.one.existence <= 1
+def test_faint_detections_are_doubted_and_strong_ones_are_not(room):
+    room.see(("cup", 0.21, (8, 22, 11, 25)), ("cup", 0.95, (30, 22, 33, 25)), times=6)
+    sure = [record for record in room.map.objects() if record.existence >= 0.5]
+    assert [record.p_map[1] for record in sure] == [pytest.approx(0, abs=0.1)]
+    assert 0.8 < sure[0].existence <= 1
 
 
 def test_extent_and_deviation_tell_its_size_and_precision(room):
     room.see(("chair", 0.9, (15, 5, 49, 43)), ("cup", 0.8, box(4)), times=4)
     sizes = {room.label(o): (o.extent, o.deviation) for o in room.map.objects()}
     assert sizes["chair"][0].max() > 2 * sizes["cup"][0].max()
-    assert 0 < sizes["cup"][1] < sizes["chair"][1] < 0.4
+    assert 0 < sizes["cup"][1] < sizes["chair"][1] < 0.5
     assert all((extent >= 0).all() for extent, _ in sizes.values())
 
 
@@ -154,10 +156,10 @@ def test_a_thing_called_otherwise_by_each_view_is_one_by_its_best(room):
     assert room.one.observations == 5
 
 
-def test_two_detectors_that_agree_are_surer_than_one(room, step_back):
+def test_what_two_detectors_see_is_one_thing_by_the_better_score(room, step_back):
     names = ("ssdlite_mobilenet_v2_coco_300", "nanodet_g_416")
-    alone, agreed = ("cup", 0.55, box(10)), ("cup", 0.55, box(54))
-    seen = detections(*(alone, agreed, agreed), source=(names[0], *names), detectors=names)
+    alone, agreed = ("cup", 0.55, box(10)), [("cup", 0.55, box(54)), ("cup", 0.7, box(54))]
+    seen = detections(alone, *agreed, source=(names[0], *names), detectors=names)
     for n in range(3):
         room.mapper.add(step_back(n), seen)
     left, right = sorted(room.map.objects(), key=lambda o: -o.p_map[1])
@@ -178,7 +180,8 @@ def test_a_box_cut_by_the_border_beside_a_thing_of_its_name_is_no_second_one(
     mapper = Mapper(semantic_map)
     chair, beside = ("chair", 0.8, (35, 16, 49, 36)), ("chair", 0.8, (53, 16, right, 36))
     for n, seen in enumerate([[chair]] * 3 + [[chair, beside]] * 2):
-        mapper.add(step_back(n, depth=1.0), detections(*seen))
+        frame = step_back(0, depth=1.0, id=f"f{n}", stamp=1e9 + n)
+        mapper.add(frame, detections(*seen))
     assert len(semantic_map.objects()) == objects
 
 
@@ -362,7 +365,7 @@ def test_asserted_absent_it_is_gone_though_seen(room):
     room.see(CUP, times=3)
     assert room.one.existence == 0
     room.map.retract(room.one.iri, "existence", by="ann")
-    assert room.one.existence > 0.8
+    assert room.one.existence > 0.5
 
 
 def test_deleted_and_seen_again_it_is_new(room):
@@ -402,7 +405,7 @@ def test_what_another_writes_between_frames_is_respected(room):
     assert 0 < room.one.p_map[1] <= 0.1
 
 
-@pytest.mark.parametrize("views", [0, 1, 2], ids=["a candidate", "a new object", "an object"])
+@pytest.mark.parametrize("views", [0, 1, 2], ids=["a new thing", "a new object", "an object"])
 def test_a_frame_that_conflicts_counts_once(room, step_back, views, monkeypatch):
     for _ in range(views):
         room.see(CUP)
@@ -418,10 +421,10 @@ def test_a_frame_that_conflicts_counts_once(room, step_back, views, monkeypatch)
     monkeypatch.setattr(room.map, "write", contested)
     room.see(CUP)
     monkeypatch.undo()
-    if views == 0:
-        assert room.map.objects() == ()
-        room.see(CUP)
-    assert room.one.observations == max(views + 1, 2)
+    assert room.one.observations == views + 1
+    alone = Room(in_memory_map(), step_back)
+    alone.see(CUP, times=views + 1)
+    assert room.one.existence == pytest.approx(alone.one.existence, abs=0.05)
 
 
 def test_a_map_opened_again_goes_on_with_its_objects(tmp_path, step_back):
@@ -481,10 +484,10 @@ def test_looks_in_vain_count_against_an_object(semantic_map, step_back):
 
 def test_settings_are_the_callers(semantic_map, step_back):
     room = Room(semantic_map, step_back)
-    room.mapper = Mapper(semantic_map, objects=ObjectSettings(confirmed_views=3))
-    room.see(CUP, times=2)
-    assert semantic_map.objects() == ()
+    room.mapper = Mapper(semantic_map, objects=ObjectSettings(confirmed=0.4))
     room.see(CUP)
+    assert semantic_map.objects() == ()
+    room.see(CUP, times=3)
     assert len(semantic_map.objects()) == 1
 
 
@@ -566,6 +569,6 @@ def test_a_mapper_that_is_restarted_goes_on_with_the_same_labels(
     assert len(once.labels) == 1 and max(once.labels.values()) >= 0.1
     assert again.category == once.category
     assert again.labels.keys() == once.labels.keys()
-    assert again.existence == pytest.approx(once.existence, abs=0.06)
+    assert again.existence == pytest.approx(once.existence, abs=0.1)
     for category, probability in once.labels.items():
-        assert again.labels[category] == pytest.approx(probability, abs=0.06)
+        assert again.labels[category] == pytest.approx(probability, abs=0.1)

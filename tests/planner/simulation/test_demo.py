@@ -91,7 +91,7 @@ def test_the_three_questions_have_answers(report: DemoReport) -> None:
 def test_the_plan_reasons_with_what_apples_are_near(report: DemoReport) -> None:
     plan = report.planned.plan
     kinds = {reason.candidate.kind for step in plan.steps for reason in step.why}
-    assert kinds == {"nearby", "place"}
+    assert kinds >= {"nearby", "place"}
     assert any("near banana" in fact for r in plan.steps[0].why for fact in r.candidate.facts)
     assert plan.expected_seconds is not None
 
