@@ -12,6 +12,7 @@ from mapping.objects.tracks import SEEN_TOGETHER, Track
 from mapping.objects.usual_sizes import UNUSUAL, SizeOf, UsualSize
 
 _LARGE = 1.2  # [m] usual size of things that are seen in parts
+_PARTS = 0.1  # footprint that large things of one name share at most, as they are seen in parts
 _TOLERANCE = 1.15  # of the usual size
 
 
@@ -63,7 +64,8 @@ def same_thing(a: Track, b: Track, usual: SizeOf, s: ObjectSettings) -> bool:
     if distance < max(s.separation * expected.width, 0.1 * max(sizes)):
         return True
     shared = shared_footprint(a.low, a.high, b.low, b.high)
-    if max(sizes) > UNUSUAL.longest and shared > s.interpenetration:
+    most = _PARTS if expected.longest >= _LARGE else s.interpenetration
+    if max(sizes) > UNUSUAL.longest and shared > most:
         return True
     if apart:
         return False
