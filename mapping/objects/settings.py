@@ -23,7 +23,7 @@ class ObjectSettings:
     border: float = 4.0  # [px] a box this near the image's border is cut
 
     # existence
-    confirmed: float = 0.1  # existence that a candidate needs to enter the map
+    confirmed: float = 0.05  # existence that a candidate needs to enter the map
     removed: float = 0.02  # existence at which an object leaves the map
     forgotten: int = 300  # frames after which a candidate is dropped
 
