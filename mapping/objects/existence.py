@@ -22,7 +22,7 @@ from typing import Final
 SEEN: Final = 2.0
 MISSED: Final = 1.7
 SIZE: Final = 0.8
-NOTHING: Final = 3.2
+NOTHING: Final = 3.25
 HALF_SEEN: Final = 0.2  # side, as a share of the image's, of a thing whose miss counts half
 
 
