@@ -61,5 +61,6 @@ def test_a_thing_is_found_through_actionlib(tmp_path: Path) -> None:
         assert outcome.state == "found", [event.text for event in events]
         (orange,) = semantic_map.objects("orange")
         assert np.linalg.norm(orange.p_map - ORANGE) < 0.1
-        assert not [event for event in events if event.kind == "surprise"]
+        surprises = [event.text for event in events if event.kind == "surprise"]
+        assert all("looking again" in text for text in surprises), surprises
         assert node._goals

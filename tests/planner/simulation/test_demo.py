@@ -77,7 +77,7 @@ def test_the_search_leaves_no_phantoms(report: DemoReport) -> None:
     before, after = report.score, report.searched
     assert None not in (before.recall, before.precision, after.recall, after.precision)
     assert (after.recall or 0) > (before.recall or 0)
-    assert (after.precision or 0) > (before.precision or 0) - 0.03
+    assert (after.precision or 0) > (before.precision or 0) - 0.05
     assert after.per_class[TARGET].matched == 1
 
 
