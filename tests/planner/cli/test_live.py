@@ -29,7 +29,7 @@ def frames_applied(path: Path) -> int:
 
 
 def objects(prints: Prints, path: Path) -> list[object]:
-    rows = "SELECT ?x ?y ?e { ?o here:existence ?e ; here:x ?x ; here:y ?y } ORDER BY ?x"
+    rows = "SELECT ?x ?y ?e { ?o here:existence ?e ; here:x ?x ; here:y ?y } ORDER BY ?x ?y ?e"
     return list(json.loads(prints("ask", path, "-e", rows, "--format", "json")))
 
 
