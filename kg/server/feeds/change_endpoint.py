@@ -1,6 +1,6 @@
-"""`/changes`: every commit as a server-sent event, resumed from a sequence number.
+"""`/changes`: each transaction as a server-sent event, resumed from a sequence number.
 
-JSON: what there is by now, a page at a time. RDF: a Linked Data Event Stream.
+As JSON it is a page of the transactions that there are already.
 """
 
 from __future__ import annotations
@@ -19,9 +19,8 @@ from kg.client.record_codec import change_to_json
 from kg.server.app_state import AppState
 from kg.server.feeds.change_broadcast import ChangeBroadcast, Queue
 from kg.server.feeds.event_stream import EventStream, event
-from kg.server.feeds.linked_data_event_stream import change_pages
 from kg.server.http.bodies import query_parameters
-from kg.server.http.media_types import EVENTS, GRAPH_FORMATS, accept_of
+from kg.server.http.media_types import EVENTS, accept_of
 from kg.server.http.problems import Problem
 from kg.transactions import ChangeSet
 from kg.workers.content_negotiation import negotiate
@@ -36,9 +35,7 @@ async def changes(serving: AppState, request: Request) -> ASGIApp:
 
     Raises Problem: 410 where that is too long ago, 503 where too many follow.
     """
-    kind = negotiate(accept_of(request, query_parameters(request)), (EVENTS, JSON, *GRAPH_FORMATS))
-    if kind in GRAPH_FORMATS:
-        return await change_pages(serving, request, kind)
+    kind = negotiate(accept_of(request, query_parameters(request)), (EVENTS, JSON))
     since = _since(request)
     feed = serving.feed
     if kind == JSON:

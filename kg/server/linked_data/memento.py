@@ -3,12 +3,11 @@
 The address of a resource is its own TimeGate: with `Accept-Datetime` it answers with the version of
 then, whose address, in `Content-Location`, has ``?at=`` the number of the transaction that made it
 (pattern 1.2). `/timegate/ADDRESS` redirects there (pattern 2.1), for clients that know but that.
-`/timemap?iri=` lists the versions.
+`/timemap?iri=` lists the latest versions.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -27,13 +26,13 @@ from kg.history.replay.point_in_time import state_of
 from kg.history.replay.versions import Version, first_version, version_at, versions
 from kg.history.storage.log import BACKGROUND, HistoryLog
 from kg.server.app_state import AppState
-from kg.server.http.bodies import RequestParameters, query_parameters
+from kg.server.http.bodies import query_parameters
 from kg.server.http.problems import Problem
-from kg.server.http.time_parameters import MOST_DIGITS, sequence_at
+from kg.server.http.time_parameters import sequence_at
 from kg.server.linked_data.resource_description import ResourceDescription, iri_at, local_path
 
 LINKS: Final = "application/link-format"
-PAGE: Final = 1000  # versions in one TimeMap; it links to the one before
+MAX_VERSIONS: Final = 1000  # of one TimeMap
 VARY: Final = "Accept, Accept-Datetime"
 _WITHIN_A_SECOND = 0.9995  # HTTP's dates are whole seconds: such a one means all of its second
 
@@ -101,15 +100,13 @@ async def timegate(serving: AppState, request: Request) -> Response:
 
 
 async def timemap(serving: AppState, request: Request) -> Response:
-    """The versions of the thing ``?iri=``, a page of them, the oldest of the page first."""
-    given = query_parameters(request)
-    iri, until = given.one("iri"), _until(given)
+    """TimeMap of the resource ``?iri=``: its latest versions, in order of time."""
     try:
-        iri = NamedNode(iri or "").value
+        iri = NamedNode(query_parameters(request).one("iri") or "").value
     except ValueError as error:
         raise Problem(400, "needs ?iri=, an absolute IRI") from error
     log = serving.semantic_map.history
-    found = await run_in_threadpool(partial(versions, log, iri, until=until, most=PAGE))
+    found = await run_in_threadpool(partial(versions, log, iri, most=MAX_VERSIONS))
     if not any(not version.empty for version in found):
         raise Problem(404, f"no versions of {iri[:200]} are kept")
     body = ",\n".join(_entries(serving, request, iri, found)) + "\n"
@@ -122,9 +119,6 @@ def _entries(serving: AppState, request: Request, iri: str, found: list[Version]
     yield f'<{here}>; rel="original"'
     yield f'<{here}>; rel="timegate"'
     yield f'<{request.url}>; rel="self"; type="{LINKS}"{span}'
-    if len(found) == PAGE and found[-1].sequence > serving.semantic_map.history.floor:
-        before = f"{_timemap(request, iri)}&until={found[-1].sequence - 1}"
-        yield f'<{before}>; rel="timemap"; type="{LINKS}"'
     for version in mementos:
         address = _address(serving, request, iri, version)
         yield f'<{address}>; rel="memento"; datetime="{_date(version.time)}"'
@@ -191,10 +185,3 @@ def _parsed(text: str) -> float:
 
 def _date(time: float) -> str:
     return format_datetime(datetime.fromtimestamp(int(time), UTC), usegmt=True)
-
-
-def _until(given: RequestParameters) -> int | None:
-    text = given.one("until")
-    if text is not None and not re.fullmatch(rf"[0-9]{{1,{MOST_DIGITS}}}", text):
-        raise Problem(400, f"until must be the number of a transaction, got {text[:40]!r}")
-    return None if text is None else int(text)
