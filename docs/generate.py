@@ -27,7 +27,7 @@ PUBLIC: Final = {
     "Answers": ("kg.query.evaluation:Table", "kg.query.evaluation:TripleTable"),
     "Records": ("kg.records:*", "kg.areas:Area", "kg.areas:area_of"),
     "Serving": ("kg.server:MapServer", "kg.server:Settings", "kg.server:BearerTokens"),
-    "Probability of objects in places": ("kg.placement.table:placement_table",),
+    "Probability of objects in places": ("kg.maps.room_statistics:placement_table",),
     "Frames and recordings": (
         "perception.frames:*",
         "perception.recordings.recording:open_recording",

@@ -43,7 +43,7 @@ def read_report(folder: Path) -> DetectionReport | None:
 
 def write_report(folder: Path, report: DetectionReport) -> None:
     """Write the report into the folder of a map; raises GraphError where that fails."""
-    from kg.export.serialization import write_atomically
+    from kg.store.atomic_file import write_atomically
 
     path = folder / NAME
     try:

@@ -8,8 +8,8 @@ from typing import Any
 
 from benchmarks.questions.question_file import Question
 from benchmarks.questions.scoring import score
+from kg.maps.room_statistics import placement_table
 from kg.maps.semantic_map import SemanticMap
-from kg.placement.table import placement_table
 from planner.goals.search_goals import resolve_target
 
 

@@ -10,10 +10,10 @@ from pyoxigraph import RdfFormat, Triple, serialize
 from kg import vocabulary as v
 from kg.errors import OntologyError
 from kg.export.owl_document import with_one_header
-from kg.export.serialization import write_atomically
 from kg.maps.semantic_map import SemanticMap
 from kg.rdf.turtle_names import with_full_iris
 from kg.rdf.xml_characters import in_xml
+from kg.store.atomic_file import write_atomically
 
 _FORMATS: Final = {
     ".ttl": RdfFormat.TURTLE,

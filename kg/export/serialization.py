@@ -9,8 +9,6 @@ ontology an OWL 2 DL document without imports. The same map gives the same text.
 from __future__ import annotations
 
 import math
-import os
-import uuid
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Final
@@ -29,6 +27,7 @@ from kg.rdf.quad_store import Subject
 from kg.rdf.skolem import anonymous
 from kg.rdf.turtle_names import with_full_iris
 from kg.rdf.xml_characters import in_xml
+from kg.store.atomic_file import write_atomically
 
 #: format -> endings of its files
 FORMATS: Final[dict[str, tuple[str, ...]]] = {
@@ -218,30 +217,3 @@ _BY_LENGTH: Final = (v.HAS_BELIEF, v.HAS_RELATION, v.HAS_LABEL_BELIEF)
 def _rank(predicate: str, value: str) -> tuple[object, ...]:
     length = len(value) if predicate in _BY_LENGTH else 0
     return _FIRST.get(predicate, 2), predicate, length, value
-
-
-def write_atomically(path: Path, text: str | bytes) -> None:
-    """Write `text` (UTF-8, or bytes as they are) to `path` atomically, by renaming a new file.
-
-    Raises GraphError where that fails.
-    A device or pipe (/dev/stdout) is written to, never replaced by a file, and a link stays one.
-    """
-    data = text if isinstance(text, bytes) else text.encode("utf-8")
-    try:
-        if path.exists() and not path.is_file() and not path.is_dir():
-            path.write_bytes(data)
-            return
-        path = path.resolve()
-    except OSError as error:
-        raise GraphError(f"cannot write {path}: {error.strerror or error}") from error
-    beside = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
-    try:
-        with beside.open("wb") as out:
-            out.write(data)
-            out.flush()
-            os.fsync(out.fileno())
-        beside.replace(path)
-    except OSError as error:
-        raise GraphError(f"cannot write {path}: {error.strerror or error}") from error
-    finally:
-        beside.unlink(missing_ok=True)

@@ -20,10 +20,10 @@ from typing import Any, Final, TypeVar
 import numpy as np
 
 from kg.errors import InvalidFactError
-from kg.export.serialization import write_atomically
 from kg.maps.semantic_map import SemanticMap
 from kg.ontology.catalogue import Catalogue
 from kg.records import MapUpdate, ObjectRecord, PlaceRecord
+from kg.store.atomic_file import write_atomically
 from kg.transactions import Cause
 
 NU: Final = 3.0  # most confidence an object can have, eq. 3.1

@@ -18,8 +18,8 @@ from pyoxigraph import Literal, NamedNode, Quad
 from kg import vocabulary as v
 from kg.areas import FARTHEST
 from kg.errors import InvalidFactError
-from kg.facts.agents import agent_iri, agent_quads
 from kg.facts.relations import NOTHING, SINGLE, asserted_relations, perceived_value
+from kg.iris import agent_iri
 from kg.ontology.catalogue import Catalogue
 from kg.rdf.datetimes import date_time, seconds
 from kg.rdf.quad_store import QuadStore
@@ -148,6 +148,13 @@ class Assertions:
             since=seconds(one(v.CONFLICT_SINCE)) if v.CONFLICT_SINCE in values else None,
             beliefs={held[v.OF_CATEGORY][0]: float(held[v.BELIEF][0]) for held in beliefs},
         )
+
+
+def agent_quads(base: str, name: str, graph: NamedNode) -> Iterator[Quad]:
+    """Type and label of the author `name` (prov:Agent)."""
+    node = NamedNode(agent_iri(base, name))
+    yield Quad(node, _TYPE, NamedNode(v.PROV_AGENT), graph)
+    yield Quad(node, NamedNode(v.RDFS_LABEL), Literal(name), graph)
 
 
 def value_of(prop: str, given: object, catalogue: Catalogue, kind: str) -> str:

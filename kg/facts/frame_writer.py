@@ -31,7 +31,6 @@ from kg.facts.doors import facts_of_door
 from kg.facts.label_beliefs import OWN as OWN_OF_LABELS
 from kg.facts.label_beliefs import label_nodes
 from kg.facts.objects_and_places import RecordCodec
-from kg.facts.observations import observation_of
 from kg.facts.occupancy import OWN as OWN_OF_TILES
 from kg.facts.occupancy import facts_of_tile, iri_of
 from kg.facts.relations import OF_NODE, OF_OBJECT, SINGLE, relation_nodes
@@ -39,6 +38,7 @@ from kg.facts.robot_and_recordings import recording_iri, recording_quads, robot_
 from kg.facts.searches import OWN as OWN_OF_SEARCHES
 from kg.facts.searches import facts_of, subjects_of
 from kg.facts.write_cache import WriteCache
+from kg.iris import observation_iri
 from kg.records import DepartedRecord, MapUpdate, ObjectRecord, PlaceRecord
 from kg.store.sparql_backend import reading_ahead
 from kg.store.transactional import TransactionalStore
@@ -191,7 +191,7 @@ class FrameWriter:
         """Subjects whose quads `update` may change; InvalidFactError for what is no IRI."""
         objects = [*(record.iri for record in update.objects), *update.removed]
         yield from map(_node, objects)
-        yield from (_node(observation_of(iri, self._facts.base)) for iri in objects)
+        yield from (_node(observation_iri(self._facts.base, iri)) for iri in objects)
         yield from (_node(place.iri) for place in update.places)
         yield from (_node(door.iri) for door in update.doors)
         yield from map(_node, subjects_of(update))
@@ -224,7 +224,7 @@ class FrameWriter:
             facts = [q for q in facts if q.predicate != _LABEL]
         _put(wanted, facts)
         stored |= before
-        stored |= self._recent.of(NamedNode(observation_of(record.iri, self._facts.base)))
+        stored |= self._recent.of(NamedNode(observation_iri(self._facts.base, record.iri)))
         if assertions or previous:
             _put(stored, self._assertions.stored(self._store.engine, record.iri))
             for assertion in assertions.values():
@@ -299,7 +299,7 @@ class FrameWriter:
         engine = self._store.engine
         for node in label_nodes(engine, iri):
             yield from engine.quads_for_pattern(node, None, None, _MAP)
-        for subject in (iri, observation_of(iri, self._facts.base), *relation_nodes(engine, iri)):
+        for subject in (iri, observation_iri(self._facts.base, iri), *relation_nodes(engine, iri)):
             yield from engine.quads_for_pattern(_node(subject), None, None, _MAP)
             yield from engine.quads_for_pattern(None, None, _node(subject), _MAP)
             for quad in engine.quads_for_pattern(_node(subject), _HAS_BELIEF, None, _MAP):

@@ -37,10 +37,11 @@ from kg.facts.literals import (
     subject_quads,
     time_literal,
 )
-from kg.facts.observations import evidence_of, observation_of, observation_quads
+from kg.facts.observations import evidence_of, observation_quads
 from kg.facts.place_views import facts_of_views, views_of
 from kg.facts.relations import relation_quads, relations_of
 from kg.facts.wkt import CRS
+from kg.iris import observation_iri
 from kg.ontology.catalogue import Catalogue
 from kg.rdf.grid_cells import cell_of
 from kg.rdf.quad_store import QuadStore
@@ -111,7 +112,7 @@ class RecordCodec:
         parts += label_quads(record.iri, record.labels)
         if record.evidence is None:
             return subject_quads(record.iri, facts) + parts
-        facts.append((v.EXPLAINED_BY, NamedNode(observation_of(record.iri, self.base))))
+        facts.append((v.EXPLAINED_BY, NamedNode(observation_iri(self.base, record.iri))))
         evidence = observation_quads(record.iri, record.evidence, self.base)
         return subject_quads(record.iri, facts) + evidence + parts
 

@@ -19,13 +19,8 @@ from kg.facts.literals import (
     time_literal,
 )
 from kg.facts.robot_and_recordings import recording_iri, recording_name
+from kg.iris import observation_iri
 from kg.records import Evidence
-
-
-def observation_of(iri: str, base: str) -> str:
-    """IRI of the observation that explains the object `iri` of the map `base` best."""
-    kept = iri.removeprefix(base + "object/")
-    return iri + "/observation" if kept == iri else f"{base}observation/{kept}"
 
 
 def observation_quads(iri: str, evidence: Evidence, base: str) -> list[Quad]:
@@ -37,7 +32,7 @@ def observation_quads(iri: str, evidence: Evidence, base: str) -> list[Quad]:
     if len(evidence.box) != 4 or not all(map(math.isfinite, evidence.box)):
         raise InvalidFactError(f"{what}: box must be 4 finite numbers, got {evidence.box}")
     return subject_quads(
-        observation_of(iri, base),
+        observation_iri(base, iri),
         [
             (v.RDF_TYPE, known_iri(v.SOSA_OBSERVATION)),
             (v.SOSA_FEATURE, iri_node(iri, what)),

@@ -1,4 +1,4 @@
-"""Export of room statistics into an ontology file, or into the ontology of a map."""
+"""Room statistics as quads of an ontology, and their export into an ontology file."""
 
 from __future__ import annotations
 
@@ -11,17 +11,13 @@ from pyoxigraph import Literal, NamedNode, Quad, RdfFormat, serialize
 
 from kg import vocabulary as v
 from kg.errors import InvalidFactError, OntologyError
-from kg.export.serialization import write_atomically
-from kg.maps.semantic_map import SemanticMap
-from kg.ontology.loading import compile_commonsense
 from kg.placement.rooms import RoomType
 from kg.placement.statistics import statistics, statistics_quads
 from kg.placement.statistics_import import RoomTable
 from kg.rdf.parsing import parse_file
-from kg.transactions import Cause
+from kg.store.atomic_file import write_atomically
 
 _ONTOLOGY: Final = NamedNode(v.ONTOLOGY_GRAPH)
-_COMMONSENSE: Final = NamedNode(v.COMMONSENSE_GRAPH)
 #: the ontologies whose categories the statistics are about
 _IMPORTS: Final = tuple(v.ROOMS_ONTOLOGY.replace("rooms/", name) for name in ("objects", "places"))
 
@@ -96,26 +92,3 @@ _PREFIXES: Final = {name: v.PREFIXES[name] for name in ("here", "owl", "rdfs", "
 def _license(table: RoomTable) -> NamedNode | Literal:
     given = table.statistics[0].license
     return NamedNode(given) if given else Literal("not stated")
-
-
-def import_rooms(semantic_map: SemanticMap, table: RoomTable, by: str = "import rooms") -> int:
-    """Import a table's statistics into a map's ontology; returns the number of changed triples.
-
-    Statistics of the same source are replaced. One transaction; importing twice changes
-    nothing the second time.
-    """
-    sources = {one.source for one in table.statistics}
-    with semantic_map.hold():
-        stored = tuple(semantic_map.engine.quads_for_pattern(None, None, None, _ONTOLOGY))
-        old = [one for one in statistics(stored) if one.source in sources]
-        wanted = set(table_quads(table))
-        gone = set(statistics_quads(old)) - wanted
-        ontology = [q for q in stored if q not in gone]
-        compiled = set(compile_commonsense([*ontology, *wanted]))
-        compiled -= set(semantic_map.engine.quads_for_pattern(None, None, None, _COMMONSENSE))
-        cause = Cause("import", by, "; ".join(sorted(sources)))
-        change = semantic_map.store.commit(
-            sorted(gone, key=str), sorted(wanted | compiled, key=str), cause
-        )
-        semantic_map.reread_ontology()  # new room types are categories from now on
-    return len(change) if change else 0

@@ -1,6 +1,6 @@
 """Placement table: p(object in place) with its uncertainty and its reasons.
 
-table = placement_table(semantic_map)
+table = table_of(quads)
 table.probability(banana, kitchen)       # IRIs; 0.31
 table.placement(banana, kitchen).reasons # its sources, and the share of each
 table.place_posterior({oven: 1, sink: 1})
@@ -13,11 +13,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from pyoxigraph import NamedNode, Quad
+from pyoxigraph import Quad
 
 from kg import vocabulary as v
 from kg.errors import UnknownCategoryError
-from kg.maps.semantic_map import SemanticMap
 from kg.ontology.catalogue import Catalogue
 from kg.placement.evidence import PlacementEvidence, placement_evidence
 from kg.placement.map_counts import MapCounts, map_counts
@@ -25,6 +24,7 @@ from kg.placement.model import BASE, CONCEPTNET, LISTED, log_odds_terms, posteri
 from kg.placement.posterior import posterior
 from kg.placement.settings import FITTED, STATEMENT_STRENGTH, PlacementParameters
 from kg.placement.surveys import room_frequencies
+from kg.records import ObjectRecord, PlaceRecord
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,39 +48,31 @@ class Placement:
     reasons: tuple[PlacementReason, ...]  # the largest share first
 
 
-def placement_table(
-    semantic_map: SemanticMap,
+def table_of(
+    quads: Iterable[Quad],
+    places: Iterable[PlaceRecord] = (),
+    objects: Iterable[ObjectRecord] = (),
     *,
     parameters: PlacementParameters = FITTED,
     sought: Collection[str] | None = None,
 ) -> PlacementTable:
-    """Placement table of the map's ontology, imported statistics and rooms, as of now.
+    """Placement table of an ontology's quads, imported statistics included, and of a map's rooms.
 
-    `sought` has the IRIs of the objects its detector can detect: only for these does a searched
-    room count as one without (None: for all). Raises OntologyError for an invalid ontology.
+    Args:
+        quads: those of graph:ontology.
+        places: the rooms of a map; none before there is any map.
+        objects: the objects of that map.
+        parameters: the strengths of the sources.
+        sought: IRIs of the objects that the detector of the map can detect: only for these does a
+            searched room count as one without (None: for all).
+
+    Raises:
+        OntologyError: for an invalid ontology.
     """
-    with semantic_map.hold():
-        graph = NamedNode(v.ONTOLOGY_GRAPH)
-        known = placement_evidence(
-            semantic_map.engine.quads_for_pattern(None, None, None, graph), semantic_map.catalogue
-        )
-        rooms = map_counts(
-            semantic_map.places(),
-            semantic_map.objects(),
-            known.objects,
-            known.places,
-            known.above,
-            sought,
-        )
-    return PlacementTable(known, semantic_map.catalogue, rooms, parameters)
-
-
-def table_of(quads: Iterable[Quad], *, parameters: PlacementParameters = FITTED) -> PlacementTable:
-    """The table of an ontology's quads alone, before any map."""
     quads = tuple(quads)
     catalogue = Catalogue.from_quads(quads)
     known = placement_evidence(quads, catalogue)
-    rooms = map_counts((), (), known.objects, known.places, known.above)
+    rooms = map_counts(places, objects, known.objects, known.places, known.above, sought)
     return PlacementTable(known, catalogue, rooms, parameters)
 
 

@@ -20,8 +20,8 @@ from pyoxigraph import Literal, NamedNode, Quad
 from kg import vocabulary as v
 from kg.facts.assertions import Assertions
 from kg.facts.objects_and_places import RecordCodec
-from kg.facts.observations import observation_of
 from kg.facts.relations import relation_nodes
+from kg.iris import observation_iri
 from kg.rdf.datetimes import now
 from kg.rdf.grid_cells import cell_of
 from kg.rdf.wkt import area_of_polygon
@@ -71,7 +71,7 @@ def _is_place(pending: ChangeDraft, facts: RecordCodec, subject: NamedNode) -> b
 def _remove_dependents(pending: ChangeDraft, facts: RecordCodec, removed: NamedNode) -> None:
     """Remove the nodes that depend on `removed`."""
     follow = [*pending.after(None, None, removed, _MAP)]
-    owned = {observation_of(removed.value, facts.base)}
+    owned = {observation_iri(facts.base, removed.value)}
     owned.update(
         quad.object.value
         for quad in pending.removed

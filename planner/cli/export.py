@@ -111,8 +111,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _copy_pictures(semantic_map: SemanticMap, folder: Path, least: float) -> int:
     """Copy the pictures of objects of existence `least` and above; returns how many."""
-    from kg.export.serialization import write_atomically
     from kg.maps.object_pictures import ObjectPictures
+    from kg.store.atomic_file import write_atomically
 
     if semantic_map.store.path is None:
         raise QueryParameterError("--pictures copies from a map's folder: give that as MAP")
@@ -179,7 +179,7 @@ def _write_document(
     semantic_map: SemanticMap, output: Path, chosen: str, arguments: argparse.Namespace
 ) -> str:
     from kg.export.plain_documents import geojson_document, rooms_document
-    from kg.export.serialization import write_atomically
+    from kg.store.atomic_file import write_atomically
 
     least = _least(arguments)
     make = geojson_document if chosen == "geojson" else rooms_document
@@ -194,7 +194,7 @@ def _write_document(
 def _write_scene(
     semantic_map: SemanticMap, output: Path, chosen: str, arguments: argparse.Namespace
 ) -> str:
-    from kg.export.serialization import write_atomically
+    from kg.store.atomic_file import write_atomically
     from planner.viewers.past_scenes import past_scenes, present_scene
 
     make = _scene_writer(chosen)

@@ -33,10 +33,11 @@ def add(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Import the table, all or nothing."""
+    from kg.maps.room_statistics import import_rooms
     from kg.ontology.catalogue import Catalogue
     from kg.ontology.loading import load_ontologies
     from kg.opening import open_or_create_map
-    from kg.placement.statistics_export import import_rooms, write_rooms
+    from kg.placement.statistics_export import write_rooms
     from kg.placement.statistics_import import SHIPPED, read_rooms
 
     path = Path(arguments.table)

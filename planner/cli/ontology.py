@@ -194,10 +194,10 @@ def _export(arguments: argparse.Namespace) -> int:
 
 
 def _vocabulary(arguments: argparse.Namespace) -> int:
-    from kg.export.serialization import write_atomically
     from kg.ontology.import_closure import load_with_imports
     from kg.ontology.vocabulary_page import vocabulary_page
     from kg.resources import ONTOLOGIES
+    from kg.store.atomic_file import write_atomically
     from kg.workers.document_parsing import IsolatedParser
 
     with IsolatedParser() as parse:

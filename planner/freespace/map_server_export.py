@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from kg.errors import LayoutError
-from kg.export.serialization import write_atomically
+from kg.store.atomic_file import write_atomically
 from mapping.occupancy.mapped_floor import MappedFloor
 
 #: by UNKNOWN, FREE, LOW, TALL: what one looks over stops a robot all the same

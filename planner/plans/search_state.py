@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kg.facts.occupancy import tiles_of_rows
+from kg.maps.room_statistics import placement_table
 from kg.maps.semantic_map import SemanticMap
-from kg.placement.table import placement_table
 from mapping.occupancy.mapped_floor import mapped_floor
 from planner.belief.cell_belief import CellBelief
 from planner.belief.target_belief import TargetBelief, build_target_belief

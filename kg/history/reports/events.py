@@ -9,10 +9,10 @@ from pyoxigraph import Literal, NamedNode
 
 from kg import vocabulary as v
 from kg.errors import QueryParameterError
-from kg.facts.observations import observation_of
 from kg.history.curies import short, word
 from kg.history.storage.log import HistoryLog
 from kg.history.storage.row_codec import Coded, Delta, Term, decode_delta
+from kg.iris import observation_iri
 from kg.transactions import Cause
 
 _TYPE = NamedNode(v.RDF_TYPE)
@@ -42,7 +42,7 @@ def history_events(log: HistoryLog, iri: NamedNode, base: str) -> Iterator[Histo
     with log.lock:
         nodes = [
             *log.terms.nodes_of(iri),
-            *log.terms.nodes_of(NamedNode(observation_of(iri.value, base))),
+            *log.terms.nodes_of(NamedNode(observation_iri(base, iri.value))),
             *log.terms.nodes_under(iri.value + "/belief/"),
             *log.terms.nodes_under(iri.value + "/relation/"),
         ]

@@ -15,14 +15,14 @@ from pyoxigraph import Literal, NamedNode, Quad
 
 from kg import vocabulary as v
 from kg.errors import QueryParameterError
-from kg.facts.agents import agent_iri
-from kg.facts.assertions import Assertions
 from kg.history.curies import short, statement
 from kg.history.reports.changes_of_facts import changes_of, same, sequence_of
 from kg.history.reports.explanation_rules import BELIEF_OF_PLACE, EVIDENT, REMOVAL, RULES, rule_of
 from kg.history.storage.log import BACKGROUND, HistoryLog
 from kg.history.storage.row_codec import Term
 from kg.history.timestamps import iso
+from kg.iris import agent_iri, agent_name
+from kg.rdf.datetimes import seconds
 from kg.rdf.quad_store import QuadStore
 
 Kind = (
@@ -33,6 +33,7 @@ VIEWS = 3  # frames named of those a place's belief rests on
 
 _MAP, _ASSERTIONS = NamedNode(v.MAP_GRAPH), NamedNode(v.ASSERTIONS_GRAPH)
 _SUBJECT = NamedNode(v.RELATION_SUBJECT)
+_ASSERTED_OF = NamedNode(v.ASSERTED_OF)
 _DEPARTED = NamedNode(v.DEPARTED_OBJECT)
 #: Facts that follow from an assertion of a property.
 _SAID_OF = {
@@ -135,15 +136,31 @@ class Explainer:
         prop = _SAID_OF.get(quad.predicate.value)
         if prop is None or quad.graph_name != _MAP or not isinstance(quad.subject, NamedNode):
             return None
-        assertions = Assertions(self._base)
-        held = assertions.of(self._engine, quad.subject.value).get(prop)
-        named = prop in ("category", "on", "inside")
-        if held is None or (named and quad.object != NamedNode(held.value)):
+        node = self._assertion(quad.subject, prop)
+        if node is None:
             return None
-        value = short(NamedNode(held.value), self._base) if named else held.value
-        text = f"{prop} {value}, asserted at {iso(held.stamp)}"
-        person = Explanation("person", held.by, agent_iri(self._base, held.by))
-        return Explanation("fact", text, assertions.iri(held.subject, prop), (person,))
+        (value,) = self._values(node, v.ASSERTED_VALUE)
+        if isinstance(value, NamedNode) and value != quad.object:
+            return None
+        when = iso(seconds(self._text(node, v.PROV_GENERATED_AT)))
+        text = f"{prop} {short(value, self._base)}, asserted at {when}"
+        agents = self._values(node, v.PROV_ATTRIBUTED_TO)
+        people = tuple(
+            Explanation("person", agent_name(self._base, agent.value), agent.value)
+            for agent in agents
+            if isinstance(agent, NamedNode)
+        )
+        return Explanation("fact", text, node.value, people)
+
+    def _assertion(self, thing: NamedNode, prop: str) -> NamedNode | None:
+        """The assertion of a property of a thing."""
+        for quad in self._engine.quads_for_pattern(None, _ASSERTED_OF, thing, _ASSERTIONS):
+            node = quad.subject
+            if not isinstance(node, NamedNode):
+                continue
+            if Literal(prop) in self._values(node, v.ASSERTED_PROPERTY):
+                return node
+        return None
 
     def _mapped(self, subject: NamedNode, predicate: str, value: Term) -> Iterator[Explanation]:
         """The mapper's rule for a fact of its own, and what it applied the rule to."""

@@ -13,10 +13,11 @@ from pyoxigraph import Literal, NamedNode, Quad
 
 from kg import vocabulary as v
 from kg.errors import HistoryError
-from kg.facts.agents import AGENT, agent_iri, agent_name, agent_quads
+from kg.facts.assertions import agent_quads
 from kg.facts.literals import properties_of
 from kg.facts.standard_terms import PROGRAM, SENSOR, program_quads, sensor_quads, standard_quads
 from kg.facts.wkt import CRS, GEOMETRY, crs_quads, geometry_quads
+from kg.iris import AGENT, agent_iri, agent_name
 from kg.maps.semantic_map import SemanticMap
 from kg.rdf.datetimes import date_time
 

@@ -12,10 +12,11 @@ from pyoxigraph import BlankNode, Dataset, Literal, NamedNode, Quad, RdfFormat, 
 from rdflib.compare import isomorphic
 
 from kg.errors import GraphError
-from kg.export.serialization import FORMATS, export_map, export_quads, export_text, write_atomically
+from kg.export.serialization import FORMATS, export_map, export_quads, export_text
 from kg.maps.semantic_map import SemanticMap
 from kg.opening import in_memory_map
 from kg.records import Evidence, MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
+from kg.store.atomic_file import write_atomically
 from kg.vocabulary import ASSERTIONS_GRAPH
 
 NATIVE = {

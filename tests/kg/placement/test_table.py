@@ -12,15 +12,16 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Quad
 
 from kg import vocabulary as v
 from kg.errors import OntologyError, UnknownCategoryError
+from kg.maps.room_statistics import import_rooms, placement_table
 from kg.maps.semantic_map import SemanticMap
 from kg.ontology.catalogue import Catalogue
 from kg.ontology.import_digest import mark_of
 from kg.ontology.loading import load_ontologies
 from kg.opening import in_memory_map
 from kg.placement.statistics import RoomStatistics, statistics, statistics_quads
-from kg.placement.statistics_export import import_rooms, table_quads
+from kg.placement.statistics_export import table_quads
 from kg.placement.statistics_import import SHIPPED, read_rooms
-from kg.placement.table import placement_table, table_of
+from kg.placement.table import table_of
 from kg.records import MapUpdate, ObjectRecord, PlaceRecord
 
 QUADS = load_ontologies().quads

@@ -1,0 +1,61 @@
+"""Placement table of a map, and import of room statistics into its ontology."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import Final
+
+from pyoxigraph import NamedNode
+
+from kg import vocabulary as v
+from kg.maps.semantic_map import SemanticMap
+from kg.ontology.loading import compile_commonsense
+from kg.placement.settings import FITTED, PlacementParameters
+from kg.placement.statistics import statistics, statistics_quads
+from kg.placement.statistics_export import table_quads
+from kg.placement.statistics_import import RoomTable
+from kg.placement.table import PlacementTable, table_of
+from kg.transactions import Cause
+
+_ONTOLOGY: Final = NamedNode(v.ONTOLOGY_GRAPH)
+_COMMONSENSE: Final = NamedNode(v.COMMONSENSE_GRAPH)
+
+
+def placement_table(
+    semantic_map: SemanticMap,
+    *,
+    parameters: PlacementParameters = FITTED,
+    sought: Collection[str] | None = None,
+) -> PlacementTable:
+    """Placement table of the map's ontology, imported statistics and rooms, as of now.
+
+    `sought` has the IRIs of the objects its detector can detect: only for these does a searched
+    room count as one without (None: for all). Raises OntologyError for an invalid ontology.
+    """
+    with semantic_map.hold():
+        quads = semantic_map.engine.quads_for_pattern(None, None, None, _ONTOLOGY)
+        places, objects = semantic_map.places(), semantic_map.objects()
+        return table_of(quads, places, objects, parameters=parameters, sought=sought)
+
+
+def import_rooms(semantic_map: SemanticMap, table: RoomTable, by: str = "import rooms") -> int:
+    """Import a table's statistics into a map's ontology; returns the number of changed triples.
+
+    Statistics of the same source are replaced. One transaction; importing twice changes
+    nothing the second time.
+    """
+    sources = {one.source for one in table.statistics}
+    with semantic_map.hold():
+        stored = tuple(semantic_map.engine.quads_for_pattern(None, None, None, _ONTOLOGY))
+        old = [one for one in statistics(stored) if one.source in sources]
+        wanted = set(table_quads(table))
+        gone = set(statistics_quads(old)) - wanted
+        ontology = [q for q in stored if q not in gone]
+        compiled = set(compile_commonsense([*ontology, *wanted]))
+        compiled -= set(semantic_map.engine.quads_for_pattern(None, None, None, _COMMONSENSE))
+        cause = Cause("import", by, "; ".join(sorted(sources)))
+        change = semantic_map.store.commit(
+            sorted(gone, key=str), sorted(wanted | compiled, key=str), cause
+        )
+        semantic_map.reread_ontology()  # new room types are categories from now on
+    return len(change) if change else 0

@@ -1,0 +1,36 @@
+"""Atomic replacement of a file: readers see the old content or the new, never a part."""
+
+from __future__ import annotations
+
+import os
+import uuid
+from pathlib import Path
+
+from kg.errors import GraphError
+
+
+def write_atomically(path: Path, text: str | bytes) -> None:
+    """Write `text` (UTF-8, or bytes as they are) to `path` atomically, by renaming a new file.
+
+    Raises GraphError where that fails.
+    A device or pipe (/dev/stdout) is written to, never replaced by a file, and a link stays one.
+    """
+    data = text if isinstance(text, bytes) else text.encode("utf-8")
+    try:
+        if path.exists() and not path.is_file() and not path.is_dir():
+            path.write_bytes(data)
+            return
+        path = path.resolve()
+    except OSError as error:
+        raise GraphError(f"cannot write {path}: {error.strerror or error}") from error
+    beside = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
+    try:
+        with beside.open("wb") as out:
+            out.write(data)
+            out.flush()
+            os.fsync(out.fileno())
+        beside.replace(path)
+    except OSError as error:
+        raise GraphError(f"cannot write {path}: {error.strerror or error}") from error
+    finally:
+        beside.unlink(missing_ok=True)
