@@ -29,7 +29,6 @@
     ├── ModelError               a network that cannot be loaded, fetched or understood
     ├── LayoutError              places or transforms given by file that make no sense
     ├── LabelsError              a table of what a network's labels mean that makes no sense
-    ├── OrderingError            a search problem that makes no sense: sizes, signs, no probability
     ├── RobotError               a robot that does not answer, or says what makes no sense
     ├── ServerError              a server that cannot start as configured, or a request it refuses
     └── PictureError             a picture or a file for viewers that cannot be written
@@ -167,10 +166,6 @@ class LayoutError(HereaboutsError):
 
 class LabelsError(HereaboutsError):
     """A table of what a network's labels mean cannot be read, or names no category."""
-
-
-class OrderingError(HereaboutsError):
-    """A search problem makes no sense: sizes differ, a time is negative, no probability."""
 
 
 class RobotError(HereaboutsError):

@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from benchmarks import command_line
-from kg.errors import OrderingError
+from benchmarks.ordering.problem import OrderingError
 from planner.cli.arguments import add_json, count, positive
 from planner.cli.console import err, note, progress, write, write_json
 
 if TYPE_CHECKING:
+    from benchmarks.ordering.solver import Ordering
     from benchmarks.plan.problems import SearchProblem
-    from planner.plans.ordering.solver import Ordering
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -41,8 +41,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def run(arguments: argparse.Namespace) -> int:
     """Read, solve, write, sum up."""
+    from benchmarks.ordering.solver import solve
     from benchmarks.plan.problems import read_problems
-    from planner.plans.ordering.solver import solve
 
     if arguments.output == "-" and arguments.json:
         arguments.usage_error("-o - and --json both want stdout; give -o a file")

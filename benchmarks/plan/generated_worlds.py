@@ -12,8 +12,8 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.ordering.problem import OrderingProblem
 from planner.freespace.travel import SearchModel
-from planner.plans.ordering.problem import OrderingProblem
 
 SPEED = 0.2412  # [m/s]; planner/freespace/travel.py
 EXPLORE = 41.79  # [s]

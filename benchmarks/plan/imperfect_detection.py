@@ -13,9 +13,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kg.errors import OrderingError
+from benchmarks.ordering.problem import OrderingError, OrderingProblem
 from planner.freespace.travel import SearchModel
-from planner.plans.ordering.problem import OrderingProblem
 
 Array = NDArray[np.float64]
 #: why a plan ends

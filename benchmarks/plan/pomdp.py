@@ -7,7 +7,7 @@ One thing is in one of n rooms of a made-up building (`generated_worlds`); a loo
 room it is in shows it with the recall. As a POMDP: the state is where the thing and where the robot
 is, actions are looks at rooms, the reward is minus their seconds, and a find ends it. pomdp-py's
 POUCT (Silver and Veness 2010, on an exact belief) plans every look anew for S seconds; its rollouts
-choose among the rooms looked at least. Ours is `planner.plans.ordering`: `solve` where looks never
+choose among the rooms looked at least. Ours is `benchmarks.ordering`: `solve` where looks never
 miss, `plan_with_misses` where they do. While nothing is found both are sequences of rooms, whose
 expected seconds are worked out exactly, over the soonest 0.95 of all finds.
 """
@@ -28,10 +28,10 @@ from typing import Any
 import numpy as np
 import pomdp_py
 
+from benchmarks.ordering import OrderingProblem
+from benchmarks.ordering.solver import solve
 from benchmarks.plan.generated_worlds import problem as made_up
 from benchmarks.plan.imperfect_detection import plan_with_misses, update_after_miss
-from planner.plans.ordering import OrderingProblem
-from planner.plans.ordering.solver import solve
 
 SIZES = (5, 8, 12)
 RECALLS = (1.0, 0.7)
@@ -54,7 +54,7 @@ class PomdpRow:
 
 def main() -> None:
     """Print the table as Markdown, or JSON."""
-    parser = argparse.ArgumentParser(description="planner.plans.ordering beside pomdp-py's POUCT")
+    parser = argparse.ArgumentParser(description="benchmarks.ordering beside pomdp-py's POUCT")
     parser.add_argument("--seconds", type=float, default=1.0, help="POUCT's, for every look")
     parser.add_argument("--seeds", type=int, default=4, help="problems of each kind")
     parser.add_argument("--json", action="store_true")

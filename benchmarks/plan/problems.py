@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from kg.errors import OrderingError, did_you_mean
-from planner.plans.ordering.problem import OrderingProblem
+from benchmarks.ordering.problem import OrderingError, OrderingProblem
+from kg.errors import did_you_mean
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -18,11 +18,11 @@ from typing import Literal
 
 import numpy as np
 
+from benchmarks.ordering import OrderingProblem
+from benchmarks.ordering.local_search import ratio_rule
+from benchmarks.ordering.reduction import reduce_problem
+from benchmarks.ordering.solver import solve
 from benchmarks.plan.generated_worlds import PATTERNS, Pattern, document, problem, reference_like
-from planner.plans.ordering import OrderingProblem
-from planner.plans.ordering.local_search import ratio_rule
-from planner.plans.ordering.reduction import reduce_problem
-from planner.plans.ordering.solver import solve
 
 MODELS: tuple[Literal["single", "any"], ...] = ("single", "any")
 

@@ -18,11 +18,11 @@ from statistics import fmean
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.ordering.problem import OrderingProblem
+from benchmarks.ordering.solver import solve
 from kg.records import PlaceRecord
 from planner.freespace.travel import Travel, distances
 from planner.goals.search_goals import Goal
-from planner.plans.ordering.problem import OrderingProblem
-from planner.plans.ordering.solver import solve
 from planner.viewpoints.sensor import Motion, Sensor, angle_between
 
 Point = NDArray[np.float64]

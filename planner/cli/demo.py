@@ -110,7 +110,7 @@ def _print_answer(table: Table) -> None:
 
 
 def _tell_plan(report: DemoReport) -> None:
-    from planner.plans.report import plan_lines
+    from planner.plans.report import baseline_line, plan_lines
     from planner.simulation.demo.house_demo import TARGET
 
     plan, thesis = report.planned.plan, report.planned.thesis
@@ -119,11 +119,7 @@ def _tell_plan(report: DemoReport) -> None:
     print_looks(plan, _LOOKS)
     rest = len(plan.steps) - _LOOKS
     note(f"and {rest} more looks; " * (rest > 0) + plan_lines(plan)[0])
-    note(
-        f"{thesis.name}, nearest goal first and a whole turn at each: "
-        f"{thesis.expected_seconds:.0f} s expected, where this plan finds as much "
-        f"({thesis.probability:.2f}) in {thesis.plan_seconds:.0f} s"
-    )
+    note(baseline_line(thesis))
 
 
 def _tell_search(report: DemoReport) -> None:

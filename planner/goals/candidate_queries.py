@@ -122,8 +122,9 @@ class CandidateQueries:
             may_be = f"may be {with_article(str(row['category']))} ({existence:.2f})"
             fact = f"{name(row)} {may_be}, {where}{seen(row, 'placeLabel')}"
         kind_of = str(row["category"])
-        stays = f"{with_article(kind_of)} stays put for {span(half)} as often as not"
-        after = f": {kept:.2f} after {span(self._age(row))}" if self._age(row) >= 1 else ""
+        stays = f"{with_article(kind_of)} is moved within {span(half)} with probability 0.5"
+        age = span(self._age(row))
+        after = f", still in place after {age} with {kept:.2f}" if self._age(row) >= 1 else ""
         return Candidate(
             target=target,
             kind="known",

@@ -9,14 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.plans.nearest_neighbour import nearest_neighbour
-from planner.plans.ordering import OrderingProblem
-from planner.plans.ordering.solver import solve
 from planner.plans.rollout import PlanEvaluator, Rollout
+from planner.plans.room_order import room_order
 from planner.viewpoints.next_best_view import RobotState
 
 _SWEPT: float = 0.9  # share of what a room's looks can find that ends its sweep
 _A_ROOM: int = 12  # looks in a room, at most
-_FEW: int = 14  # rooms up to which an order is proven
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,28 +79,25 @@ class RoomBaselines:
         return list(nearest_neighbour((r for r in self.rooms if self._sweeps[r]), metres))
 
     def best_order(self) -> list[int]:
-        """The order of least expected time, were rooms all there is (`planner.plans.ordering`)."""
+        """Rooms in an order of little expected time, as if each were searched in one go."""
         state, rooms = self._evaluator.state, [room for room in self.rooms if self._sweeps[room]]
         views = state.views
-        first = np.array([views.viewpoint[self._sweeps[room][0]] for room in rooms])
-        last = np.array([views.viewpoint[self._sweeps[room][-1]] for room in rooms])
-        belief = state.belief
-        p = np.array([belief.of_room(state.space, room) for room in rooms])
-        if not rooms or p.sum() <= 0:
+        first = np.array([views.viewpoint[self._sweeps[room][0]] for room in rooms], np.intp)
+        last = np.array([views.viewpoint[self._sweeps[room][-1]] for room in rooms], np.intp)
+        p = np.array([state.belief.of_room(state.space, room) for room in rooms])
+        if not p.sum() > 0:
             return rooms
         speed = views.motion.speed
         far = float(np.max(views.metres[np.isfinite(views.metres)], initial=1.0)) * 10 / speed
         between = views.metres[np.ix_(last, first)] / speed
         there = views.metres_from(self._evaluator.at.cell)[first] / speed
-        problem = OrderingProblem(
-            p=p / p.sum(),
-            T=np.where(np.isfinite(between), between, far),
-            t0=np.where(np.isfinite(there), there, far),
-            explore=np.array([self._seconds(self._sweeps[room]) for room in rooms]),
+        sweeps = np.array([self._seconds(self._sweeps[room]) for room in rooms])
+        order = room_order(
+            p,
+            np.where(np.isfinite(there), there, far) + sweeps,
+            np.where(np.isfinite(between), between, far) + sweeps,
         )
-        if len(rooms) <= _FEW:
-            return [rooms[i] for i in solve(problem, time_limit=10.0).order]
-        return _by_ratio(problem, rooms)
+        return [rooms[i] for i in order]
 
     def _seconds(self, sweep: Sequence[int]) -> float:
         state, total = self._evaluator.state, 0.0
@@ -118,28 +113,18 @@ class RoomBaselines:
         return self._evaluator.play([view for room in rooms for view in self._sweeps[room]])
 
 
-def _by_ratio(problem: OrderingProblem, rooms: Sequence[int]) -> list[int]:
-    """Always the room of most probability a second; the same on every machine."""
-    left, order, way = list(range(len(rooms))), list[int](), problem.t0
-    while left:
-        rate = problem.p / np.maximum(way + problem.explore, 1e-9)
-        best = left[int(np.argmax(rate[left]))]
-        left.remove(best)
-        order.append(rooms[best])
-        way = problem.T[best]
-    return order
-
-
 def room_baselines(evaluator: PlanEvaluator, chosen: Rollout) -> tuple[Baseline, ...]:
-    """Rooms nearest first, and rooms in their best order, beside the `chosen` looks."""
-    orders = RoomBaselines(evaluator)
-    return tuple(
-        rated(name, orders.rollout(rooms), chosen)
-        for name, rooms in (
-            ("rooms, nearest first", orders.nearest_first()),
-            ("rooms, best order", orders.best_order()),
-        )
-        if rooms
+    """Baselines that search room by room, compared with the rollout `chosen`."""
+    rooms = RoomBaselines(evaluator)
+    nearest, best = rooms.nearest_first(), rooms.best_order()
+    if not nearest:
+        return ()
+    if nearest == best:
+        name = "rooms, nearest first, which is also their best order"
+        return (rated(name, rooms.rollout(nearest), chosen),)
+    return (
+        rated("rooms, nearest first", rooms.rollout(nearest), chosen),
+        rated("rooms, best order", rooms.rollout(best), chosen),
     )
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.goals.candidate_queries import Candidate
+from planner.plans.baselines import Baseline
 from planner.plans.search_state import ViewReason
 from planner.plans.view_plan import ViewPlan, ViewStep, VisitedCandidate
 
@@ -177,25 +178,31 @@ def without_sources(fact: str) -> str:
 
 
 def plan_lines(plan: ViewPlan) -> list[str]:
-    """Lines below the steps: what to expect, what is left, other ways to search."""
+    """Lines below the steps: probability and expected time of the plan, and of its baselines."""
     assert plan.expected_seconds is not None, "there are steps"
-    what = ", ".join(plan.targets)
-    if len(plan.targets) == 1:
+    count = len(plan.targets)
+    if count == 1:
         lines = [
-            f"{what} is on this floor with {plan.present:.2f}; these looks find it with "
-            f"{plan.probability:.2f}, after {plan.expected_seconds:.0f} s on average where they do"
+            f"{plan.targets[0]} is on this floor with probability {plan.present:.2f}; these looks "
+            f"find it with probability {plan.probability:.2f}, after {plan.expected_seconds:.0f} s "
+            "on average if they do"
         ]
     else:
         lines = [
-            f"{plan.probability:.2f} finds expected of {len(plan.targets)}, after "
+            f"these looks are expected to find {plan.probability:.2f} of {count}, after "
             f"{plan.expected_seconds:.0f} s on average"
         ]
-    lines += [
-        f"{other.name}, instead: {other.expected_seconds:.0f} s expected, where this plan finds as "
-        f"much ({other.probability:.2f}) in {other.plan_seconds:.0f} s"
-        for other in plan.baselines
-    ]
-    return lines
+    return lines + [baseline_line(other, count) for other in plan.baselines]
+
+
+def baseline_line(other: Baseline, targets: int = 1) -> str:
+    """Expected time of a baseline beside that of the plan."""
+    much = "it with probability " if targets == 1 else ""
+    of = "" if targets == 1 else f" of {targets}"
+    return (
+        f"{other.name}: finds {much}{other.probability:.2f}{of} after {other.expected_seconds:.0f} "
+        f"s on average; this plan needs {other.plan_seconds:.0f} s for the same"
+    )
 
 
 def step_lines(number: int, step: ViewStep) -> list[str]:

@@ -93,11 +93,12 @@ def plan_for(semantic_map: SemanticMap, target: str, robot: SimulatedHouseRobot)
 def _thesis_rule(
     semantic_map: SemanticMap, target: str, state: PlanningState, found: ViewPlan, heading: float
 ) -> Baseline:
-    """Goals by nearest first with a whole turn at each, as far as the plan finds as much."""
+    """The thesis' rule compared with the plan, as far as both find the same."""
     evaluator = PlanEvaluator(state, state.robot_state(found.start, heading))
     goals = [step.goal.p_map for step in plan_search(semantic_map, target, found.start).steps]
     chosen = evaluator.play([step.view for step in found.steps])
-    return rated("the thesis' rule", turns_at_stops(evaluator, goals), chosen)
+    name = "the thesis' rule, nearest goal first and a whole turn at each"
+    return rated(name, turns_at_stops(evaluator, goals), chosen)
 
 
 def carry_out(

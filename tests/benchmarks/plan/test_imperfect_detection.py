@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.ordering import OrderingProblem
+from benchmarks.ordering.problem import OrderingError
 from benchmarks.plan.imperfect_detection import missed, plan_with_misses, update_after_miss
-from kg.errors import OrderingError
-from planner.plans.ordering import OrderingProblem
 
 SHARE = st.floats(0.01, 0.99)
 

@@ -41,8 +41,15 @@ def test_the_command_prints_steps_and_what_to_expect(says: Said) -> None:
     out, err = says("cup", "bed", "--from", "6,1,90", "--budget", "10min", "--speed", "0.5")
     assert "place 1" in out
     assert "bed" in out
-    assert "finds expected of 2" in err
+    assert "these looks are expected to find" in err
     assert "rooms, nearest first" in err
+
+
+def test_lines_of_baselines_differ(says: Said) -> None:
+    _, err = says("cup", "--from", "6,1,90")
+    compared = [line for line in err.splitlines() if "this plan needs" in line]
+    assert compared
+    assert len({line.partition(":")[2] for line in compared}) == len(compared)
 
 
 def test_what_is_known_comes_before_the_plan(says: Said) -> None:

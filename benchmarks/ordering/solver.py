@@ -8,15 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.errors import OrderingError
-from planner.plans.ordering.cluster_bound import cluster_bound, nearest_leg_bound
-from planner.plans.ordering.local_search import MANY, improve, ratio_rule
-from planner.plans.ordering.problem import OrderingProblem
-from planner.plans.ordering.reduction import Ints, ReducedProblem, reduce_problem
-from planner.plans.ordering.subset_dp import MOST, best_order
+from benchmarks.ordering.cluster_bound import cluster_bound, nearest_leg_bound
+from benchmarks.ordering.local_search import MANY, improve, ratio_rule
+from benchmarks.ordering.problem import OrderingError, OrderingProblem
+from benchmarks.ordering.reduction import Ints, ReducedProblem, reduce_problem
+from benchmarks.ordering.subset_dp import MAX_PLACES, best_order
 
 #: places up to which the dynamic programme takes less than half a second
-_MOST_IN_HALF_A_SECOND = 17
+_MAX_PLACES_IN_HALF_A_SECOND = 17
 #: share of the time limit for the order; the bound gets the rest
 _FOR_THE_ORDER = 0.5
 #: share of the time limit kept back for steps that cannot be interrupted
@@ -53,7 +52,7 @@ def solve(problem: OrderingProblem, time_limit: float = 1.0, seed: int = 0) -> O
         raise OrderingError(f"the time limit must be above 0 s, got {time_limit}")
     begin = time.perf_counter()
     reduced = reduce_problem(problem)
-    if reduced.size <= (MOST if time_limit < 0.5 else _MOST_IN_HALF_A_SECOND):
+    if reduced.size <= (MAX_PLACES if time_limit < 0.5 else _MAX_PLACES_IN_HALF_A_SECOND):
         order, bound = best_order(reduced), np.inf
     else:
         order, bound = _anytime(reduced, begin, time_limit, seed)

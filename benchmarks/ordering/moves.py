@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planner.plans.ordering.reduction import Ints
-from planner.plans.ordering.segments import Array, PricedOrder, join
+from benchmarks.ordering.reduction import Ints
+from benchmarks.ordering.segments import Array, PricedOrder, join
 
 #: longest chain of places that is moved as one
 CHAIN = 3

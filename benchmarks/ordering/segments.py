@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.plans.ordering.reduction import Floats, Ints, ReducedProblem
+from benchmarks.ordering.reduction import Floats, Ints, ReducedProblem
 
 Array = NDArray[np.float64]
 #: greatest probability of a place in the model `any`, so that what is left can be divided by

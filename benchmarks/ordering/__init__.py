@@ -3,7 +3,7 @@
 `problem` states it, `solver` answers with an order, a lower bound and the gap between the two.
 """
 
-from planner.plans.ordering.problem import OrderingProblem
-from planner.plans.ordering.solver import Ordering, solve
+from benchmarks.ordering.problem import OrderingProblem
+from benchmarks.ordering.solver import Ordering, solve
 
 __all__ = ["Ordering", "OrderingProblem", "solve"]

@@ -12,10 +12,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.plans.ordering.reduction import Floats, Ints, ReducedProblem
+from benchmarks.ordering.reduction import Floats, Ints, ReducedProblem
 
 #: places up to which this is the method of choice; memory and time grow with m^2 2^m
-MOST = 14
+MAX_PLACES = 14
 
 
 def probability_left(reduced: ReducedProblem) -> NDArray[np.float64]:

@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.plans.ordering.reduction import Floats, Ints, ReducedProblem
+from benchmarks.ordering.reduction import Floats, Ints, ReducedProblem
 
 Array = NDArray[np.float64]
 #: step length, as a multiple of the step that would reach the known cost were the bound linear;
@@ -33,7 +33,7 @@ _LONG, _LONGER, _SHORTER = 4.0, 1.05, 0.8
 #: (at first, steps until one more, at most)
 _PATIENCE, _AVERAGED = (4, 50, 16), (10, 15, 50)
 #: share of the first step length at which to stop
-_LEAST_SCALE = 1e-3
+_MIN_SCALE = 1e-3
 #: preconditioner: prices of a place move by (probability left there) ** -_EVEN, as the slope is
 #: proportional to what is left while the leg is not; what is left counts as at least _SOME
 _EVEN, _SOME = 0.3, 0.01
@@ -88,7 +88,7 @@ def cluster_bound(
         steep = float(weight @ (slope * slope))
         now = time.perf_counter()
         # a step is not interrupted, so none begins that could not end in time
-        if 2 * now - begin > deadline or scale < _LONG * _LEAST_SCALE or steep < 1e-18:
+        if 2 * now - begin > deadline or scale < _LONG * _MIN_SCALE or steep < 1e-18:
             break
         drift = drift + (weight * slope - drift) / _grown(_AVERAGED, step)
         at = at + drift * (scale * max(cost - priced.bound, 1e-3 * cost) / steep)

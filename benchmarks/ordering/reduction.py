@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.plans.ordering.problem import OrderingProblem
+from benchmarks.ordering.problem import OrderingProblem
 
 Floats = NDArray[np.floating]
 Ints = NDArray[np.intp]

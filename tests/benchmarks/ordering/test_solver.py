@@ -13,14 +13,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kg.errors import OrderingError
-from planner.plans.ordering import OrderingProblem
-from planner.plans.ordering.cluster_bound import cluster_bound, nearest_leg_bound
-from planner.plans.ordering.local_search import improve, ratio_rule
-from planner.plans.ordering.moves import changed, far_moves, moves
-from planner.plans.ordering.reduction import reduce_problem
-from planner.plans.ordering.segments import PricedOrder, leg_times
-from planner.plans.ordering.solver import solve
+from benchmarks.ordering import OrderingProblem
+from benchmarks.ordering.cluster_bound import cluster_bound, nearest_leg_bound
+from benchmarks.ordering.local_search import improve, ratio_rule
+from benchmarks.ordering.moves import changed, far_moves, moves
+from benchmarks.ordering.problem import OrderingError
+from benchmarks.ordering.reduction import reduce_problem
+from benchmarks.ordering.segments import PricedOrder, leg_times
+from benchmarks.ordering.solver import solve
 
 TIMES = st.floats(0, 500)
 

@@ -8,12 +8,16 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kg.errors import OrderingError
+from kg.errors import HereaboutsError
 from planner.freespace.travel import SearchModel, expected_seconds
 
 FloatArray = NDArray[np.floating]
 
-MOST: Final = 1e12  # of any number: sums and products of many stay finite
+MAX_NUMBER: Final = 1e12  # of any number: sums and products of many stay finite
+
+
+class OrderingError(HereaboutsError):
+    """A search problem makes no sense: sizes differ, a time is negative, no probability."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -22,7 +26,7 @@ class OrderingProblem:
 
     `T` may be float32 where ten thousand places would not fit in memory otherwise; it need neither
     be symmetric nor obey the triangle inequality. Raises OrderingError where shapes differ, a
-    number is not finite, is negative or beyond `MOST`, or every probability is 0.
+    number is not finite, is negative or beyond `MAX_NUMBER`, or every probability is 0.
     """
 
     p: FloatArray  # (n,) probabilities; in the model `any` each at most 1
@@ -87,5 +91,5 @@ def _check_range(name: str, array: FloatArray) -> None:
         raise OrderingError(f"{name} must be finite, got {low if np.isfinite(high) else high:g}")
     if low < 0:
         raise OrderingError(f"{name} must be 0 or more, got {low:g}")
-    if high > MOST:
-        raise OrderingError(f"{name} must be at most {MOST:g}, got {high:g}")
+    if high > MAX_NUMBER:
+        raise OrderingError(f"{name} must be at most {MAX_NUMBER:g}, got {high:g}")

@@ -9,18 +9,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.plan.generated_worlds import PATTERNS, Pattern, reference_like
-from planner.plans.ordering import OrderingProblem
-from planner.plans.ordering.cluster_bound import (
+from benchmarks.ordering import OrderingProblem
+from benchmarks.ordering.cluster_bound import (
     bound_at,
     cluster_bound,
     nearest_leg_bound,
     rounding,
 )
-from planner.plans.ordering.local_search import improve, ratio_rule
-from planner.plans.ordering.reduction import ReducedProblem, reduce_problem
-from planner.plans.ordering.solver import solve
-from planner.plans.ordering.subset_dp import best_order
+from benchmarks.ordering.local_search import improve, ratio_rule
+from benchmarks.ordering.reduction import ReducedProblem, reduce_problem
+from benchmarks.ordering.solver import solve
+from benchmarks.ordering.subset_dp import best_order
+from benchmarks.plan.generated_worlds import PATTERNS, Pattern, reference_like
 
 MODELS = ["single", "any"]
 

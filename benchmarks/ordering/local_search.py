@@ -7,16 +7,16 @@ from collections.abc import Callable
 
 import numpy as np
 
-from planner.plans.ordering.moves import apply_best, far_moves, moves
-from planner.plans.ordering.reduction import Ints, ReducedProblem
-from planner.plans.ordering.segments import LegTimes, PricedOrder, leg_times
+from benchmarks.ordering.moves import apply_best, far_moves, moves
+from benchmarks.ordering.reduction import Ints, ReducedProblem
+from benchmarks.ordering.segments import LegTimes, PricedOrder, leg_times
 
 #: length of candidate lists: nearest places to which new legs are tried
 _NEIGHBOURS = 8
 #: places whose moves are priced at once
 _BATCH = 1024
 #: longest segment that a perturbation moves
-_LONGEST = 12
+_MAX_SEGMENT = 12
 #: from here on sorting the legs of every place would take longer than the search may
 MANY = 2000
 #: powers of the probability for further initial orders
@@ -25,7 +25,7 @@ _POWERS = (0.5,)
 #: probability by their length to this power
 _CUTS, _DRAWN_CUTS, _DRAWN = 16, 20, 1.5
 #: least gain as a share of the cost: rounding must not make the search cycle
-_LEAST = 1e-12
+_MIN_GAIN = 1e-12
 
 
 def ratio_rule(reduced: ReducedProblem, power: float = 1.0) -> Ints:
@@ -70,7 +70,7 @@ def descend(
         a = np.repeat(around, neighbour_rows.shape[1])
         b = neighbour_rows[around].ravel()
         found = moves(order, a, b)
-        places, ends = apply_best(order, found, _LEAST * order.cost)
+        places, ends = apply_best(order, found, _MIN_GAIN * order.cost)
         better = PricedOrder(order.legs, places) if ends else order
         if better.cost < order.cost:
             order, around = better, np.union1d(rest, better.place[:-1][ends])
@@ -147,7 +147,7 @@ def _exchange_random(
 def _exchange_between(
     order: PricedOrder, cuts: Ints, neighbour_rows: Ints, late: Callable[[], bool]
 ) -> PricedOrder:
-    places, ends = apply_best(order, far_moves(order, cuts), _LEAST * order.cost)
+    places, ends = apply_best(order, far_moves(order, cuts), _MIN_GAIN * order.cost)
     better = PricedOrder(order.legs, places) if ends else order
     if better.cost >= order.cost:
         return order
@@ -162,7 +162,7 @@ def _perturb(
     late: Callable[[], bool],
 ) -> PricedOrder:
     """The better of `best` and the local optimum from it with two adjacent segments exchanged."""
-    longest = min(best.end // 2, _LONGEST)
+    longest = min(best.end // 2, _MAX_SEGMENT)
     one, two = (int(length) for length in rng.integers(1, longest + 1, 2))
     i = int(rng.integers(1, max(2, best.end - one - two + 2)))
     c, j = i + one - 1, min(i + one + two - 1, best.end)
@@ -171,4 +171,4 @@ def _perturb(
     ends = np.array([i - 1, i, i + j - c - 1, i + j - c, j, min(j + 1, len(places))])
     perturbed = PricedOrder(legs, places)
     perturbed = descend(perturbed, np.unique(perturbed.place[:-1][ends]), neighbour_rows, late)
-    return perturbed if perturbed.cost < best.cost - _LEAST * best.cost else best
+    return perturbed if perturbed.cost < best.cost - _MIN_GAIN * best.cost else best
