@@ -4,13 +4,12 @@
     python docs/generate.py --check    exit code 1 where a page differs from what would be written
 
 commands.md comes from argparse, queries.md from the headers of the query files, vocabulary.md from
-the ontologies, api.md from the docstrings of the public names below.
+the ontologies, api.md from the docstrings of the public names.
 """
 
 from __future__ import annotations
 
 import argparse
-import importlib
 import inspect
 import re
 import sys
@@ -18,32 +17,31 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final
 
+import hereabouts
+
 ROOT: Final = Path(__file__).resolve().parent.parent
 REFERENCE: Final = ROOT / "docs" / "reference"
 
-#: Public Python names, by section: what a program may rely on.
+#: The names of the public module, by section of the page.
 PUBLIC: Final = {
-    "Maps": ("kg.opening:*", "kg.maps.semantic_map:SemanticMap"),
-    "Answers": ("kg.query.evaluation:Table", "kg.query.evaluation:TripleTable"),
-    "Records": ("kg.records:*", "kg.areas:Area", "kg.areas:area_of"),
-    "Serving": ("kg.server:MapServer", "kg.server:Settings", "kg.server:BearerTokens"),
-    "Probability of objects in places": ("kg.maps.room_statistics:placement_table",),
+    "Maps": (
+        *("create_map", "open_map", "open_or_create_map", "in_memory_map", "merged"),
+        *("SemanticMap", "Table"),
+    ),
+    "Records": (
+        *("MapUpdate", "ObjectRecord", "Evidence", "PlaceRecord", "RobotRecord", "Assertion"),
+    ),
     "Frames and recordings": (
-        "perception.frames:*",
-        "perception.recordings.recording:open_recording",
+        *("Frame", "Detections", "SceneScores", "open_recording", "load_detector"),
     ),
-    "Mapping": (
-        "mapping.mapper:Mapper",
-        "mapping.detection_report:DetectionReport",
-        "mapping.detection_report:CategoryFates",
-        "mapping.detection_report:DoubtedThing",
-        "mapping.recording_mapper:map_recording",
-        "mapping.sighting:Sighting",
-        "mapping.places.layout:*",
-        "mapping.reference.settings:ReferenceSettings",
+    "Mapping": ("Mapper", "Sighting", "map_recording"),
+    "Searches": ("build_search", "find", "placement_table"),
+    "Serving": ("MapServer", "ServerSettings", "BearerTokens"),
+    "Ontologies": ("load_world", "world_quads"),
+    "Errors": (
+        *("HereaboutsError", "GraphError", "MapNotFoundError", "MapBusyError", "HistoryError"),
+        *("ConflictError", "InvalidFactError", "QueryError", "OntologyError", "RecordingError"),
     ),
-    "Search plans": ("planner.plans.search_state:build_search", "planner.plans.view_plan:plan"),
-    "Errors": ("kg.errors:*",),
 }
 _MADE: Final = "<!-- made by python docs/generate.py; edit the source, not this page -->\n"
 
@@ -166,31 +164,22 @@ def vocabulary() -> str:
 def api() -> str:
     """The public Python names, with their signatures and docstrings."""
     parts = [
-        f"# Python API\n\n{_MADE}\nWhat a program may rely on; everything else may change between "
-        "versions. [python.md](../how-to/python.md) shows how it is used.\n"
+        f"# Python API\n\n{_MADE}\nThe names of the module `hereabouts`. A program may rely on "
+        "them; everything else may change between versions. [python.md](../how-to/python.md) shows "
+        "how they are used. `hereabouts.__version__` is the installed version.\n"
     ]
+    described = {"__version__"}
     for section, names in PUBLIC.items():
-        parts.append(f"## {section}\n")
-        for name in names:
-            parts += [_public(module, each) for module, each in _named(name)]
+        parts += [f"## {section}\n", *map(_public, names)]
+        described |= {*names}
+    if described != {*hereabouts.__all__}:
+        raise SystemExit(f"not both public and described: {described ^ {*hereabouts.__all__}}")
     return "\n".join(parts)
 
 
-def _named(name: str) -> Iterator[tuple[str, str]]:
-    """`module:Name`; `module:*` is every public class and function that the module defines."""
-    module, _, wanted = name.partition(":")
-    if wanted != "*":
-        yield module, wanted
-        return
-    for each, value in vars(importlib.import_module(module)).items():
-        ours = getattr(value, "__module__", None) == module
-        if ours and not each.startswith("_") and inspect.isroutine(value) | inspect.isclass(value):
-            yield module, each
-
-
-def _public(module: str, name: str) -> str:
-    value = getattr(importlib.import_module(module), name)
-    lines = [f"### `{module}.{name}`", ""]
+def _public(name: str) -> str:
+    value = getattr(hereabouts, name)
+    lines = [f"### `{name}`", ""]
     if not (inspect.isclass(value) and issubclass(value, Exception)):
         lines += ["```python", _signature(name, value), "```", ""]
     lines += [_prose(value), ""]
