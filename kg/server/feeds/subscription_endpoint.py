@@ -1,4 +1,7 @@
-"""`/subscribe?query=`: a continuous query that reports added and removed bindings."""
+"""`/subscribe?query=`: a continuous query, which reports the bindings that commits add and remove.
+
+The query is evaluated again after each commit, at most once in `COALESCE` seconds.
+"""
 
 from __future__ import annotations
 
@@ -8,14 +11,12 @@ from collections import Counter
 from collections.abc import AsyncIterator
 from functools import partial
 
-from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.types import ASGIApp
 
 from kg.server.app_state import AppState
 from kg.server.endpoints.sparql_protocol import asker_of
 from kg.server.feeds.event_stream import EventStream, event
-from kg.server.feeds.query_dependencies import ANYTHING, reads_of
 from kg.server.http.bodies import query_parameters
 from kg.server.http.media_types import EVENTS, SOLUTIONS
 from kg.server.http.problems import Problem
@@ -25,57 +26,53 @@ from kg.workers.process import Answer
 from kg.workers.request import Asker
 
 COALESCE = 0.2  # [s] after a commit in which further ones are waited for
-LARGEST = 1 << 20  # [bytes] of an answer that can be followed
+MAX_ANSWER = 1 << 20  # [bytes] of an answer that can be followed
 
 
-class Dirty:
-    """A follower that only notes that, and up to where, something it reads has changed."""
+class QueryFollower:
+    """Follower that remembers the number of the last commit, not the commits."""
 
     def __init__(self, client: str) -> None:
         self.client = client
         self.ended = asyncio.Event()
         self.changed = asyncio.Event()
         self.sequence = 0
-        self.skipped = 0  # commits that could not matter
-        self.reads = ANYTHING
 
     def offer(self, change: ChangeSet) -> None:
-        """Note a commit, unless the query cannot depend on it."""
-        if self.reads.concern(change.added) or self.reads.concern(change.removed):
-            self.sequence = change.sequence
-            self.changed.set()
-        else:
-            self.skipped += 1
+        """Remember the number of a commit."""
+        self.sequence = change.sequence
+        self.changed.set()
 
 
 async def subscribe(serving: AppState, request: Request) -> ASGIApp:
-    """The query's bindings now, and those added and removed by each commit that concerns it.
+    """The bindings of a query now, then those that commits add and remove.
 
-    Raises Problem: 400 for what is no SELECT or ASK, 503 where there are too many already.
+    Raises Problem: 400 for a query that is no SELECT or ASK, 503 where too many are subscribed to.
     """
     negotiate(request.headers.get("accept"), (EVENTS,))
     sparql = query_parameters(request).one("query")
     if not sparql:
         raise Problem(400, "needs ?query=, a SELECT or ASK")
-    dirty = Dirty(asker_of(request).client)
-    _refuse_many(serving, dirty.client)
-    serving.subscriptions.add(dirty)
+    follower = QueryFollower(asker_of(request).client)
+    _check_number(serving, follower.client)
+    serving.subscriptions.add(follower)
     try:
-        dirty.reads = await run_in_threadpool(partial(reads_of, sparql, serving.semantic_map.base))
-        serving.feed.add(dirty, dirty.client)
-        asker = Asker(dirty.client)
+        serving.feed.add(follower, follower.client)
+        asker = Asker(follower.client)
         first = await _evaluate(serving, sparql, serving.semantic_map.sequence, asker)
         _rows(first)
     except BaseException:
-        _leave(serving, dirty)
+        _unsubscribe(serving, follower)
         raise
     return EventStream(
-        _events(serving, sparql, dirty, first), dirty.ended, partial(_leave, serving, dirty)
+        _events(serving, sparql, follower, first),
+        follower.ended,
+        partial(_unsubscribe, serving, follower),
     )
 
 
-def _refuse_many(serving: AppState, client: str) -> None:
-    """Raises Problem 503 where all together, or this client, subscribe to enough queries."""
+def _check_number(serving: AppState, client: str) -> None:
+    """Raises Problem 503 where all clients, or this one, have as many subscriptions as allowed."""
     limits = serving.settings.limits
     count = len(serving.subscriptions)
     own = sum(subscription.client == client for subscription in serving.subscriptions)
@@ -87,38 +84,40 @@ def _refuse_many(serving: AppState, client: str) -> None:
         )
 
 
-def _leave(serving: AppState, dirty: Dirty) -> None:
-    serving.feed.remove(dirty)
-    serving.subscriptions.discard(dirty)
+def _unsubscribe(serving: AppState, follower: QueryFollower) -> None:
+    serving.feed.remove(follower)
+    serving.subscriptions.discard(follower)
 
 
 async def _events(
-    serving: AppState, sparql: str, dirty: Dirty, answer: Answer
+    serving: AppState, sparql: str, follower: QueryFollower, answer: Answer
 ) -> AsyncIterator[bytes]:
     rows = _rows(answer)
-    # the whole answer first, so that a client that comes back needs no memory of before
+    # the whole answer comes first, so that a client that reconnects needs no earlier state
     yield _event("result", answer.sequence, rows, Counter())
     while True:
-        await dirty.changed.wait()
+        await follower.changed.wait()
         await asyncio.sleep(COALESCE)
-        dirty.changed.clear()
-        if dirty.sequence <= answer.sequence:
+        follower.changed.clear()
+        if follower.sequence <= answer.sequence:
             continue
-        behind_others = Asker(dirty.client, standing=True)
-        answer = await _evaluate(serving, sparql, dirty.sequence, behind_others)
+        asker = Asker(follower.client, standing=True)
+        answer = await _evaluate(serving, sparql, follower.sequence, asker)
         before, rows = rows, _rows(answer)
         if rows != before:
             yield _event("bindings", answer.sequence, rows - before, before - rows)
 
 
-async def _evaluate(serving: AppState, sparql: str, least: int, asker: Asker) -> Answer:
-    """The answer to a state of the map that is not older than `least`."""
+async def _evaluate(serving: AppState, sparql: str, at_least: int, asker: Asker) -> Answer:
+    """The answer on a state of the map that holds transaction `at_least`."""
     base = serving.semantic_map.base
     answer = await serving.pool.run_async(
-        sparql, accept=SOLUTIONS, at_least=least, base=base, asker=asker
+        sparql, accept=SOLUTIONS, at_least=at_least, base=base, asker=asker
     )
-    if len(answer.body) > LARGEST:
-        raise Problem(503, f"an answer over {LARGEST} bytes cannot be followed; narrow the query")
+    if len(answer.body) > MAX_ANSWER:
+        raise Problem(
+            503, f"an answer over {MAX_ANSWER} bytes cannot be followed; narrow the query"
+        )
     return answer
 
 
