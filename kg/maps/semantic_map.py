@@ -167,10 +167,12 @@ class SemanticMap:
         place: str | int | None = None,
         near: tuple[float, float] | str | None = None,
         radius: float = 2.0,
+        min_existence: float = 0.0,
         at: Instant | None = None,
     ) -> tuple[ObjectRecord, ...]:
         """Objects, oldest first: all, or those that satisfy every given condition.
 
+        The query `objects` lists those of existence 0.5 and above: `objects(min_existence=0.5)`.
         `category` is a label or IRI and includes its subcategories; `place` a label, number or IRI.
         `near` is a point (x, y) [m] of the map or the IRI of an object, which is then itself left
         out; it selects objects within `radius` [m] over the floor, the nearest first. `at` reads
@@ -179,8 +181,11 @@ class SemanticMap:
         """
         if at is not None:
             with self.at(at) as then:
-                return then.objects(category, place=place, near=near, radius=radius)
-        return self._reader.objects(category, place, near, radius)
+                return then.objects(
+                    category, place=place, near=near, radius=radius, min_existence=min_existence
+                )
+        found = self._reader.objects(category, place, near, radius)
+        return tuple(record for record in found if record.existence >= min_existence)
 
     def places(
         self,

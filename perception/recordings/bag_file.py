@@ -159,6 +159,8 @@ def _errors(path: Path | str, what: str = "") -> Iterator[None]:
 def _hint(said: str) -> str:
     if "not indexed" in said or "index looks damaged" in said:
         return " (`rosbag reindex` would repair a bag whose recording was cut short)"
+    if said == "Profile is not ros2.":
+        return " (recordings hold ROS 2 messages; this is an MCAP file of another kind)"
     if "end magic" in said or "footer" in said:
         return " (`mcap recover` would repair a file whose recording was cut short)"
     return ""

@@ -45,15 +45,22 @@ _TOPICS: Final = {
     "/tf": "tf2_msgs/msg/TFMessage",
     **IMAGE_TOPICS,
 }
+_ENDINGS: Final = ("", ".bag", ".mcap")
 _LATCHED: Final = (NOTE_TOPIC, "/tf_static")
 
 
 def write_bag(recording: FolderRecording, path: Path) -> Iterator[Frame]:
-    """Write a recording to `path`, and give each frame that is written.
+    """Write a recording to `path`, and yield each frame that is written.
 
-    `path` ends with .bag (ROS 1) or .mcap; another name is a ROS 2 bag, a folder with SQLite. It
-    is there only once all is written. Raises RecordingError where it exists or cannot be written.
+    `path` ends with .bag (ROS 1) or .mcap; without an ending it is a ROS 2 bag, a folder with
+    SQLite. It exists only once everything is written. Raises RecordingError for another ending,
+    and where `path` exists or cannot be written.
     """
+    if path.suffix not in _ENDINGS:
+        raise RecordingError(
+            f"cannot write {path}: unknown ending {path.suffix!r}; .mcap (ROS 2), .bag (ROS 1) or "
+            f"no ending (folder of a ROS 2 bag) would work"
+        )
     if path.exists():
         raise RecordingError(f"{path} exists already; a new name would work")
     if not path.parent.is_dir():

@@ -25,7 +25,6 @@ Cell = Annotated[
 ]
 Probability = Annotated[float, Field(description="0..1")]
 LeftOut = Annotated[int, Field(description="how many more there are beyond those listed")]
-Age = Annotated[float, Field(description="seconds from last_seen to now, by this machine's clock")]
 StatusValue = Literal["present", "gone", "hidden", "never looked"]
 
 
@@ -39,6 +38,7 @@ class MapIdentity(_Record):
     untrusted_title: Label
     base: Iri
     sequence: int
+    time: Annotated[str, Field(description="of the latest observation in the map")]
 
 
 class Answer(_Record):
@@ -59,7 +59,6 @@ class Thing(_Record):
     z: float | None = None
     untrusted_place: Label | None = None
     last_seen: Annotated[str | None, Field(description="ISO 8601, UTC")] = None
-    age_seconds: Age | None = None
     observations: int | None = None
     distance: Annotated[float | None, Field(description="metres from what was asked about")] = None
     relation: Annotated[str | None, Field(description="on or inside what was asked about")] = None
@@ -90,7 +89,6 @@ class Departed(_Record):
     x: Annotated[float, Field(description="where it stood")]
     y: float
     last_seen: str | None
-    age_seconds: Age | None
     found_gone: Annotated[str | None, Field(description="when its spot was first seen empty")]
 
 
@@ -143,7 +141,6 @@ class PlaceStatus(_Record):
     thing: Iri | None
     probability: float | None
     last_seen: str | None
-    age_seconds: Age | None
     viewed_share: float
     closely_viewed_share: float
     last_viewed: str | None
@@ -297,7 +294,6 @@ class Pose(_Record):
     y: float
     heading: float
     time: str
-    age_seconds: Age
 
 
 class MapDescription(Answer):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -12,6 +11,7 @@ from kg.history.timestamps import iso
 from kg.maps.semantic_map import SemanticMap
 from planner.agents.answers import MapIdentity
 from planner.freespace.places import Row
+from planner.goals.candidate_queries import map_time
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +33,7 @@ class MapContext:
             untrusted_title=self.semantic_map.title,
             base=self.semantic_map.base,
             sequence=self.semantic_map.sequence,
+            time=iso(map_time(self.semantic_map)),
         )
 
     def is_thing(self, what: str) -> bool:
@@ -61,11 +62,6 @@ class MapContext:
             if not believed:
                 raise
             return believed[0].iri
-
-
-def age(stamp: float) -> float:
-    """[s] from a stamp to now, 0 for one in the future."""
-    return round(max(time.time() - stamp, 0.0), 1)
 
 
 def time_or_none(value: object) -> str | None:

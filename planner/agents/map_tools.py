@@ -15,7 +15,7 @@ from kg.maps.semantic_map import SemanticMap
 from kg.records import PlaceRecord
 from kg.workers.limited_queries import LimitedQueries
 from planner.agents import answers as a
-from planner.agents.map_context import MapContext, age, number_or_none, time_or_none
+from planner.agents.map_context import MapContext, number_or_none, time_or_none
 from planner.freespace.places import Row
 from planner.goals.known_objects import KnownObject, known_objects
 from planner.goals.status import PlaceStatus, status
@@ -74,14 +74,13 @@ class MapTools:
                 y=round(float(robot.p_map[1]), 3),
                 heading=round(robot.heading, 4),
                 time=iso(robot.stamp),
-                age_seconds=age(robot.stamp),
             ),
             writable=self._context.writable,
         )
 
     def where_is(self, what: Word, limit: Limit = 10) -> a.WhereIs:
         """Where something is: a category (cup), a synonym, a need ("something to sit on"), or one
-        thing (object/17). Surest first, with place, position, probability and age.
+        thing (object/17). Surest first, with place, position, probability and when last seen.
 
         Where the map knows none, `status` says whether it is gone, hidden, or was never looked for;
         `departed` are such things that left where they stood.
@@ -302,7 +301,6 @@ def _known(one: KnownObject) -> a.KnownThing:
         x=round(float(one.p_map[0]), 3),
         y=round(float(one.p_map[1]), 3),
         last_seen=time_or_none(one.last_seen),
-        age_seconds=None if one.last_seen is None else age(one.last_seen.timestamp()),
         observations=one.observations,
         untrusted_where=one.where,
         may_be=[a.Alternative(untrusted_category=c, probability=p) for c, p in one.may_be],
@@ -330,7 +328,6 @@ def thing(row: Row) -> a.Thing:
         **{name: number_or_none(row, name) for name in ("x", "y", "z", "distance")},
         untrusted_place=None if place is None else str(place),
         last_seen=time_or_none(seen),
-        age_seconds=age(seen.timestamp()) if isinstance(seen, datetime) else None,
         observations=None if count is None else int(count),
         relation=None if relation is None else str(relation),
     )
@@ -345,7 +342,6 @@ def _departed(row: Row) -> a.Departed:
         x=float(str(row["x"])),
         y=float(str(row["y"])),
         last_seen=time_or_none(seen),
-        age_seconds=age(seen.timestamp()) if isinstance(seen, datetime) else None,
         found_gone=time_or_none(row["foundGone"]),
     )
 
@@ -358,7 +354,6 @@ def _place_status(one: PlaceStatus) -> a.PlaceStatus:
         thing=one.object,
         probability=one.existence,
         last_seen=time_or_none(one.last_seen),
-        age_seconds=None if one.last_seen is None else age(one.last_seen.timestamp()),
         viewed_share=one.viewed_share,
         closely_viewed_share=one.closely_viewed_share,
         last_viewed=time_or_none(one.last_viewed),

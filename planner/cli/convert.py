@@ -26,7 +26,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "--output",
         required=True,
         metavar="OUT",
-        help="new file .mcap (ROS 2) or .bag (ROS 1); any other name: folder of a ROS 2 bag",
+        help="new file .mcap (ROS 2) or .bag (ROS 1); without an ending: folder of a ROS 2 bag",
     )
     add_json(parser)
     parser.set_defaults(usage_error=parser.error)

@@ -80,9 +80,7 @@ def run(arguments: argparse.Namespace) -> int:
     from kg.opening import open_map
 
     output = Path(arguments.output)
-    chosen = arguments.format or _by_ending(output)
-    if chosen is not None:
-        _refuse_unknown(chosen)
+    chosen = _chosen_format(arguments.format, output)
     if arguments.find is not None and chosen not in _SCENES:
         raise QueryParameterError(f"--find is drawn by viewers: --format {', '.join(_SCENES)}")
     if arguments.past is not None and (chosen not in _SCENES or arguments.at is not None):
@@ -100,7 +98,7 @@ def run(arguments: argparse.Namespace) -> int:
         elif chosen in _SCENES:
             note(f"wrote {output}: {_write_scene(semantic_map, output, chosen, arguments)}")
         else:
-            triples = _write_linked_data(semantic_map, output, arguments)
+            triples = _write_linked_data(semantic_map, output, chosen, arguments)
             note(f"wrote {output}: {triples:,} triples")
         if arguments.pictures is not None:
             folder = Path(arguments.pictures)
@@ -118,7 +116,7 @@ def _copy_pictures(semantic_map: SemanticMap, folder: Path, least: float) -> int
         raise QueryParameterError("--pictures copies from a map's folder: give that as MAP")
     _make(folder)
     pictures = ObjectPictures(semantic_map.store.path)
-    records = [one for one in semantic_map.objects() if one.existence >= least]
+    records = semantic_map.objects(min_existence=least)
     found = {one.iri: pictures.path_of(one) for one in records}
     kept = {iri.rpartition("/")[2]: path for iri, path in found.items() if path is not None}
     for number, path in kept.items():
@@ -126,20 +124,26 @@ def _copy_pictures(semantic_map: SemanticMap, folder: Path, least: float) -> int
     return len(kept)
 
 
-def _refuse_unknown(chosen: str) -> None:
+def _chosen_format(given: str | None, output: Path) -> str:
+    """The format that `--format` or the ending of the file names; raises GraphError for neither."""
     from kg.export.serialization import FORMATS, is_format
 
     names = (*FORMATS, *_DOCUMENTS, *_SCENES, "reference")
-    if chosen not in names and not is_format(chosen):
+    if given is not None:
+        if given not in names and not is_format(given):
+            raise GraphError(
+                f"no export format {given!r}; there are: {', '.join(names)}"
+                f"{did_you_mean(given, names)}"
+            )
+        return given
+    endings = {ending: name for name, endings in FORMATS.items() for ending in endings}
+    endings |= {ending: name for name, ending in (_DOCUMENTS | _SCENES).items() if ending}
+    if (chosen := endings.get(output.suffix.lower())) is None:
         raise GraphError(
-            f"no export format {chosen!r}; there are: {', '.join(names)}"
-            f"{did_you_mean(chosen, names)}"
+            f"cannot tell the format of {output.name!r} from its ending; name a format "
+            f"({', '.join(names)}) or end it with one of: {', '.join(endings)}"
         )
-
-
-def _by_ending(output: Path) -> str | None:
-    endings = {ending: name for name, ending in (_DOCUMENTS | _SCENES).items() if ending}
-    return endings.get(output.suffix.lower())
+    return chosen
 
 
 def _write_reference(semantic_map: SemanticMap, folder: Path) -> str:
@@ -166,13 +170,11 @@ def _make(folder: Path) -> None:
 
 
 def _write_linked_data(
-    semantic_map: SemanticMap, output: Path, arguments: argparse.Namespace
+    semantic_map: SemanticMap, output: Path, chosen: str, arguments: argparse.Namespace
 ) -> int:
     from kg.export.serialization import export_map
 
-    return export_map(
-        semantic_map, output, format=arguments.format, ontology=not arguments.no_ontology
-    )
+    return export_map(semantic_map, output, format=chosen, ontology=not arguments.no_ontology)
 
 
 def _write_document(

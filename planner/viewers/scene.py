@@ -139,8 +139,8 @@ class SceneReader:
         robot = self._map.robot()
         robot = robot if robot is not None and np.isfinite(robot.p_map).all() else None
         floor = _floor(self._map.floor(), None if robot is None else float(robot.p_map[2]))
-        records = [r for r in self._map.objects() if r.existence >= self._least]
-        records = [r for r in records if np.isfinite(r.p_map).all()]
+        records = self._map.objects(min_existence=self._least)
+        records = tuple(r for r in records if np.isfinite(r.p_map).all())
         return Scene(
             title=cleaned(self._map.title),
             objects=tuple(self._objects(records)),

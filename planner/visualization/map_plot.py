@@ -122,7 +122,7 @@ class _Picture:
         self._names = {
             a.subject: a.value for a in semantic_map.assertions() if a.property == "label"
         }
-        marked = [r for r in semantic_map.objects() if r.existence >= min(least, GHOST_EXISTENCE)]
+        marked = semantic_map.objects(min_existence=min(least, GHOST_EXISTENCE))
         self._objects = tuple(r for r in marked if np.isfinite(r.p_map).all())
         self._named = tuple(r for r in self._objects if r.existence >= least)
         self._places = semantic_map.places()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -224,3 +225,13 @@ def test_on_a_server_the_commits_of_others_are_noticed(sparql_server: str) -> No
         assert [o.p_map[0] for o in reader.objects("cup", near=(0.0, 0.0), radius=3)] == [1.0]
         with reader.snapshot() as copy:
             assert len(copy.objects()) == 1
+
+
+def test_objects_by_existence_are_those_of_the_query(flat: SemanticMap) -> None:
+    doubtful = replace(object_at(flat, 1, "cup", 2.0, 2.0), iri=f"{BASE}object/9", existence=0.2)
+    with in_memory_map(base=BASE) as m:
+        m.apply(MapUpdate(objects=(*flat.objects(), doubtful)))
+        assert doubtful.iri in {one.iri for one in m.objects()}
+        listed = {one.iri for one in m.objects(min_existence=0.5)}
+        assert listed == {row["object"] for row in m.query("objects").records()}
+        assert listed == {one.iri for one in flat.objects()}

@@ -78,6 +78,14 @@ def test_folder_ros1_bag_ros2_bag_and_mcap_make_one_map(
         assert len(both) == len(wanted)
 
 
+def test_an_ending_that_convert_does_not_know_is_refused(
+    folder: Path, fails: Callable[..., str], tmp_path: Path
+) -> None:
+    told = fails("convert", folder, "-o", tmp_path / "kitchen.xyz")
+    assert "unknown ending '.xyz'; .mcap (ROS 2), .bag (ROS 1) or no ending" in told
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_info_shows_streams_choice_and_fit(
     folder: Path, prints: Prints, fails: Callable[..., str], tmp_path: Path
 ) -> None:
