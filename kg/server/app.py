@@ -18,7 +18,6 @@ from starlette.routing import Route
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from kg.errors import HereaboutsError
-from kg.server import metrics
 from kg.server.app_state import AppState
 from kg.server.endpoints.assertion_endpoints import assertions
 from kg.server.endpoints.find_endpoint import find
@@ -38,6 +37,7 @@ from kg.server.linked_data.description import dataset_description
 from kg.server.linked_data.memento import timegate, timemap
 from kg.server.linked_data.resource_pages import resource, skolem, thing_at_path
 from kg.server.linked_data.root_page import console_page, root_page
+from kg.server.metrics import MEDIA_TYPE, Reading
 
 _log = logging.getLogger("hereabouts.server")
 
@@ -46,7 +46,7 @@ Answer = Callable[[AppState, Request], Awaitable[ASGIApp]]
 
 def application(serving: AppState) -> ASGIApp:
     """Everything a server answers, behind its guard."""
-    _measure(serving)
+    serving.metrics.readings += _readings(serving)
     get, write = ["GET"], ["GET", "POST", "PUT", "DELETE"]
     table: list[tuple[str, Answer, list[str]]] = [
         ("/", root_page, get),
@@ -132,7 +132,7 @@ async def _health(serving: AppState, request: Request) -> Response:
 
 async def _metrics(serving: AppState, request: Request) -> Response:
     text = await run_in_threadpool(serving.metrics.text)
-    return Response(text, headers={"Content-Type": metrics.MEDIA_TYPE})
+    return Response(text, headers={"Content-Type": MEDIA_TYPE})
 
 
 async def not_this_way(request: Request, error: Exception) -> Response:
@@ -146,43 +146,15 @@ async def not_this_way(request: Request, error: Exception) -> Response:
     return problem_response(problem, request.headers.get("accept"))
 
 
-def _measure(serving: AppState) -> None:
-    gauge, feed = serving.metrics.gauge, serving.feed
-    gauge(
-        "hereabouts_sequence",
-        "gauge",
-        "Number of the last commit.",
-        lambda: serving.semantic_map.sequence,
-    )
-    gauge(
-        "hereabouts_commits_total",
-        "counter",
-        "Commits since the server started.",
-        lambda: feed.commits,
-    )
-    gauge("hereabouts_query_workers", "gauge", "Worker processes.", lambda: len(serving.pool.pids))
-    gauge(
-        "hereabouts_query_workers_busy",
-        "gauge",
-        "Worker processes with a query.",
-        lambda: serving.pool.busy,
-    )
-    gauge("hereabouts_objects", "gauge", "Objects in the map.", lambda: serving.tally.objects)
-    gauge(
-        "hereabouts_feed_clients",
-        "gauge",
-        "Clients that follow changes or a query.",
-        lambda: feed.followers,
-    )
-    gauge(
-        "hereabouts_feed_dropped_total",
-        "counter",
-        "Clients dropped for not keeping up.",
-        lambda: feed.dropped,
-    )
-    gauge(
-        "hereabouts_standing_queries",
-        "gauge",
-        "Queries that are followed.",
-        lambda: len(serving.subscriptions),
-    )
+def _readings(serving: AppState) -> list[Reading]:
+    feed, pool = serving.feed, serving.pool
+    return [
+        ("hereabouts_sequence", "Last commit.", lambda: serving.semantic_map.sequence),
+        ("hereabouts_commits_total", "Commits since the start.", lambda: feed.commits),
+        ("hereabouts_query_workers", "Worker processes.", lambda: len(pool.pids)),
+        ("hereabouts_query_workers_busy", "Worker processes with a query.", lambda: pool.busy),
+        ("hereabouts_objects", "Objects in the map.", lambda: serving.tally.objects),
+        ("hereabouts_feed_clients", "Followers of changes and queries.", lambda: feed.followers),
+        ("hereabouts_feed_dropped_total", "Followers that were too slow.", lambda: feed.dropped),
+        ("hereabouts_standing_queries", "Followed queries.", lambda: len(serving.subscriptions)),
+    ]

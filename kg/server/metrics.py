@@ -1,29 +1,29 @@
-"""What the server counts, in Prometheus' text format (version 0.0.4)."""
+"""Metrics of the server in Prometheus' text format (version 0.0.4)."""
 
 from __future__ import annotations
 
 import threading
 from bisect import bisect_left
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable
 from typing import Final
 
 BUCKETS: Final = (0.001, 0.005, 0.01, 0.05, 0.1, 0.5, 1.0, 5.0, 10.0)  # [s]
 MEDIA_TYPE: Final = "text/plain; version=0.0.4"
 
-#: name, type, help, how to read it
-Gauge = tuple[str, str, str, Callable[[], float]]
+#: name (of a counter with _total at its end), help, how to read it
+Reading = tuple[str, str, Callable[[], float]]
 
 
 class Metrics:
-    """Requests by route, method and status, their latencies, and gauges read at each scrape."""
+    """Requests by route, method and status, latencies, and `readings` taken at each scrape."""
 
     def __init__(self) -> None:
         self._guard = threading.Lock()
         self._requests: Counter[tuple[str, str, int]] = Counter()
         self._buckets: dict[str, list[int]] = {}
-        self._seconds: Counter[str] = Counter()
-        self._gauges: list[Gauge] = []
+        self._seconds: defaultdict[str, float] = defaultdict(float)
+        self.readings: list[Reading] = []
 
     def request(self, route: str, method: str, status: int, seconds: float) -> None:
         """Count one finished request."""
@@ -31,18 +31,15 @@ class Metrics:
             self._requests[route, method, status] += 1
             buckets = self._buckets.setdefault(route, [0] * (len(BUCKETS) + 1))
             buckets[bisect_left(BUCKETS, seconds)] += 1
-            self._seconds[route] += seconds  # type: ignore[assignment]
-
-    def gauge(self, name: str, kind: str, about: str, read: Callable[[], float]) -> None:
-        """Register `read` as the source of the gauge `name`."""
-        self._gauges.append((name, kind, about, read))
+            self._seconds[route] += seconds
 
     def text(self) -> str:
-        """Everything, a line each."""
+        """All metrics, a line each."""
         with self._guard:
             lines = [*self._request_lines(), *self._latency_lines()]
-        for name, kind, about, read in self._gauges:
-            lines += [*_head(name, kind, about), f"{name} {read():g}"]
+        for name, about, read in self.readings:
+            kind = "counter" if name.endswith("_total") else "gauge"
+            lines += [*_head(name, kind, about), f"{name} {read()}"]
         return "\n".join(lines) + "\n"
 
     def _request_lines(self) -> Iterable[str]:
@@ -53,7 +50,7 @@ class Metrics:
 
     def _latency_lines(self) -> Iterable[str]:
         name = "hereabouts_http_request_seconds"
-        yield from _head(name, "histogram", "Time from a request's head to its answer's end.")
+        yield from _head(name, "histogram", "Time from a request's head to the end of its answer.")
         for route, buckets in sorted(self._buckets.items()):
             total = 0
             for bound, count in zip((*map(str, BUCKETS), "+Inf"), buckets, strict=True):

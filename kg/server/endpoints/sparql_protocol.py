@@ -15,10 +15,10 @@ from starlette.responses import Response
 
 from kg.client.record_codec import change_to_json
 from kg.server.app_state import AppState
-from kg.server.feeds.event_stream import disconnected
 from kg.server.http import bodies
 from kg.server.http.bodies import RequestParameters
 from kg.server.http.confirmation import is_confirmed
+from kg.server.http.event_stream import disconnected
 from kg.server.http.media_types import accept_of
 from kg.server.http.problems import Problem
 from kg.server.http.time_parameters import sequence_at

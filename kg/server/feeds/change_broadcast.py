@@ -14,7 +14,7 @@ from typing import Protocol
 from kg.client.record_codec import change_to_json
 from kg.errors import HistoryError
 from kg.maps.semantic_map import SemanticMap
-from kg.server.feeds.event_stream import event
+from kg.server.http.event_stream import event
 from kg.server.http.problems import Problem
 from kg.server.settings import Limits
 from kg.transactions import ChangeSet
