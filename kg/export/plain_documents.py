@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
-from kg.areas import Ring, signed_area
+from kg.areas import Ring
 from kg.facts.wkt import CRS
 from kg.maps.semantic_map import SemanticMap
 from kg.records import DepartedRecord, ObjectRecord, PlaceRecord, RobotRecord
@@ -59,11 +59,10 @@ def geojson_document(semantic_map: SemanticMap, least: float = 0.5) -> dict[str,
     features = [
         _feature(
             names.number(place.iri),
-            {"type": "Polygon", "coordinates": [_closed(r, n) for n, r in enumerate(rings)]},
+            {"type": "Polygon", "coordinates": list(map(_closed, place.area.oriented_rings))},
             {"kind": "place", **names.place(place)},
         )
         for place in semantic_map.places()
-        for rings in [place.area.rings]
     ]
     for record in _shown(semantic_map, least):
         fields = {"kind": "object", **names.object(record)}
@@ -165,10 +164,9 @@ def _feature(
     return {"type": "Feature", **own, "geometry": geometry, "properties": properties}
 
 
-def _closed(ring: Ring, number: int) -> list[list[float]]:
-    """A linear ring: its first corner again at the end, anticlockwise, holes clockwise."""
-    turned = ring if (signed_area(ring) > 0) == (number == 0) else ring[::-1]
-    return [[float(x), float(y)] for x, y in (*turned, turned[0])]
+def _closed(ring: Ring) -> list[list[float]]:
+    """A linear ring: its first corner again at the end."""
+    return [[float(x), float(y)] for x, y in (*ring, ring[0])]
 
 
 def _finite(value: float) -> float | None:

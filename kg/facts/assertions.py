@@ -16,7 +16,7 @@ import numpy as np
 from pyoxigraph import Literal, NamedNode, Quad
 
 from kg import vocabulary as v
-from kg.areas import FARTHEST
+from kg.areas import MAX_COORDINATE
 from kg.errors import InvalidFactError
 from kg.facts.relations import NOTHING, SINGLE, asserted_relations, perceived_value
 from kg.iris import agent_iri
@@ -315,9 +315,10 @@ def _position(given: object) -> str:
         x, y, z = (round(float(number), 2) + 0.0 for number in numbers)
     except (TypeError, ValueError, OverflowError):
         x = y = z = math.nan
-    if not all(abs(number) <= FARTHEST for number in (x, y, z)):
+    if not all(abs(number) <= MAX_COORDINATE for number in (x, y, z)):
         raise InvalidFactError(
-            f"a position must be three finite numbers x y z [m], up to {FARTHEST:g}, got {given!r}"
+            f"a position must be three finite numbers x y z [m], up to {MAX_COORDINATE:g}, "
+            f"got {given!r}"
         )
     return f"{x:g} {y:g} {z:g}" if max(abs(x), abs(y), abs(z)) < 1e4 else f"{x} {y} {z}"
 

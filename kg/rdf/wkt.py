@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
+import math
 import re
-from typing import Final
+from typing import TYPE_CHECKING, Final, Literal
 
 from kg.areas import Area, Outline, area_of
 
-_NUMBER: Final = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-_CRS: Final = r"\s*(?:<[^<>\s]*>\s+)?"
-_CORNER: Final = re.compile(rf"({_NUMBER})\s+({_NUMBER})")
-_POINT: Final = re.compile(
-    rf"{_CRS}POINT\s*(?:Z\s*)?\(\s*({_NUMBER})\s+({_NUMBER})(?:\s+{_NUMBER})?\s*\)\s*", re.I
-)
-_POLYGON: Final = re.compile(rf"{_CRS}POLYGON\s*\(((?:[^()]*\([^()]*\))+)\s*\)\s*", re.I)
-_RING: Final = re.compile(r"\(([^()]*)\)")
-_LONGEST: Final = 100_000  # characters
+if TYPE_CHECKING:
+    import shapely
+
+_CRS: Final = re.compile(r"\s*(?:<[^<>\s]*>\s+)?(?=POINT|POLYGON)", re.I)
+_MAX_LENGTH: Final = 100_000  # characters
 
 
 def polygon_text(outline: Outline, crs: str) -> str:
@@ -31,19 +28,30 @@ def area_of_polygon(text: str) -> Area:
 
     Raises ValueError, saying what is wrong, where `text` is none.
     """
-    match = _POLYGON.fullmatch(text) if len(text) <= _LONGEST else None
-    if match is None:
+    polygon = _geometry(text, "Polygon")
+    if polygon is None:
         raise ValueError("no POLYGON ((x y, x y, x y, x y)) in well-known text")
-    rings = []
-    for ring in _RING.findall(match[1]):
-        corners = [_CORNER.fullmatch(corner.strip()) for corner in ring.split(",")]
-        if None in corners:
-            raise ValueError("a polygon with a corner that is no x y")
-        rings.append([(float(c[1]), float(c[2])) for c in corners if c is not None])
-    return area_of(rings)
+    rings = polygon.exterior, *polygon.interiors
+    return area_of([[(x, y) for x, y, *_ in ring.coords] for ring in rings])
 
 
 def point_of(text: str) -> tuple[float, float] | None:
     """(x, y) [m] of a WKT point, or None."""
-    match = _POINT.fullmatch(text) if len(text) <= _LONGEST else None
-    return None if match is None else (float(match[1]), float(match[2]))
+    point = _geometry(text, "Point")
+    if point is None or point.is_empty or not math.isfinite(point.x + point.y):
+        return None
+    return float(point.x), float(point.y)
+
+
+def _geometry(text: str, kind: Literal["Point", "Polygon"]) -> shapely.Geometry | None:
+    """The geometry of a WKT literal, or None where it is none of that kind."""
+    import shapely  # 20 ms, for which maps of rectangles need not wait
+
+    crs = _CRS.match(text) if len(text) <= _MAX_LENGTH else None
+    if crs is None:
+        return None
+    try:
+        geometry = shapely.from_wkt(text[crs.end() :], on_invalid="fix")
+    except shapely.errors.ShapelyError:
+        return None
+    return geometry if geometry is not None and geometry.geom_type == kind else None

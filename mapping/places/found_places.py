@@ -7,7 +7,6 @@ or drawn by people) are left as they are, and rooms that lie in them are theirs.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
@@ -23,7 +22,6 @@ from mapping.occupancy.mapped_floor import mapped_floor
 from mapping.occupancy.room_segmentation import Segmentation, SegmentationSettings, segmented
 from mapping.places.place_registry import PlaceRegistry
 
-_CELL: Final = 0.1  # [m] of the grid that areas are compared on
 _SAME: Final = 0.5  # share of the smaller of two areas that both must have to be one place
 _ALIKE: Final = 0.97  # intersection over union from which an outline is not written again
 _COVERED: Final = 0.5  # share of a room in a given place that makes it part of that
@@ -199,30 +197,18 @@ def _matches(
 
 def _shared_area(rooms: Sequence[Area], places: Sequence[Area]) -> NDArray[np.float64]:
     """(rooms, places) [m^2] that each two have in common."""
-    shared = np.zeros((len(rooms), len(places)))
-    for row, room in enumerate(rooms):
-        x, y = _points(room)
-        inside = room.contains_each(x, y)
-        for column, place in enumerate(places):
-            shared[row, column] = np.sum(inside & place.contains_each(x, y)) * _CELL**2
-    return shared
-
-
-def _points(area: Area) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """x (n, 1) and y (1, m) [m] of the cells that an area lies in."""
-    sides = ((area.xmin, area.xmax), (area.ymin, area.ymax))
-    x, y = (np.arange(math.floor(a / _CELL), math.ceil(b / _CELL)) + 0.5 for a, b in sides)
-    return np.asarray(x[:, None] * _CELL), np.asarray(y[None, :] * _CELL)
+    shared = [[room.shared_area(place) for place in places] for room in rooms]
+    return np.array(shared, np.float64).reshape(len(rooms), len(places))
 
 
 def _overlap(one: Area, other: Area) -> float:
     """Intersection over union of two areas."""
-    shared = float(_shared_area([one], [other])[0, 0])
+    shared = one.shared_area(other)
     return shared / max(one.area + other.area - shared, 1e-9)
 
 
 def _is_covered(room: Area, given: Sequence[Area]) -> bool:
-    return float(_shared_area([room], given).sum()) >= _COVERED * room.area
+    return sum(map(room.shared_area, given)) >= _COVERED * room.area
 
 
 def _in_one_room(rooms: Sequence[Area], told: Sequence[PlaceRecord]) -> set[str]:

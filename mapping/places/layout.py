@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from kg.areas import FARTHEST, Rectangle
+from kg.areas import MAX_COORDINATE, Rectangle
 from kg.errors import LayoutError
 from mapping.places.geojson import is_geojson, polygons
 
@@ -37,9 +37,9 @@ class LayoutPlace:
         sides = {side: getattr(self.area, side) for side in SIDES}
         if not all(math.isfinite(value) for value in sides.values()):
             raise LayoutError(f"{self.label} has a side that is not finite; metres would work")
-        if max(map(abs, sides.values())) > FARTHEST:
+        if max(map(abs, sides.values())) > MAX_COORDINATE:
             raise LayoutError(
-                f"{self.label} has a side beyond {FARTHEST:g} m; metres of the map would work"
+                f"{self.label} has a side beyond {MAX_COORDINATE:g} m; metres of the map would work"
             )
         for low, high in (("xmin", "xmax"), ("ymin", "ymax")):
             if not sides[low] < sides[high]:

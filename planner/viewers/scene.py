@@ -10,14 +10,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Final, Literal
 
 import numpy as np
 from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 
-from kg.areas import Outline
+from kg.areas import Outline, polygon_of
 from kg.maps.semantic_map import SemanticMap
 from kg.records import FloorTile, ObjectRecord, PlaceRecord, RobotRecord
 from mapping.occupancy.mapped_floor import MappedFloor, mapped_floor
@@ -38,7 +37,6 @@ Point = tuple[float, float, float]  # (x, y, z) [m] in the map frame
 
 _SHAPES: Final[tuple[Shape, ...]] = ("cube", "cylinder", "sphere")
 _COUNTS: Final = 0.5  # probability from which on a relation is drawn
-_STRIPS: Final = 256  # of a place's floor, at most
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,38 +223,9 @@ def _floor(tiles: Sequence[FloorTile], camera: float | None) -> SceneFloor | Non
 
 
 def triangles(outline: Outline) -> NDArray[np.float64]:
-    """(n, 3, 2) [m] triangles that cover the inside of `outline`, by the even-odd rule.
+    """(n, 3, 2) [m] constrained Delaunay triangles of the inside of `outline`."""
+    import shapely
 
-    The area is cut into horizontal strips at its corners, and each strip into trapezoids
-    (trapezoidal decomposition, de Berg et al., Computational Geometry, section 6.1). Of outlines
-    with more than 256 heights the strips are even, and the sides a little off.
-    """
-    starts = np.concatenate([np.array(ring) for ring in outline])
-    ends = np.concatenate([np.roll(np.array(ring), -1, axis=0) for ring in outline])
-    up = starts[:, 1] <= ends[:, 1]
-    low, high = (np.where(up[:, None], *pair) for pair in ((starts, ends), (ends, starts)))
-    heights = np.unique(starts[:, 1])
-    if len(heights) > _STRIPS + 1:
-        heights = np.linspace(heights[0], heights[-1], _STRIPS + 1)
-    found = [_strip(low, high, y0, y1) for y0, y1 in pairwise(heights)]
-    return np.concatenate([np.empty((0, 3, 2)), *found])
-
-
-def _strip(
-    low: NDArray[np.float64], high: NDArray[np.float64], y0: float, y1: float
-) -> NDArray[np.float64]:
-    """(n, 3, 2) triangles between `y0` and `y1`; sides run from `low` up to `high`, (n, 2) each."""
-    middle = (y0 + y1) / 2
-    crossing = (low[:, 1] < middle) & (high[:, 1] > middle)
-    a, b = low[crossing], high[crossing]
-
-    def x_at(y: float) -> NDArray[np.float64]:
-        share = np.clip((y - a[:, 1]) / (b[:, 1] - a[:, 1]), 0, 1)
-        return np.asarray(a[:, 0] + share * (b[:, 0] - a[:, 0]))
-
-    order = np.argsort(x_at(middle), kind="stable")
-    below, above = (np.stack([x_at(y)[order], np.full(len(order), y)], axis=1) for y in (y0, y1))
-    left0, right0, left1, right1 = below[::2], below[1::2], above[::2], above[1::2]
-    return np.concatenate(
-        [np.stack([left0, right0, right1], axis=1), np.stack([left0, right1, left1], axis=1)]
-    )
+    parts = shapely.get_parts(shapely.constrained_delaunay_triangles(polygon_of(outline)))
+    corners: NDArray[np.float64] = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3]
+    return corners

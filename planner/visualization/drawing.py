@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -15,7 +15,6 @@ from matplotlib.path import Path
 from matplotlib.text import Text
 from numpy.typing import NDArray
 
-from kg.areas import Ring, signed_area
 from kg.records import (
     LOW,
     TALL,
@@ -46,19 +45,13 @@ SHOWN_EXISTENCE: Final = 0.5
 
 def draw_place(axes: Axes, place: PlaceRecord, colour: str | None, *, filled: bool) -> None:
     """The outline of its area, dashed where `colour` is None; `filled` with a pale one."""
-    path = Path.make_compound_path(
-        *(Path([*ring, ring[0]], closed=True) for ring in _turned(place))
+    path = Path.make_compound_path(  # holes run the other way round and are not filled
+        *(Path([*ring, ring[0]], closed=True) for ring in place.area.oriented_rings)
     )
     fill = pale(colour) if filled and colour else "white" if filled else "none"
     line = (0, (4, 3)) if colour is None else "solid"
     edge = to_rgba(colour or TRUE_SPOT, 0.75)
     axes.add_patch(PathPatch(path, fc=fill, ec=edge, lw=0.9, ls=line, zorder=1.07))
-
-
-def _turned(place: PlaceRecord) -> Iterator[Ring]:
-    """Its rings, holes the other way round than the outer one, so that they are not filled."""
-    for number, ring in enumerate(place.area.rings):
-        yield ring if (signed_area(ring) > 0) == (number == 0) else ring[::-1]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

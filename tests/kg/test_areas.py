@@ -65,8 +65,23 @@ def test_four_corners_along_the_axes_are_a_rectangle():
         ([[(0, 0), (1, 0), (float("nan"), 1)]], "not finite"),
         ([[(k, k * k) for k in range(3000)]], "3000 corners"),
         ([L_SHAPE, [(1, 1), (1.5, 9), (1.5, 1)]], "crosses itself"),
+        ([L_SHAPE, [(7, 7), (8, 7), (8, 8)]], "crosses itself"),
     ],
 )
 def test_what_encloses_no_area_is_refused(rings, says):
     with pytest.raises(ValueError, match=says):
         area_of(rings)
+
+
+def test_rings_that_touch_in_a_point_are_an_outline():
+    hourglass = area_of([[(0, 0), (4, 0), (2, 2), (4, 4), (0, 4), (2, 2)]])
+    assert hourglass.area == pytest.approx(8)
+    assert hourglass.contains(2, 1)
+    assert not hourglass.contains(0.5, 2)
+
+
+def test_shared_area_is_that_of_the_intersection():
+    room, hole = Area(0, 4, 0, 4), [(1, 1), (2, 1), (2, 2), (1, 2)]
+    assert area_of([[(2, 0), (6, 0), (6, 2), (2, 2)]]).shared_area(room) == pytest.approx(4)
+    assert area_of([[(0, 0), (4, 0), (4, 4), (0, 4)], hole]).shared_area(room) == pytest.approx(15)
+    assert Area(4, 5, 0, 4).shared_area(room) == 0

@@ -20,6 +20,7 @@ HEAVY = {
     "rdflib",
     "requests",
     "rich",
+    "shapely",
     "starlette",
     "uvicorn",
 }
