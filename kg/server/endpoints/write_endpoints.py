@@ -17,7 +17,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
 
-from kg.client.update_codec import LARGEST, update_from_json
+from kg.client.update_codec import MAX_WHOLE, update_from_json
 from kg.facts.assertions import is_unicode
 from kg.maps.conflict_check import apply_remote_update
 from kg.server.app_state import AppState
@@ -129,7 +129,7 @@ def _is_name(value: object) -> bool:
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= LARGEST
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= MAX_WHOLE
 
 
 def _json_response(content: object) -> Response:
