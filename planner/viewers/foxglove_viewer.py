@@ -7,48 +7,38 @@ import math
 import threading
 import time
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import foxglove
-from foxglove import channels
+from foxglove import Channel, Schema
+from foxglove.mcap import MCAPWriteOptions
 from foxglove.websocket import ServerListener
 
 from kg.errors import ServerError
 from kg.records import RobotRecord
 from perception.frames import Detections, Frame
-from planner.viewers import foxglove_messages as messages
+from perception.recordings.bag_file import message_types
+from planner.viewers.ros_messages import LIVE_TOPICS, TOPICS, RosMessages, nanoseconds_of
 from planner.viewers.scene import Point, Scene
 from planner.viewers.viewer import FLUSHED, ROUNDING, refuse_unusable, refusing
 
 _STEP: Final = 0.1  # [m] between points of the trail
-_POINTS: Final = 500  # of the trail; of a longer one every second is left out
+_MAX_POINTS: Final = 500  # of the trail; of a longer one every second is left out
 _BACKLOG: Final = 128  # messages that wait for a slow client; then the oldest are dropped
-
-_CHANNELS: Final[dict[str, Any]] = {
-    "/camera/image": channels.CompressedImageChannel,
-    "/camera/detections": channels.ImageAnnotationsChannel,
-    "/camera/calibration": channels.CameraCalibrationChannel,
-    "/tf": channels.FrameTransformChannel,
-    "/robot/pose": channels.PoseInFrameChannel,
-    "/robot/trail": channels.SceneUpdateChannel,
-    "/objects": channels.SceneUpdateChannel,
-    "/places": channels.SceneUpdateChannel,
-    "/relations": channels.SceneUpdateChannel,
-    "/plan": channels.SceneUpdateChannel,
-    "/floor": channels.GridChannel,
-    "/log": channels.LogChannel,
-}
+_KINDS: Final = TOPICS | LIVE_TOPICS
+_ROS2: Final = MCAPWriteOptions(profile="ros2")
 
 
 class FoxgloveViewer:
-    """Viewer that logs Foxglove's messages to whatever sinks its `context` has."""
+    """Viewer that logs messages of ROS 2 to whatever sinks its `context` has."""
 
     def __init__(self) -> None:
         self.context = foxglove.Context()
-        self._channels = {
-            topic: kind(topic, context=self.context) for topic, kind in _CHANNELS.items()
-        }
+        self._types = message_types(is_ros1=False)
+        self._messages = RosMessages(self._types, is_ros1=False)
+        self._channels = {topic: self._channel(topic, kind) for topic, kind in _KINDS.items()}
         self._written: dict[str, object] = {}
         self._renewed = threading.Event()
         self._moving = threading.RLock()  # held while a pose is written: by mapper and live feed
@@ -56,55 +46,59 @@ class FoxgloveViewer:
         self._step = _STEP
         self._robot_stamp = -math.inf  # [s] of the pose written last
 
+    def _channel(self, topic: str, kind: str) -> Channel:
+        definition = self._types.generate_msgdef(kind, ros_version=2)[0].encode()
+        schema = Schema(name=kind, encoding="ros2msg", data=definition)
+        return Channel(topic, schema=schema, message_encoding="cdr", context=self.context)
+
     def show(self, scene: Scene, stamp: float) -> None:
-        """Write the parts that changed, each as a whole."""
+        """Write the floor and the markers where they changed, each as a whole."""
         if self._renewed.is_set():
             self._renewed.clear()
             self._written.clear()
             with self._moving:
                 self._robot_stamp = -math.inf
                 self._log_trail(stamp)
-        height = scene.floor.height if scene.floor else 0.0
-        for topic, part in (
-            ("/objects", scene.objects),
-            ("/places", scene.places),
-            ("/relations", scene.relations),
-            ("/floor", scene.floor),
-            ("/plan", scene.plan),
-        ):
-            if topic in self._written and self._written[topic] == part:
-                continue
-            self._written[topic] = part
-            self._log(topic, _MESSAGES[topic](part, height, stamp), stamp)
+        make, drawn = self._messages, replace(scene, robot=None)  # poses have a topic of their own
+        if scene.floor is not None and self._changed("/map", scene.floor):
+            self._log("/map", make.occupancy_grid(scene.floor, stamp), stamp)
+        markers = drawn.objects, drawn.places, drawn.relations, drawn.plan, drawn.floor
+        if self._changed("/hereabouts/markers", markers):
+            self._log("/hereabouts/markers", make.marker_array(drawn, stamp), stamp)
+        if self._changed("/hereabouts/plan", scene.plan):
+            self._log("/hereabouts/plan", make.path(scene.plan, stamp), stamp)
         with self._moving:
             if scene.robot is not None and scene.robot.stamp > self._robot_stamp + ROUNDING:
                 self.robot(scene.robot)
 
+    def _changed(self, topic: str, part: object) -> bool:
+        """Whether `part` is another than was written last."""
+        before, self._written[topic] = self._written.get(topic), part
+        return before != part
+
     def frame(self, frame: Frame, detections: Detections) -> None:
-        """Write image, boxes, intrinsics and camera pose."""
-        stamp = frame.stamp
-        self._log("/tf", messages.camera_transform(frame), stamp)
-        self._log("/camera/calibration", messages.camera_calibration(frame), stamp)
-        self._log("/camera/image", messages.image(frame), stamp)
-        self._log("/camera/detections", messages.boxes(frame, detections), stamp)
+        """Write the camera's pose and intrinsics, and the image with boxes."""
+        for topic, message in self._messages.camera(frame, detections):
+            self._log(topic, message, frame.stamp)
 
     def robot(self, robot: RobotRecord) -> None:
         """Write pose and transform, and the trail as it grows."""
         with self._moving:
             self._robot_stamp = robot.stamp
-            self._log("/tf", messages.robot_transform(robot), robot.stamp)
-            self._log("/robot/pose", messages.robot_pose(robot), robot.stamp)
+            self._log("/tf", self._messages.robot_transform(robot), robot.stamp)
+            pose = self._messages.robot(robot, robot.stamp)
+            self._log("/hereabouts/robot", pose, robot.stamp)
             x, y, z = (float(c) for c in robot.p_map)
             if self._trail and math.dist((x, y, z), self._trail[-1]) < self._step:
                 return
             self._trail.append((x, y, z))
-            if len(self._trail) > _POINTS:
+            if len(self._trail) > _MAX_POINTS:
                 self._trail, self._step = self._trail[::2], 2 * self._step
             self._log_trail(robot.stamp)
 
     def remark(self, text: str, stamp: float) -> None:
         """Write a line of the log."""
-        self._log("/log", messages.remark(text, stamp), stamp)
+        self._log("/rosout", self._messages.log(text, stamp), stamp)
 
     def renew(self) -> None:
         """Have the next `show` write everything, changed or not; from any thread."""
@@ -115,19 +109,11 @@ class FoxgloveViewer:
 
     def _log_trail(self, stamp: float) -> None:
         if len(self._trail) > 1:
-            self._log("/robot/trail", messages.trail_update(self._trail, stamp), stamp)
+            self._log("/hereabouts/trail", self._messages.way(self._trail, stamp), stamp)
 
     def _log(self, topic: str, message: object, stamp: float) -> None:
-        self._channels[topic].log(message, log_time=messages.nanoseconds_of(stamp))
-
-
-_MESSAGES: Final[dict[str, Any]] = {
-    "/objects": lambda part, _, stamp: messages.objects_update(part, stamp),
-    "/places": lambda part, _, stamp: messages.places_update(part, stamp),
-    "/relations": lambda part, _, stamp: messages.relations_update(part, stamp),
-    "/floor": lambda part, _, stamp: messages.grid(part, stamp),
-    "/plan": messages.plan_update,
-}
+        data = bytes(self._types.serialize_cdr(message, _KINDS[topic]))
+        self._channels[topic].log(data, log_time=nanoseconds_of(stamp))
 
 
 class McapFile(FoxgloveViewer):
@@ -153,7 +139,9 @@ class McapFile(FoxgloveViewer):
     def _log(self, topic: str, message: object, stamp: float) -> None:
         with refusing(self._path):
             if self._writer is None:
-                self._writer = foxglove.open_mcap(self._path, context=self.context)
+                self._writer = foxglove.open_mcap(
+                    self._path, context=self.context, writer_options=_ROS2
+                )
             super()._log(topic, message, stamp)
             now = time.monotonic()
             if now - self._flushed > FLUSHED:
@@ -164,7 +152,7 @@ class McapFile(FoxgloveViewer):
 def scenes_as_mcap(scenes: Iterable[tuple[Scene, float]]) -> bytes:
     """An MCAP file of scenes, each with its time [s since 1970]."""
     viewer, file = FoxgloveViewer(), io.BytesIO()
-    with foxglove.open_mcap(file, context=viewer.context):
+    with foxglove.open_mcap(file, context=viewer.context, writer_options=_ROS2):
         for scene, stamp in scenes:
             viewer.show(scene, stamp)
     return file.getvalue()

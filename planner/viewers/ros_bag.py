@@ -22,7 +22,7 @@ def scenes_as_bag(scenes: Iterable[tuple[Scene, float]]) -> bytes:
     Whoever subscribes to a topic later gets its last message as well.
     """
     types = get_typestore(Stores.ROS1_NOETIC)
-    messages = RosMessages(types)
+    messages = RosMessages(types, is_ros1=True)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "scene.bag"
         with Writer(path) as bag:

@@ -1,7 +1,8 @@
-"""Scenes as ROS messages: visualization_msgs/MarkerArray, nav_msgs/OccupancyGrid, and more.
+"""Scenes, frames and poses as ROS messages: MarkerArray, OccupancyGrid, Path, and more.
 
-Messages are those of a `rosbags` typestore, of ROS 1 or ROS 2; no ROS is needed. Its
-`serialize_ros1` or `serialize_cdr` makes the bytes that bags keep and connections carry.
+Messages are those of a `rosbags` typestore, of ROS 1 or ROS 2; no ROS is needed. A MarkerArray is
+a whole state that replaces the one before, since a player that jumps to a moment reads the last
+message of each topic alone.
 """
 
 from __future__ import annotations
@@ -14,6 +15,10 @@ import numpy as np
 from matplotlib.colors import to_rgb
 
 from kg.records import FREE, LOW, TALL, UNKNOWN, RobotRecord
+from perception.annotate import draw_detections, encode_jpeg
+from perception.frames import Detections, Frame
+from perception.ros.message_maker import MessageMaker
+from planner.execution.protocol import cleaned
 from planner.viewers.scene import (
     Colour,
     Point,
@@ -24,7 +29,16 @@ from planner.viewers.scene import (
     ScenePlan,
     triangles,
 )
-from planner.viewers.viewer import MAP, MARKER, SURFACE, TEXT, TINT, heading_quaternion
+from planner.viewers.viewer import (
+    CAMERA,
+    MAP,
+    MARKER,
+    ROBOT,
+    SURFACE,
+    TEXT,
+    TINT,
+    heading_quaternion,
+)
 from planner.visualization.palette import INK, ROUTE, WALL
 
 #: topic -> type; in ROS 1 without the "msg"
@@ -34,6 +48,14 @@ TOPICS: Final = {
     "/hereabouts/robot": "geometry_msgs/msg/PoseStamped",
     "/hereabouts/plan": "nav_msgs/msg/Path",
 }
+#: topic -> type of what is written while it happens, beside those of `TOPICS`
+LIVE_TOPICS: Final = {
+    "/tf": "tf2_msgs/msg/TFMessage",
+    "/camera/camera_info": "sensor_msgs/msg/CameraInfo",
+    "/camera/image/compressed": "sensor_msgs/msg/CompressedImage",
+    "/hereabouts/trail": "nav_msgs/msg/Path",
+    "/rosout": "rcl_interfaces/msg/Log",
+}
 #: by UNKNOWN, FREE, LOW, TALL: what one looks over stops a robot all the same
 _OCCUPANCY: Final = np.zeros(4, np.int8)
 _OCCUPANCY[[UNKNOWN, FREE, LOW, TALL]] = (-1, 0, 100, 100)
@@ -41,16 +63,11 @@ _LATEST: Final = 2**31 - 1  # [s]
 _ARROW, _CUBE, _SPHERE, _CYLINDER, _STRIP, _LINES, _WORDS, _TRIANGLES = 0, 1, 2, 3, 4, 5, 9, 11
 _SHAPES: Final = {"cube": _CUBE, "sphere": _SPHERE, "cylinder": _CYLINDER}
 _ADD, _DELETE_ALL = 0, 3
+_INFO: Final = 20
 
 
-class RosMessages:
-    """Makes messages of one typestore."""
-
-    def __init__(self, types: Any) -> None:
-        """`types` is a typestore of `rosbags.typesys`."""
-        self._types = types.types
-        header = self._types["std_msgs/msg/Header"]
-        self._sequenced = "seq" in header.__dataclass_fields__  # ROS 1
+class RosMessages(MessageMaker):
+    """Makes messages of one typestore; stamps are [s] since 1970."""
 
     def of(self, scene: Scene, stamp: float) -> Iterator[tuple[str, Any]]:
         """Topic and message of everything that `scene` has, at `stamp` [s]."""
@@ -80,39 +97,70 @@ class RosMessages:
             markers.append(self._arrow(header, "robot", scene.robot.p_map, scene.robot.heading))
         for number, marker in enumerate(markers):
             marker.id = number
-        return self._make("visualization_msgs/msg/MarkerArray", markers=markers)
+        return self.make("visualization_msgs/msg/MarkerArray", markers=markers)
 
     def occupancy_grid(self, floor: SceneFloor, stamp: float) -> Any:
         """The floor: -1 unknown, 0 free, 100 occupied; rows along x."""
         grid = floor.grid
         width, height = grid.states.shape
-        info = self._make(
+        info = self.make(
             "nav_msgs/msg/MapMetaData",
-            map_load_time=self._time(stamp),
+            map_load_time=self.time(nanoseconds_of(stamp)),
             resolution=grid.resolution,
             width=width,
             height=height,
             origin=self._pose((float(grid.origin[0]), float(grid.origin[1]), floor.height)),
         )
         data = np.ascontiguousarray(_OCCUPANCY[grid.states].T).ravel()
-        return self._make(
+        return self.make(
             "nav_msgs/msg/OccupancyGrid", header=self._header(stamp), info=info, data=data
         )
 
     def robot(self, robot: RobotRecord, stamp: float) -> Any:
-        """Where the robot is, its heading along x."""
+        """The robot's position, its heading along x."""
         x, y, z = (float(c) for c in robot.p_map)
         pose = self._pose((x, y, z), robot.heading)
-        return self._make("geometry_msgs/msg/PoseStamped", header=self._header(stamp), pose=pose)
+        return self.make("geometry_msgs/msg/PoseStamped", header=self._header(stamp), pose=pose)
 
-    def path(self, plan: ScenePlan, stamp: float) -> Any:
-        """The way of a plan, as nav_msgs/Path."""
+    def robot_transform(self, robot: RobotRecord) -> Any:
+        """The robot's position as a transform to the map."""
+        c, s = math.cos(robot.heading), math.sin(robot.heading)
+        T_map_robot = np.eye(4)
+        T_map_robot[:2, :2], T_map_robot[:3, 3] = [[c, -s], [s, c]], robot.p_map
+        return self.transforms(nanoseconds_of(robot.stamp), MAP, ROBOT, T_map_robot)
+
+    def camera(self, frame: Frame, detections: Detections) -> Iterator[tuple[str, Any]]:
+        """Topic and message of a frame: pose, intrinsics, and the image with boxes, as JPEG."""
+        stamp = nanoseconds_of(frame.stamp)
+        header = self.header(stamp, CAMERA)
+        yield "/tf", self.transforms(stamp, MAP, CAMERA, frame.T_map_cam)
+        yield "/camera/camera_info", self.camera_info(frame, header)
+        jpeg = np.frombuffer(encode_jpeg(draw_detections(frame, detections)), np.uint8)
+        image = {"header": header, "format": "jpeg", "data": jpeg}
+        yield "/camera/image/compressed", self.make("sensor_msgs/msg/CompressedImage", **image)
+
+    def log(self, text: str, stamp: float) -> Any:
+        """A line of text, as rcl_interfaces/Log of ROS 2."""
+        return self.make(
+            "rcl_interfaces/msg/Log",
+            stamp=self.time(nanoseconds_of(stamp)),
+            level=_INFO,
+            name="hereabouts",
+            msg=cleaned(text),
+        )
+
+    def path(self, plan: ScenePlan | None, stamp: float) -> Any:
+        """The way of a plan, as nav_msgs/Path; empty without a plan."""
+        return self.way([(x, y, 0.0) for x, y in plan.path] if plan else (), stamp)
+
+    def way(self, points: Iterable[Point], stamp: float) -> Any:
+        """A line through `points`, as nav_msgs/Path."""
         header = self._header(stamp)
         poses = [
-            self._make("geometry_msgs/msg/PoseStamped", header=header, pose=self._pose((x, y, 0.0)))
-            for x, y in plan.path
+            self.make("geometry_msgs/msg/PoseStamped", header=header, pose=self._pose(point))
+            for point in points
         ]
-        return self._make("nav_msgs/msg/Path", header=header, poses=poses)
+        return self.make("nav_msgs/msg/Path", header=header, poses=poses)
 
     def _object(self, header: Any, thing: SceneObject) -> Iterator[Any]:
         style: dict[str, Any] = {"at": thing.p_map, "colour": thing.colour}
@@ -190,39 +238,34 @@ class RosMessages:
     ) -> Any:
         red, green, blue = colour
         x, y, z = scale
-        return self._make(
+        return self.make(
             "visualization_msgs/msg/Marker",
             header=header,
             ns=ns,
             type=kind,
             action=action,
             pose=self._pose(at, heading),
-            scale=self._make("geometry_msgs/msg/Vector3", x=x, y=y, z=z),
-            color=self._make("std_msgs/msg/ColorRGBA", r=red, g=green, b=blue, a=alpha),
+            scale=self.make("geometry_msgs/msg/Vector3", x=x, y=y, z=z),
+            color=self.make("std_msgs/msg/ColorRGBA", r=red, g=green, b=blue, a=alpha),
             points=[self._point(point) for point in points],
             text=text,
         )
 
     def _pose(self, at: Point, heading: float = 0.0) -> Any:
         x, y, z, w = heading_quaternion(heading)
-        turn = self._make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
-        return self._make("geometry_msgs/msg/Pose", position=self._point(at), orientation=turn)
+        turn = self.make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
+        return self.make("geometry_msgs/msg/Pose", position=self._point(at), orientation=turn)
 
     def _point(self, at: Point) -> Any:
         x, y, z = at
-        return self._make("geometry_msgs/msg/Point", x=x, y=y, z=z)
+        return self.make("geometry_msgs/msg/Point", x=x, y=y, z=z)
 
     def _header(self, stamp: float) -> Any:
-        seq = {"seq": 0} if self._sequenced else {}
-        return self._make("std_msgs/msg/Header", stamp=self._time(stamp), frame_id=MAP, **seq)
+        return self.header(nanoseconds_of(stamp), MAP)
 
-    def _time(self, stamp: float) -> Any:
-        seconds, nanoseconds = divmod(nanoseconds_of(stamp), 10**9)
-        return self._make("builtin_interfaces/msg/Time", sec=seconds, nanosec=nanoseconds)
-
-    def _make(self, kind: str, **fields: Any) -> Any:
+    def make(self, kind: str, **fields: Any) -> Any:
         """A message with these fields, the others empty."""
-        made = self._types[kind]
+        made = self.types.types[kind]
         empty = {
             name: self._empty(str(field.type))
             for name, field in made.__dataclass_fields__.items()
@@ -238,7 +281,7 @@ class RosMessages:
             return []
         if kind.startswith("np.ndarray"):
             return np.empty(0, np.uint8)
-        return self._make(kind.replace("__", "/"))
+        return self.make(kind.replace("__", "/"))
 
 
 def nanoseconds_of(stamp: float) -> int:

@@ -14,11 +14,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader, make_reader
-from mcap_protobuf.decoder import DecoderFactory
 from websockets.sync.client import connect
 
 from kg.errors import PictureError, ServerError
@@ -26,6 +26,7 @@ from kg.maps.semantic_map import SemanticMap
 from kg.opening import in_memory_map
 from kg.records import FREE, TALL, MapUpdate, RobotRecord
 from perception.frames import Detections, Frame
+from perception.recordings.bag_file import BagFile, message_types
 from planner.viewers.feed import LiveFeed
 from planner.viewers.foxglove_viewer import FoxgloveServer, McapFile, scenes_as_mcap
 from planner.viewers.scene import ScenePlan, SceneReader, SceneStop
@@ -34,10 +35,15 @@ from planner.viewers.viewer import ViewerGroup
 
 def read(data: bytes) -> list[tuple[str, str, int, Any]]:
     """Topic, schema, time [ns] and content of each message."""
-    reader = make_reader(io.BytesIO(data), decoder_factories=[DecoderFactory()])
+    types = message_types(is_ros1=False)
     return [
-        (channel.topic, schema.name, message.log_time, content)
-        for schema, channel, message, content in reader.iter_decoded_messages()
+        (
+            channel.topic,
+            schema.name,
+            message.log_time,
+            types.deserialize_cdr(message.data, schema.name),
+        )
+        for schema, channel, message in make_reader(io.BytesIO(data)).iter_messages()
         if schema is not None
     ]
 
@@ -60,26 +66,28 @@ def test_a_map_is_objects_places_relations_floor_and_robot(kitchen: SemanticMap)
     assert {at for _, _, at, _ in messages} == {1_000_000_000_000}
     by_topic = {topic: content for topic, _, _, content in messages}
     assert {(topic, schema) for topic, schema, _, _ in messages} == {
-        ("/objects", "foxglove.SceneUpdate"),
-        ("/places", "foxglove.SceneUpdate"),
-        ("/relations", "foxglove.SceneUpdate"),
-        ("/plan", "foxglove.SceneUpdate"),
-        ("/floor", "foxglove.Grid"),
-        ("/tf", "foxglove.FrameTransform"),
-        ("/robot/pose", "foxglove.PoseInFrame"),
+        ("/hereabouts/markers", "visualization_msgs/msg/MarkerArray"),
+        ("/hereabouts/plan", "nav_msgs/msg/Path"),
+        ("/hereabouts/robot", "geometry_msgs/msg/PoseStamped"),
+        ("/map", "nav_msgs/msg/OccupancyGrid"),
+        ("/tf", "tf2_msgs/msg/TFMessage"),
     }
-    table, cup = by_topic["/objects"].entities
-    assert (table.id, table.texts[0].text, table.frame_id) == ("object/1", "dining table", "map")
-    assert [round(size, 3) for size in (table.cubes[-1].size.x, table.cubes[-1].size.z)] == [
-        1.2,
-        0.8,
-    ]
-    shapes = [*cup.cubes, *cup.spheres, *cup.cylinders]
-    assert len(shapes) == 1 and shapes[0].color.a == 0.75
-    assert by_topic["/objects"].deletions[0].type == 1  # all: it is a whole state
-    assert len(by_topic["/places"].entities[0].triangles[0].points) % 3 == 0
-    assert [entity.id for entity in by_topic["/plan"].entities] == ["path", "stop/1"]
-    assert by_topic["/robot/pose"].pose.position.x == 2.0
+    markers = by_topic["/hereabouts/markers"].markers
+    assert markers[0].action == 3  # delete all: it is a whole state
+    assert [m.text for m in markers if m.ns == "labels"] == ["dining table", "cup"]
+    (box,) = [m for m in markers if m.ns == "extents" and m.scale.z > 0.5]
+    assert [round(size, 3) for size in (box.scale.x, box.scale.z)] == [1.2, 0.8]
+    assert [m.color.a for m in markers if m.ns == "objects"] == pytest.approx([1, 0.75])
+    assert [m.text for m in markers if m.ns == "reasons"] == ["near the cup"]
+    assert by_topic["/hereabouts/robot"].pose.position.x == 2.0
+    assert len(by_topic["/hereabouts/plan"].poses) == 2
+
+
+def test_the_file_is_a_ros_2_bag(kitchen: SemanticMap, tmp_path: Path) -> None:
+    path = tmp_path / "out.mcap"
+    path.write_bytes(scenes_as_mcap([(SceneReader(kitchen).read(), 1.0)]))
+    with BagFile(path) as bag:
+        assert {topic.name: topic.count for topic in bag.topics}["/hereabouts/markers"] == 1
 
 
 def test_the_floor_is_a_grid_with_rows_along_x(kitchen: SemanticMap) -> None:
@@ -87,32 +95,32 @@ def test_the_floor_is_a_grid_with_rows_along_x(kitchen: SemanticMap) -> None:
     assert scene.floor is not None
     states = scene.floor.grid.states
     messages = read(scenes_as_mcap([(scene, 1.0)]))
-    grid = next(content for topic, _, _, content in messages if topic == "/floor")
-    cells = np.frombuffer(grid.data, np.uint8).reshape(-1, grid.column_count, 4)
-    assert cells.shape[:2] == states.T.shape
-    assert (cells[states.T == TALL] == cells[states.T == TALL][0]).all()
-    assert not cells[states.T == 0].any()  # unknown is clear
-    assert (cells[states.T == FREE][:, :3] == 255).all()
-    assert (grid.pose.position.x, grid.pose.position.z) == pytest.approx((0.05, 0.05))
+    grid = next(content for topic, _, _, content in messages if topic == "/map")
+    cells = np.asarray(grid.data, np.int8).reshape(grid.info.height, grid.info.width)
+    assert cells.shape == states.T.shape
+    assert (cells[states.T == TALL] == 100).all() and (cells[states.T == FREE] == 0).all()
+    assert (cells[states.T == 0] == -1).all()
+    origin = grid.info.origin.position
+    assert (origin.x, origin.z) == pytest.approx((0.05, 0.05))
 
 
 def test_an_empty_map_is_a_valid_file() -> None:
     messages = read(scenes_as_mcap([(SceneReader(in_memory_map()).read(), math.nan)]))
-    assert {topic for topic, _, _, _ in messages} >= {"/objects", "/floor"}
+    assert [topic for topic, _, _, _ in messages] == ["/hereabouts/markers"]
 
 
-def test_frames_have_image_boxes_intrinsics_and_pose(tmp_path: Path) -> None:
+def test_frames_have_image_with_boxes_intrinsics_and_pose(tmp_path: Path) -> None:
     viewer = McapFile(tmp_path / "out.mcap")
     viewer.frame(view(), BOX)
     viewer.close()
     viewer.close()
     by_topic = {t: content for t, _, _, content in read((tmp_path / "out.mcap").read_bytes())}
-    assert by_topic["/camera/image"].data[:3] == b"\xff\xd8\xff"
-    boxes = by_topic["/camera/detections"]
-    assert [(p.x, p.y) for p in boxes.points[0].points] == [(1, 2), (8, 2), (8, 9), (1, 9)]
-    assert boxes.texts[0].text == "cu p 0.90"
-    assert list(by_topic["/camera/calibration"].K) == [10, 0, 8, 0, 11, 6, 0, 0, 1]
-    q = by_topic["/tf"].rotation
+    image = by_topic["/camera/image/compressed"]
+    assert (image.format, image.header.frame_id) == ("jpeg", "camera")
+    drawn = cv2.imdecode(np.asarray(image.data), cv2.IMREAD_COLOR)
+    assert drawn[9, 4, 0] > 200 and drawn[0, 15, 0] < 100  # the box's lower edge is blue
+    assert list(by_topic["/camera/camera_info"].k) == [10, 0, 8, 0, 11, 6, 0, 0, 1]
+    q = by_topic["/tf"].transforms[0].transform.rotation
     w, xyz = q.w, np.array([q.x, q.y, q.z])
     forward = np.array([0.0, 0, 1])
     turned = forward + 2 * np.cross(xyz, np.cross(xyz, forward) + w * forward)
@@ -129,8 +137,8 @@ def test_what_did_not_change_is_not_written_again(kitchen: SemanticMap, tmp_path
     times: dict[str, list[int]] = {}
     for topic, _, at, _ in read((tmp_path / "out.mcap").read_bytes()):
         times.setdefault(topic, []).append(at // 10**9)
-    assert times["/objects"] == times["/relations"] == [1, 3]
-    assert times["/floor"] == times["/places"] == [1]
+    assert times["/hereabouts/markers"] == [1, 3]
+    assert times["/map"] == [1]
 
 
 def test_the_trail_of_a_long_drive_stays_short(tmp_path: Path) -> None:
@@ -139,9 +147,9 @@ def test_the_trail_of_a_long_drive_stays_short(tmp_path: Path) -> None:
         viewer.robot(RobotRecord(np.array([0.11 * number, 0, 1.2]), 0.0, float(number)))
     viewer.close()
     trails = [
-        content.entities[0].lines[0].points
+        [pose.pose.position for pose in content.poses]
         for topic, _, _, content in read((tmp_path / "out.mcap").read_bytes())
-        if topic == "/robot/trail"
+        if topic == "/hereabouts/trail"
     ]
     assert max(map(len, trails)) <= 500
     assert trails[-1][0].x == 0 and trails[-1][-1].x > 300
@@ -184,7 +192,7 @@ def test_a_killed_run_leaves_what_it_flushed(tmp_path: Path) -> None:
     with path.open("rb") as file, pytest.raises(EndOfFile):
         for _, channel, message in NonSeekingReader(file).iter_messages(log_time_order=False):
             seen.append((channel.topic, message.log_time // 10**9))
-    assert ("/robot/pose", 199) in seen
+    assert ("/hereabouts/robot", 199) in seen
 
 
 def test_a_client_gets_the_map_and_its_changes_live(kitchen: SemanticMap) -> None:
@@ -195,19 +203,27 @@ def test_a_client_gets_the_map_and_its_changes_live(kitchen: SemanticMap) -> Non
     ):
         assert client.subprotocol == "foxglove.sdk.v1"
         channels: dict[str, int] = {}
-        while "/objects" not in channels:
+        while "/hereabouts/markers" not in channels:
             said = json.loads(client.recv(timeout=30))
             assert said["op"] != "serverInfo" or said["capabilities"] == []
             channels |= {c["topic"]: c["id"] for c in said.get("channels", ())}
-        wanted = {"id": 7, "channelId": channels["/objects"]}
+        wanted = {"id": 7, "channelId": channels["/hereabouts/markers"]}
         client.send(json.dumps({"op": "subscribe", "subscriptions": [wanted]}))
-        assert _message(client, 7).count(b"object/") == 2
+        assert _labels(client, 7) == ["dining table", "cup"]
         cup = kitchen.objects()[1]
         kitchen.apply(MapUpdate(objects=(replace(cup, iri=kitchen.new_object_iri()),)))
-        while _message(client, 7).count(b"object/") != 3:
+        while _labels(client, 7) != ["dining table", "cup", "cup"]:
             pass
         with pytest.raises(ServerError, match=str(server.url.rpartition(":")[2])):
             FoxgloveServer("another", "127.0.0.1", int(server.url.rpartition(":")[2]))
+
+
+def _labels(client: Any, subscription: int) -> list[str]:
+    """The texts of objects in the next message."""
+    types = message_types(is_ros1=False)
+    data = _message(client, subscription)
+    array = types.deserialize_cdr(data, "visualization_msgs/msg/MarkerArray")
+    return [marker.text for marker in array.markers if marker.ns == "labels"]
 
 
 def _message(client: Any, subscription: int) -> bytes:
@@ -229,4 +245,4 @@ def test_a_file_that_cannot_be_written_leaves_the_other_viewers_alone(tmp_path: 
     with pytest.raises(PictureError, match=r"cannot write .*a\.mcap"):
         viewers.close()
     viewers.close()
-    assert "/log" in {topic for topic, _, _, _ in read((tmp_path / "b.mcap").read_bytes())}
+    assert "/rosout" in {topic for topic, _, _, _ in read((tmp_path / "b.mcap").read_bytes())}
