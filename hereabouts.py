@@ -36,8 +36,8 @@ if TYPE_CHECKING:
     from kg.query.evaluation import Table
     from kg.records import Assertion, Evidence, MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
     from kg.server.http.bearer_tokens import BearerTokens
+    from kg.server.http.settings import Settings as ServerSettings
     from kg.server.map_server import MapServer
-    from kg.server.settings import Settings as ServerSettings
     from mapping.mapper import Mapper
     from mapping.recording_mapper import map_recording
     from mapping.sighting import Sighting
@@ -102,7 +102,7 @@ _SOURCES = {
     "kg.maps.room_statistics": "placement_table",
     "kg.ontology.reasoning": "load_world world_quads",
     "kg.server.map_server": "MapServer",
-    "kg.server.settings": "Settings:ServerSettings",
+    "kg.server.http.settings": "Settings:ServerSettings",
     "kg.server.http.bearer_tokens": "BearerTokens",
     "perception.frames": "Frame Detections SceneScores",
     "perception.recordings.recording": "open_recording",

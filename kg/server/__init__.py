@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from kg.maps.semantic_map import SemanticMap
 from kg.server.http.bearer_tokens import BearerTokens
+from kg.server.http.settings import Limits, Settings
 from kg.server.map_server import MapServer
-from kg.server.settings import Limits, Settings
 
 __all__ = ["BearerTokens", "Limits", "MapServer", "Settings", "serve"]
 

@@ -20,6 +20,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from kg.errors import HereaboutsError
 from kg.server.app_state import AppState
 from kg.server.endpoints.assertion_endpoints import assertions
+from kg.server.endpoints.change_endpoint import changes
 from kg.server.endpoints.find_endpoint import find
 from kg.server.endpoints.graph_store_protocol import dump, graph_store
 from kg.server.endpoints.history_endpoints import diff, log, why
@@ -28,9 +29,8 @@ from kg.server.endpoints.picture_endpoint import picture
 from kg.server.endpoints.question_endpoint import question, questions
 from kg.server.endpoints.restore_endpoint import restore
 from kg.server.endpoints.sparql_protocol import sparql
+from kg.server.endpoints.subscription_endpoint import subscribe
 from kg.server.endpoints.write_endpoints import labels, numbers, records
-from kg.server.feeds.change_endpoint import changes
-from kg.server.feeds.subscription_endpoint import subscribe
 from kg.server.http.middleware import RequestGuard
 from kg.server.http.problems import Problem, problem_of, problem_response, without_paths
 from kg.server.linked_data.description import dataset_description

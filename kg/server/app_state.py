@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from kg.maps.semantic_map import SemanticMap
-from kg.server.feeds.change_broadcast import BroadcastClient, ChangeBroadcast
+from kg.server.change_broadcast import BroadcastClient, ChangeBroadcast
 from kg.server.http.client_sessions import Sessions
+from kg.server.http.settings import Settings
 from kg.server.metrics import Metrics
 from kg.server.running_counts import RunningCounts
-from kg.server.settings import Settings
 from kg.workers.pool import QueryPool
 
 #: What else runs beside the server, for `/health`: name -> how it is.

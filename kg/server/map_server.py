@@ -5,10 +5,10 @@ from __future__ import annotations
 from kg.maps.semantic_map import SemanticMap
 from kg.server.app import application
 from kg.server.app_state import AppState, Planner, Status
-from kg.server.feeds.change_broadcast import ChangeBroadcast
+from kg.server.change_broadcast import ChangeBroadcast
 from kg.server.http.lifecycle import ServerLifecycle
+from kg.server.http.settings import Settings
 from kg.server.running_counts import RunningCounts
-from kg.server.settings import Settings
 from kg.workers.pool import QueryPool
 
 

@@ -27,8 +27,9 @@ from kg.rdf.skolem import anonymous_triple
 from kg.rdf.xml_characters import in_xml
 from kg.server.app_state import AppState
 from kg.server.endpoints.dump_stream import DumpStream
-from kg.server.endpoints.sparql_protocol import asker_of, write, written
+from kg.server.endpoints.sparql_protocol import write, written
 from kg.server.http import bodies
+from kg.server.http.client_sessions import asker_of
 from kg.server.http.conditions import State, refuse_unforeseen, state_of
 from kg.server.http.confirmation import is_confirmed
 from kg.server.http.media_types import GRAPH_FORMATS, prefixes_of

@@ -14,8 +14,9 @@ from starlette.responses import Response
 
 from kg.maps.semantic_map import SemanticMap
 from kg.server.app_state import AppState
-from kg.server.endpoints.sparql_protocol import asker_of, unless_gone
+from kg.server.endpoints.sparql_protocol import unless_gone
 from kg.server.http.bodies import RequestParameters, query_parameters
+from kg.server.http.client_sessions import asker_of
 from kg.server.http.problems import Problem
 from kg.server.http.time_parameters import MOST_DIGITS, sequence_at
 from kg.store.sparql_client import SEQUENCE

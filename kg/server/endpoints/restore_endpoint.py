@@ -14,8 +14,8 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from kg.server.app_state import AppState
-from kg.server.endpoints.sparql_protocol import asker_of
 from kg.server.http import bodies
+from kg.server.http.client_sessions import asker_of
 from kg.server.http.confirmation import is_confirmed
 from kg.server.http.problems import Problem
 from kg.server.http.time_parameters import sequence_at

@@ -17,6 +17,7 @@ from kg.client.record_codec import change_to_json
 from kg.server.app_state import AppState
 from kg.server.http import bodies
 from kg.server.http.bodies import RequestParameters
+from kg.server.http.client_sessions import asker_of
 from kg.server.http.confirmation import is_confirmed
 from kg.server.http.event_stream import disconnected
 from kg.server.http.media_types import accept_of
@@ -25,7 +26,6 @@ from kg.server.http.time_parameters import sequence_at
 from kg.server.linked_data.description import service_description
 from kg.store.sparql_client import SEQUENCE
 from kg.transactions import ChangeSet
-from kg.workers.request import Asker
 from kg.workers.updates import UpdateRequest, update_map
 
 QUERY: Final = "application/sparql-query"
@@ -94,11 +94,6 @@ async def _query(serving: AppState, request: Request, given: RequestParameters) 
         media_type=answer.media_type,
         headers={"Vary": "Accept", SEQUENCE: str(answer.sequence)},
     )
-
-
-def asker_of(request: Request, *, standing: bool = False) -> Asker:
-    """Whose share of the workers a request's queries take."""
-    return Asker(request.state.client, standing)
 
 
 def _least(serving: AppState, request: Request) -> int:

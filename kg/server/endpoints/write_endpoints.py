@@ -21,8 +21,9 @@ from kg.client.update_codec import MAX_WHOLE, update_from_json
 from kg.facts.assertions import is_unicode
 from kg.maps.conflict_check import apply_remote_update
 from kg.server.app_state import AppState
-from kg.server.endpoints.sparql_protocol import asker_of, written
+from kg.server.endpoints.sparql_protocol import written
 from kg.server.http import bodies
+from kg.server.http.client_sessions import asker_of
 from kg.server.http.problems import Problem
 from kg.transactions import Cause, ChangeSet
 

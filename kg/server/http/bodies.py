@@ -12,7 +12,7 @@ from urllib.parse import parse_qsl
 from starlette.requests import ClientDisconnect, Request
 
 from kg.server.http.problems import Problem
-from kg.server.settings import Limits
+from kg.server.http.settings import Limits
 
 FORM = "application/x-www-form-urlencoded"
 FIELDS = 200  # parameters of one request

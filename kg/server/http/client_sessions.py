@@ -1,8 +1,8 @@
-"""Sessions: which client a request is of, and how recent its answers must be.
+"""Sessions: the client of a request, and how recent its answers must be.
 
-A client is the holder of a token, else an address (of IPv6 its /64 network, which one host may have
-all of). It reads its own writes, and never an older state than it has seen; what others wrote
-comes to it with the next snapshot.
+A client is the holder of a token, else an address (of IPv6 its /64 network, all of which one host
+may have). It reads its own writes and never an older state than it has seen; changes by others
+reach it with the next snapshot.
 """
 
 from __future__ import annotations
@@ -11,11 +11,15 @@ import ipaddress
 from collections import OrderedDict
 from typing import Final
 
-CLIENTS: Final = 4096  # remembered at once; who is forgotten sees snapshots like a new one
+from starlette.requests import Request
+
+from kg.workers.request import Asker
+
+MAX_CLIENTS: Final = 4096  # remembered at once; one that is forgotten counts as new
 
 
 def client_of_address(address: str) -> str:
-    """The client that requests from an address are of."""
+    """The client at an address."""
     try:
         parsed = ipaddress.ip_address(address)
     except ValueError:
@@ -25,6 +29,11 @@ def client_of_address(address: str) -> str:
     return address
 
 
+def asker_of(request: Request) -> Asker:
+    """The client in whose share of the workers the queries of a request run."""
+    return Asker(request.state.client)
+
+
 class Sessions:
     """The last transaction that each client has seen or made; used on one event loop."""
 
@@ -32,9 +41,9 @@ class Sessions:
         self._last: OrderedDict[str, int] = OrderedDict()
 
     def saw(self, client: str, sequence: int) -> None:
-        """Note that an answer showed a client the map as of a transaction, or its own write."""
+        """Record that a client has seen, or made, a transaction."""
         self._last[client] = max(sequence, self._last.pop(client, 0))
-        if len(self._last) > CLIENTS:
+        if len(self._last) > MAX_CLIENTS:
             self._last.popitem(last=False)
 
     def at_least(self, client: str) -> int:

@@ -12,7 +12,7 @@ from starlette.types import ASGIApp
 
 from kg.errors import ServerError
 from kg.server.http.connection import PatientConnection
-from kg.server.settings import Limits, Settings
+from kg.server.http.settings import Limits, Settings
 
 START_WITHIN = 60.0  # [s]
 END_WITHIN = 3  # [s] that answers under way have when the server ends

@@ -19,8 +19,8 @@ from kg.server.http.request_checks import (
     refuse_other_host,
     refuse_stranger,
 )
+from kg.server.http.settings import Settings
 from kg.server.metrics import Metrics
-from kg.server.settings import Settings
 
 log = logging.getLogger("hereabouts.server")
 

@@ -15,7 +15,7 @@ from starlette.datastructures import Headers
 from kg.server.http.bearer_tokens import unauthorised
 from kg.server.http.client_sessions import client_of_address
 from kg.server.http.problems import Problem
-from kg.server.settings import Settings
+from kg.server.http.settings import Settings
 
 _HOST: Final = re.compile(r"(\[[0-9a-fA-F:.]+\]|[^\s:@/\[\]]+)(:[0-9]{0,5})?")
 #: what a link on a page elsewhere does not lead to: it would have the visitor run a query

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from kg.server import Limits
-from kg.server.feeds.subscription_endpoint import COALESCE
+from kg.server.endpoints.subscription_endpoint import COALESCE
 
 if TYPE_CHECKING:
     from collections.abc import Callable

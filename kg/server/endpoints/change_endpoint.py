@@ -17,7 +17,7 @@ from starlette.types import ASGIApp
 
 from kg.client.record_codec import change_to_json
 from kg.server.app_state import AppState
-from kg.server.feeds.change_broadcast import ChangeBroadcast, Queue
+from kg.server.change_broadcast import ChangeBroadcast, Queue
 from kg.server.http.bodies import query_parameters
 from kg.server.http.event_stream import EventStream, event
 from kg.server.http.media_types import EVENTS, accept_of

@@ -16,7 +16,7 @@ from kg.errors import HistoryError
 from kg.maps.semantic_map import SemanticMap
 from kg.server.http.event_stream import event
 from kg.server.http.problems import Problem
-from kg.server.settings import Limits
+from kg.server.http.settings import Limits
 from kg.transactions import ChangeSet
 
 

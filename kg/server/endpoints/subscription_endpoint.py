@@ -15,8 +15,8 @@ from starlette.requests import Request
 from starlette.types import ASGIApp
 
 from kg.server.app_state import AppState
-from kg.server.endpoints.sparql_protocol import asker_of
 from kg.server.http.bodies import query_parameters
+from kg.server.http.client_sessions import asker_of
 from kg.server.http.event_stream import EventStream, event
 from kg.server.http.media_types import EVENTS, SOLUTIONS
 from kg.server.http.problems import Problem

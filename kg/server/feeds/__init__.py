@@ -1,1 +1,0 @@
-"""Feeds: committed transactions and changed query answers, as they happen."""
