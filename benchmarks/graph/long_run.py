@@ -22,7 +22,7 @@ from benchmarks.graph.loading import furnished
 from benchmarks.graph.ours import FLAT, asking, on_disk, parameters_for, resident
 from kg.history.storage.recovery import FILE
 from kg.query.query_files import find_query
-from kg.store.gc_scheduling import settled
+from kg.store.gc_freezing import gc_frozen
 
 COLUMNS = ("frames", "update [ms]", "lookup [ms]", "memory [MB]", "store [MB]", "history [MB]")
 
@@ -47,7 +47,7 @@ def drive(path: Path, frames: int, objects: int, keep: float | None) -> None:
     row("|".join(f" {name} " for name in COLUMNS))
     row("|".join(["---"] * len(COLUMNS)))
     tenths = []
-    with semantic_map, settled():
+    with semantic_map, gc_frozen():
         if keep is not None:
             semantic_map.retain(keep)
         for tenth in range(1, 11):

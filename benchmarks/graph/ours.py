@@ -16,7 +16,7 @@ from kg.export.serialization import export_map
 from kg.maps.semantic_map import SemanticMap
 from kg.query.query_files import ParameterizedQuery, shipped_queries
 from kg.records import MapUpdate
-from kg.store.gc_scheduling import settled
+from kg.store.gc_freezing import gc_frozen
 
 STORE = "hereabouts on disk"
 LOOKUPS = tuple(q.name for q in shipped_queries() if q.answer == "lookup")
@@ -120,7 +120,7 @@ def live(
     ]
     updates = [frame(number) for number in range(int((WARM + seconds) * rate))]
     warm = int(WARM * rate)
-    with settled():
+    with gc_frozen():
         for reader in readers:
             reader.start()
         durations, late, due = [], 0, time.perf_counter()

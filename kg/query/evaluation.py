@@ -35,7 +35,7 @@ from kg.sparql.parameters import has_word
 from kg.sparql.syntax_errors import located
 from kg.sparql.vetting import refuse_service, refuse_update
 from kg.store.sparql_client import Solutions, Triples
-from kg.store.writer_priority import give_way
+from kg.store.writer_priority import yield_to_writer
 
 __all__ = [
     "Row",
@@ -120,7 +120,7 @@ def evaluate(
     (`kg.sparql.order_by`). Raises QueryError, in one line, for what does not parse (with the
     position), writes, or reaches out.
     """
-    give_way()
+    yield_to_writer()
     refuse_service(sparql)
     refuse_update(sparql)
 

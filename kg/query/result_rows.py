@@ -22,7 +22,7 @@ from pyoxigraph import (
 )
 
 from kg import vocabulary as v
-from kg.store.writer_priority import give_way
+from kg.store.writer_priority import yield_to_writer
 
 Value = str | int | float | bool | datetime | None
 Row = tuple[Value, ...]
@@ -47,7 +47,7 @@ _ESCAPED = {"t": "\t", "n": "\n", "r": "\r", "b": "\b", "f": "\f"}
 def rows_of(solutions: QuerySolutions) -> tuple[Row, ...]:
     """All rows, evaluated and written down without the interpreter's lock."""
     text = solutions.serialize(format=QueryResultsFormat.TSV) or b""
-    give_way()
+    yield_to_writer()
     lines = io.BytesIO(text)
     lines.readline()  # the variables
     if not solutions.variables:
@@ -63,7 +63,7 @@ def rows_of(solutions: QuerySolutions) -> tuple[Row, ...]:
                 row.append(known.setdefault(cell, _value_in(cell)))
         rows.append(tuple(row))
         if not len(rows) % PIECE:
-            give_way()
+            yield_to_writer()
             time.sleep(REST)
     return tuple(rows)
 

@@ -1,8 +1,8 @@
-"""Right of way: readers of a process wait while its writer writes a frame.
+"""Writer priority: readers of a process wait while its writer writes a frame.
 
-Threads of one process share the interpreter's lock, and a thread that decodes an answer hands it
-over only every few milliseconds: a writer that meets two such readers several times a frame comes
-too late for the next one. What is short and due has right of way over what can wait.
+Threads of one process share the interpreter's lock, and a thread that decodes an answer releases it
+only every few milliseconds. A writer that waits for two such readers several times a frame would be
+late for the next frame.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from typing import Final, TypeVar
 
 Item = TypeVar("Item")
 
-MOST: Final = 0.05  # [s] waited at one place, in case the writer waits for what the reader holds
+MAX_WAIT: Final = 0.05  # [s] at one place, in case the writer waits for a lock of the reader
 
-_under_way: dict[int, threading.Event] = {}  # by thread; one interpreter's lock, one dictionary
+_under_way: dict[int, threading.Event] = {}  # by thread; the interpreter's lock guards it
 
 
 @contextmanager
 def writing() -> Iterator[None]:
-    """For the length of a block, have right of way over the readers of this process."""
+    """For the length of a block, have the readers of this process wait."""
     me = threading.get_ident()
     if me in _under_way:
         yield
@@ -34,21 +34,21 @@ def writing() -> Iterator[None]:
         done.set()
 
 
-def give_way() -> None:
-    """Wait until what is being written at this moment is written; a writer itself passes.
+def yield_to_writer() -> None:
+    """Wait until the frame that is being written is written; the writer itself does not wait.
 
-    Called between pieces of reading. It waits for no frame that is begun meanwhile: beside a writer
-    that never rests a reader gets on by a piece a frame.
+    Called between pieces of reading. It does not wait for frames that begin meanwhile, so beside a
+    writer that never pauses a reader reads one piece a frame.
     """
     if _under_way and threading.get_ident() not in _under_way:
-        # a copy made in one step: a collection may let a writer in between any others
+        # `copy` is one step; a garbage collection may let a writer in between any others
         for done in _under_way.copy().values():
-            done.wait(MOST)
+            done.wait(MAX_WAIT)
 
 
-def in_pieces(items: Iterable[Item], most: int) -> Iterator[Item]:
-    """The items, giving way before each piece of `most` of them."""
+def in_pieces(items: Iterable[Item], size: int) -> Iterator[Item]:
+    """The items, yielding to the writer before each piece of `size` of them."""
     for number, item in enumerate(items):
-        if not number % most:
-            give_way()
+        if not number % size:
+            yield_to_writer()
         yield item

@@ -92,7 +92,7 @@ def open_for_mapping(
 ) -> Iterator[tuple[SemanticMap, OnDetections | None]]:
     """The map to write into, and what is called with each mapped frame, which `viewer` gets."""
     from kg.opening import open_or_create_map
-    from kg.store.gc_scheduling import settled
+    from kg.store.gc_freezing import gc_frozen
 
     keep = keep_seconds(arguments)
     if inputs.labels is not None:
@@ -110,7 +110,7 @@ def open_for_mapping(
         _refuse_other_base(semantic_map, arguments)
         if keep is not None:
             semantic_map.retain(keep)
-        with settled():
+        with gc_frozen():
             yield semantic_map, on_detections
 
 

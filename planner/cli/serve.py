@@ -117,7 +117,7 @@ def _end(number: int, frame: object) -> None:
 def _serve(arguments: argparse.Namespace) -> int:
     from kg.opening import open_map, open_or_create_map
     from kg.server import MapServer
-    from kg.store.gc_scheduling import settled
+    from kg.store.gc_freezing import gc_frozen
     from planner.plans.find_answer import find_answer
 
     settings, keep = _settings(arguments), keep_seconds(arguments)
@@ -133,7 +133,7 @@ def _serve(arguments: argparse.Namespace) -> int:
     )
     with (
         opened as semantic_map,
-        settled(),
+        gc_frozen(),
         _foxglove(semantic_map, arguments) as viewer,
         _Mapper(semantic_map, inputs, viewer) as mapper,
     ):

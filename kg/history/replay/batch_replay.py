@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from kg.history.replay.column_decoding import NOTHING, ChangeColumns, Ints, TextColumns, decode_rows
 from kg.history.storage.log import BACKGROUND, HistoryLog
 from kg.history.storage.row_codec import STRING, Coded
-from kg.store.writer_priority import give_way
+from kg.store.writer_priority import yield_to_writer
 
 AT_ONCE: Final = 20_000  # nodes decoded together; some 50 MB
 HELD: Final = 500  # nodes read while a writer waits
@@ -107,7 +107,7 @@ def _folded(log: HistoryLog, nodes: Sequence[int], sequence: int, texts: TextCol
     after: list[_Row] = []
     before: list[_Row] = []
     for some in _batches(nodes, HELD):
-        give_way()
+        yield_to_writer()
         with log.lock:
             _read(log, some, sequence, (states, after, before))
     rows = states + after + before  # those of a node in the order in which they count

@@ -1,4 +1,4 @@
-"""Readers of a process give way to its writer, and neither ever waits for good."""
+"""Readers of a process wait for its writer, and neither waits for ever."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ import pytest
 from kg.maps.semantic_map import SemanticMap
 from kg.opening import in_memory_map
 from kg.records import MapUpdate, PlaceRecord, RobotRecord
-from kg.store import writer_priority as right_of_way
-from kg.store.writer_priority import give_way, in_pieces, writing
+from kg.store import writer_priority as writer_priority
+from kg.store.writer_priority import in_pieces, writing, yield_to_writer
 
 LONG = 600.0  # [s] what no test lasts
 
@@ -36,35 +36,35 @@ def _held(thread: threading.Thread) -> bool:
 
 
 def test_a_reader_waits_until_the_frame_is_written(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(right_of_way, "MOST", LONG)
+    monkeypatch.setattr(writer_priority, "MAX_WAIT", LONG)
     with writing():
-        reader = _beside(give_way)
+        reader = _beside(yield_to_writer)
         assert _held(reader)
     assert _ended(reader)
 
 
 def test_a_reader_passes_where_nothing_is_written(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(right_of_way, "MOST", LONG)
+    monkeypatch.setattr(writer_priority, "MAX_WAIT", LONG)
     with pytest.raises(KeyError), writing():
         raise KeyError
-    assert _ended(_beside(give_way))
+    assert _ended(_beside(yield_to_writer))
 
 
 def test_who_writes_reads_without_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(right_of_way, "MOST", LONG)
+    monkeypatch.setattr(writer_priority, "MAX_WAIT", LONG)
 
     def write() -> None:
         with writing():
             with writing():
-                give_way()
-            give_way()
+                yield_to_writer()
+            yield_to_writer()
 
     assert _ended(_beside(write))
 
 
 def test_a_writer_that_waits_for_its_reader_is_waited_for_but_a_moment() -> None:
     with writing():
-        assert _ended(_beside(give_way))
+        assert _ended(_beside(yield_to_writer))
 
 
 @pytest.mark.parametrize(
@@ -76,10 +76,10 @@ def test_a_writer_that_waits_for_its_reader_is_waited_for_but_a_moment() -> None
         lambda found: found.places(),
     ],
 )
-def test_questions_and_records_give_way(
+def test_questions_and_records_yield_to_the_writer(
     read: Callable[[SemanticMap], Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(right_of_way, "MOST", LONG)
+    monkeypatch.setattr(writer_priority, "MAX_WAIT", LONG)
     seen: list[bool] = []
     with in_memory_map() as found:
         found.ask("robot")  # read from its file once
@@ -98,10 +98,10 @@ def test_questions_and_records_give_way(
         assert _ended(readers[0])
 
 
-def test_what_is_read_in_pieces_gives_way_before_the_first(
+def test_reading_in_pieces_yields_before_the_first(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(right_of_way, "MOST", LONG)
+    monkeypatch.setattr(writer_priority, "MAX_WAIT", LONG)
     read: list[int] = []
     with writing():
         reader = _beside(lambda: read.extend(in_pieces(range(7), 3)))
@@ -120,7 +120,7 @@ def test_a_writer_that_ends_amid_a_collection_harms_no_reader(
     done.set()
     # more than tuples are kept in store for, so that another one is one more thing to collect
     under_way = {-number: done for number in range(1, 31)}
-    monkeypatch.setattr(right_of_way, "_under_way", under_way)
+    monkeypatch.setattr(writer_priority, "_under_way", under_way)
 
     def meanwhile(phase: str, _: object) -> None:
         if phase == "start" and under_way.pop(0, None) is None:
@@ -131,7 +131,7 @@ def test_a_writer_that_ends_amid_a_collection_harms_no_reader(
     try:
         gc.set_threshold(1)
         for _ in range(100):
-            give_way()
+            yield_to_writer()
     finally:
         gc.set_threshold(*before)
         gc.callbacks.remove(meanwhile)
