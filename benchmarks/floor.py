@@ -67,7 +67,7 @@ def mapped(
     before = time.process_time()
     map_recording(recording, semantic_map, detector, scene, occupancy=floor)
     spent = time.process_time() - before
-    semantic_map.flush()
+    semantic_map.store.flush()
     history = sum(file.stat().st_size for file in path.glob("history.sqlite*"))
     return spent, semantic_map, history
 

@@ -43,7 +43,7 @@ def main() -> None:
             for name in ("one", "two"):
                 with create_map(Path(folder) / name, base=f"urn:{name}/") as made:
                     made.engine.bulk_extend(_objects(objects))  # type: ignore[attr-defined]
-                    made.flush()
+                    made.store.flush()
             _measure(Path(folder), objects)
 
 

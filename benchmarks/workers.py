@@ -41,7 +41,7 @@ def main() -> None:
             create_map(Path(folder) / "home") as live,
         ):
             live.engine.bulk_extend(_objects(objects))
-            live.flush()
+            live.store.flush()
             sys.stdout.write(f"\n{objects:,} objects\n")
             _measure(live)
 
@@ -51,7 +51,7 @@ def _measure(live: SemanticMap) -> None:
     ask = f"PREFIX here: <{v.HERE}> {ASK}"
     table = f"PREFIX here: <{v.HERE}> {TABLE}"
     for name, sparql in (("ASK", ask), ("1,000 rows", table)):
-        _report(f"{name} in this process", _times(lambda q=sparql: live.ask_text(q), 100))
+        _report(f"{name} in this process", _times(lambda q=sparql: live.query(q), 100))
     with QueryPool(live, timeout=3) as pool:
         _report("ASK of a worker", _times(lambda: pool.run(ASK), 500))
         _report("1,000 rows of a worker", _times(lambda: pool.run(TABLE), 100))

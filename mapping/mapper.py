@@ -351,7 +351,8 @@ class Mapper:
             try:
                 with self.timer.stage("graph"):
                     self._objects.save(self._map.sequence + 1)
-                    self.changed_triples = self._map.apply(update)
+                    change = self._map.apply(update)
+                    self.changed_triples = len(change) if change else 0
             except ConflictError:
                 self._undo(changes, update)
                 raise

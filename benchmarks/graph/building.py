@@ -97,7 +97,7 @@ class Building:
         for start in range(0, self.size, batch):
             numbers = range(start, min(start + batch, self.size))
             semantic_map.apply(MapUpdate(objects=tuple(self.objects(numbers))))
-        semantic_map.flush()
+        semantic_map.store.flush()
 
     def _place(self, number: int) -> str:
         return f"{BASE}place/{number + 1}"

@@ -76,7 +76,7 @@ def asking(
     semantic_map: SemanticMap, question: ParameterizedQuery, values: dict[str, object]
 ) -> Callable[[], int]:
     """A run of a question, that tells how many rows it got."""
-    return lambda: len(semantic_map.ask(question.name, **values).rows)
+    return lambda: len(semantic_map.query(question.name, **values).rows)
 
 
 @dataclass(frozen=True, slots=True)

@@ -79,7 +79,7 @@ class PythonDoor:
         return max((*gone, *known), default=None)
 
     def moved_since(self, room: str | None) -> list[str]:
-        place = None if room is None else self._map.place_named(room)
+        place = None if room is None else self._map.resolve("place", room)
         moved = moved_things(self._map, self._since)
         return sorted({one.category for one in moved if place in (None, one.place)})
 

@@ -26,9 +26,9 @@ class SparqlDoor:
     def rows(self, name: str, at: str | None = None, **parameters: Any) -> Sequence[Row]:
         """The answer of a query file, of a past moment if `at` is given."""
         if at is None:
-            return self._map.ask(name, **parameters).records()
+            return self._map.query(name, **parameters).records()
         with self._map.at(at) as then:
-            return then.ask(name, **parameters).records()
+            return then.query(name, **parameters).records()
 
     def count(self, category: str) -> int:
         return len(self._of(category))

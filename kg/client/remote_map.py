@@ -200,7 +200,7 @@ class RemoteMap(SemanticMap):
             finally:
                 self._held -= 1
 
-    def write(self, update: MapUpdate, cause: Cause | None = None) -> ChangeSet | None:
+    def apply(self, update: MapUpdate, cause: Cause | None = None) -> ChangeSet | None:
         """Have the server apply it in one transaction; returns once that is durable.
 
         Raises ConflictError, with nothing written, where others changed what it would write since
@@ -265,7 +265,7 @@ class RemoteMap(SemanticMap):
         return stop
 
     def on(
-        self, question: str | Path, callback: RowsListener, **parameters: object
+        self, question: str | Path, callback: RowsListener, /, **parameters: object
     ) -> Callable[[], None]:
         """As `SemanticMap.on`; the server sends each commit as it happens."""
         self.catch_up()

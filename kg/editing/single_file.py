@@ -38,7 +38,7 @@ def export_ontology(semantic_map: SemanticMap, path: Path) -> int:
     merged = with_one_header(
         (quad.triple for quad in semantic_map.ontology()),
         semantic_map.base + "ontology",
-        f"ontology of {semantic_map.title}",
+        f"ontology of {semantic_map.description.title}",
     )
     triples = sorted(set(merged), key=_order)
     body = serialize(triples, format=form, prefixes=v.PREFIXES) or b""

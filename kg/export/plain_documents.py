@@ -30,7 +30,7 @@ def rooms_document(semantic_map: SemanticMap, least: float = 0.5) -> dict[str, A
     robot = semantic_map.robot()
     return {
         "map": semantic_map.base,
-        "title": semantic_map.title,
+        "title": semantic_map.description.title,
         "frame": _FRAME,
         "rooms": [
             {
@@ -72,7 +72,7 @@ def geojson_document(semantic_map: SemanticMap, least: float = 0.5) -> dict[str,
     return {
         "type": "FeatureCollection",
         "crs": {"type": "name", "properties": {"name": semantic_map.base + CRS}},
-        "name": semantic_map.title,
+        "name": semantic_map.description.title,
         "frame": _FRAME,
         "features": features,
     }

@@ -19,6 +19,7 @@ from kg import vocabulary as v
 from kg.errors import GraphError, did_you_mean
 from kg.export.owl_document import owl_document
 from kg.facts.literals import by_subject
+from kg.facts.objects_and_places import RecordCodec
 from kg.facts.standard_terms import standard_quads
 from kg.facts.wkt import geometry_quads
 from kg.maps.semantic_map import SemanticMap
@@ -92,7 +93,8 @@ def export_quads(semantic_map: SemanticMap, *, ontology: bool = True) -> list[Qu
         graph: tuple(engine.quads_for_pattern(None, None, None, NamedNode(graph)))
         for graph in graphs
     }
-    things = semantic_map.objects_among(quads[v.MAP_GRAPH]), semantic_map.places()
+    codec = RecordCodec(semantic_map.base, semantic_map.catalogue)
+    things = codec.objects_among(quads[v.MAP_GRAPH]), semantic_map.places()
     base, stored = semantic_map.base, by_subject(quads[v.MAP_GRAPH])
     quads[v.MAP_GRAPH] += tuple(geometry_quads(base, *things, semantic_map.robot()))
     quads[v.MAP_GRAPH] += tuple(standard_quads(base, stored))
@@ -112,7 +114,7 @@ def _statements(
         return quads
     triples = list(dict.fromkeys(quad.triple for quad in quads))
     if ontology:
-        iri, label = semantic_map.base + "ontology", f"ontology of {semantic_map.title}"
+        iri, label = semantic_map.base + "ontology", f"ontology of {semantic_map.description.title}"
         triples = owl_document(triples, iri, label)
     merged = (Quad(t.subject, t.predicate, t.object) for t in triples)
     return [quad for about in _by_subject(merged) for quad in about]

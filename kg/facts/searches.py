@@ -25,6 +25,7 @@ from kg.facts.literals import (
 from kg.rdf.datetimes import seconds
 from kg.rdf.quad_store import QuadStore
 from kg.records import LookRecord, MapUpdate, ObstacleRecord, SearchRecord, SearchState
+from kg.store.transactional import TransactionalStore
 
 _MAP = NamedNode(v.MAP_GRAPH)
 _TYPE = NamedNode(v.RDF_TYPE)
@@ -67,25 +68,30 @@ def subjects_of(update: MapUpdate) -> Iterator[str]:
     yield from (obstacle.iri for obstacle in update.obstacles)
 
 
-def searches_in(engine: QuadStore) -> tuple[SearchRecord, ...]:
-    """All searches of the map, oldest first."""
-    quads = engine.quads_for_pattern(None, _TYPE, NamedNode(v.SEARCH), _MAP)
-    iris = [text_of(quad.subject) for quad in quads]
-    return tuple(
-        _search(iri, properties_of(engine, iri, _MAP)) for iri in sorted(iris, key=iri_order)
-    )
+class SearchRecords:
+    """The searches that robots made on the map in `store`, with their looks and obstacles."""
 
+    def __init__(self, store: TransactionalStore) -> None:
+        self._store = store
 
-def looks_in(engine: QuadStore, search: str) -> tuple[LookRecord, ...]:
-    """The looks of the search with IRI `search`, in their order."""
-    found = [_look(iri, search, held) for iri, held in _parts(engine, search, v.LOOK)]
-    return tuple(sorted(found, key=lambda look: look.number))
+    def all(self) -> tuple[SearchRecord, ...]:
+        """All searches, oldest first."""
+        engine = self._store.engine
+        quads = engine.quads_for_pattern(None, _TYPE, NamedNode(v.SEARCH), _MAP)
+        iris = sorted((text_of(quad.subject) for quad in quads), key=iri_order)
+        return tuple(_search(iri, properties_of(engine, iri, _MAP)) for iri in iris)
 
+    def looks(self, search: str) -> tuple[LookRecord, ...]:
+        """The looks of the search with IRI `search`, in their order."""
+        parts = _parts(self._store.engine, search, v.LOOK)
+        found = [_look(iri, search, held) for iri, held in parts]
+        return tuple(sorted(found, key=lambda look: look.number))
 
-def obstacles_in(engine: QuadStore, search: str) -> tuple[ObstacleRecord, ...]:
-    """The obstacles of the search with IRI `search`, in order."""
-    found = [_obstacle(iri, search, held) for iri, held in _parts(engine, search, v.OBSTACLE)]
-    return tuple(sorted(found, key=lambda obstacle: obstacle.number))
+    def obstacles(self, search: str) -> tuple[ObstacleRecord, ...]:
+        """The obstacles that the search with IRI `search` met, in order."""
+        parts = _parts(self._store.engine, search, v.OBSTACLE)
+        found = [_obstacle(iri, search, held) for iri, held in parts]
+        return tuple(sorted(found, key=lambda obstacle: obstacle.number))
 
 
 def _of_search(record: SearchRecord) -> Iterator[_Fact]:

@@ -50,7 +50,7 @@ def apply_remote_update(
         _refuse_strange(semantic_map, update)
         if known_sequence is not None and known_sequence != semantic_map.sequence:
             _refuse_conflicts(semantic_map, update, known_sequence, own)
-        return semantic_map.write(update, cause)
+        return semantic_map.apply(update, cause)
 
 
 def _refuse_conflicts(

@@ -69,7 +69,7 @@ class MapWriter:
         with self.guard:
             return self._writer.next_number
 
-    def write(self, update: MapUpdate, cause: Cause | None = None) -> ChangeSet | None:
+    def apply(self, update: MapUpdate, cause: Cause | None = None) -> ChangeSet | None:
         """Write what changed in one transaction."""
         with self.guard:
             return self._writer.change(update, cause or frame_cause(update))

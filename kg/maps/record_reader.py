@@ -15,9 +15,8 @@ from kg.facts.doors import doors_in
 from kg.facts.networkx_graph import network
 from kg.facts.object_filters import is_believed, select_objects, subcategories
 from kg.facts.objects_and_places import RecordCodec
-from kg.facts.occupancy import tile_of, tiles_in
+from kg.facts.occupancy import tiles_in
 from kg.facts.robot_and_recordings import recordings_in, robot_in
-from kg.facts.searches import looks_in, obstacles_in, searches_in
 from kg.ontology.catalogue import StoredCatalogue
 from kg.query.parameter_resolution import ParameterResolver
 from kg.rdf.skolem import anonymous
@@ -26,13 +25,10 @@ from kg.records import (
     DepartedRecord,
     DoorRecord,
     FloorTile,
-    LookRecord,
     ObjectRecord,
-    ObstacleRecord,
     PlaceRecord,
     RecordingRecord,
     RobotRecord,
-    SearchRecord,
 )
 from kg.store.transactional import TransactionalStore
 
@@ -87,10 +83,6 @@ class RecordReader:
         objects = self.objects(None, None, None, 0.0)
         return network(objects, self.all_places(), self._categories(), near)
 
-    def objects_among(self, quads: Iterable[Quad]) -> tuple[ObjectRecord, ...]:
-        """The objects whose facts are among `quads`, oldest first."""
-        return self._facts.objects_among(quads)
-
     def robot(self) -> RobotRecord | None:
         """The last pose of the robot."""
         return robot_in(self._store.engine, self._facts.base)
@@ -107,25 +99,9 @@ class RecordReader:
         """The tiles of the occupancy grid."""
         return tiles_in(self._store.engine)
 
-    def floor_tile(self, iri: str) -> FloorTile | None:
-        """One tile of the occupancy grid."""
-        return tile_of(self._store.engine, iri)
-
     def recordings(self) -> tuple[RecordingRecord, ...]:
         """How far each recording has been applied."""
         return recordings_in(self._store.engine, self._facts.base)
-
-    def searches(self) -> tuple[SearchRecord, ...]:
-        """The searches made on the map, oldest first."""
-        return searches_in(self._store.engine)
-
-    def looks(self, search: str) -> tuple[LookRecord, ...]:
-        """The looks of one search, in order."""
-        return looks_in(self._store.engine, search)
-
-    def obstacles(self, search: str) -> tuple[ObstacleRecord, ...]:
-        """The obstacles that one search met, in order."""
-        return obstacles_in(self._store.engine, search)
 
     def ontology(self) -> tuple[Quad, ...]:
         """The quads of graph:ontology, with blank nodes, sorted."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
@@ -12,6 +12,7 @@ from pyoxigraph import Quad
 from kg import vocabulary as v
 from kg.facts.map_metadata import Description, description_of, identity
 from kg.facts.objects_and_places import RecordCodec
+from kg.facts.searches import SearchRecords
 from kg.history.replay.ontology_replay import changed_since
 from kg.history.replay.point_in_time import Difference
 from kg.history.reports.events import HistoryEvent
@@ -25,9 +26,6 @@ from kg.query.evaluation import evaluate
 from kg.query.query_files import (
     ParameterizedQuery,
     Table,
-    find_query,
-    inline_query,
-    load_query,
     resolve_query,
 )
 from kg.query.subscriptions import RowsListener, Subscription
@@ -37,14 +35,11 @@ from kg.records import (
     DepartedRecord,
     DoorRecord,
     FloorTile,
-    LookRecord,
     MapUpdate,
     ObjectRecord,
-    ObstacleRecord,
     PlaceRecord,
     RecordingRecord,
     RobotRecord,
-    SearchRecord,
 )
 from kg.store.transactional import TransactionalStore
 from kg.transactions import Cause, ChangeSet, Listener
@@ -65,7 +60,7 @@ class SemanticMap:
     """A map in a folder, in memory or on a SPARQL server; `kg.opening` makes and opens maps.
 
     A context manager that closes itself. Safe to use from several threads of one process. `base` is
-    the map's own IRI, the start of all its things' IRIs; `title` its name.
+    the map's own IRI, the start of all its things' IRIs.
     """
 
     def __init__(
@@ -86,11 +81,7 @@ class SemanticMap:
         self._reader = RecordReader(store, facts, self._writer.assertions, self._categories)
         self._dataset: rdflib.Dataset | None = None
         self._subscriptions: list[Callable[[], None]] = []
-
-    @property
-    def read_only(self) -> bool:
-        """Whether it was opened for reading only."""
-        return self._store.read_only
+        self.searches = SearchRecords(store)
 
     @property
     def store(self) -> TransactionalStore:
@@ -111,11 +102,6 @@ class SemanticMap:
     def sequence(self) -> int:
         """The number of the last transaction; 0 before the first."""
         return self._store.sequence
-
-    @property
-    def title(self) -> str:
-        """The map's name."""
-        return self.description.title
 
     @property
     def description(self) -> Description:
@@ -213,10 +199,6 @@ class SemanticMap:
         """The last pose of the robot; None without any."""
         return self._reader.robot()
 
-    def objects_among(self, quads: Iterable[Quad]) -> tuple[ObjectRecord, ...]:
-        """The objects parsed from `quads` of graph:map, oldest first, without another read."""
-        return self._reader.objects_among(quads)
-
     def departed(self, iris: Collection[str] | None = None) -> tuple[DepartedRecord, ...]:
         """Objects that left where they stood, all or those among `iris`; the latest last."""
         return self._reader.departed(iris)
@@ -229,25 +211,9 @@ class SemanticMap:
         """The occupancy grid's tiles, by storey, column and row; empty without depth frames."""
         return self._reader.floor()
 
-    def floor_tile(self, iri: str) -> FloorTile | None:
-        """The occupancy tile with IRI `iri`; None without it."""
-        return self._reader.floor_tile(iri)
-
     def recordings(self) -> tuple[RecordingRecord, ...]:
         """The progress of each recording, by name."""
         return self._reader.recordings()
-
-    def searches(self) -> tuple[SearchRecord, ...]:
-        """The searches that robots made on this map, oldest first."""
-        return self._reader.searches()
-
-    def looks(self, search: str) -> tuple[LookRecord, ...]:
-        """The looks of the search with IRI `search`, in their order."""
-        return self._reader.looks(search)
-
-    def obstacles(self, search: str) -> tuple[ObstacleRecord, ...]:
-        """The obstacles that the search with IRI `search` met, in order."""
-        return self._reader.obstacles(search)
 
     def ontology(self) -> tuple[Quad, ...]:
         """The quads of this map's ontology, with blank nodes, sorted."""
@@ -269,52 +235,30 @@ class SemanticMap:
         """Places as perception alone believes them, as `apply` takes them."""
         return self._reader.perceived_places()
 
-    def query(self, question: str | Path, **parameters: object) -> Table:
+    def query(self, question: str | Path | ParameterizedQuery, /, **parameters: object) -> Table:
         """The result of a query: the name of a shipped one, a ``.rq`` file, or SPARQL text.
 
-        Text with a brace is SPARQL, and what begins with DESCRIBE; `ask`, `ask_file` and
-        `ask_text` take one kind each, and document the errors.
+        Text with a brace or an IRI, or that begins with DESCRIBE, is SPARQL: prefixes are
+        predeclared, relative IRIs are the map's (``<object/17>``), patterns read the union of all
+        named graphs, and CONSTRUCT and DESCRIBE give a TripleTable. A `category` parameter takes a
+        label ("banana") or an IRI, a `place` parameter a label, a number or an IRI.
+        Raises UnknownQueryError, QueryParameterError, UnknownCategoryError, and QueryError for a
+        query that does not parse, that would write, or that has SERVICE.
         """
-        return self.answer(resolve_query(question, parameters), parameters)
-
-    def ask(self, question: str, **parameters: object) -> Table:
-        """The result of the shipped query of that name.
-
-        A `category` parameter takes a label ("banana") or an IRI, a `place` parameter a label, a
-        number or an IRI. Raises UnknownQueryError, QueryParameterError, UnknownCategoryError.
-        """
-        return self.answer(find_query(question), parameters)
-
-    def ask_file(self, path: Path | str, **parameters: object) -> Table:
-        """The result of the query in a query file (`kg.query.query_files` has the format)."""
-        return self.answer(load_query(path), parameters)
-
-    def ask_text(self, sparql: str, **parameters: object) -> Table:
-        """The result of a SPARQL query, prefixes predeclared, over the union of all named graphs.
-
-        Relative IRIs are the map's: ``<object/17>``. CONSTRUCT and DESCRIBE give a TripleTable.
-        Raises QueryError for a query that does not parse, that would write, or that has SERVICE.
-        """
-        return self.answer(inline_query(sparql, parameters), parameters)
-
-    def bound(self, question: ParameterizedQuery, parameters: Mapping[str, object]) -> str:
-        """The text of a query with its parameters as RDF terms, names resolved in this map."""
-        return question.bind(parameters, self._reader.resolve)
-
-    def place_named(self, text: str) -> str:
-        """IRI of a place by its label, number or IRI, as queries take it.
-
-        Raises QueryParameterError, which lists the places, where there is none or several.
-        """
-        return self._reader.resolve("place", text)
-
-    def answer(self, question: ParameterizedQuery, parameters: Mapping[str, object]) -> Table:
-        """The result of a query, evaluated in this process."""
-        sparql = self.bound(question, parameters)
+        query = resolve_query(question, parameters)
+        sparql = query.bind(parameters, self.resolve)
         # shipped queries order values of one type; any other must not abort this process
-        order = not question.shipped
-        table = evaluate(self.engine, sparql, question.name, base=self.base, total_order=order)
-        return question.check(table)
+        order = not query.shipped
+        table = evaluate(self.engine, sparql, query.name, base=self.base, total_order=order)
+        return query.check(table)
+
+    def resolve(self, kind: str, text: str) -> str:
+        """IRI of a "category", a "place" or any thing ("iri") by its name in queries.
+
+        A place has a label, a number and an IRI. Raises UnknownCategoryError or
+        QueryParameterError, which list the alternatives.
+        """
+        return self._reader.resolve(kind, text)
 
     def new_object_iri(self) -> str:
         """``<base>object/N`` with a number no object of this map has had or will have."""
@@ -329,18 +273,13 @@ class SemanticMap:
         """``<base>place/N``."""
         return f"{self.base}place/{number}"
 
-    def apply(self, update: MapUpdate, cause: Cause | None = None) -> int:
-        """Write what changed in one transaction; returns the number of triples that changed.
+    def apply(self, update: MapUpdate, cause: Cause | None = None) -> ChangeSet | None:
+        """Write what changed in one transaction, and return it; None: nothing changed.
 
         Without a `cause` it is the mapper's, with the frame of `update`. Raises
         InvalidFactError, with nothing written, for a record that has no valid facts.
         """
-        change = self.write(update, cause)
-        return len(change) if change else 0
-
-    def write(self, update: MapUpdate, cause: Cause | None = None) -> ChangeSet | None:
-        """As `apply`; returns the transaction."""
-        return self._writer.write(update, cause)
+        return self._writer.apply(update, cause)
 
     def written_by(self, update: MapUpdate) -> frozenset[str]:
         """IRIs of the things whose facts `update` may change."""
@@ -528,7 +467,7 @@ class SemanticMap:
         return self._store.listen(listener)
 
     def on(
-        self, question: str | Path, callback: RowsListener, **parameters: object
+        self, question: str | Path, callback: RowsListener, /, **parameters: object
     ) -> Callable[[], None]:
         """Subscribe `callback(added, removed)` to the rows by which commits change a result.
 
@@ -539,7 +478,7 @@ class SemanticMap:
         """
         query = resolve_query(question, parameters)
         subscription = Subscription(
-            lambda: self.answer(query, parameters),
+            lambda: self.query(query, **parameters),
             callback,
             lambda: self.sequence,
             polls=not self.notifies_of_all,
@@ -555,10 +494,6 @@ class SemanticMap:
         self._subscriptions.append(stop)
         subscription.check()  # a commit may have preceded `listen`
         return stop
-
-    def flush(self) -> None:
-        """Write everything to disk; happens every few seconds by itself."""
-        self._store.flush()
 
     def close(self) -> None:
         """Flush and close the store; closing twice is fine."""

@@ -113,15 +113,15 @@ class Publisher:
         written = self._target.synchronise(semantic_map.base, snapshot)
         self.acknowledged = snapshot.sequence
         self._report(
-            f"{semantic_map.title} is published as of #{snapshot.sequence}: {written} triples "
-            "added or removed"
+            f"{semantic_map.description.title} is published as of #{snapshot.sequence}: "
+            f"{written} triples added or removed"
         )
 
     def _apply_all(self, semantic_map: SemanticMap, known: int) -> None:
         self.acknowledged = known
         for change in semantic_map.changes(known):
             self._apply(semantic_map.base, change)
-        self._report(f"{semantic_map.title} is published as of #{self.acknowledged}")
+        self._report(f"{semantic_map.description.title} is published as of #{self.acknowledged}")
 
     def _follow(self, semantic_map: RemoteMap) -> None:
         for change in semantic_map.follow(self.acknowledged):

@@ -238,8 +238,12 @@ def inline_query(sparql: str, values: Mapping[str, object]) -> ParameterizedQuer
     return question
 
 
-def resolve_query(question: str | Path, values: Mapping[str, object]) -> ParameterizedQuery:
-    """The question by name, in a ``.rq`` file, or in SPARQL text: what has a brace or describes."""
+def resolve_query(
+    question: str | Path | ParameterizedQuery, values: Mapping[str, object]
+) -> ParameterizedQuery:
+    """The question by name, in a ``.rq`` file, or in SPARQL text (with a brace, or DESCRIBE)."""
+    if isinstance(question, ParameterizedQuery):
+        return question
     text = str(question)
     if isinstance(question, Path) or (text.endswith(".rq") and "\n" not in text):
         return load_query(question)

@@ -122,7 +122,7 @@ async def _health(serving: AppState, request: Request) -> Response:
     semantic_map = serving.semantic_map
     content = {
         "status": "ok",
-        "map": semantic_map.title,
+        "map": semantic_map.description.title,
         "base": semantic_map.base,
         "sequence": semantic_map.sequence,
         **serving.status(),

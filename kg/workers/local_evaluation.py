@@ -45,7 +45,7 @@ def query_isolated(
     """
     sequence = None if at is None else sequence_of(semantic_map.history, at)
     then = semantic_map if at is None else semantic_map.at(at)
-    sparql = then.bound(question, parameters)
+    sparql = question.bind(parameters, then.resolve)
     request = request_of(sparql, ACCEPTED, (), (), semantic_map.base)
     with _pool(semantic_map) as pool:
         answer = pool.request(b"Q", request | {"name": question.name}, at=sequence)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, Final
 
+from kg.facts.objects_and_places import RecordCodec
 from kg.maps.semantic_map import SemanticMap
 from kg.records import ObjectRecord
 from kg.transactions import ChangeSet
@@ -39,9 +40,10 @@ def object_states(semantic_map: SemanticMap, since: int = 0) -> Iterator[tuple[O
     """
     quads: dict[str, set[Any]] = {}  # of graph:map, by subject
     records: dict[str, ObjectRecord] = {}
+    codec = RecordCodec(semantic_map.base, semantic_map.catalogue)
     for change in semantic_map.changes():
         changed = _apply(change, quads)
-        found = {o.iri: o for iri in changed for o in semantic_map.objects_among(quads[iri])}
+        found = {o.iri: o for iri in changed for o in codec.objects_among(quads[iri])}
         gone = changed & records.keys() - found.keys()
         for iri in gone:
             del records[iri]

@@ -76,7 +76,7 @@ class BayesObjectMapper:
         self._updater = TrackUpdater(semantic_map, self._settings, recording=recording, model=model)
         self._extractor = SightingExtractor(self.labels, self._updater.usual_size, self._settings)
         self.fates = self._extractor.fates
-        folder = None if semantic_map.read_only else semantic_map.store.path
+        folder = None if semantic_map.store.read_only else semantic_map.store.path
         self._store = None if folder is None else TrackStore(folder)
         self._run = RunState()
         self._tracks: list[Track] = self._loaded()

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.areas import Area
-from kg.facts.occupancy import tile_iri
+from kg.facts.occupancy import tile_iri, tile_of
 from kg.maps.cache_invalidation import ExternalChanges
 from kg.maps.semantic_map import SemanticMap
 from kg.records import UNKNOWN, FloorTile, PlaceViews
@@ -126,7 +126,7 @@ class OccupancyMap:
 
     def _known(self, key: _TileKey) -> FloorTile | None:
         """Tile as the graph has it, where its cells have this size."""
-        s, tile = self._settings, self._map.floor_tile(self._iri(key))
+        s, tile = self._settings, tile_of(self._map.engine, self._iri(key))
         fits = tile is not None and tile.cells.shape == (s.side, s.side)
         return tile if fits and tile is not None and tile.resolution == s.cell else None
 

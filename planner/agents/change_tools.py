@@ -56,7 +56,7 @@ class ChangeTools:
         """
         identity, semantic_map = self._context.identity(), self._context.semantic_map
         moved = moved_things(semantic_map, since, far=metres)
-        rows = {row["object"]: row for row in semantic_map.ask("objects").records()}
+        rows = {row["object"]: row for row in semantic_map.query("objects").records()}
         return a.Moved(
             map=identity,
             things=[

@@ -30,7 +30,7 @@ class MapContext:
     def identity(self) -> MapIdentity:
         """The map and its state; taken first, so that an answer is no older than it says."""
         return MapIdentity(
-            untrusted_title=self.semantic_map.title,
+            untrusted_title=self.semantic_map.description.title,
             base=self.semantic_map.base,
             sequence=self.semantic_map.sequence,
             time=iso(map_time(self.semantic_map)),
@@ -50,7 +50,7 @@ class MapContext:
         Raises QueryParameterError, which lists the places, where there is none or several.
         """
         try:
-            return self.semantic_map.place_named(text)
+            return self.semantic_map.resolve("place", text)
         except QueryParameterError as error:
             try:
                 believed = self.semantic_map.places(text)

@@ -48,7 +48,7 @@ class MapTools:
         Ask this first.
         """
         identity, description = self._context.identity(), self._map.description
-        counted = self._map.ask("summary").records()
+        counted = self._map.query("summary").records()
         places, robot = self._map.places(), self._map.robot()
         most = self._context.most
         return a.MapDescription(
@@ -138,7 +138,7 @@ class MapTools:
         for iri in ends:
             self._position(iri)  # refuses what is no object
         strip = {"one": ends[0], "other": ends[1], "width": width, "least": least}
-        return _things(identity, list(self._map.ask("between", **strip).records()), limit)
+        return _things(identity, list(self._map.query("between", **strip).records()), limit)
 
     def what_is_in(
         self,
@@ -152,11 +152,11 @@ class MapTools:
         identity = self._context.identity()
         if not self._context.is_thing(what):
             place = self._context.place(what)
-            rows = self._map.ask("objects-in-place", place=place, least=least).records()
+            rows = self._map.query("objects-in-place", place=place, least=least).records()
             return _things(identity, rows, limit)
         iri = self._context.iri(what)
         self._position(iri)  # refuses what is no object
-        related = self._map.ask("related", object=iri).records()
+        related = self._map.query("related", object=iri).records()
         rows = [
             row
             for row in related
@@ -239,7 +239,7 @@ class MapTools:
         rows = [
             row
             for category in categories
-            for row in self._map.ask("last-seen", category=category).records()
+            for row in self._map.query("last-seen", category=category).records()
             if row["foundGone"] is not None
         ]
         return [_departed(row) for row in {str(row["object"]): row for row in rows}.values()]
@@ -255,7 +255,7 @@ class MapTools:
         raise self._unknown(iri)
 
     def _position(self, iri: str) -> tuple[float, float]:
-        rows = self._map.ask("whereabouts", object=iri).records()
+        rows = self._map.query("whereabouts", object=iri).records()
         if not rows:
             raise self._unknown(iri)
         return float(str(rows[0]["x"])), float(str(rows[0]["y"]))
@@ -267,7 +267,7 @@ class MapTools:
         )
 
     def _within(self, x: float, y: float, radius: float, least: float) -> list[Row]:
-        found = self._map.ask("objects-within-radius", x=x, y=y, radius=radius, least=least)
+        found = self._map.query("objects-within-radius", x=x, y=y, radius=radius, least=least)
         return list(found.records())
 
     def _summary(self, place: PlaceRecord) -> a.PlaceSummary:

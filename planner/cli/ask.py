@@ -123,7 +123,7 @@ def _ask(
         return query_isolated(semantic_map, question, parameters, at=arguments.at)
     if arguments.at is not None:
         semantic_map = opened.enter_context(semantic_map.at(arguments.at))
-    return semantic_map.answer(question, parameters)
+    return semantic_map.query(question, **parameters)
 
 
 def _print(answer: Table, form: str) -> None:

@@ -81,6 +81,6 @@ def _grid(semantic_map: SemanticMap, storey: int | None) -> MappedFloor:
                 f"no floor is mapped of storey {storey}; there are: {', '.join(map(str, known))}"
             )
         raise LayoutError(
-            f"{semantic_map.title!r} has no mapped floor; mapping a recording makes one"
+            f"{semantic_map.description.title!r} has no mapped floor; mapping a recording makes one"
         )
     return floor

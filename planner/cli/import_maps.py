@@ -46,7 +46,7 @@ def run(arguments: argparse.Namespace) -> int:
     title = title_for(arguments.into)
     with open_or_create_map(arguments.into, title=title) as semantic_map:
         imported = import_reference_maps(semantic_map, *files)
-        summary = semantic_map.ask("summary")
+        summary = semantic_map.query("summary")
     print_table(summary.columns, summary.rows)
     note(f"imported {imported.objects} objects and {imported.places} places into {arguments.into}")
     return 0

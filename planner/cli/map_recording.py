@@ -145,7 +145,7 @@ def _correct_poses(
     if arguments.json:
         write_json(report.to_json())
         return True
-    summary = semantic_map.ask("summary")
+    summary = semantic_map.query("summary")
     print_table(summary.columns, summary.rows)
     note(
         f"{report.recording} by its corrected poses: {report.kept} objects moved by "
@@ -301,7 +301,7 @@ def print_outcome(
         return
     if report.fit:
         note(report.fit)
-    summary = semantic_map.ask("summary")
+    summary = semantic_map.query("summary")
     print_table(summary.columns, summary.rows)
     stages = "  ".join(f"{stage} {ms:.1f}" for stage, ms in report.milliseconds.items())
     note(

@@ -86,12 +86,12 @@ def _serve(arguments: argparse.Namespace) -> int:
         semantic_map.listen(lambda change: None)
         if settings is None:
             _end_on_signals(queries, semantic_map)
-            note(f"tools of {semantic_map.title} on stdin and stdout ({access})")
+            note(f"tools of {semantic_map.description.title} on stdin and stdout ({access})")
             tool_server(context, queries).run("stdio")
         else:
             server = ToolHttpServer(context, queries, settings)
             url = server.url.rstrip("/") + PATH
-            note(f"tools of {semantic_map.title} at {url} ({access}); Ctrl+C ends")
+            note(f"tools of {semantic_map.description.title} at {url} ({access}); Ctrl+C ends")
             signal.signal(signal.SIGTERM, _end)
             server.run()
     return 0

@@ -142,7 +142,7 @@ def _serve(arguments: argparse.Namespace) -> int:
         planner = partial(find_answer, semantic_map)
         server = MapServer(semantic_map, settings, status=mapper.status, planner=planner)
         access = "reading and writing" if settings.tokens else "reading only"
-        note(f"{semantic_map.title} at {server.url} ({access}); Ctrl+C ends")
+        note(f"{semantic_map.description.title} at {server.url} ({access}); Ctrl+C ends")
         if server.isolation == "none":
             note(
                 "this machine's kernel cannot deny queries the network: whatever has the letters "
@@ -165,7 +165,7 @@ def _foxglove(semantic_map: SemanticMap, arguments: argparse.Namespace) -> Itera
     from planner.viewers.feed import LiveFeed
     from planner.viewers.foxglove_viewer import FoxgloveServer
 
-    server = FoxgloveServer(semantic_map.title, "127.0.0.1", arguments.foxglove)
+    server = FoxgloveServer(semantic_map.description.title, "127.0.0.1", arguments.foxglove)
     with LiveFeed(semantic_map, server, server.subscribed):
         note(f"Foxglove at {server.url}")
         yield server

@@ -81,7 +81,7 @@ def _doubted(semantic_map: SemanticMap, found: Status, place: str | None) -> Seq
     if found.value == "present" or "object/" in found.target:
         return ()
     (target,) = resolve(semantic_map, (found.target,))
-    chosen = None if place is None else semantic_map.place_named(place)
+    chosen = None if place is None else semantic_map.resolve("place", place)
     return [
         one
         for one in known_objects(semantic_map, target, located=LISTED)

@@ -30,5 +30,5 @@ class RelatedObjects:
             str(row["iri"])
             for target in targets
             for category in target.queried
-            for row in self._map.ask("goals-nearby", category=category).records()
+            for row in self._map.query("goals-nearby", category=category).records()
         )

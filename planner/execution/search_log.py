@@ -43,8 +43,8 @@ class SearchLog:
         self._height = 0.0 if robot is None else float(robot.p_map[2])  # the protocol tells none
         self._floor = ViewedFloor(semantic_map)
         self.record = record
-        self.looks = list(semantic_map.looks(record.iri))
-        self.obstacles = list(semantic_map.obstacles(record.iri))
+        self.looks = list(semantic_map.searches.looks(record.iri))
+        self.obstacles = list(semantic_map.searches.obstacles(record.iri))
 
     @classmethod
     def begin(
@@ -57,7 +57,7 @@ class SearchLog:
         """A new search, in the map from now on."""
         for _ in range(TRIES):
             with semantic_map.hold(), suppress(ConflictError):  # another robot took the number
-                numbers = [_number(s.iri, semantic_map.base) for s in semantic_map.searches()]
+                numbers = [_number(s.iri, semantic_map.base) for s in semantic_map.searches.all()]
                 iri = f"{semantic_map.base}search/{max(numbers, default=0) + 1}"
                 record = SearchRecord(iri, tuple(words), tuple(categories), "running", clock())
                 diary = cls(semantic_map, record, clock)
@@ -232,9 +232,9 @@ def recent_obstacles(
     """
     return tuple(
         obstacle
-        for other in semantic_map.searches()
+        for other in semantic_map.searches.all()
         if other.iri != search and (other.ended is None or other.ended >= now - SHUT)
-        for obstacle in semantic_map.obstacles(other.iri)
+        for obstacle in semantic_map.searches.obstacles(other.iri)
         if abs(now - obstacle.stamp) <= SHUT
     )
 
@@ -245,7 +245,7 @@ def to_resume(semantic_map: SemanticMap, words: Sequence[str]) -> SearchRecord:
     Raises GraphError where there is none.
     """
     wanted = set(words)
-    for record in reversed(semantic_map.searches()):
+    for record in reversed(semantic_map.searches.all()):
         if record.state != "found" and (not wanted or set(record.words) == wanted):
             return record
     what = f" for {' and '.join(words)}" if words else ""

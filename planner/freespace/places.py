@@ -30,11 +30,11 @@ def all_places(semantic_map: SemanticMap) -> tuple[Place, ...]:
     """Every place of the map with its beliefs."""
     seen = {
         str(row["place"]): row["lastSeen"].timestamp()
-        for row in semantic_map.ask("goals-last-seen").records()
+        for row in semantic_map.query("goals-last-seen").records()
         if isinstance(row["lastSeen"], datetime)
     }
     found: dict[str, Place] = {}
-    for row in semantic_map.ask("goals-rooms").records():
+    for row in semantic_map.query("goals-rooms").records():
         iri = str(row["iri"])
         if iri not in found:
             found[iri] = _empty(row, seen.get(iri))

@@ -52,7 +52,7 @@ def map_time(semantic_map: SemanticMap) -> float:
     """[s] the latest time stamp in the map, of an observation or of a robot pose."""
     times = [
         row["lastSeen"].timestamp()
-        for row in semantic_map.ask("goals-last-seen").records()
+        for row in semantic_map.query("goals-last-seen").records()
         if isinstance(row["lastSeen"], datetime)
     ]
     robot = semantic_map.robot()
@@ -96,7 +96,7 @@ class CandidateQueries:
         return [row for iri in target.queried for row in self._ask("goals-remembered", iri)]
 
     def _ask(self, question: str, category: str) -> list[dict[str, Value]]:
-        return self._map.ask(question, category=category).records()
+        return self._map.query(question, category=category).records()
 
     def _expected(self, target: Target) -> list[Row]:
         return [row for iri in target.queried for row in self._ask("goals-expected", iri)]

@@ -61,12 +61,12 @@ def known_objects(
     """
     places = {place.iri: place for place in semantic_map.places()}
     others = dict[str, list[tuple[str, float]]]()
-    for row in semantic_map.ask("may-be", least=0.0).records():
+    for row in semantic_map.query("may-be", least=0.0).records():
         alternative = str(row["other"]), number(row, "probability")
         others.setdefault(str(row["object"]), []).append(alternative)
     found: dict[str, KnownObject] = {}
     for category in target.queried:
-        for row in semantic_map.ask("goals-remembered", category=category).records():
+        for row in semantic_map.query("goals-remembered", category=category).records():
             existence, seen = number(row, "existence"), row["lastSeen"]
             if existence < _LEAST or str(row["iri"]) in found:
                 continue

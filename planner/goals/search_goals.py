@@ -85,7 +85,7 @@ def derive_goals(
     believed to at least 0.25. Raises UnknownCategoryError.
     """
     category = resolve_target(semantic_map.catalogue, target).iri
-    ask = semantic_map.ask
+    ask = semantic_map.query
     places = ask(
         "goals-places", category=category, minBelief=min_belief, anyCategory=int(any_category)
     )
@@ -101,7 +101,7 @@ def derive_goals(
 def explain_none(semantic_map: SemanticMap, target: str) -> str:
     """One sentence for when there is no goal: what the map and the ontology know about `target`."""
     category = resolve_target(semantic_map.catalogue, target)
-    relations = semantic_map.ask("goals-relations", category=category.iri).records()
+    relations = semantic_map.query("goals-relations", category=category.iri).records()
     where = _names(row["target"] for row in relations if row["relation"] == "located at")
     near = _names(row["target"] for row in relations if row["relation"] == "near")
     reason = f"nowhere to search for {category.label}: the map knows none"

@@ -57,10 +57,10 @@ def status(semantic_map: SemanticMap, what: str, place: str | None = None) -> St
     if "object/" in what:
         return _of_thing(semantic_map, what)
     category = resolve_target(semantic_map.catalogue, what)
-    rows = semantic_map.ask("status", category=category.iri).records()
+    rows = semantic_map.query("status", category=category.iri).records()
     found = tuple(_place(row) for row in rows)
     if place is not None:
-        chosen = semantic_map.place_named(place)
+        chosen = semantic_map.resolve("place", place)
         found = tuple(one for one in found if one.place == chosen)
     return Status(category.label, _together(found), _proof(category.label, found), found)
 

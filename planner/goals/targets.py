@@ -59,7 +59,7 @@ def _resolve(semantic_map: SemanticMap, text: str) -> Target:
 def _used_for(semantic_map: SemanticMap, words: str) -> list[str]:
     """IRIs of the categories for a use; exact words first, then without their last small ones."""
     uses: dict[str, list[str]] = defaultdict(list)
-    for row in semantic_map.ask("goals-needs").records():
+    for row in semantic_map.query("goals-needs").records():
         uses[str(row["use"])].append(str(row["kind"]))
     for reading in (_plain, _core):
         meant = [use for use in uses if reading(use) == reading(words)]
@@ -89,7 +89,7 @@ def _target(
     kinds: dict[str, str] = {}
     above: dict[str, set[str]] = defaultdict(set)
     for category in queried:
-        for row in semantic_map.ask("goals-kinds", category=category).records():
+        for row in semantic_map.query("goals-kinds", category=category).records():
             kinds[str(row["kind"])] = str(row["category"])
             above[str(row["kind"])].add(str(row["above"]))
     return Target(text, label, iri, kinds, {k: frozenset(v) for k, v in above.items()})

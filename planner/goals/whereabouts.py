@@ -19,7 +19,7 @@ def whereabouts(semantic_map: SemanticMap, iri: str) -> str:
     named = set[str]()
     while len(named) < _LONGEST and following not in named:
         named.add(following)
-        rows = semantic_map.ask("whereabouts", object=following).records()
+        rows = semantic_map.query("whereabouts", object=following).records()
         if not rows:
             break
         if following == iri:

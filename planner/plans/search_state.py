@@ -350,7 +350,7 @@ def _planning_map(
     """The floor as the map has seen it, on the storey where its robot is."""
     robot = semantic_map.robot()
     height = None if robot is None else float(robot.p_map[2])
-    floor = mapped_floor(tiles_of_rows(semantic_map.ask("goals-floor").records()), height)
+    floor = mapped_floor(tiles_of_rows(semantic_map.query("goals-floor").records()), height)
     return planning_map_of(places, spots, settings, floor, semantic_map.base)
 
 

@@ -140,7 +140,7 @@ class SceneReader:
         records = self._map.objects(min_existence=self._least)
         records = tuple(r for r in records if np.isfinite(r.p_map).all())
         return Scene(
-            title=cleaned(self._map.title),
+            title=cleaned(self._map.description.title),
             objects=tuple(self._objects(records)),
             places=tuple(self._places(self._map.places(), floor.height if floor else 0.0)),
             relations=tuple(self._relations(records)),

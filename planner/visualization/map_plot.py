@@ -102,7 +102,7 @@ def plot_map(
     path = checked_ending(path)
     with picture_style():
         picture = _Picture(semantic_map, search, truth, least, legend)
-        figure = picture.draw(title or semantic_map.title)
+        figure = picture.draw(title or semantic_map.description.title)
         save_picture(figure.figure, path)
     return path
 

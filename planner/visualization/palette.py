@@ -73,7 +73,7 @@ def object_groups(semantic_map: SemanticMap, objects: Sequence[ObjectRecord]) ->
     counts = Counter(record.category for record in objects)
     names: dict[str, str] = {}
     for above in (c for c in catalogue.categories if c.kind == "supercategory"):
-        rows = semantic_map.ask("objects-by-category", category=above.iri).records()
+        rows = semantic_map.query("objects-by-category", category=above.iri).records()
         members = {row["object"] for row in rows}
         names |= {record.category: above.label for record in objects if record.iri in members}
     room = len(_STRONG) - len(set(names.values()))

@@ -48,7 +48,7 @@ def plot_plan(
         semantic_map,
         path,
         search=drawn_plan(state, plan),
-        title=f"{semantic_map.title}: where to look for {what}",
+        title=f"{semantic_map.description.title}: where to look for {what}",
         least=least,
         legend=legend,
     )

@@ -28,9 +28,14 @@ def plot_search(
     as that does.
     """
     found = {
-        iri for record in semantic_map.searches() if record.iri == search for iri in record.found
+        iri
+        for record in semantic_map.searches.all()
+        if record.iri == search
+        for iri in record.found
     }
-    stops = numbered_stops([np.array(look.position) for look in semantic_map.looks(search)])
+    stops = numbered_stops(
+        [np.array(look.position) for look in semantic_map.searches.looks(search)]
+    )
     finds = [record.p_map for record in semantic_map.objects() if record.iri in found]
     line = np.asarray(driven, np.float64).reshape(-1, 2)
     return plot_map(

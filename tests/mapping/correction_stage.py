@@ -127,11 +127,11 @@ def as_told(semantic_map: SemanticMap, script: Script) -> None:
         for o in semantic_map.objects()
     ]
     assert ", ".join(told) == script.objects
-    (place,) = semantic_map.ask("places").records()
+    (place,) = semantic_map.query("places").records()
     assert place["category"] == script.place
     conflicts = [f"{c.subject.removeprefix(BASE)} {c.property}" for c in semantic_map.conflicts()]
     assert ", ".join(conflicts) == script.conflicts
-    assert len(semantic_map.ask("conflicts").rows) == len(conflicts)
+    assert len(semantic_map.query("conflicts").rows) == len(conflicts)
     inside = {o.iri for o in semantic_map.objects() if abs(o.p_map[1]) <= 4}
     assert {o.iri for o in semantic_map.objects() if o.place is not None} == inside
     assert check_map(semantic_map.engine) == []

@@ -56,6 +56,6 @@ async def question(serving: AppState, request: Request) -> Response:
         raise Problem(404, str(error), kind=type(error).__name__) from error
     given = query_parameters(request)
     values = {name: given.one(name) for name in dict(given.pairs)}
-    text = await run_in_threadpool(serving.semantic_map.bound, found, values)
+    text = await run_in_threadpool(found.bind, values, serving.semantic_map.resolve)
     body = "\n".join(line for line in text.split("\n") if not line.startswith("#+"))
     return Response(f"{body.strip()}\n", media_type=QUERY)

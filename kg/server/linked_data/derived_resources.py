@@ -15,6 +15,7 @@ from kg import vocabulary as v
 from kg.errors import HistoryError
 from kg.facts.assertions import agent_quads
 from kg.facts.literals import properties_of
+from kg.facts.objects_and_places import RecordCodec
 from kg.facts.standard_terms import PROGRAM, SENSOR, program_quads, sensor_quads, standard_quads
 from kg.facts.wkt import CRS, GEOMETRY, crs_quads, geometry_quads
 from kg.iris import AGENT, agent_iri, agent_name
@@ -66,7 +67,7 @@ def _of_stored(semantic_map: SemanticMap, iri: str) -> Iterator[Quad]:
     if not held:
         return
     quads = semantic_map.engine.quads_for_pattern(NamedNode(thing), None, None, _MAP)
-    objects = semantic_map.objects_among(quads)
+    objects = RecordCodec(semantic_map.base, semantic_map.catalogue).objects_among(quads)
     is_place = v.PLACE in held.get(v.RDF_TYPE, ())
     places = tuple(p for p in semantic_map.places() if p.iri == thing) if is_place else ()
     robot = semantic_map.robot() if thing == base + "robot" else None

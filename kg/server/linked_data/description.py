@@ -76,7 +76,7 @@ def _dataset(serving: AppState, root: str) -> list[Triple]:
 
 
 def _classes(serving: AppState, base: NamedNode) -> Iterable[Triple]:
-    summary = serving.semantic_map.ask("summary").records()
+    summary = serving.semantic_map.query("summary").records()
     catalogue = serving.semantic_map.catalogue
     total = 0
     for number, row in enumerate(summary):

@@ -213,7 +213,9 @@ def _made_by_demo(map_path: Path) -> bool:
         return False
     try:
         with open_map(map_path) as old:
-            return old.title == TITLE and {r.name for r in old.recordings()} <= {DEMO_RECORDING}
+            return old.description.title == TITLE and {r.name for r in old.recordings()} <= {
+                DEMO_RECORDING
+            }
     except MapBusyError:
         raise
     except GraphError:
@@ -278,7 +280,7 @@ def _ask(semantic_map: SemanticMap, report: OnProgress) -> tuple[DemoAnswer, ...
     def ask(question: str, query: str, **parameters: str | float) -> Table:
         report(DemoProgress("ask", len(answers), 3, question))
         answers.append(
-            DemoAnswer(question, query, parameters, semantic_map.ask(query, **parameters))
+            DemoAnswer(question, query, parameters, semantic_map.query(query, **parameters))
         )
         return answers[-1].table
 
@@ -304,7 +306,7 @@ def _search(
 
 
 def _rooms_right(semantic_map: SemanticMap, house: House) -> int:
-    believed = semantic_map.ask("places").records()
+    believed = semantic_map.query("places").records()
     top = {str(row["label"]): row["category"] for row in believed}
     return sum(
         top.get(f"place {number}") == room.category

@@ -274,7 +274,7 @@ def test_what_people_wrote_into_common_sense_survives(mine: Path, tmp_path: Path
 
 
 def rows(semantic_map: SemanticMap, category: str) -> dict[str, float]:
-    found = semantic_map.ask("located-at", category=category).rows
+    found = semantic_map.query("located-at", category=category).rows
     return {str(row[1]): float(str(row[2])) for row in found}
 
 

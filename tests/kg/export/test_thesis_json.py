@@ -25,7 +25,9 @@ def test_the_lab_survives_save_and_reload(shared: Shared, tmp_path: Path) -> Non
     with create_map(tmp_path / "lab") as chart:
         assert import_reference_maps(chart, objects, places) == ThesisMap(91, 11)
     with open_map(tmp_path / "lab", read_only=True) as chart:
-        counts = {row["category"]: row["count"] for row in chart.ask("summary", least=0).records()}
+        counts = {
+            row["category"]: row["count"] for row in chart.query("summary", least=0).records()
+        }
         assert (counts["chair"], counts["tv"], sum(counts.values())) == (31, 20, 91)
         assert all(thing.place is not None for thing in chart.objects())
         export_reference_maps(chart, tmp_path / "objects.json", tmp_path / "places.json")

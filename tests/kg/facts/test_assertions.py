@@ -31,7 +31,7 @@ def home() -> Iterator[SemanticMap]:
 
 
 def label(home: SemanticMap, thing: str) -> object:
-    ((text,),) = home.ask_text(
+    ((text,),) = home.query(
         f"SELECT ?l WHERE {{ GRAPH graph:map {{ <{BASE}{thing}> rdfs:label ?l }} }}"
     ).rows
     return text
@@ -41,7 +41,7 @@ def test_who_said_what_and_when_is_kept(home: SemanticMap) -> None:
     change = home.assert_("object/1", "category", "bowl", by="ann")
     assert change is not None
     assert (change.cause.kind, change.cause.by) == ("assert", "ann")
-    (row,) = home.ask("assertions").records()
+    (row,) = home.query("assertions").records()
     assert (row["thing"], row["asserted"], row["perceived"], row["by"]) == (
         f"{BASE}object/1",
         "bowl",
@@ -55,7 +55,7 @@ def test_who_said_what_and_when_is_kept(home: SemanticMap) -> None:
 def test_a_conflict_says_since_when_and_how_strongly(home: SemanticMap) -> None:
     home.assert_("object/1", "category", "bowl", by="ann")
     home.assert_("place/1", "category", "bedroom", by="bob")
-    strong, weak = home.ask("conflicts").records()
+    strong, weak = home.query("conflicts").records()
     assert (strong["property"], strong["perceived"], strong["strength"]) == (
         "category",
         "kitchen",
@@ -107,12 +107,12 @@ def test_an_asserted_place_takes_all_belief_and_gives_it_back(home: SemanticMap)
     assert home.perceived_places()[0].beliefs == before
     home.retract("place/1", "category", by="ann")
     assert home.places()[0].beliefs == before
-    assert home.ask("places").records()[0]["category"] == "kitchen"
+    assert home.query("places").records()[0]["category"] == "kitchen"
 
 
 def test_all_is_as_before_when_all_is_taken_back(home: SemanticMap) -> None:
     def believed() -> set[tuple[object, ...]]:
-        return set(home.ask_text("SELECT ?s ?p ?o WHERE { GRAPH graph:map { ?s ?p ?o } }").rows)
+        return set(home.query("SELECT ?s ?p ?o WHERE { GRAPH graph:map { ?s ?p ?o } }").rows)
 
     before = believed()
     everything = {

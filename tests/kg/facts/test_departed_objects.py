@@ -68,16 +68,16 @@ def test_what_left_is_remembered_and_no_object(chart: SemanticMap) -> None:
     assert held.extent is not None and np.allclose(held.extent, wanted.extent)
     for name in ("iri", "category", "peak", "observations", "first_seen", "found_gone"):
         assert getattr(held, name) == getattr(wanted, name)
-    (row,) = chart.ask("departed").records()
+    (row,) = chart.query("departed").records()
     assert (row["object"], row["label"], row["category"], row["x"]) == (CUP, "cup 1", "cup", 1.0)
-    assert len(chart.ask("objects", least=0.0).rows) == 0
-    assert len(chart.ask("whereabouts", object=CUP).rows) == 0
+    assert len(chart.query("objects", least=0.0).rows) == 0
+    assert len(chart.query("whereabouts", object=CUP).rows) == 0
     assert check_map(chart.engine) == []
 
 
 def test_what_comes_back_is_an_object_and_nothing_else(chart: SemanticMap) -> None:
     chart.apply(MapUpdate(objects=(cup(chart),)))
-    before = set(chart.ask_text(ABOUT).rows)
+    before = set(chart.query(ABOUT).rows)
     chart.update(
         f"DELETE {{ <{CUP}> rdfs:label ?l }} INSERT {{ GRAPH graph:map "
         f"{{ <{CUP}> rdfs:label 'mug' }} }} WHERE {{ <{CUP}> rdfs:label ?l }}"
@@ -85,7 +85,7 @@ def test_what_comes_back_is_an_object_and_nothing_else(chart: SemanticMap) -> No
     leave(chart)
     chart.apply(MapUpdate(objects=(cup(chart),)))
     assert chart.departed() == ()
-    after = set(chart.ask_text(ABOUT).rows)
+    after = set(chart.query(ABOUT).rows)
     assert {str(o) for _, o in after - before} == {"mug"}  # what people called it stays
     assert check_map(chart.engine) == []
 
@@ -94,7 +94,7 @@ def test_what_is_forgotten_leaves_nothing(chart: SemanticMap) -> None:
     leave(chart)
     chart.apply(MapUpdate(removed=(CUP,)))
     assert chart.departed() == ()
-    assert len(chart.ask_text(ABOUT).rows) == 0
+    assert len(chart.query(ABOUT).rows) == 0
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from kg.maps.semantic_map import SemanticMap
 from kg.ontology.lint import check_map
 from kg.opening import in_memory_map
 from kg.records import MapUpdate, ObjectRecord
+from kg.transactions import ChangeSet
 
 BASE = "http://example.org/lab/"
 CUP = f"{BASE}object/1"
@@ -25,7 +26,7 @@ def iri(chart: SemanticMap, label: str) -> str:
     return chart.catalogue.find(label).iri
 
 
-def write(chart: SemanticMap, **labels: float) -> int:
+def write(chart: SemanticMap, **labels: float) -> ChangeSet | None:
     record = ObjectRecord(
         iri=CUP,
         category=iri(chart, "cup"),
@@ -47,7 +48,7 @@ def labels(chart: SemanticMap) -> dict[str, float]:
 
 def count(chart: SemanticMap) -> int:
     text = "SELECT ?n WHERE { ?n here:labelProbability ?p }"
-    return len(chart.ask_text(text).rows)
+    return len(chart.query(text).rows)
 
 
 def test_the_most_probable_alternatives_are_kept_in_steps(chart: SemanticMap) -> None:
@@ -58,7 +59,7 @@ def test_the_most_probable_alternatives_are_kept_in_steps(chart: SemanticMap) ->
 
 def test_only_what_changes_is_written(chart: SemanticMap) -> None:
     write(chart, bowl=0.21)
-    assert write(chart, bowl=0.19) == 0
+    assert write(chart, bowl=0.19) is None
     assert write(chart, bowl=0.26) == 2
     assert write(chart) == 4
     assert count(chart) == 0
@@ -124,7 +125,8 @@ def test_what_is_no_kind_of_object_is_refused(chart: SemanticMap) -> None:
 def test_it_can_be_asked_for_and_explained(chart: SemanticMap) -> None:
     write(chart, bowl=0.3, vase=0.1)
     rows = [
-        (row["category"], row["other"], row["probability"]) for row in chart.ask("may-be").records()
+        (row["category"], row["other"], row["probability"])
+        for row in chart.query("may-be").records()
     ]
     assert rows == [("cup", "bowl", 0.3), ("cup", "vase", 0.1)]
     (reason,) = chart.why("object/1")

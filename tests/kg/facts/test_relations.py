@@ -12,6 +12,7 @@ from kg.errors import InvalidFactError, ProtectedError, ShapeError
 from kg.maps.semantic_map import SemanticMap
 from kg.opening import in_memory_map
 from kg.records import MapUpdate, ObjectRecord, Relation
+from kg.transactions import ChangeSet
 
 BASE = "http://example.org/lab/"
 CUP, TABLE, DESK, BOWL = (f"{BASE}object/{number}" for number in (1, 2, 3, 4))
@@ -42,20 +43,20 @@ def thing(semantic_map: SemanticMap, iri: str, label: str) -> ObjectRecord:
     )
 
 
-def write(semantic_map: SemanticMap, *relations: Relation, iri: str = CUP) -> int:
+def write(semantic_map: SemanticMap, *relations: Relation, iri: str = CUP) -> ChangeSet | None:
     (record,) = semantic_map.perceived_objects((iri,))
     return semantic_map.apply(MapUpdate(objects=(replace(record, relations=relations),)))
 
 
 def stated(semantic_map: SemanticMap) -> set[tuple[str, str, str]]:
-    rows = semantic_map.ask_text(
+    rows = semantic_map.query(
         "SELECT ?a ?r ?b WHERE { VALUES ?r { here:on here:inside here:beside } ?a ?r ?b }"
     ).rows
     return {tuple(str(term).rpartition("/")[2].rpartition("#")[2] for term in row) for row in rows}
 
 
 def nodes(semantic_map: SemanticMap) -> int:
-    return len(semantic_map.ask_text("SELECT ?n WHERE { ?n a here:SpatialRelation }").rows)
+    return len(semantic_map.query("SELECT ?n WHERE { ?n a here:SpatialRelation }").rows)
 
 
 def test_what_is_probable_is_a_triple_and_every_relation_a_node(chart: SemanticMap) -> None:
@@ -70,7 +71,7 @@ def test_what_is_probable_is_a_triple_and_every_relation_a_node(chart: SemanticM
 
 def test_only_what_changes_is_written(chart: SemanticMap) -> None:
     write(chart, Relation("on", TABLE, 0.8))
-    assert write(chart, Relation("on", TABLE, 0.8)) == 0
+    assert write(chart, Relation("on", TABLE, 0.8)) is None
     assert write(chart, Relation("on", TABLE, 0.7)) == 2
     assert write(chart, Relation("on", TABLE, 0.4)) == 3  # no triple any more
     assert write(chart) == 5
@@ -80,7 +81,7 @@ def test_only_what_changes_is_written(chart: SemanticMap) -> None:
 def test_a_record_that_does_not_say_leaves_relations_as_they_are(chart: SemanticMap) -> None:
     write(chart, Relation("on", TABLE, 0.8))
     record = replace(chart.objects()[0], relations=None, observations=2)
-    assert chart.apply(MapUpdate(objects=(record,))) == 2
+    assert len(chart.apply(MapUpdate(objects=(record,)))) == 2
     assert stated(chart) == {("1", "on", "2")}
 
 

@@ -128,7 +128,7 @@ def test_a_map_that_runs_forgets_what_is_older_than_it_is_told_to_keep(
         path, now = semantic_map._store.where, set(semantic_map.engine)
         semantic_map.retain(0)
         while semantic_map.history.floor < 30:
-            semantic_map.flush()
+            semantic_map.store.flush()
         left = [commit.sequence for commit in semantic_map.history.commits(0, 30)]
         assert 0 < len(left) < 30, "the rest goes at the next flushes"
         with pytest.raises(HistoryError, match="there are #30 to #30"):
@@ -143,7 +143,7 @@ def test_a_map_that_runs_forgets_what_is_older_than_it_is_told_to_keep(
         for number in range(30, 60):
             semantic_map.apply(frame(number))
             while [*semantic_map.history.commits(0, number)]:
-                semantic_map.flush()
+                semantic_map.store.flush()
             sizes.append(semantic_map.history.db.execute("PRAGMA page_count").fetchone()[0])
         assert sizes[-1] <= sizes[9], "what is dropped is written anew"
         semantic_map.retain(3600)

@@ -130,16 +130,16 @@ def test_changes_read_while_the_map_is_written(
 
 def test_a_past_map_answers_questions_and_refuses_writes(written: Written) -> None:
     with written(10) as semantic_map:
-        now = semantic_map.ask("objects", least=0).records()
+        now = semantic_map.query("objects", least=0).records()
         with semantic_map.at("#4") as then:
-            rows = then.ask("objects", least=0).records()
+            rows = then.query("objects", least=0).records()
             assert [row["observations"] for row in rows] == [4, 4]
-            assert then.title == semantic_map.title
-            assert then.ask("located-at", category="banana").rows
+            assert then.description.title == semantic_map.description.title
+            assert then.query("located-at", category="banana").rows
             with pytest.raises(HistoryError, match="keeps no history"):
                 then.at(1)
-            assert then.read_only
-        assert semantic_map.ask("objects", least=0).records() == now
+            assert then.store.read_only
+        assert semantic_map.query("objects", least=0).records() == now
 
 
 def test_a_past_map_goes_with_the_map_it_is_of(written: Written) -> None:
@@ -149,7 +149,7 @@ def test_a_past_map_goes_with_the_map_it_is_of(written: Written) -> None:
         assert len(then.objects()) == 2
     with open_map(path) as again, pytest.raises(GraphError, match="is closed"):
         assert len(again.objects()) == 2
-        then.ask("places")
+        then.query("places")
 
 
 def test_moments_by_the_clock(written: Written, frame: Callable[..., MapUpdate]) -> None:

@@ -86,7 +86,7 @@ def test_a_reader_sees_what_the_crash_kept_from_the_store(written: Written, tmp_
     written(3).close()
     _writer(tmp_path / "flat.map", "between").communicate(timeout=300)
     with open_map(tmp_path / "flat.map", read_only=True) as semantic_map:
-        assert semantic_map.read_only
+        assert semantic_map.store.read_only
         assert semantic_map.sequence == 4
         _agrees(semantic_map)
 

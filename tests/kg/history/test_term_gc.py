@@ -141,7 +141,7 @@ def test_a_map_that_forgets_as_it_runs_forgets_terms_too(
         for number in range(30):
             come_and_go(semantic_map, number)
             while log.floor < semantic_map.sequence or [*log.commits(0, log.floor)]:
-                semantic_map.flush()
+                semantic_map.store.flush()
             most.append(len(held(log)))
         assert used(log) <= held(log)
         assert most[-1] < most[0] + 22, "of 30 things that came and went, most are forgotten"
@@ -198,7 +198,7 @@ def test_two_that_flush_at_once_search_one_after_the_other(
         def flush() -> None:
             try:
                 for _ in range(5):
-                    semantic_map.flush()
+                    semantic_map.store.flush()
             except ValueError as error:
                 failed.append(error)
 

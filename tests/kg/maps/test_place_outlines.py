@@ -30,7 +30,7 @@ def flat():
 
 
 def outline(semantic_map: SemanticMap) -> list[str]:
-    table = semantic_map.ask_text(
+    table = semantic_map.query(
         f"SELECT ?o WHERE {{ GRAPH graph:map {{ <{PLACE}> here:outline ?o }} }}"
     )
     return [str(row[0]) for row in table.rows]
@@ -44,15 +44,15 @@ def test_an_outline_is_read_as_it_was_written_to_a_centimetre(flat):
 
 
 def test_what_did_not_change_is_not_written(flat):
-    assert flat.apply(MapUpdate(places=flat.places())) == 0
+    assert flat.apply(MapUpdate(places=flat.places())) is None
 
 
 def test_the_robot_is_in_the_place_whose_polygon_holds_it(flat):
-    assert [row["place"] for row in flat.ask("robot").records()] == ["room"]
+    assert [row["place"] for row in flat.query("robot").records()] == ["room"]
 
 
 def test_sparql_asks_for_what_lies_within_a_polygon(flat):
-    rows = flat.ask_text(
+    rows = flat.query(
         """SELECT ?place WHERE { GRAPH graph:map { ?place here:outline ?o }
            FILTER(geof:sfWithin("POINT (1 4)"^^geo:wktLiteral, ?o)) }"""
     ).rows

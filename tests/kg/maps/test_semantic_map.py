@@ -33,7 +33,7 @@ def test_everything_is_there_after_reopening(tmp_path: Path) -> None:
         )
         chart.apply(update)
     with open_map(path, read_only=True) as chart:
-        assert (chart.title, chart.base) == ("lab", base)
+        assert (chart.description.title, chart.base) == ("lab", base)
         assert chart.objects()[0].iri == base + "object/1"
         assert chart.places() == update.places
         robot = chart.robot()
@@ -53,9 +53,9 @@ def test_a_number_is_never_used_twice_also_across_restarts(tmp_path: Path) -> No
 
 def test_open_or_create_creates_once(tmp_path: Path) -> None:
     with open_or_create_map(tmp_path / "map", title="lab", base="urn:lab:/") as chart:
-        assert (chart.title, chart.base) == ("lab", "urn:lab:/")
+        assert (chart.description.title, chart.base) == ("lab", "urn:lab:/")
     with open_or_create_map(tmp_path / "map", title="other") as chart:
-        assert chart.title == "lab"
+        assert chart.description.title == "lab"
 
 
 def test_a_base_that_is_no_iri_is_refused_and_nothing_created(tmp_path: Path) -> None:
@@ -73,7 +73,7 @@ def test_a_store_that_says_nothing_of_a_map_is_no_map(tmp_path: Path) -> None:
 
 def test_a_new_map_knows_common_sense() -> None:
     chart = in_memory_map()
-    places = {row["place"] for row in chart.ask("located-at", category="banana").records()}
+    places = {row["place"] for row in chart.query("located-at", category="banana").records()}
     assert "kitchen" in places
     assert chart.objects() == chart.places() == chart.recordings() == ()
     assert chart.robot() is None
@@ -86,5 +86,5 @@ def test_the_rdflib_view_is_live_both_ways() -> None:
     asked = "SELECT ?x WHERE { ?o a here:Chair ; here:x ?x }"
     assert [float(row.x) for row in chart.dataset.query(asked)] == [1.0]  # type: ignore[union-attr]
     chart.dataset.update(f'INSERT DATA {{ <{record.iri}> rdfs:comment "wobbly" }}')
-    found = chart.ask_text("SELECT ?c WHERE { $o rdfs:comment ?c }", o=record.iri)
+    found = chart.query("SELECT ?c WHERE { $o rdfs:comment ?c }", o=record.iri)
     assert found.rows == (("wobbly",),)

@@ -143,7 +143,7 @@ def test_the_walk_through_of_the_documentation(
     with open_map(path) as semantic_map:
         assert check_map(semantic_map.engine) == []
         assert semantic_map.catalogue.find("Becher").label == "mug"
-        rows = semantic_map.ask("goals-places", category="mug").records()
+        rows = semantic_map.query("goals-places", category="mug").records()
         (row,) = (row for row in rows if row["label"] == "place 2")
         assert (row["relationProbability"], row["source"]) == (0.6, "our office")
     assert run("ontology", "diff", path, file)[0] == ""

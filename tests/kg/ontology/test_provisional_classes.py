@@ -45,7 +45,7 @@ def test_a_new_label_is_a_category_that_questions_know(home: SemanticMap) -> Non
     stand(home, made["espresso machine"])
     (found,) = home.objects("Espresso_Machines")
     assert found.category == made["espresso machine"]
-    rows = home.ask("objects-by-category", category="espresso machine").records()
+    rows = home.query("objects-by-category", category="espresso machine").records()
     assert [row["category"] for row in rows] == ["espresso machine"]
     assert check_map(home.store.engine.quads_for_pattern(None, None, None, None)) == []
     assert check_quads(home.ontology()) == []
@@ -168,7 +168,7 @@ def test_any_text_survives_a_map_and_its_export(labels: list[str]) -> None:
         for iri in set(made.values()):
             stand(home, iri)
             label = home.catalogue.label(iri)
-            assert home.ask("objects-by-category", category=iri).records()[0]["category"] == label
+            assert home.query("objects-by-category", category=iri).records()[0]["category"] == label
         read = list(parse(export_text(home, "ttl").encode(), format=RdfFormat.TURTLE))
         kinds = {q.object.value for q in read if q.predicate.value == v.RDF_TYPE}
         assert set(made.values()) <= kinds

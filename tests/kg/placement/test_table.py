@@ -187,7 +187,7 @@ def test_statistics_in_a_map_speak_and_importing_twice_changes_nothing(
     semantic_map: SemanticMap, homes: Path
 ) -> None:
     before = placement_table(semantic_map)
-    relations = len(semantic_map.ask("located-at", category="food").rows)
+    relations = len(semantic_map.query("located-at", category="food").rows)
     table = read_rooms(homes, semantic_map.catalogue, "homes")
     assert import_rooms(semantic_map, table) > 0
     assert import_rooms(semantic_map, table) == 0
@@ -195,7 +195,7 @@ def test_statistics_in_a_map_speak_and_importing_twice_changes_nothing(
     oven = iri("oven"), place("kitchen")
     assert before.probability(*oven) < 0.72 < 0.75 < after.probability(*oven) < 0.85
     assert after.placement(*oven).reasons[0].text == "80 of 100 rooms"
-    assert len(semantic_map.ask("located-at", category="food").rows) == relations
+    assert len(semantic_map.query("located-at", category="food").rows) == relations
     toilet = semantic_map.catalogue.find("toilet", "place")
     assert after.probability(iri("toilet"), toilet.iri) > 0.8
 

@@ -30,10 +30,10 @@ def test_folders_and_served_maps_are_joined_in_one_query(north: str) -> None:
         south.update('INSERT DATA { <object/1> rdfs:comment "worn" }')
         with MapServer(south, Settings(port=0)) as server, merged([north, server.url]) as both:
             query = "SELECT ?a ?b { ?a a here:Cup ; here:x ?x . ?b a here:Chair ; here:x ?x }"
-            assert both.ask_text(query).rows == ((f"{NORTH}object/1", f"{SOUTH}object/1"),)
-            assert len(both.ask("objects-by-category", category="chair").rows) == 2
+            assert both.query(query).rows == ((f"{NORTH}object/1", f"{SOUTH}object/1"),)
+            assert len(both.query("objects-by-category", category="chair").rows) == 2
             assert own(south.engine) <= own(both.engine)
-            assert both.ask_text("SELECT ?x { <object/1> here:x ?x }").rows == ((1.0,),)
+            assert both.query("SELECT ?x { <object/1> here:x ?x }").rows == ((1.0,),)
             with pytest.raises(GraphError, match="open for reading only"):
                 both.update("DELETE WHERE { ?s ?p ?o }")
 

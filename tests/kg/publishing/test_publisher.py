@@ -151,11 +151,13 @@ def test_two_robots_that_map_are_one_question(
             ("objects", {}),
             ("places", {}),
         ):
-            answers = [robot.ask(question, **parameters) for robot in robots]
+            answers = [robot.query(question, **parameters) for robot in robots]
             rows = [row for answer in answers for row in answer.rows]
-            assert sorted(mirror.ask(question, **parameters).rows, key=str) == sorted(rows, key=str)
+            assert sorted(mirror.query(question, **parameters).rows, key=str) == sorted(
+                rows, key=str
+            )
         near = "SELECT ?a ?b { ?a a here:Cup ; here:x ?x . ?b a here:Chair ; here:x ?x }"
-        joined = {(str(a), str(b)) for a, b in mirror.ask_text(near).rows}
+        joined = {(str(a), str(b)) for a, b in mirror.query(near).rows}
         assert any(a.startswith(NORTH) and b.startswith(SOUTH) for a, b in joined)
 
 

@@ -53,7 +53,7 @@ CHART = build()
 
 
 def column(name: str, question: str, **parameters: object) -> list[object]:
-    return [row[name] for row in CHART.ask(question, **parameters).records()]
+    return [row[name] for row in CHART.query(question, **parameters).records()]
 
 
 def test_every_shipped_question_says_what_it_is_and_gives_the_columns_it_promises() -> None:
@@ -67,12 +67,12 @@ def test_every_shipped_question_says_what_it_is_and_gives_the_columns_it_promise
         assert "ORDER BY" in question.sparql
         values = {**given_values, **numbers}
         named = {p.name: values[p.name] for p in question.parameters if p.default is None}
-        assert CHART.ask(question.name, **named).columns == question.columns
+        assert CHART.query(question.name, **named).columns == question.columns
 
 
 def test_objects_come_surest_first_with_words_not_only_iris() -> None:
     assert column("label", "objects") == ["chair 1", "chair 2", "banana 3", "apple 4"]
-    first = CHART.ask("objects").records()[0]
+    first = CHART.query("objects").records()[0]
     assert (first["category"], first["place"]) == ("chair", "study")
     assert first["lastSeen"] == datetime.fromtimestamp(100, UTC)
 
@@ -84,7 +84,7 @@ def test_an_object_in_a_place_without_a_name_is_still_found() -> None:
     for question in ("objects", "objects-by-category", "objects-within-radius"):
         values = {"category": "chair", "x": 0, "y": 0, "radius": 3, "least": 0}
         named = {p.name: values[p.name] for p in find_query(question).parameters}
-        rows = {row["label"]: row["place"] for row in chart.ask(question, **named).records()}
+        rows = {row["label"]: row["place"] for row in chart.query(question, **named).records()}
         assert rows["chair 1"] is None
         assert rows["chair 2"] == "study"
 
@@ -107,7 +107,7 @@ def test_improbable_objects_are_listed_on_request(
     chart.apply(MapUpdate(objects=(replace(first, existence=0.49),)))
 
     def listed(**more: object) -> set[object]:
-        return {row["object"] for row in chart.ask(question, **parameters, **more).records()}
+        return {row["object"] for row in chart.query(question, **parameters, **more).records()}
 
     assert listed() == listed(least=0) - {first.iri}
     assert first.iri in listed(least=0.49) and first.iri not in listed(least=0.95)
@@ -119,7 +119,7 @@ def test_the_summary_counts_probable_objects_unless_asked_for_all() -> None:
     chart.apply(MapUpdate(objects=(replace(first, existence=0.49),)))
 
     def chairs(**more: object) -> object:
-        rows = chart.ask("summary", **more).records()
+        rows = chart.query("summary", **more).records()
         return next(row["count"] for row in rows if row["category"] == "chair")
 
     assert (chairs(), chairs(least=0)) == (1, 2)
@@ -139,14 +139,14 @@ def test_the_cells_never_change_what_a_distance_finds(
     if box:
         values = {"xmin": x, "xmax": x + radius, "ymin": y, "ymax": y + radius}
     without = replace(find_query(name), cells=())
-    assert CHART.ask(name, **values) == CHART.answer(without, values)
+    assert CHART.query(name, **values) == CHART.query(without, **values)
 
 
 @given(st.floats(-10, 10), st.floats(-10, 10), st.floats(0, 10))
 def test_within_radius_finds_what_is_near_the_nearest_first(
     x: float, y: float, radius: float
 ) -> None:
-    rows = CHART.ask("objects-within-radius", x=x, y=y, radius=radius).records()
+    rows = CHART.query("objects-within-radius", x=x, y=y, radius=radius).records()
     near = sorted(np.hypot(a - x, b - y) for _, a, b in THINGS)
     assert [row["distance"] for row in rows] == pytest.approx(
         [d for d in near if d * d <= radius * radius]
@@ -165,7 +165,7 @@ def test_a_place_is_named_as_people_would(place: str) -> None:
 def test_a_place_by_number() -> None:
     assert column("label", "objects-in-place", place=2) == []
     with pytest.raises(QueryParameterError, match="no place is called 'attic'; there are: study"):
-        CHART.ask("objects-in-place", place="attic")
+        CHART.query("objects-in-place", place="attic")
 
 
 def test_places_and_their_beliefs() -> None:
@@ -175,7 +175,7 @@ def test_places_and_their_beliefs() -> None:
 
 
 def test_why_an_object_is_in_the_map() -> None:
-    (why,) = CHART.ask("why-object", object=f"{CHART.base}object/3").records()
+    (why,) = CHART.query("why-object", object=f"{CHART.base}object/3").records()
     assert (why["category"], why["frame"], why["box"], why["score"]) == (
         "banana",
         "frame-7",
@@ -187,7 +187,7 @@ def test_why_an_object_is_in_the_map() -> None:
 def test_summary_and_robot() -> None:
     assert column("category", "summary") == ["chair", "apple", "banana"]
     assert column("count", "summary") == [2, 1, 1]
-    (robot,) = CHART.ask("robot").records()
+    (robot,) = CHART.query("robot").records()
     assert (robot["x"], robot["heading"], robot["place"]) == (3.0, 0.5, "place 2")
 
 
@@ -224,17 +224,17 @@ def test_wrong_questions_are_answered_with_what_would_have_worked(
     question: str, parameters: dict[str, object], error: type[Exception], reason: str
 ) -> None:
     with pytest.raises(error, match=reason) as caught:
-        CHART.ask(question, **parameters)
+        CHART.query(question, **parameters)
     assert "\n" not in str(caught.value)
 
 
 @given(QUOTES)
 def test_text_reaches_the_query_as_a_value_never_as_sparql(text: str) -> None:
-    assert CHART.ask_text("SELECT ($given AS ?back) WHERE { }", given=text).rows == ((text,),)
+    assert CHART.query("SELECT ($given AS ?back) WHERE { }", given=text).rows == ((text,),)
 
 
 def test_dollars_in_strings_comments_and_iris_are_left_alone() -> None:
-    table = CHART.ask_text(
+    table = CHART.query(
         "SELECT ?a ?b WHERE { # costs $x\n BIND('$x' AS ?a) BIND(<http://e.org/$x#$x> AS ?b) }"
     )
     assert table.rows == (("$x", "http://e.org/$x#$x"),)
@@ -255,44 +255,48 @@ SERVICE_TEXTS = [
 @pytest.mark.parametrize("sparql", SERVICE_TEXTS)
 def test_a_question_cannot_reach_out(sparql: str) -> None:
     with pytest.raises(QueryError, match="SERVICE is refused"):
-        CHART.ask_text(sparql)
+        CHART.query(sparql)
 
 
 def test_speaking_of_a_service_is_no_reaching_out() -> None:
     text = "SELECT ?service WHERE { BIND('SERVICE <x>' AS ?service) # SERVICE\n }"
-    assert CHART.ask_text(text).rows == (("SERVICE <x>",),)
+    assert CHART.query(text).rows == (("SERVICE <x>",),)
 
 
 @pytest.mark.parametrize(
     "sparql",
-    ["DELETE WHERE { ?s ?p ?o }", "PREFIX a: <urn:a> INSERT DATA { a: a: a: }", "CLEAR ALL"],
+    [
+        "DELETE WHERE { ?s ?p ?o }",
+        "PREFIX a: <urn:a> INSERT DATA { a: a: a: }",
+        "CLEAR GRAPH <urn:g>",
+    ],
 )
 def test_a_question_cannot_write(sparql: str) -> None:
     before = set(CHART.engine)
     with pytest.raises(QueryError, match="is an update"):
-        CHART.ask_text(sparql)
+        CHART.query(sparql)
     assert set(CHART.engine) == before
 
 
 def test_bad_sparql_is_one_line_with_its_position() -> None:
     with pytest.raises(QueryError, match="line 2, column 6") as caught:
-        CHART.ask_text("SELECT ?s WHERE {\n ?s }")
+        CHART.query("SELECT ?s WHERE {\n ?s }")
     assert "\n" not in str(caught.value)
 
 
 def test_answers_as_json_csv_and_turtle() -> None:
-    table = CHART.ask_text("SELECT ?l ?x WHERE { ?o a here:Banana ; rdfs:label ?l ; here:x ?x }")
+    table = CHART.query("SELECT ?l ?x WHERE { ?o a here:Banana ; rdfs:label ?l ; here:x ?x }")
     assert json.loads(table.serialise("json")) == [{"l": "banana 3", "x": 5.5}]
     assert table.serialise("csv") == "l,x\nbanana 3,5.5\n"
     with pytest.raises(QueryError, match="choose json or csv"):
         table.serialise("ttl")
     with pytest.raises(QueryError, match="json, csv, ttl"):
         table.serialise("xml")
-    built = CHART.ask_text("CONSTRUCT { ?o a here:Fruit } WHERE { ?o a here:Banana }")
+    built = CHART.query("CONSTRUCT { ?o a here:Fruit } WHERE { ?o a here:Banana }")
     assert "a here:Fruit ." in built.serialise("ttl")
     assert built.columns == ("subject", "predicate", "object")
-    assert json.loads(CHART.ask_text("ASK { ?o a here:Banana }").to_json()) == [{"answer": True}]
-    times = CHART.ask_text("SELECT (MAX(?t) AS ?last) WHERE { ?o here:lastSeen ?t }")
+    assert json.loads(CHART.query("ASK { ?o a here:Banana }").to_json()) == [{"answer": True}]
+    times = CHART.query("SELECT (MAX(?t) AS ?last) WHERE { ?o here:lastSeen ?t }")
     assert json.loads(times.to_json()) == [{"last": "1970-01-01T00:01:40Z"}]
 
 
@@ -306,12 +310,12 @@ def test_a_query_file_of_ones_own(tmp_path: Path) -> None:
         "SELECT ?label WHERE { ?o here:observationCount ?n ; rdfs:label ?label "
         "FILTER(?n >= $least) } ORDER BY ?label\n"
     )
-    assert len(CHART.ask_file(path).rows) == 4
-    assert CHART.ask_file(path, least="5").rows == ()
+    assert len(CHART.query(path).rows) == 4
+    assert CHART.query(path, least="5").rows == ()
     with pytest.raises(QueryParameterError, match="whole number"):
-        CHART.ask_file(path, least=4.5)
+        CHART.query(path, least=4.5)
     with pytest.raises(QueryError, match="cannot read"):
-        CHART.ask_file(tmp_path / "none.rq")
+        CHART.query(tmp_path / "none.rq")
 
 
 @pytest.mark.parametrize(
@@ -334,7 +338,7 @@ def test_a_header_that_promises_other_columns_is_found(tmp_path: Path) -> None:
     path = tmp_path / "mine.rq"
     path.write_text("#+ columns: a, b\nSELECT ?a WHERE { BIND(1 AS ?a) }")
     with pytest.raises(QueryError, match="promises the columns a, b, the query gives a"):
-        CHART.ask_file(path)
+        CHART.query(path)
 
 
 def test_an_area_without_end_holds_everything() -> None:

@@ -75,7 +75,7 @@ def test_nothing_that_writes_lets_one_in(flat: SemanticMap, character: str) -> N
     assert (flat.sequence, set(flat.engine)) == before
     flat.update(f"INSERT DATA {{ <object/1> rdfs:comment '''{FINE}''' }}")
     with in_memory_map(title=label) as titled:
-        assert titled.title == "tea\ufffdcup"
+        assert titled.description.title == "tea\ufffdcup"
     learnt = flat.learn([label], "object", model="net")
     assert unwritable(flat.catalogue.label(learnt[label])) is None
 

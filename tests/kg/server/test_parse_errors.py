@@ -41,13 +41,13 @@ def test_where_a_query_does_not_parse(lasting: Served, text: str, line: int, col
         assert answer.status_code == 400
         assert place(answer.text) == (line, column)
     with pytest.raises(QueryError) as here:
-        lasting.map.ask_text(text)
+        lasting.map.query(text)
     assert place(str(here.value)) == (line, column)
     with (
         open_map(lasting.url, read_only=True) as far,
         pytest.raises(QueryError) as there,
     ):
-        far.ask_text(text)
+        far.query(text)
     assert place(str(there.value)) == (line, column)
 
 

@@ -227,7 +227,7 @@ def test_the_past_is_asked_from_python_as_that_of_a_folder(moved: Served) -> Non
             assert np.array_equal([o.p_map for o in there], [o.p_map for o in here])
         assert [p.label for p in far.places(at=0)] == []
         with far.at("#2") as then:
-            assert then.ask("summary").rows == moved.map.at(2).ask("summary").rows
+            assert then.query("summary").rows == moved.map.at(2).query("summary").rows
             assert then.sequence == 2
         assert far.state_of(CUP, 2) == moved.map.state_of(CUP, 2)
         assert list(far.log("object/2")) == list(moved.map.log("object/2"))

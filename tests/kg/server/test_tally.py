@@ -25,7 +25,7 @@ def scraped(served: Served) -> int:
 
 
 def counted(semantic_map: SemanticMap) -> int:
-    return sum(int(str(row["count"])) for row in semantic_map.ask("summary").records())
+    return sum(int(str(row["count"])) for row in semantic_map.query("summary").records())
 
 
 def test_a_scrape_asks_the_map_nothing(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:

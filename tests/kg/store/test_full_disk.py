@@ -45,6 +45,6 @@ def test_what_cannot_be_written_is_an_error_and_what_was_acknowledged_stays(
     acknowledged = [int(line) for line in ran.stdout.split()]
     assert len(acknowledged) > 10
     with open_map(path) as semantic_map:
-        kept = semantic_map.ask_text("SELECT ?s { ?s rdfs:comment ?x }").rows
+        kept = semantic_map.query("SELECT ?s { ?s rdfs:comment ?x }").rows
         assert {f"urn:n:{number}" for number in acknowledged} <= {row[0] for row in kept}
         semantic_map.update("INSERT DATA { <urn:n:last> rdfs:comment 'room again' }")

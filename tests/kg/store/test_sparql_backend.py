@@ -98,30 +98,30 @@ def test_shipped_questions_are_answered_alike(
     filled: tuple[SemanticMap, SemanticMap], question: str, parameters: dict[str, object]
 ) -> None:
     remote, local = filled
-    assert remote.ask(question, **parameters) == local.ask(question, **parameters)
+    assert remote.query(question, **parameters) == local.query(question, **parameters)
 
 
 def test_a_distance_is_right_although_servers_know_no_square_root(
     filled: tuple[SemanticMap, SemanticMap],
 ) -> None:
     remote, _ = filled
-    rows = remote.ask("objects-within-radius", x=2.25, y=1.0, radius=2.5).records()
+    rows = remote.query("objects-within-radius", x=2.25, y=1.0, radius=2.5).records()
     assert [row["label"] for row in rows] == ["chair 2", "chair 3", "chair 4"]
     assert [row["distance"] for row in rows] == pytest.approx([0.0, 1.0, 2.0], abs=1e-6)
 
 
 def test_construct_and_ask_work(filled: tuple[SemanticMap, SemanticMap]) -> None:
     remote, _ = filled
-    table = remote.ask_text("CONSTRUCT { ?o here:x ?x } WHERE { ?o a here:Chair ; here:x ?x }")
+    table = remote.query("CONSTRUCT { ?o here:x ?x } WHERE { ?o a here:Chair ; here:x ?x }")
     assert len(table.rows) == 4
     assert "here:x" in table.to_turtle()
-    assert remote.ask_text("ASK { ?o a here:Sofa }").rows == ((False,),)
+    assert remote.query("ASK { ?o a here:Sofa }").rows == ((False,),)
 
 
 def test_from_narrows_what_is_read(filled: tuple[SemanticMap, SemanticMap]) -> None:
     remote, _ = filled
     query = "SELECT (COUNT(*) AS ?n) FROM graph:dataset WHERE { ?o a here:Chair }"
-    assert remote.ask_text(query).rows == ((0,),)
+    assert remote.query(query).rows == ((0,),)
 
 
 def test_the_same_updates_leave_the_same_graph(remote: SemanticMap, local: SemanticMap) -> None:
@@ -148,7 +148,7 @@ def test_people_may_write_beside_the_writer(remote: SemanticMap, sparql_server: 
     endpoint.update(update)
     endpoint.close()
     remote.apply(MapUpdate(objects=chairs(remote, shift=1.0)[1:]))
-    said = remote.ask_text(
+    said = remote.query(
         "SELECT ?said { ?chair rdfs:comment ?said ; here:x ?x . ?chair a here:Chair }"
     )
     assert said.rows == (("wobbly",),)
@@ -166,7 +166,7 @@ def test_opening_twice_creates_once(sparql_server: str) -> None:
     with open_or_create_map(sparql_server, title="once") as first:
         base = first.base
     with open_or_create_map(sparql_server, title="twice") as second:
-        assert (second.base, second.title) == (base, "once")
+        assert (second.base, second.description.title) == (base, "once")
     with pytest.raises(GraphError, match="already"):
         create_map(sparql_server)
 
@@ -187,7 +187,7 @@ def test_a_reader_writes_nothing(remote: SemanticMap, sparql_server: str) -> Non
 
 def test_a_query_that_does_not_parse_is_one_line(remote: SemanticMap) -> None:
     with pytest.raises(QueryError, match="does not parse at line 2") as caught:
-        remote.ask_text("SELECT *\nWHERE { ?s ?p }")
+        remote.query("SELECT *\nWHERE { ?s ?p }")
     assert "\n" not in str(caught.value)
 
 
@@ -213,8 +213,8 @@ def test_an_answer_cut_off_by_a_time_limit_is_no_answer(
         # rows from the first moment on: what such a server joins beforehand, it does not break off
         runaway = "SELECT ?a ?c { ?a ?p ?b . ?c ?q ?d }"
         with pytest.raises(RemoteError, match="broke off its answer"):
-            semantic_map.ask_text(runaway)
-        assert semantic_map.ask("objects").rows == ()
+            semantic_map.query(runaway)
+        assert semantic_map.query("objects").rows == ()
 
 
 @pytest.fixture

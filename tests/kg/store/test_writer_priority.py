@@ -70,8 +70,8 @@ def test_a_writer_that_waits_for_its_reader_is_waited_for_but_a_moment() -> None
 @pytest.mark.parametrize(
     "read",
     [
-        lambda found: found.ask("robot"),
-        lambda found: found.ask_text("ASK {}"),
+        lambda found: found.query("robot"),
+        lambda found: found.query("ASK {}"),
         lambda found: found.objects(),
         lambda found: found.places(),
     ],
@@ -82,7 +82,7 @@ def test_questions_and_records_yield_to_the_writer(
     monkeypatch.setattr(writer_priority, "MAX_WAIT", LONG)
     seen: list[bool] = []
     with in_memory_map() as found:
-        found.ask("robot")  # read from its file once
+        found.query("robot")  # read from its file once
         room = PlaceRecord(found.place_iri(1), "room", 0.0, 1.0, 0.0, 1.0, views=0, beliefs={})
         found.apply(MapUpdate(places=(room,)))
 

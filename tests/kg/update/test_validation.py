@@ -53,7 +53,7 @@ def home() -> Iterator[SemanticMap]:
 
 
 def said(home: SemanticMap, iri: str) -> dict[str, str]:
-    rows = home.ask_text(f"SELECT ?p ?o WHERE {{ GRAPH graph:map {{ <{iri}> ?p ?o }} }}").rows
+    rows = home.query(f"SELECT ?p ?o WHERE {{ GRAPH graph:map {{ <{iri}> ?p ?o }} }}").rows
     return {str(p).replace(v.HERE, "here:"): str(o) for p, o in rows}
 
 
@@ -97,7 +97,7 @@ def test_what_is_deleted_takes_along_what_was_about_it(home: SemanticMap) -> Non
     home.update("DELETE WHERE { <http://m/object/1> ?p ?o }")
     assert [o.iri for o in home.objects()] == ["http://m/object/2"]
     assert home.assertions() == ()
-    left = home.ask_text('SELECT ?s WHERE { ?s ?p ?o FILTER(CONTAINS(STR(?s), "ation/1")) }')
+    left = home.query('SELECT ?s WHERE { ?s ?p ?o FILTER(CONTAINS(STR(?s), "ation/1")) }')
     assert left.rows == ()
     home.update("DELETE WHERE { <http://m/place/1> ?p ?o }")
     assert home.places() == ()

@@ -63,7 +63,7 @@ def rows(pool: QueryPool, sparql: str, **options: object) -> list[list[str]]:
 
 def test_an_answer_is_what_the_map_itself_answers(live: SemanticMap, pool: QueryPool) -> None:
     sparql = "SELECT ?label {here:Kitchen rdfs:label ?label} ORDER BY ?label"
-    assert rows(pool, sparql) == [[str(cell) for cell in row] for row in live.ask_text(sparql).rows]
+    assert rows(pool, sparql) == [[str(cell) for cell in row] for row in live.query(sparql).rows]
 
 
 def test_a_shipped_question_is_answered_as_by_the_map_itself(live: SemanticMap) -> None:
@@ -73,7 +73,7 @@ def test_a_shipped_question_is_answered_as_by_the_map_itself(live: SemanticMap) 
     distance = question.columns.index("distance")
     with QueryPool(live, timeout=60) as pool:
         (row,) = rows(pool, question.bind(around, lambda _, text: text))
-    assert float(row[distance]) == 5.0 == live.ask(question.name, **around).rows[0][distance]
+    assert float(row[distance]) == 5.0 == live.query(question.name, **around).rows[0][distance]
 
 
 def test_each_form_comes_in_the_format_asked_for(pool: QueryPool) -> None:

@@ -127,7 +127,7 @@ def test_a_frame_that_somebody_gets_in_the_way_of_is_mapped_anew(
         assert isinstance(far, RemoteMap)
         play(far, ["see cup", "see cup"], make_frame)
         frames = semantic_map.recordings()[0].frames_applied
-        write, left = far.write, times
+        write, left = far.apply, times
 
         def contested(update: MapUpdate, cause: Cause | None = None) -> ChangeSet | None:
             nonlocal left

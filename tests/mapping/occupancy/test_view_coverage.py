@@ -126,11 +126,11 @@ def test_a_place_knows_how_much_of_it_was_viewed(tmp_path, look) -> None:
         assert 0 < one.viewed.close_share < one.viewed.share
         assert one.viewed.last == 6e8 + 60
         assert other.viewed is None
-        (row,) = semantic_map.ask("status", category="cup", viewed=0.3).records()[:1]
+        (row,) = semantic_map.query("status", category="cup", viewed=0.3).records()[:1]
         assert (row["placeLabel"], row["status"]) == ("near", "gone")
         values = {
             str(r["placeLabel"]): r["status"]
-            for r in semantic_map.ask("status", category="cup", viewed=0.95).records()
+            for r in semantic_map.query("status", category="cup", viewed=0.95).records()
         }
         assert values == {"near": "hidden", "far": "never looked"}
 

@@ -103,7 +103,7 @@ def test_places_that_become_one_join_their_views(home):
     assert sorted(stored.beliefs.values()) == [0.25, 0.75]
     assert home.doors() == ()
     assert left.adjacent == ()
-    rows = home.ask_text(
+    rows = home.query(
         "SELECT ?s WHERE { GRAPH graph:map { ?s ?p ?o } FILTER(CONTAINS(STR(?s), 'place/2')) }"
     ).rows
     assert not rows  # nothing is left of the other

@@ -57,7 +57,7 @@ class Room:
         self.map.apply(MapUpdate(objects=changes.updated, removed=changes.removed))
 
     def related(self, iri: str, kind: str) -> list[str]:
-        rows = self.map.ask_text(f"SELECT ?b WHERE {{ <{iri}> here:{kind} ?b }} ORDER BY ?b").rows
+        rows = self.map.query(f"SELECT ?b WHERE {{ <{iri}> here:{kind} ?b }} ORDER BY ?b").rows
         return [str(row[0]) for row in rows]
 
 
@@ -184,7 +184,7 @@ def test_a_restarted_mapper_keeps_and_repairs_relations(room: Room) -> None:
     table, cup = room.put(*TABLE), room.put(*CUP)
     room.cache = ObjectCache(room.map)
     room.relations = RelationMapper(room.map, room.cache)
-    assert room.map.apply(MapUpdate(objects=room.relations.update(ObjectChanges()).updated)) == 0
+    assert room.map.apply(MapUpdate(objects=room.relations.update(ObjectChanges()).updated)) is None
     room.remove(table)
     assert room.related(cup, "on") == []
 

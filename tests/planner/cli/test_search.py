@@ -103,9 +103,9 @@ def test_cut_short_it_goes_on_where_its_last_look_ended(
     cut = _search(path, "apple", objects=[FAR_APPLE], at_look=3, then=how)
     assert cut.returncode == code
     with open_map(path, read_only=True) as semantic_map:
-        (record,) = semantic_map.searches()
+        (record,) = semantic_map.searches.all()
         assert record.state == state
-        assert len(semantic_map.looks(record.iri)) == 2
+        assert len(semantic_map.searches.looks(record.iri)) == 2
     again = _search(path, "--resume", "--json", objects=[FAR_APPLE])
     assert again.returncode == 0
     begin, *_, end = [json.loads(line) for line in again.stdout.splitlines()]
@@ -133,7 +133,7 @@ def test_whoever_starts_it_can_be_the_robot(path: Path) -> None:
             process.stdin.flush()
         assert process.wait() == 0
     with open_map(path, read_only=True) as semantic_map:
-        assert semantic_map.searches()[0].state == "found"
+        assert semantic_map.searches.all()[0].state == "found"
 
 
 @pytest.mark.parametrize(
@@ -191,7 +191,7 @@ def test_a_ros1_robot_that_is_not_there_is_an_error(
         assert error.startswith("error: ")
         assert "ros1://" in error
     with open_map(path, read_only=True) as semantic_map:
-        assert semantic_map.searches() == ()
+        assert semantic_map.searches.all() == ()
 
 
 def test_options_of_ros1_robots_are_for_them_alone(

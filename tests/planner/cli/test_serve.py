@@ -145,7 +145,7 @@ def test_what_was_written_is_there_after_a_signal_and_no_secret_was_told(
     assert TOKEN not in told and "sesame" not in told and "Traceback" not in told
     assert beside(home) == []
     with open_map(home) as semantic_map:
-        assert semantic_map.ask_text("SELECT ?n { <urn:x> rdfs:comment ?n }").rows == (("sesame",),)
+        assert semantic_map.query("SELECT ?n { <urn:x> rdfs:comment ?n }").rows == (("sesame",),)
 
 
 def test_an_answer_that_is_not_ready_at_the_end_is_told_so(

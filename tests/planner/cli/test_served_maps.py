@@ -106,8 +106,11 @@ def test_a_search_on_a_served_map_finds_and_remembers(
     assert (events[0]["event"], events[-1]["state"]) == ("begin", "found")
     assert process.end() == 0
     with open_map(rooms, read_only=True) as semantic_map:
-        (record,) = semantic_map.searches()
-        assert (record.state, len(semantic_map.looks(record.iri))) == ("found", events[-1]["looks"])
+        (record,) = semantic_map.searches.all()
+        assert (record.state, len(semantic_map.searches.looks(record.iri))) == (
+            "found",
+            events[-1]["looks"],
+        )
         assert [o.iri for o in semantic_map.objects("apple")] == list(record.found)
 
 

@@ -187,5 +187,5 @@ def test_why_names_the_picture_and_the_box_that_a_robot_sent(semantic_map: Seman
     (text,) = [text for text in told if text.startswith("seen in left/17 of search/1 at ")]
     assert text.endswith("box 10 20 30 40 px, score 0.9")
     assert "detector good eyes" in told
-    (row,) = semantic_map.ask("why-object", object=apple.iri).records()
+    (row,) = semantic_map.query("why-object", object=apple.iri).records()
     assert (row["recording"], row["frame"]) == ("search for apple", "left/17")

@@ -147,7 +147,7 @@ def test_what_is_missing_is_said_before_the_search_begins(
     def fails(**settings: Any) -> str:
         with pytest.raises(RobotError) as error:
             search(semantic_map, ["orange"], robot(master.address, tmp_path, **settings))
-        assert semantic_map.searches() == ()
+        assert semantic_map.searches.all() == ()
         return str(error.value)
 
     assert "nobody takes goals of /move_base/goal (--navigation)" in fails(patience=0.5)

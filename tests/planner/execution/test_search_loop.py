@@ -40,13 +40,13 @@ def test_what_is_found_is_in_the_map_with_every_look_that_led_there(
     outcome = run(semantic_map, "apple", objects=[APPLE], chatter=True)
 
     assert outcome.state == "found"
-    (record,) = semantic_map.searches()
+    (record,) = semantic_map.searches.all()
     assert (record.state, record.words, record.left) == ("found", ("apple",), 0.0)
     (apple,) = semantic_map.objects("apple")
     assert record.found == (apple.iri,)
     assert apple.p_map == pytest.approx(APPLE[1:4])
     assert apple.place == semantic_map.place_iri(2)
-    looks = semantic_map.looks(record.iri)
+    looks = semantic_map.searches.looks(record.iri)
     assert [look.number for look in looks] == list(range(1, outcome.looks + 1))
     assert looks[-1].found == (apple.iri,)
     assert not any(look.found for look in looks[:-1])
@@ -69,7 +69,7 @@ def test_giving_up_says_what_is_left_and_what_is_remembered_in_vain_is_doubted()
         outcome = run(semantic_map, "apple")
         assert outcome.state == "given up"
         assert 0 < outcome.left < 0.5
-        assert semantic_map.searches()[0].left == pytest.approx(outcome.left, abs=1e-3)
+        assert semantic_map.searches.all()[0].left == pytest.approx(outcome.left, abs=1e-3)
         after = semantic_map.objects("apple")
         assert not after or after[0].existence < before.existence
         assert _well_made(semantic_map)
@@ -90,7 +90,7 @@ def test_all_that_is_wanted_is_searched_for(semantic_map: SemanticMap) -> None:
     outcome = run(semantic_map, "apple", "bed", objects=[APPLE, ["bed", 6.0, 6.5, 0.4, 0.8]])
     assert outcome.state == "found"
     assert len(outcome.found) == 2
-    last = semantic_map.looks(outcome.search)[-1]
+    last = semantic_map.searches.looks(outcome.search)[-1]
     assert len(last.categories) == 1  # one of them was found before
 
 
@@ -145,7 +145,7 @@ def test_a_closed_door_leads_to_another_plan(semantic_map: SemanticMap) -> None:
         on_event=events.append,
     )
     assert outcome.state == "found"
-    (obstacle,) = semantic_map.obstacles(outcome.search)
+    (obstacle,) = semantic_map.searches.obstacles(outcome.search)
     assert (obstacle.position, obstacle.reason) == ((4.0, 2.1), "the door is closed")
     first, second, *_ = [e.data for e in events if e.kind == "plan"]
     into_kitchen = first["place"] == second["place"] == "place 2"
@@ -227,7 +227,7 @@ def test_a_robot_all_of_whose_commands_fail_is_no_robot(semantic_map: SemanticMa
         outcome = run(semantic_map, "apple", goto_fails=True)
     except RobotError as error:
         assert "commands in a row failed" in str(error)
-        assert semantic_map.searches()[0].state == "stopped"
+        assert semantic_map.searches.all()[0].state == "stopped"
     else:
         assert outcome.state == "given up"
         assert outcome.looks == 0
@@ -256,9 +256,9 @@ def test_a_robot_that_fails_leaves_a_search_that_can_go_on(
 ) -> None:
     with pytest.raises(RobotError, match=said):
         run(semantic_map, "apple", at_look=2, then=how)
-    (record,) = semantic_map.searches()
+    (record,) = semantic_map.searches.all()
     assert record.state == "stopped"
-    assert len(semantic_map.looks(record.iri)) == 1
+    assert len(semantic_map.searches.looks(record.iri)) == 1
     assert run(semantic_map, "apple", resume=True, objects=[FAR_APPLE]).state == "found"
 
 
@@ -299,8 +299,8 @@ def test_a_robot_that_falls_silent_is_not_waited_for_for_ever(
             semantic_map, ["apple"], robot, SearchOptions(timeout=30.0, clock=lambda: START + 60)
         )
     assert robot.sent[-1] == "closed"
-    (record,) = semantic_map.searches()
-    assert (record.state, len(semantic_map.looks(record.iri))) == ("stopped", 1)
+    (record,) = semantic_map.searches.all()
+    assert (record.state, len(semantic_map.searches.looks(record.iri))) == ("stopped", 1)
 
 
 class _SaysWrongly(_FallsSilent):
@@ -329,7 +329,7 @@ def test_a_robot_that_says_nothing_of_the_protocol_is_told_what_was_wrong(
         search(
             semantic_map, ["apple"], robot, SearchOptions(timeout=30.0, clock=lambda: START + 60)
         )
-    assert semantic_map.searches() == ()
+    assert semantic_map.searches.all() == ()
 
 
 def test_another_version_of_the_protocol_is_refused_and_nothing_is_begun(
@@ -337,7 +337,7 @@ def test_another_version_of_the_protocol_is_refused_and_nothing_is_begun(
 ) -> None:
     with pytest.raises(RobotError, match="speaks version 2"):
         run(semantic_map, "apple", protocol=2)
-    assert semantic_map.searches() == ()
+    assert semantic_map.searches.all() == ()
 
 
 def test_errors_say_what_would_have_worked(semantic_map: SemanticMap) -> None:

@@ -48,10 +48,10 @@ def test_what_stands_elsewhere_moved_and_what_is_gone_or_was_pushed_did_not() ->
 
 def test_last_seen_lists_what_left_too() -> None:
     with rearranged(in_memory_map()) as semantic_map:
-        (banana,) = semantic_map.ask("last-seen", category="food").records()
+        (banana,) = semantic_map.query("last-seen", category="food").records()
         assert (banana["category"], banana["place"]) == ("banana", "place 1")
         assert banana["lastSeen"].timestamp() == 60.0 and banana["foundGone"].timestamp() == 120.0
-        (cup,) = semantic_map.ask("last-seen", category="cup").records()
+        (cup,) = semantic_map.query("last-seen", category="cup").records()
         assert (cup["foundGone"], cup["place"]) == (None, "place 2")
         (departed,) = rooms_document(semantic_map)["departed"]
         assert departed["category"] == "banana" and departed["last_seen"] == 60.0
@@ -60,13 +60,13 @@ def test_last_seen_lists_what_left_too() -> None:
 def test_between_two_things_stand_those_on_the_strip_in_order() -> None:
     with fill(in_memory_map()) as semantic_map:
         banana, cup, bed = (one.iri for one in semantic_map.objects())
-        wide = semantic_map.ask("between", one=banana, other=bed, width=4.0).records()
+        wide = semantic_map.query("between", one=banana, other=bed, width=4.0).records()
         assert [row["object"] for row in wide] == [cup]
         assert wide[0]["distance"] == pytest.approx(14 / 37**0.5)
-        assert semantic_map.ask("between", one=banana, other=bed).rows == ()
-        assert semantic_map.ask("between", one=banana, other=cup, width=50.0).rows == ()
-        assert semantic_map.ask("between", one=bed, other=bed, width=50.0).rows == ()
-        assert semantic_map.ask("between", one=bed, other="object/99", width=50.0).rows == ()
+        assert semantic_map.query("between", one=banana, other=bed).rows == ()
+        assert semantic_map.query("between", one=banana, other=cup, width=50.0).rows == ()
+        assert semantic_map.query("between", one=bed, other=bed, width=50.0).rows == ()
+        assert semantic_map.query("between", one=bed, other="object/99", width=50.0).rows == ()
 
 
 def test_the_command_prints_what_moved(tmp_path: Path, capsys) -> None:

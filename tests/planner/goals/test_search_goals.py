@@ -77,7 +77,7 @@ def test_an_object_known_to_be_near_it_is_a_goal_in_the_direction_of_the_relatio
     (goal,) = derive_goals(home, "apple")
     (relation,) = [
         row
-        for row in home.ask("goals-relations", category="apple").records()
+        for row in home.query("goals-relations", category="apple").records()
         if row["target"] == "banana"
     ]
     assert (goal.iri, goal.kind) == (banana.iri, "nearby")
@@ -96,7 +96,7 @@ def test_an_explored_place_where_the_ontology_puts_it_is_a_goal_at_its_centre(
     (goal,) = derive_goals(home, "toaster")
     (listed,) = [
         row
-        for row in home.ask("goals-relations", category="toaster").records()
+        for row in home.query("goals-relations", category="toaster").records()
         if row["target"] == "kitchen"
     ]
     assert (goal.iri, goal.kind, goal.label) == (kitchen.iri, "place", "place 1")
@@ -141,7 +141,7 @@ def test_food_is_searched_as_any_of_its_members_each_goal_saying_which(home: Sem
 
 def test_the_strongest_reason_for_a_place_stands(home: SemanticMap) -> None:
     add_place(home, 1, kitchen=0.9)
-    rows = home.ask("goals-places", category="food").records()
+    rows = home.query("goals-places", category="food").records()
     assert len(rows) > 1
     (goal,) = derive_goals(home, "food")
     assert goal.probability == max(row["probability"] for row in rows)  # type: ignore[type-var]

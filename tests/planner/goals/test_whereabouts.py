@@ -79,9 +79,9 @@ def test_what_is_on_a_thing_is_asked_for_and_explained(chart: SemanticMap) -> No
     table = put(chart, 3, "dining table")
     cup = put(chart, 4, "cup", Relation("on", table, 0.8))
     put(chart, 5, "cup", Relation("on", table, 0.3))
-    (row,) = chart.ask("related", object=table).records()
+    (row,) = chart.query("related", object=table).records()
     assert (row["relation"], row["object"], row["probability"]) == ("on", cup, 0.8)
-    assert len(chart.ask("related", object=table, least=0.0).rows) == 2
+    assert len(chart.query("related", object=table, least=0.0).rows) == 2
     (reason,) = chart.why("object/4")
     assert "on dining table 3" in reason.text
     (fact,) = chart.why("object/4 here:on")

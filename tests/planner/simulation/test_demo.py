@@ -40,7 +40,7 @@ def report(tmp_path_factory: pytest.TempPathFactory, heard: list[DemoProgress]) 
 def test_the_map_is_on_disk_and_can_be_asked_again(report: DemoReport) -> None:
     with open_map(report.map_path, read_only=True) as semantic_map:
         assert len(semantic_map.objects()) >= report.mapping.objects
-        food = semantic_map.ask("objects-by-category", category="food").records()
+        food = semantic_map.query("objects-by-category", category="food").records()
         assert {row["category"] for row in food} >= {"banana", "cake"}
         (recording,) = semantic_map.recordings()
         assert recording.frames_applied == report.mapping.frames
@@ -48,10 +48,10 @@ def test_the_map_is_on_disk_and_can_be_asked_again(report: DemoReport) -> None:
 
 def test_the_search_is_in_the_map_as_a_command_would_have_left_it(report: DemoReport) -> None:
     with open_map(report.map_path, read_only=True) as semantic_map:
-        (search,) = semantic_map.searches()
+        (search,) = semantic_map.searches.all()
         assert (search.words, search.state) == ((TARGET,), "found")
         assert search.seconds == pytest.approx(report.search.outcome.seconds, abs=0.1)
-        assert len(semantic_map.looks(search.iri)) == report.search.outcome.looks
+        assert len(semantic_map.searches.looks(search.iri)) == report.search.outcome.looks
         (apple,) = [o for o in semantic_map.objects(TARGET) if o.iri in search.found]
         robot = semantic_map.robot()
         assert robot is not None and robot.stamp == search.ended
@@ -171,7 +171,7 @@ def test_a_map_of_somebody_else_stays(tmp_path: Path) -> None:
     with pytest.raises(GraphError, match="was not made by the demo, so it stays"):
         run_demo(tmp_path)
     with open_map(tmp_path / "demo.map") as semantic_map:
-        assert semantic_map.title == "years of work"
+        assert semantic_map.description.title == "years of work"
 
 
 def test_what_is_no_map_stays(tmp_path: Path) -> None:

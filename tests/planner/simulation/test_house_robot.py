@@ -83,7 +83,7 @@ def test_what_is_written_is_timed_by_the_robots_clock(tmp_path: Path) -> None:
         _mapped(semantic_map, furnished_house())
     main(["search", str(path), "apple", "--robot", "sim"])
     with open_map(path, read_only=True) as semantic_map:
-        (record,) = semantic_map.searches()
+        (record,) = semantic_map.searches.all()
         assert record.started == START
         assert record.ended is not None
         assert record.ended - record.started == pytest.approx(record.seconds, abs=1.0)
