@@ -351,8 +351,8 @@ class Mapper:
             try:
                 with self.timer.stage("graph"):
                     self._objects.save(self._map.sequence + 1)
-                    change = self._map.apply(update)
-                    self.changed_triples = len(change) if change else 0
+                    written = self._map.apply(update)
+                    self.changed_triples = len(written) if written else 0
             except ConflictError:
                 self._undo(changes, update)
                 raise

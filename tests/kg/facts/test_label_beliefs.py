@@ -60,8 +60,8 @@ def test_the_most_probable_alternatives_are_kept_in_steps(chart: SemanticMap) ->
 def test_only_what_changes_is_written(chart: SemanticMap) -> None:
     write(chart, bowl=0.21)
     assert write(chart, bowl=0.19) is None
-    assert write(chart, bowl=0.26) == 2
-    assert write(chart) == 4
+    assert len(write(chart, bowl=0.26) or ()) == 2
+    assert len(write(chart) or ()) == 4
     assert count(chart) == 0
 
 
