@@ -18,6 +18,7 @@ TYPE_CHECKING = False  # type checkers take it for true; `typing` takes longer t
 if TYPE_CHECKING:
     from kg.errors import (
         ConflictError,
+        ExtensionError,
         GraphError,
         HereaboutsError,
         HistoryError,
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
         QueryError,
         RecordingError,
     )
+    from kg.export.exporter import Exporter
     from kg.maps.room_statistics import placement_table
     from kg.maps.semantic_map import SemanticMap
     from kg.ontology.reasoning import load_world, world_quads
@@ -41,8 +43,11 @@ if TYPE_CHECKING:
     from mapping.mapper import Mapper
     from mapping.recording_mapper import map_recording
     from mapping.sighting import Sighting
+    from perception.camera.intrinsics import Intrinsics
     from perception.frames import Detections, Frame, SceneScores
     from perception.inference.detector import load_detector
+    from perception.recordings.listing import Format as RecordingFormat
+    from perception.recordings.listing import FrameEntry, RecordingListing
     from perception.recordings.recording import open_recording
     from planner.plans.search_state import build_search
     from planner.plans.view_plan import plan as find
@@ -55,10 +60,14 @@ __all__ = [
     "ConflictError",
     "Detections",
     "Evidence",
+    "Exporter",
+    "ExtensionError",
     "Frame",
+    "FrameEntry",
     "GraphError",
     "HereaboutsError",
     "HistoryError",
+    "Intrinsics",
     "InvalidFactError",
     "MapBusyError",
     "MapNotFoundError",
@@ -70,6 +79,8 @@ __all__ = [
     "PlaceRecord",
     "QueryError",
     "RecordingError",
+    "RecordingFormat",
+    "RecordingListing",
     "RobotRecord",
     "SceneScores",
     "SemanticMap",
@@ -105,6 +116,9 @@ _SOURCES = {
     "kg.server.http.settings": "Settings:ServerSettings",
     "kg.server.http.bearer_tokens": "BearerTokens",
     "perception.frames": "Frame Detections SceneScores",
+    "perception.camera.intrinsics": "Intrinsics",
+    "perception.recordings.listing": "Format:RecordingFormat RecordingListing FrameEntry",
+    "kg.export.exporter": "Exporter",
     "perception.recordings.recording": "open_recording",
     "perception.inference.detector": "load_detector",
     "mapping.mapper": "Mapper",
@@ -114,7 +128,7 @@ _SOURCES = {
     "planner.plans.view_plan": "plan:find",
     "kg.errors": (
         "HereaboutsError GraphError MapNotFoundError MapBusyError HistoryError ConflictError "
-        "InvalidFactError QueryError OntologyError RecordingError"
+        "InvalidFactError QueryError OntologyError RecordingError ExtensionError"
     ),
 }
 

@@ -36,11 +36,15 @@ PUBLIC: Final = {
     ),
     "Mapping": ("Mapper", "Sighting", "map_recording"),
     "Searches": ("build_search", "find", "placement_table"),
+    "Extensions": (
+        *("RecordingFormat", "RecordingListing", "FrameEntry", "Intrinsics", "Exporter"),
+    ),
     "Serving": ("MapServer", "ServerSettings", "BearerTokens"),
     "Ontologies": ("load_world", "world_quads"),
     "Errors": (
         *("HereaboutsError", "GraphError", "MapNotFoundError", "MapBusyError", "HistoryError"),
         *("ConflictError", "InvalidFactError", "QueryError", "OntologyError", "RecordingError"),
+        *("ExtensionError",),
     ),
 }
 _MADE: Final = "<!-- made by python docs/generate.py; edit the source, not this page -->\n"

@@ -30,6 +30,7 @@
     ├── LayoutError              places or transforms given by file that make no sense
     ├── LabelsError              a table of what a network's labels mean that makes no sense
     ├── RobotError               a robot that does not answer, or says what makes no sense
+    ├── ExtensionError           an extension of another distribution that cannot be used
     ├── ServerError              a server that cannot start as configured, or a request it refuses
     └── PictureError             a picture or a file for viewers that cannot be written
 
@@ -170,6 +171,10 @@ class LabelsError(HereaboutsError):
 
 class RobotError(HereaboutsError):
     """A robot cannot be reached, falls silent, or does not speak the protocol."""
+
+
+class ExtensionError(HereaboutsError):
+    """An extension that another distribution adds cannot be imported, or is none."""
 
 
 class ServerError(HereaboutsError):

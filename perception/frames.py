@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,6 +120,7 @@ class SceneScores:
     probability: Mapping[str, float]
 
 
+@runtime_checkable
 class Detector(Protocol):
     """Object detector."""
 

@@ -9,11 +9,12 @@ from __future__ import annotations
 import functools
 import os
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from kg.errors import ModelError, did_you_mean
+from kg.extensions import DETECTORS, extensions
 from perception.inference.download import Expected, download, sha256_of
 
 NETWORKS = Path(__file__).resolve().parent / "networks"
@@ -39,12 +40,15 @@ class ModelCard:
     ap: float | None = None  # [%] of a detector on COCO, as published
     labels_url: str | None = None
     labels_sha256: str | None = None
+    extension: bool = False  # whether another distribution adds it
 
     @property
     def where(self) -> str:
-        """Where it is now: "bundled", "fetched", "to fetch", or "bring your own"."""
+        """Where it is now: "bundled", "fetched", "to fetch", "extension", or "bring your own"."""
         if self.file is not None:
             return "bundled"
+        if self.extension:
+            return "extension"
         if cached_path(self).is_file():
             return "fetched"
         return "to fetch" if self.url is not None else "bring your own"
@@ -77,12 +81,21 @@ def known_models() -> tuple[ModelCard, ...]:
     return tuple(model for model in cards() if model.file is not None or model.url is not None)
 
 
+def extension_cards() -> Iterator[ModelCard]:
+    """A card of each detector that another distribution adds."""
+    for name, point in sorted(extensions(DETECTORS).items()):
+        owner = point.dist
+        licence = owner.metadata.json.get("license_expression") if owner is not None else None
+        source = f"of {owner.name} {owner.version}" if owner is not None else point.value
+        yield ModelCard(name, "detector", str(licence or "-"), source, "", "", extension=True)
+
+
 def find_model(name: str) -> ModelCard:
     """The card of a known network; raises ModelError with the known names for any other."""
     for model in cards():
         if model.name == name:
             return model
-    names = [model.name for model in cards()]
+    names = [*(model.name for model in cards()), *extensions(DETECTORS)]
     raise ModelError(
         f"no network {name!r}{did_you_mean(name, names)}; there are: {', '.join(names)}"
     )

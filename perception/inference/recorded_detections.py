@@ -12,16 +12,17 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.errors import ModelError
+from kg.errors import ExtensionError, ModelError
+from kg.extensions import DETECTORS, extensions, load_extension
 from perception.frames import Detections, Detector, Frame
 from perception.inference.detector import load_detector
 from perception.inference.detector_pair import DetectorPair
-from perception.inference.model_zoo import bundled_pair
+from perception.inference.model_zoo import bundled_pair, cards
 
 _LARGEST_MASK = 1 << 26  # pixels
 
@@ -46,13 +47,21 @@ class RecordedDetector:
         return found.chosen(np.nonzero(found.score > self.threshold)[0])
 
 
+@runtime_checkable
+class DetectorFactory(Protocol):
+    """Makes a detector: the object of an entry point in `hereabouts.detectors`."""
+
+    def __call__(self, *, threshold: float, device: str) -> Detector:
+        """A detector that gives scores above `threshold`; `device` is "auto", "cpu", "cuda"."""
+
+
 def open_detector(
     name_or_path: str | Path, *, threshold: float = 0.25, device: str = "cpu"
 ) -> Detector:
     """A detector by name, from an ONNX file, or from a JSON file of recorded detections.
 
-    "default" is the bundled pair. `device`: see `load_detector`. Raises ModelError for anything
-    else.
+    "default" is the bundled pair; a name may be that of an extension. `device`: see
+    `load_detector`. Raises ModelError for anything else, ExtensionError for a broken extension.
     """
     if name_or_path == "default":
         first, second = (
@@ -61,7 +70,19 @@ def open_detector(
         return DetectorPair(first, second)
     if Path(name_or_path).suffix == ".json":
         return load_recorded_detections(Path(name_or_path), threshold=threshold)
+    name = str(name_or_path)
+    if name not in {card.name for card in cards()} and name in extensions(DETECTORS):
+        return _extension(name, threshold, device)
     return load_detector(name_or_path, threshold=threshold, device=device)
+
+
+def _extension(name: str, threshold: float, device: str) -> Detector:
+    """The detector that the factory of an extension makes."""
+    factory = load_extension(DETECTORS, name, DetectorFactory)  # type: ignore[type-abstract]
+    detector = factory(threshold=threshold, device=device)
+    if not isinstance(detector, Detector):
+        raise ExtensionError(f"the extension {name!r} made {detector!r}, which is no Detector")
+    return detector
 
 
 def load_recorded_detections(path: Path, *, threshold: float = 0.0) -> RecordedDetector:

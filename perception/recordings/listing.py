@@ -85,12 +85,12 @@ class Streams:
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """A layout of files on disk that can be read as a recording."""
+    """A format of recordings: a layout of files in a folder, or a kind of file."""
 
     name: str
-    looks_for: str  # what makes a folder one of this format, for people
-    matches: Callable[[Path], bool]
-    read: Callable[[Path, Streams], RecordingListing]
+    looks_for: str  # the files by which it is recognised, for people
+    matches: Callable[[Path], bool]  # whether a folder or file is of this format
+    read: Callable[[Path, Streams], RecordingListing]  # raises RecordingError
 
 
 def subfolder(folder: Path, *names: str) -> Path:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.errors import RecordingError, did_you_mean
+from kg.extensions import RECORDINGS, load_extensions
 from perception.camera.gravity_alignment import Up, gravity_aligned_transform, read_gravity
 from perception.camera.intrinsics import ASPECT_TOLERANCE, Intrinsics, intrinsics_from_matrix
 from perception.camera.poses import CONVENTIONS, Pose, checked_pose, gridded_pose, read_trajectory
@@ -30,7 +31,7 @@ from perception.recordings.depth_check import check_depth
 from perception.recordings.listing import Format, FrameEntry, RecordingListing, Streams
 from perception.recordings.selection import Selection
 
-#: Tried in this order when the format is not named.
+#: Tried in this order when the format is not named, before those of extensions.
 FORMATS: tuple[Format, ...] = (
     seven_scenes.FORMAT,
     tum.FORMAT,
@@ -128,10 +129,10 @@ def open_recording(
 ) -> FolderRecording:
     """Open the recording at `path`, a folder or a bag, and check all that needs no decoding.
 
-    `format` is one of FORMATS or "auto". `T_map_world` (4, 4) takes the recording's world to the
-    map frame; without it the world is stood upright (see perception.camera.gravity_alignment)
-    along `up`, the
-    folder's gravity-direction.txt, or the floor. `intrinsics` of the colour images (see
+    `format` is the name of one of `all_formats`, or "auto". `T_map_world` (4, 4) takes the
+    recording's world to the map frame; without it the world is stood upright (see
+    perception.camera.gravity_alignment) along `up`, the folder's gravity-direction.txt, or the
+    floor. `intrinsics` of the colour images (see
     load_intrinsics) or `K` (3, 3) [px] without distortion, and `depth_scale` [units a metre]
     override the folder's own. Stamps that count from
     zero are shifted by `start_time` [s since 1970], by default now. `poses` is a trajectory in TUM
@@ -230,31 +231,41 @@ def _with_scale(given: Intrinsics, listing: RecordingListing) -> Intrinsics:
     return replace(given, depth_scale=listing.camera.depth_scale)
 
 
-def format_of(folder: Path, name: str = "auto") -> Format:
+def all_formats() -> Iterator[Format]:
+    """The formats of `FORMATS`, then those of extensions, which are imported when reached."""
+    yield from FORMATS
+    yield from load_extensions(RECORDINGS, Format)
+
+
+def format_of(path: Path, name: str = "auto") -> Format:
     """Format of a recording by its files, or by name; raises RecordingError for no recording."""
-    known = "; ".join(f"{f.name} ({f.looks_for})" for f in FORMATS)
-    if name != "auto" and name not in {f.name for f in FORMATS}:
-        close = did_you_mean(name, [f.name for f in FORMATS])
-        raise RecordingError(f"unknown recording format {name!r}{close}; known are auto, {known}")
-    if not folder.exists():
-        raise RecordingError(f"recording {folder} does not exist")
-    if not folder.is_dir():
-        if name in ("auto", bag.FORMAT.name) and bag.FORMAT.matches(folder):
-            return bag.FORMAT
-        raise RecordingError(f"recording {folder} is not a folder and no bag ({bag.SUFFIXES})")
-    if not any(folder.iterdir()):
-        raise RecordingError(f"recording {folder} is empty; known formats are {known}")
-    for candidate in FORMATS:
-        if candidate.name == name or (name == "auto" and candidate.matches(folder)):
-            return candidate
-    hint = _nested(folder)
-    raise RecordingError(f"{folder} is no recording of a known format{hint}; known are {known}")
+    if name != "auto" and name not in (names := [known.name for known in all_formats()]):
+        raise RecordingError(
+            f"unknown recording format {name!r}{did_you_mean(name, names)}; known are auto, "
+            f"{_known_formats()}"
+        )
+    if not path.exists():
+        raise RecordingError(f"recording {path} does not exist")
+    if path.is_dir() and not any(path.iterdir()):
+        raise RecordingError(f"recording {path} is empty; known formats are {_known_formats()}")
+    for candidate in all_formats():
+        if name in ("auto", candidate.name):
+            named = name == candidate.name and path.is_dir()
+            if named or candidate.matches(path):
+                return candidate
+    raise RecordingError(
+        f"{path} is no recording of a known format{_nested(path)}; known are {_known_formats()}"
+    )
+
+
+def _known_formats() -> str:
+    return "; ".join(f"{known.name} ({known.looks_for})" for known in all_formats())
 
 
 def _nested(folder: Path) -> str:
     """A hint where the recordings lie one folder deeper."""
-    inner = [p for p in sorted(folder.iterdir()) if p.is_dir()]
-    found = [p.name for p in inner if any(f.matches(p) for f in FORMATS)]
+    inner = [p for p in sorted(folder.iterdir()) if p.is_dir()] if folder.is_dir() else []
+    found = [p.name for p in inner if any(known.matches(p) for known in all_formats())]
     return f", but its folder {found[0]} is: open {folder / found[0]}" if found else ""
 
 

@@ -11,10 +11,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from kg.errors import GraphError, QueryParameterError, did_you_mean
+from kg.extensions import EXPORTERS, extensions, load_extension
 from planner.cli.arguments import add_map, start_pose, whole
 from planner.cli.console import note
 
 if TYPE_CHECKING:
+    from kg.export.exporter import Exporter
     from kg.maps.semantic_map import SemanticMap
     from planner.viewers.scene import Scene, ScenePlan
 
@@ -38,7 +40,8 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "--format",
         metavar="FORMAT",
         help="ttl, trig, nq, nt, jsonld or rdfxml; json, geojson; mcap, rrd, bag (default: by the "
-        "ending of FILE; .json is JSON-LD); or reference: FILE is then a folder for the thesis' "
+        "ending of FILE; .json is JSON-LD); the name of an exporter that an extension adds; or "
+        "reference: FILE is then a folder for the thesis' "
         "own saved_objects.json and saved_places.json",
     )
     parser.add_argument("-o", "--output", required=True, metavar="FILE", help="file to write")
@@ -95,6 +98,8 @@ def run(arguments: argparse.Namespace) -> int:
             note(f"wrote {_write_reference(semantic_map, output)}")
         elif chosen in _DOCUMENTS:
             note(f"wrote {output}: {_write_document(semantic_map, output, chosen, arguments)}")
+        elif chosen in extensions(EXPORTERS):
+            note(f"wrote {output}: {_exporter(chosen).write(semantic_map, output)}")
         elif chosen in _SCENES:
             note(f"wrote {output}: {_write_scene(semantic_map, output, chosen, arguments)}")
         else:
@@ -128,7 +133,7 @@ def _chosen_format(given: str | None, output: Path) -> str:
     """The format that `--format` or the ending of the file names; raises GraphError for neither."""
     from kg.export.serialization import FORMATS, is_format
 
-    names = (*FORMATS, *_DOCUMENTS, *_SCENES, "reference")
+    names = (*FORMATS, *_DOCUMENTS, *_SCENES, "reference", *extensions(EXPORTERS))
     if given is not None:
         if given not in names and not is_format(given):
             raise GraphError(
@@ -138,12 +143,20 @@ def _chosen_format(given: str | None, output: Path) -> str:
         return given
     endings = {ending: name for name, endings in FORMATS.items() for ending in endings}
     endings |= {ending: name for name, ending in (_DOCUMENTS | _SCENES).items() if ending}
+    if output.suffix.lower() not in endings:
+        endings |= {_exporter(name).ending: name for name in extensions(EXPORTERS)}
     if (chosen := endings.get(output.suffix.lower())) is None:
         raise GraphError(
             f"cannot tell the format of {output.name!r} from its ending; name a format "
             f"({', '.join(names)}) or end it with one of: {', '.join(endings)}"
         )
     return chosen
+
+
+def _exporter(name: str) -> Exporter:
+    from kg.export.exporter import Exporter
+
+    return load_extension(EXPORTERS, name, Exporter)
 
 
 def _write_reference(semantic_map: SemanticMap, folder: Path) -> str:

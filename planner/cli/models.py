@@ -36,9 +36,9 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 def run_list(arguments: argparse.Namespace) -> int:
     """List the networks."""
-    from perception.inference.model_zoo import known_models
+    from perception.inference.model_zoo import extension_cards, known_models
 
-    models = known_models()
+    models = (*known_models(), *extension_cards())
     if arguments.json:
         write_json([model.to_json() for model in models])
         return 0

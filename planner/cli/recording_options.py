@@ -54,7 +54,8 @@ def _add_source_options(camera: argparse._ArgumentGroup) -> None:
     camera.add_argument(
         "--format",
         default="auto",
-        help="auto, tum, 7scenes, trajectory-log, hololens, stray-scanner or bag (default: auto)",
+        help="auto, tum, 7scenes, trajectory-log, hololens, stray-scanner, bag, or the format of "
+        "an extension (default: auto)",
     )
     camera.add_argument("--name", help="name of the recording in the map (default: its folder)")
     add_intrinsics_options(camera)
@@ -175,9 +176,9 @@ def _add_network_options(networks: argparse._ArgumentGroup) -> None:
         "--detector",
         default="default",
         metavar="NAME|FILE",
-        help="object detector, or a JSON file of recorded detections, here or in the recording's "
-        "folder; best: the best one that can be fetched, fetched if it is not here (default: the "
-        "bundled ones; see `hereabouts models list`)",
+        help="object detector by name, also that of an extension, or a JSON file of recorded "
+        "detections, here or in the recording's folder; best: the best one that can be fetched, "
+        "fetched if it is not here (default: the bundled ones; see `hereabouts models list`)",
     )
     networks.add_argument(
         "--second-detector",
