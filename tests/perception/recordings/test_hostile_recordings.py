@@ -38,7 +38,7 @@ def test_folders_that_are_no_recording(tmp_path):
     assert "does not exist" in refusal_at_opening(tmp_path / "nowhere")
     assert "is empty" in refusal_at_opening(tmp_path)
     (tmp_path / "holiday.txt").write_text("sun")
-    assert "is not a folder" in refusal_at_opening(tmp_path / "holiday.txt")
+    assert "no recording of a known format" in refusal_at_opening(tmp_path / "holiday.txt")
     message = refusal_at_opening(tmp_path)
     for name in ("7scenes", "tum", "trajectory-log", "hololens", "groundtruth.txt", "poses.txt"):
         assert name in message
