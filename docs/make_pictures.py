@@ -25,7 +25,7 @@ from PIL import Image
 
 from kg.opening import open_map
 from kg.server import MapServer, Settings
-from planner.plans.find_answer import find_answer
+from planner.plans.report import find_answer
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page

@@ -25,6 +25,10 @@ class BeliefSettings:
 
 
 BELIEF: Final = BeliefSettings()
+#: [m/s] driving speed, fitted to the thesis' Table 4.5 (R^2 0.965)
+SPEED: Final = 0.2412
+#: [s] to turn once and look at a place; thesis section 4.4
+LOOK_AROUND: Final = 41.79
 #: chance to be found from which on a plan needs no more looks, of all that looking can find
 ENOUGH: Final = 0.97
 #: a look that finds less than this share of what its plan finds is left out

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kg.errors import HereaboutsError
-from planner.freespace.travel import SearchModel, expected_seconds
+from planner.plans.thesis_rules import SearchModel, expected_seconds
 
 FloatArray = NDArray[np.floating]
 

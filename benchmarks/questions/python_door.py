@@ -11,7 +11,7 @@ from benchmarks.questions.row_doors import in_order
 from kg.records import ObjectRecord
 from planner.goals.moves import moved_things
 from planner.goals.status import status
-from planner.plans.find_answer import planned
+from planner.plans.view_plan import planned
 
 _PRESENT = 0.5  # existence
 _EVERYWHERE = 100.0  # [m]

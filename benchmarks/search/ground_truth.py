@@ -13,8 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.freespace.grid import FreeSpace
-from planner.freespace.line_of_sight import visible_cells
+from planner.freespace.grid import FreeSpace, visible_cells
 from planner.viewpoints.candidate_views import square as square_of
 from planner.viewpoints.sensor import Sensor, angle_between
 

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from benchmarks.search.ground_truth import HiddenObject
 from benchmarks.search.home_space import HomeSpace
 from benchmarks.search.view_policy import PRESENT, Ablation, initial_state
-from planner.belief.cell_belief import room_weights
+from planner.belief import room_weights
 from planner.freespace.grid import Cells, FreeSpace
 from planner.plans.view_plan import plan
 from planner.viewpoints.next_best_view import RobotState
@@ -72,7 +72,7 @@ def room_instances(
 ) -> NDArray[np.float64]:
     """(k, c) chance that what a room holds lies in each cell, room by room.
 
-    Rooms are independent of each other, as in `planner.belief.target_belief`. A share `everywhere`
+    Rooms are independent of each other, as in `planner.belief`. A share `everywhere`
     of each is spread over all cells. Where no room holds any, all may.
     """
     weight = room_weights(space, cells, chances)

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from benchmarks.ordering.problem import OrderingProblem
 from benchmarks.ordering.solver import solve
 from kg.records import PlaceRecord
-from planner.freespace.travel import Travel, distances
 from planner.goals.search_goals import Goal
+from planner.plans.thesis_rules import Travel, distances
 from planner.viewpoints.sensor import Motion, Sensor, angle_between
 
 Point = NDArray[np.float64]

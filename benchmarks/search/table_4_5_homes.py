@@ -37,9 +37,8 @@ from benchmarks.search.view_policy import Ablation, ours
 from benchmarks.thesis.table_4_5 import TableRow, reference_world, table_4_5
 from kg.records import PlaceRecord
 from planner.freespace.grid import Room
-from planner.freespace.travel import Travel, distances
 from planner.goals.search_goals import Goal, derive_goals
-from planner.plans.thesis_rules import nearest_first
+from planner.plans.thesis_rules import Travel, distances, nearest_first
 from planner.viewpoints.sensor import Motion
 
 

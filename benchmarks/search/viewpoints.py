@@ -23,8 +23,7 @@ from benchmarks.search.homes import read_homes
 from benchmarks.thesis.table_4_5 import reference_world
 from planner.freespace.floor_plan import free_space, shifts
 from planner.freespace.geodesic import distance_fields
-from planner.freespace.grid import FreeSpace, Room
-from planner.freespace.line_of_sight import visible_cells
+from planner.freespace.grid import FreeSpace, Room, visible_cells
 from planner.viewpoints.coverage import room_viewpoints
 from planner.viewpoints.sensor import Sensor
 

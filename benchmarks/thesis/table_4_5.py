@@ -25,9 +25,8 @@ from benchmarks.thesis.scenarios import (
 from kg.maps.semantic_map import SemanticMap
 from kg.opening import in_memory_map
 from kg.records import MapUpdate, PlaceRecord
-from planner.freespace.travel import Travel
 from planner.goals.search_goals import derive_goals
-from planner.plans.thesis_rules import brute_force, nearest_first
+from planner.plans.thesis_rules import Travel, brute_force, nearest_first
 
 _ABOUT = """\
 Printed by `python -m benchmarks.thesis` from `benchmarks/thesis/`; a test keeps it equal. The

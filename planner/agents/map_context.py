@@ -10,7 +10,7 @@ from kg.errors import QueryParameterError, UnknownCategoryError
 from kg.history.timestamps import iso
 from kg.maps.semantic_map import SemanticMap
 from planner.agents.answers import MapIdentity
-from planner.freespace.places import Row
+from planner.freespace.planning_map import Row
 from planner.goals.candidate_queries import map_time
 
 

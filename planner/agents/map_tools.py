@@ -16,11 +16,11 @@ from kg.records import PlaceRecord
 from kg.workers.limited_queries import LimitedQueries
 from planner.agents import answers as a
 from planner.agents.map_context import MapContext, number_or_none, time_or_none
-from planner.freespace.places import Row
+from planner.freespace.planning_map import Row
 from planner.goals.known_objects import KnownObject, known_objects
+from planner.goals.search_goals import whereabouts
 from planner.goals.status import PlaceStatus, status
 from planner.goals.targets import resolve
-from planner.goals.whereabouts import whereabouts
 
 Word = Annotated[str, Field(min_length=1, max_length=100)]
 ThingName = Annotated[str, Field(min_length=1, max_length=300, description="object/17 or its IRI")]

@@ -19,8 +19,7 @@ from planner.execution.protocol import RobotPose
 from planner.execution.viewpoint_adapter import NextView
 from planner.goals.known_objects import known_objects
 from planner.goals.targets import resolve
-from planner.plans.find_answer import Start, planned, robot_start
-from planner.plans.view_plan import ViewStep
+from planner.plans.view_plan import Start, ViewStep, planned, robot_start
 
 Wanted = Annotated[
     list[Word], Field(min_length=1, max_length=5, description='cup, or "something to sit on"')

@@ -108,8 +108,7 @@ def _planning_state(
 
 def _floor(semantic_map: SemanticMap, grid: Path) -> FreeSpace:
     from planner.freespace.map_server import space_of_grid
-    from planner.freespace.places import all_places
-    from planner.freespace.planning_map import room_of
+    from planner.freespace.planning_map import all_places, room_of
 
     places = all_places(semantic_map)
     return space_of_grid(grid, [room_of(place) for place in places])
@@ -118,7 +117,8 @@ def _floor(semantic_map: SemanticMap, grid: Path) -> FreeSpace:
 def _by_viewpoints(
     semantic_map: SemanticMap, state: PlanningState, arguments: argparse.Namespace
 ) -> int:
-    from planner.plans.find_answer import answer_json, plan_from
+    from planner.plans.report import answer_json
+    from planner.plans.view_plan import plan_from
 
     found = plan_from(semantic_map, state, arguments.start, budget=arguments.budget)
     if arguments.picture:
@@ -189,10 +189,9 @@ def _print(found: ViewPlan, *, explain: bool) -> None:
 
 def _by_reference(semantic_map: SemanticMap, arguments: argparse.Namespace) -> int:
     """The thesis' rule or its baseline, on one target and without geometry."""
-    from planner.freespace.travel import Travel
     from planner.goals.search_goals import resolve_target
-    from planner.plans.find_answer import robot_start
-    from planner.plans.thesis_rules import brute_force, plan_search
+    from planner.plans.thesis_rules import Travel, brute_force, plan_search
+    from planner.plans.view_plan import robot_start
 
     if len(arguments.object) > 1:
         raise QueryParameterError(
@@ -221,7 +220,7 @@ def _without_floor(semantic_map: SemanticMap, arguments: argparse.Namespace) -> 
     """Error for a map without places: why there is nowhere to look."""
     from planner.goals.search_goals import explain_none
     from planner.goals.targets import resolve
-    from planner.plans.find_answer import empty_answer
+    from planner.plans.report import empty_answer
 
     targets = resolve(semantic_map, arguments.object)
     if arguments.json:

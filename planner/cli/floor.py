@@ -40,7 +40,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 def run(arguments: argparse.Namespace) -> int:
     """Write the files."""
     from kg.opening import open_map
-    from planner.freespace.map_server_export import write_grid
+    from planner.freespace.map_server import write_grid
 
     output = Path(arguments.output)
     with open_map(arguments.map, read_only=True) as semantic_map:

@@ -52,8 +52,8 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 def run(arguments: argparse.Namespace) -> int:
     """Draw the picture."""
     from kg.opening import open_map
-    from planner.plans.find_answer import plan_from
     from planner.plans.search_state import build_search
+    from planner.plans.view_plan import plan_from
     from planner.visualization.drawing import SHOWN_EXISTENCE
     from planner.visualization.map_plot import plot_map
     from planner.visualization.plan_plot import plot_plan

@@ -26,8 +26,7 @@ from planner.settings import BELIEF
 
 if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
-    from planner.execution.events import Event
-    from planner.execution.options import SearchOptions
+    from planner.execution.options import Event, SearchOptions
     from planner.execution.robot import Robot
     from planner.viewers.viewer import Viewer
 

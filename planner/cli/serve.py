@@ -118,7 +118,7 @@ def _serve(arguments: argparse.Namespace) -> int:
     from kg.opening import open_map, open_or_create_map
     from kg.server import MapServer
     from kg.store.gc_freezing import gc_frozen
-    from planner.plans.find_answer import find_answer
+    from planner.plans.report import find_answer
 
     settings, keep = _settings(arguments), keep_seconds(arguments)
     inputs = _inputs(arguments)

@@ -1,4 +1,8 @@
-"""Object updates from what a robot sees: pictures are mapped as recordings are, else positions."""
+"""Object updates from a search: pictures are mapped as a recording's, else positions are.
+
+Objects that a look should have shown and did not lose existence. Objects related to a target call
+for a new plan.
+"""
 
 from __future__ import annotations
 
@@ -16,6 +20,9 @@ from mapping.places.place_registry import PlaceRegistry
 from mapping.relations.relation_mapper import RelationMapper
 from mapping.sighting import Sighting
 from planner.execution.protocol import Detected, DetectionsMessage, RobotPose, View
+from planner.execution.search_log import SearchLog
+from planner.execution.viewpoint_adapter import ViewpointAdapter
+from planner.goals.targets import Target
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,3 +135,47 @@ class ObjectUpdates:
         if record is None:
             return AssociatedDetection(thing, category, None, existence)
         return AssociatedDetection(thing, record.category, iri, record.existence)
+
+
+def decay_missed(
+    records: Sequence[ObjectRecord],
+    objects: ObjectUpdates,
+    adapter: ViewpointAdapter,
+    log: SearchLog,
+) -> ObjectChanges:
+    """Changes to those of `records` that later looks of the search covered in vain."""
+    changes = ObjectChanges()
+    for record in records:
+        times = sum(
+            adapter.shows(look, record.p_map)
+            for look in log.looks
+            if look.stamp > record.last_seen and not look.found
+        )
+        if times and record.iri not in log.record.found:
+            changes = changes.followed_by(objects.decay(record.iri, times, adapter.recall))
+    return changes
+
+
+class RelatedObjects:
+    """Objects related to `targets` by NearBy relations, as of the last question."""
+
+    def __init__(self, semantic_map: SemanticMap, targets: Sequence[Target]) -> None:
+        self._map = semantic_map
+        self._known = self._query(targets)
+
+    def new_among(
+        self, records: Sequence[ObjectRecord], targets: Sequence[Target]
+    ) -> list[ObjectRecord]:
+        """Those of `records` that are related to `targets` and were not at the last question."""
+        if not targets:
+            return []
+        before, self._known = self._known, self._query(targets)
+        return [record for record in records if record.iri in self._known - before]
+
+    def _query(self, targets: Sequence[Target]) -> frozenset[str]:
+        return frozenset(
+            str(row["iri"])
+            for target in targets
+            for category in target.queried
+            for row in self._map.query("goals-nearby", category=category).records()
+        )

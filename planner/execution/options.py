@@ -1,14 +1,13 @@
-"""Options and outcome of a search with a robot."""
+"""Options, events and outcome of a search with a robot."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from kg.records import SearchState
-from planner.execution.events import EventSink
 from planner.settings import BELIEF
 
 
@@ -60,3 +59,19 @@ class SearchOptions:
     stopping: Callable[[], bool] = field(default=lambda: False)
     on_event: EventSink = field(default=lambda event: None)
     clock: Callable[[], float] = time.time  # for what is written
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """One thing that happened, for people and for programs."""
+
+    kind: str  # begin, plan, arrived, look, seen, found, surprise, note, end
+    text: str  # for people, one line
+    data: Mapping[str, Any] = field(default_factory=dict)  # plain values
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values, for a line of JSON."""
+        return {"event": self.kind, **self.data, "text": self.text}
+
+
+EventSink = Callable[[Event], None]

@@ -7,8 +7,7 @@ from typing import Any
 
 from kg.records import LookRecord, SearchRecord
 from planner.execution.detection_verification import TargetDetection
-from planner.execution.events import Event, EventSink
-from planner.execution.options import SearchOutcome, percent
+from planner.execution.options import Event, EventSink, SearchOutcome, percent
 from planner.execution.protocol import Detected, RobotPose
 from planner.execution.viewpoint_adapter import NextView
 

@@ -20,11 +20,13 @@ from planner.execution.detection_verification import (
     DetectionVerifier,
     TargetDetection,
 )
-from planner.execution.failed_goals import FailedGoals
-from planner.execution.missed_objects import decay_missed
-from planner.execution.object_updates import DetectionUpdate, ObjectUpdates
+from planner.execution.object_updates import (
+    DetectionUpdate,
+    ObjectUpdates,
+    RelatedObjects,
+    decay_missed,
+)
 from planner.execution.options import SearchOptions, SearchOutcome
-from planner.execution.passing_views import PassingViews
 from planner.execution.protocol import (
     Arrived,
     Blocked,
@@ -34,12 +36,16 @@ from planner.execution.protocol import (
     Hello,
     RobotPose,
 )
-from planner.execution.related_objects import RelatedObjects
 from planner.execution.reporter import Reporter
 from planner.execution.robot import Robot
 from planner.execution.robot_session import RobotSession, SearchStopped
 from planner.execution.search_log import SearchLog, recent_obstacles, to_resume
-from planner.execution.viewpoint_adapter import NextView, ViewpointAdapter
+from planner.execution.viewpoint_adapter import (
+    FailedGoals,
+    NextView,
+    PassingViews,
+    ViewpointAdapter,
+)
 from planner.goals.targets import Target, resolve
 
 LOST: Final = 3.0  # [m] a robot that arrives this far off is not where it was sent

@@ -1,14 +1,19 @@
-"""Viewpoint adapter: the planning state in terms of a robot's poses, messages and obstacles."""
+"""Viewpoint adapter: the planning state in terms of a robot's poses, messages and obstacles.
+
+It also counts failed goals, and keeps the pictures taken on the way to a viewpoint.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
-from kg.errors import LayoutError
+from kg.errors import LayoutError, RobotError
 from kg.maps.semantic_map import SemanticMap
 from kg.records import LookRecord, ObstacleRecord
 from mapping.places.viewed_floor import FloorView
@@ -272,3 +277,53 @@ def motion_of(robot: Hello) -> Motion:
 
 def _sentence(candidate: Candidate) -> str:
     return f"{candidate.label}: {'; '.join(candidate.facts)}"
+
+
+MOST_FAILURES: Final = 25  # commands that fail with no look between them
+MOST_TRIES: Final = 2  # of one goal
+
+
+class FailedGoals:
+    """Failures since the last look, and of each goal (to 0.1 m)."""
+
+    def __init__(self) -> None:
+        self._of_goal: Counter[tuple[float, float]] = Counter()
+        self._in_a_row = 0
+
+    def add(self, goal: NextView, reason: str) -> bool:
+        """Whether `goal` counts as unreachable now; RobotError where nothing works any more."""
+        self._in_a_row += 1
+        if self._in_a_row >= MOST_FAILURES:
+            raise RobotError(f"{MOST_FAILURES} commands in a row failed, the last one: {reason}")
+        key = round(goal.x, 1), round(goal.y, 1)
+        self._of_goal[key] += 1
+        return self._of_goal[key] >= MOST_TRIES
+
+    def looked(self) -> None:
+        """A look worked."""
+        self._in_a_row = 0
+
+
+_APART: Final = 1.0  # [m] pictures that are nearer to each other show the same
+_TURNED: Final = 0.8  # [rad] unless the camera turned by more
+
+
+class PassingViews:
+    """Camera poses (x [m], y [m], heading [rad]) in the map frame, thinned as they are added."""
+
+    def __init__(self) -> None:
+        self._poses: list[tuple[float, float, float]] = []
+
+    def __iter__(self) -> Iterator[tuple[float, float, float]]:
+        return iter(self._poses)
+
+    def add(self, pose: RobotPose, goal: NextView) -> None:
+        """Add a view in vain, unless it repeats the last one or the look planned at `goal`."""
+        if math.hypot(pose.x - goal.x, pose.y - goal.y) < _APART:
+            return
+        if self._poses:
+            x, y, heading = self._poses[-1]
+            turned = abs(math.remainder(pose.heading - heading, 2 * math.pi))
+            if math.hypot(pose.x - x, pose.y - y) < _APART and turned < _TURNED:
+                return
+        self._poses.append((round(pose.x, 2), round(pose.y, 2), round(pose.heading, 2)))

@@ -1,14 +1,16 @@
-"""Occupancy grids from files: the YAML and image of ROS' map_server, and numpy arrays.
+"""Occupancy grids as files of ROS' map_server (YAML and image), read and written, or numpy arrays.
 
 The convention of map_server (http://wiki.ros.org/map_server): row 0 of the image is the largest y;
 occupancy is (255 - value) / 255, or value / 255 with `negate: 1`; above `occupied_thresh` a cell is
 occupied, below `free_thresh` free, between unknown; `origin` is the pose of the lower left corner.
 The image may be an npy array instead, of occupancies as in nav_msgs/OccupancyGrid: (rows, columns),
--1 for unknown and 0 to 100 else, row 0 at the smallest y.
+-1 for unknown and 0 to 100 else, row 0 at the smallest y. Files are written as map_saver writes
+them, with 254 for free, 0 for occupied and 205 for unknown.
 """
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,6 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.errors import LayoutError
+from kg.store.atomic_file import write_atomically
+from mapping.occupancy.mapped_floor import MappedFloor
 from planner.freespace.grid import FreeSpace, Room
 from planner.freespace.occupancy_grid import Occupancy, space_of_occupancy
 
@@ -177,3 +181,45 @@ def _pixels(body: bytes, binary: bool, most: int, path: Path) -> NDArray[np.floa
             raise LayoutError(f"{path.name} is damaged: a pixel is no number") from error
     wide = most > 255
     return np.frombuffer(body[: len(body) // 2 * 2] if wide else body, ">u2" if wide else "u1")
+
+
+#: by UNKNOWN, FREE, LOW, TALL: what one looks over stops a robot all the same
+_SHADES: Final = np.array([205, 254, 0, 0], np.uint8)
+_PLAIN: Final = re.compile(r"[A-Za-z]\w*(?:[.-]\w+)*")
+_ENDINGS: Final = (".yaml", ".yml")
+
+
+def write_grid(floor: MappedFloor, path: Path) -> Path:
+    """Write `floor` to the YAML file `path` and a PGM beside it; returns the image's path.
+
+    Raises LayoutError for another ending or a name that is no text, GraphError where one of them
+    cannot be written.
+    """
+    if path.suffix.lower() not in _ENDINGS:
+        raise LayoutError(
+            f"{path.name}: a map_server file ends with .yaml, and its image with .pgm"
+        )
+    if not path.name.isprintable():
+        raise LayoutError(f"{path.name!r}: the image is named in the YAML file, so it must be text")
+    floor = floor.cropped()
+    x, y = (float(c) for c in floor.origin)
+    rows = _SHADES[floor.states].T[::-1]
+    image = path.with_suffix(".pgm")
+    header = f"P5\n{rows.shape[1]} {rows.shape[0]}\n255\n".encode("ascii")
+    write_atomically(image, header + np.ascontiguousarray(rows).tobytes())
+    write_atomically(
+        path,
+        f"image: {_as_yaml(image.name)}\n"
+        "mode: trinary\n"
+        f"resolution: {floor.resolution:g}\n"
+        f"origin: [{x:.4f}, {y:.4f}, 0.0]\n"
+        "negate: 0\n"
+        "occupied_thresh: 0.65\n"
+        "free_thresh: 0.196\n",
+    )
+    return image
+
+
+def _as_yaml(name: str) -> str:
+    """`name` as it is where YAML takes it for text, quoted elsewhere."""
+    return name if _PLAIN.fullmatch(name) else json.dumps(name, ensure_ascii=False)

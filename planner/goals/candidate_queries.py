@@ -18,11 +18,9 @@ from kg.maps.semantic_map import SemanticMap
 from kg.placement.table import PlacementTable
 from kg.query.query_files import Value
 from mapping.persistence import holds, learned_half_life, listed_half_life
-from planner.freespace.places import Place, Row, number
-from planner.freespace.planning_map import PlanningMap, UnexploredArea
-from planner.goals.search_goals import seen, times
+from planner.freespace.planning_map import Place, PlanningMap, Row, UnexploredArea, number
+from planner.goals.search_goals import seen, times, whereabouts
 from planner.goals.targets import Target
-from planner.goals.whereabouts import whereabouts
 from planner.settings import BeliefSettings
 
 Kind = Literal["known", "nearby", "place", "frontier"]

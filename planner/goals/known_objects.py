@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
 from kg.records import PlaceRecord
-from planner.freespace.places import number
+from planner.freespace.planning_map import number
 from planner.goals.candidate_queries import name, span, with_article
+from planner.goals.search_goals import whereabouts
 from planner.goals.status import stamp
 from planner.goals.targets import Target
-from planner.goals.whereabouts import whereabouts
 
 _LEAST: Final = 0.05  # existence below which an object is no answer
 LISTED: Final = 5  # objects that an answer in words lists

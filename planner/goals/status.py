@@ -13,7 +13,7 @@ from typing import Final, Literal, cast
 
 from kg.errors import QueryParameterError
 from kg.maps.semantic_map import SemanticMap
-from planner.freespace.places import Row, number
+from planner.freespace.planning_map import Row, number
 from planner.goals.search_goals import resolve_target
 
 Value = Literal["present", "gone", "hidden", "never looked"]

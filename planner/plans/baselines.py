@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.plans.nearest_neighbour import nearest_neighbour
+from planner.plans.orders import nearest_neighbour, room_order
 from planner.plans.rollout import PlanEvaluator, Rollout
-from planner.plans.room_order import room_order
 from planner.viewpoints.next_best_view import RobotState
 
 _SWEPT: float = 0.9  # share of what a room's looks can find that ends its sweep

@@ -1,4 +1,4 @@
-"""A plan as plain values for JSON, and in words."""
+"""Report of a plan: plain values for JSON, and text."""
 
 from __future__ import annotations
 
@@ -11,10 +11,19 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from kg.maps.semantic_map import SemanticMap
 from planner.goals.candidate_queries import Candidate
+from planner.goals.known_objects import known_json
+from planner.goals.targets import resolve
 from planner.plans.baselines import Baseline
-from planner.plans.search_state import ViewReason
-from planner.plans.view_plan import ViewPlan, ViewStep, VisitedCandidate
+from planner.plans.search_state import PlanningState, ViewReason, build_search
+from planner.plans.view_plan import (
+    ViewPlan,
+    ViewStep,
+    VisitedCandidate,
+    plan_from,
+    planned_ways,
+)
 
 _SAME_WEIGHT: Final = 0.5  # share of the weightiest reason from which on a second one is named
 
@@ -224,3 +233,37 @@ def step_lines(number: int, step: ViewStep) -> list[str]:
         f"Finds it here first with {step.probability:.3f}, which leaves {step.left:.3f}."
     )
     return lines
+
+
+def find_answer(semantic_map: SemanticMap, wanted: Sequence[str]) -> dict[str, object]:
+    """What `find --json` prints for `wanted`, by default settings from where the robot is.
+
+    Raises QueryParameterError for what is no object, UnknownCategoryError for an unknown word.
+    """
+    state = build_search(semantic_map, wanted)
+    if state is None:
+        return empty_answer([target.label for target in resolve(semantic_map, wanted)])
+    return answer_json(semantic_map, state, plan_from(semantic_map, state))
+
+
+def answer_json(
+    semantic_map: SemanticMap, state: PlanningState, found: ViewPlan
+) -> dict[str, object]:
+    """A plan with its ways, and what the map has of its targets, as plain values."""
+    ways = planned_ways(state, found, found.steps)
+    return {**plan_json(found, ways), "known": known_json(semantic_map, state.targets)}
+
+
+def empty_answer(targets: Sequence[str]) -> dict[str, object]:
+    """The answer of a map without floor, where there is nowhere to look."""
+    return {
+        "target": ", ".join(targets),
+        "targets": list(targets),
+        "goals": [],
+        "expected_seconds": None,
+        "probability": 0.0,
+        "present": 0.0,
+        "steps": [],
+        "alternatives": [],
+        "known": [],
+    }

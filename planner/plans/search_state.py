@@ -19,11 +19,15 @@ from kg.facts.occupancy import tiles_of_rows
 from kg.maps.room_statistics import placement_table
 from kg.maps.semantic_map import SemanticMap
 from mapping.occupancy.mapped_floor import mapped_floor
-from planner.belief.cell_belief import CellBelief
-from planner.belief.target_belief import TargetBelief, build_target_belief
+from planner.belief import CellBelief, TargetBelief, build_target_belief
 from planner.freespace.grid import Cells, FreeSpace
-from planner.freespace.places import Place, all_places
-from planner.freespace.planning_map import PlanningMap, planning_map_of, planning_map_on
+from planner.freespace.planning_map import (
+    Place,
+    PlanningMap,
+    all_places,
+    planning_map_of,
+    planning_map_on,
+)
 from planner.goals.candidate_queries import Candidate, CandidateQueries, map_time
 from planner.goals.targets import Target, resolve
 from planner.settings import BELIEF, MOST_ROOMS, MOST_ROUNDS, BeliefSettings
@@ -34,8 +38,7 @@ from planner.viewpoints.candidate_views import (
     picture,
 )
 from planner.viewpoints.coverage import covering_viewpoints
-from planner.viewpoints.next_best_view import NextBestView, RobotState
-from planner.viewpoints.revisits import RevisitModel
+from planner.viewpoints.next_best_view import NextBestView, RevisitModel, RobotState
 from planner.viewpoints.sensor import Motion, Sensor
 
 

@@ -1,21 +1,26 @@
-"""View plan: views in order for a planning state, with reasons and expected times."""
+"""View plan: viewpoints in order for a planning state, with reasons, expected times and the way."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from kg.errors import LayoutError
+from kg.maps.semantic_map import SemanticMap
+from planner.freespace.geodesic import shortest_path
 from planner.goals.candidate_queries import Candidate
 from planner.plans.baselines import Baseline, room_baselines
 from planner.plans.rollout import PlanEvaluator, Rollout
-from planner.plans.search_state import PlanningState, ViewReason
+from planner.plans.search_state import PlanningState, ViewReason, build_search
 from planner.settings import ENOUGH, IDLE, LEAST_CHANCE, MOST_LOOKS, TRIALS
 from planner.viewpoints.next_best_view import RobotState
+
+Start = tuple[float, float, float]  # x, y [m], heading [rad]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -171,3 +176,69 @@ def _gets_to(step: ViewStep, candidate: Candidate, chance: float) -> bool:
     if candidate.kind in ("place", "frontier"):
         return step.place == candidate.iri
     return chance > 0
+
+
+def planned_ways(
+    state: PlanningState, plan: ViewPlan, steps: Sequence[ViewStep]
+) -> list[NDArray[np.float64]]:
+    """The way (n, 2) [m] to the stop of each of `steps`, the first ones of `plan`."""
+    views, cell = state.views, state.space.nearest(plan.start)
+    ways = []
+    for step in steps:
+        viewpoint = int(views.viewpoint[step.view])
+        try:
+            cells = shortest_path(state.space, views.fields[viewpoint], cell)
+        except LayoutError:  # through a passage that no cell leads into
+            cells = np.array([cell, views.viewpoints[viewpoint]], np.intp)
+        ways.append(_smooth(state.space.centres(cells)))
+        cell = int(views.viewpoints[viewpoint])
+    return ways
+
+
+def planned_route(
+    state: PlanningState, plan: ViewPlan, steps: Sequence[ViewStep]
+) -> NDArray[np.float64]:
+    """(n, 2) [m] the whole way from the start over the stops of `steps`."""
+    return np.concatenate([plan.start[None, :], *planned_ways(state, plan, steps)])
+
+
+def _smooth(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 2) each point the mean of its neighbours within two, the ends kept."""
+    if len(points) < 5:
+        return points
+    padded = np.vstack([points[:1], points[:1], points, points[-1:], points[-1:]])
+    mean = np.mean([padded[i : i + len(points)] for i in range(5)], axis=0)
+    mean[0], mean[-1] = points[0], points[-1]
+    return np.asarray(mean, np.float64)
+
+
+def plan_from(
+    semantic_map: SemanticMap,
+    state: PlanningState,
+    start: Start | None = None,
+    *,
+    budget: float | None = None,
+    compare: bool = True,
+) -> ViewPlan:
+    """The plan on `state` from `start` or from where the robot is, as `plan` makes it."""
+    x, y, heading = start or robot_start(semantic_map)
+    return plan(state, (x, y), heading=heading, budget=budget, time_limit=math.inf, compare=compare)
+
+
+def robot_start(semantic_map: SemanticMap) -> Start:
+    """Where the robot is; the map's origin while it is nowhere."""
+    robot = semantic_map.robot()
+    if robot is None:
+        return 0.0, 0.0, 0.0
+    return float(robot.p_map[0]), float(robot.p_map[1]), robot.heading
+
+
+def planned(
+    semantic_map: SemanticMap, wanted: Sequence[str], start: Start | None = None
+) -> ViewPlan | None:
+    """The plan for `wanted` by default settings, from `start` or from where the robot is.
+
+    None for a map without floor. Raises as `find_answer`.
+    """
+    state = build_search(semantic_map, wanted)
+    return None if state is None else plan_from(semantic_map, state, start)

@@ -15,7 +15,7 @@ from kg.maps.semantic_map import SemanticMap
 from kg.records import RobotRecord
 from mapping.mapper import robot_at
 from perception.frames import Detections, Frame, SceneScores
-from planner.execution.events import Event
+from planner.execution.options import Event
 from planner.execution.protocol import Command, DetectionsMessage, Message, RobotPose
 from planner.execution.robot import Robot
 from planner.viewers.scene import ScenePlan, SceneReader, SceneStop

@@ -9,11 +9,9 @@ import numpy as np
 
 from kg.maps.semantic_map import SemanticMap
 from planner.execution.protocol import cleaned
-from planner.plans.find_answer import Start, plan_from
 from planner.plans.report import step_purpose
-from planner.plans.route import planned_route
 from planner.plans.search_state import build_search
-from planner.plans.view_plan import ViewStep
+from planner.plans.view_plan import Start, ViewStep, plan_from, planned_route
 from planner.viewers.scene import ScenePlan, SceneStop
 from planner.visualization.plan_plot import SAME, shown_steps
 

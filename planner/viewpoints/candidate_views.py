@@ -15,8 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mapping.places.viewed_floor import FloorView
 from planner.freespace.geodesic import distance_fields
-from planner.freespace.grid import Cells, FreeSpace
-from planner.freespace.line_of_sight import visible_cells
+from planner.freespace.grid import Cells, FreeSpace, visible_cells
 from planner.viewpoints.coverage import covering_viewpoints
 from planner.viewpoints.sensor import Motion, Sensor, angle_between
 

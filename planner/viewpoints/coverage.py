@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planner.freespace.grid import Cells, FreeSpace
-from planner.freespace.line_of_sight import visible_cells
+from planner.freespace.grid import Cells, FreeSpace, visible_cells
 
 _Seen = NDArray[np.bool_]
 

@@ -1,4 +1,4 @@
-"""What a camera on a robot makes of its surroundings, and what its moves and looks cost."""
+"""Sensor model of a camera on a robot, and the time that its moves and views take."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planner.freespace.travel import Travel
+from planner.settings import LOOK_AROUND, SPEED
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,10 +41,10 @@ class Sensor:
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """What moving and looking cost. Defaults are the thesis' robot (`Travel`)."""
+    """What moving and looking cost. Defaults are those of the thesis' robot."""
 
-    speed: float = Travel().speed  # [m/s]
-    turn_rate: float = 2 * np.pi / Travel().explore  # [rad/s]: a whole turn is the thesis' look
+    speed: float = SPEED  # [m/s]
+    turn_rate: float = 2 * np.pi / LOOK_AROUND  # [rad/s]: a whole turn is the thesis' look
     picture: float = 1.0  # [s] to stand still for one picture
 
     def __post_init__(self) -> None:

@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
-from planner.freespace.line_of_sight import visible_cells
+from planner.freespace.grid import visible_cells
 from planner.plans.report import direction, fact_chain, plan_lines, step_purpose
-from planner.plans.route import planned_route
 from planner.plans.search_state import PlanningState
-from planner.plans.view_plan import ViewPlan, ViewStep
+from planner.plans.view_plan import ViewPlan, ViewStep, planned_route
 from planner.viewpoints.sensor import angle_between
 from planner.visualization.drawing import SHOWN_EXISTENCE, Shade, Stop
 from planner.visualization.label_text import drawable

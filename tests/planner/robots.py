@@ -13,9 +13,8 @@ import numpy as np
 
 from kg.maps.semantic_map import SemanticMap
 from kg.records import MapUpdate, ObjectRecord, PlaceRecord
-from planner.execution.events import Event
 from planner.execution.line_transport import ChildRobot
-from planner.execution.options import SearchOptions, SearchOutcome
+from planner.execution.options import Event, SearchOptions, SearchOutcome
 from planner.execution.search_loop import search
 from planner.settings import BELIEF
 

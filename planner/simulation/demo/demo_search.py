@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from kg.errors import LayoutError
 from kg.maps.semantic_map import SemanticMap
-from planner.execution.events import Event
-from planner.execution.options import SearchOptions, SearchOutcome, percent
+from planner.execution.options import Event, SearchOptions, SearchOutcome, percent
 from planner.execution.search_loop import search
 from planner.execution.viewpoint_adapter import motion_of, sensor_of
 from planner.plans.baselines import Baseline, rated, turns_at_stops

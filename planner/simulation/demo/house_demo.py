@@ -27,7 +27,7 @@ from mapping.evaluation.class_scores import MapScore, Truth, score_map
 from mapping.places.layout import Layout, LayoutPlace
 from mapping.progress_report import FrameReport, MappingReport
 from mapping.recording_mapper import map_recording
-from planner.execution.events import Event
+from planner.execution.options import Event
 from planner.goals.status import PRESENT
 from planner.plans.report import plan_json
 from planner.simulation.demo.demo_search import DrivenSearch, PlannedSearch, carry_out, plan_for

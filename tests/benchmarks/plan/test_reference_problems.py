@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from benchmarks.thesis.table_4_5 import reference_world
-from planner.freespace.travel import Travel, distances
 from planner.goals.search_goals import derive_goals
+from planner.plans.thesis_rules import Travel, distances
 
 Shared = Callable[[str], Path]
 

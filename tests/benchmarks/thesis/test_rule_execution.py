@@ -8,9 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.thesis.rule_execution import follow, in_place, within
-from planner.freespace.travel import Travel
 from planner.goals.search_goals import Goal
-from planner.plans.thesis_rules import in_order, nearest_first
+from planner.plans.thesis_rules import Travel, in_order, nearest_first
 
 
 def goal(name: str, x: float, y: float, probability: float = 0.5) -> Goal:

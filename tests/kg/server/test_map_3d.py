@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from kg.records import FREE, TALL, FloorTile, MapUpdate, RobotRecord
-from planner.plans.find_answer import find_answer
+from planner.plans.report import find_answer
 from tests.kg.server.browser_pages import HOSTILE, OpenPage, says, serious_faults
 
 if TYPE_CHECKING:

@@ -8,9 +8,8 @@ import pytest
 
 from kg.maps.semantic_map import SemanticMap
 from kg.opening import in_memory_map
-from planner.execution.events import Event
 from planner.execution.object_updates import ObjectUpdates
-from planner.execution.options import SearchOutcome
+from planner.execution.options import Event, SearchOutcome
 from tests.planner.robots import ring, run
 
 AT = (5.0, 3.0, 0.8)  # [m] where `ring` puts its apple

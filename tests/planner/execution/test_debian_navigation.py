@@ -15,8 +15,7 @@ pytest.importorskip("rosbags")
 pytest.importorskip("onnx")
 from kg.opening import in_memory_map
 from perception.live.ros1 import Ros1Master
-from planner.execution.events import Event
-from planner.execution.options import SearchOptions
+from planner.execution.options import Event, SearchOptions
 from planner.execution.search_loop import search
 from planner.simulation.robot.ros1_node import Ros1HouseNode
 from tests.perception.live.debian_ros import free_port, started

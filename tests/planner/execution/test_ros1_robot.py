@@ -19,9 +19,8 @@ from kg.opening import in_memory_map
 from perception.live import connection, ros1, stream, tcpros
 from perception.recordings.bag_file import RawMessage
 from planner.execution import move_base
-from planner.execution.events import Event
 from planner.execution.move_base import MoveBase
-from planner.execution.options import SearchOptions
+from planner.execution.options import Event, SearchOptions
 from planner.execution.protocol import (
     Arrived,
     Command,

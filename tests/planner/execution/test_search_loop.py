@@ -13,8 +13,7 @@ from kg.maps.semantic_map import SemanticMap
 from kg.ontology.lint import check_map
 from kg.opening import in_memory_map
 from kg.records import MapUpdate, ObjectRecord, SearchState
-from planner.execution.events import Event
-from planner.execution.options import SearchOptions
+from planner.execution.options import Event, SearchOptions
 from planner.execution.protocol import Command, Message, RobotPose, encoded, message_of
 from planner.execution.robot import MessageQueue
 from planner.execution.search_log import SHUT, SearchLog, recent_obstacles

@@ -11,8 +11,7 @@ from benchmarks.thesis.table_4_5 import reference_world
 from kg.errors import LayoutError
 from planner.freespace.floor_plan import free_space
 from planner.freespace.geodesic import distance_fields, shortest_path
-from planner.freespace.grid import NO_ROOM, FreeSpace, Room
-from planner.freespace.line_of_sight import visible_cells
+from planner.freespace.grid import NO_ROOM, FreeSpace, Room, visible_cells
 from tests.planner.freespace.distances import metres_between
 
 quick = settings(max_examples=30, deadline=None)

@@ -11,8 +11,14 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from kg.errors import LayoutError
-from planner.freespace.fast_sweeping import FAR, UNIT, StepLengths, path_lengths
-from planner.freespace.geodesic import distance_fields, shortest_path
+from planner.freespace.geodesic import (
+    FAR,
+    UNIT,
+    StepLengths,
+    distance_fields,
+    path_lengths,
+    shortest_path,
+)
 from planner.freespace.grid import NO_ROOM, FreeSpace, Passage
 from tests.planner.freespace.distances import metres_between
 

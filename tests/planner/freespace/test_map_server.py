@@ -16,8 +16,7 @@ from kg.opening import in_memory_map
 from kg.records import MapUpdate, PlaceRecord
 from mapping.occupancy.connected_components import connected_components
 from planner.freespace.geodesic import distance_fields
-from planner.freespace.grid import NO_ROOM, FreeSpace, Room
-from planner.freespace.line_of_sight import visible_cells
+from planner.freespace.grid import NO_ROOM, FreeSpace, Room, visible_cells
 from planner.freespace.map_server import places_file, read_grid, space_of_grid
 from planner.freespace.occupancy_grid import Occupancy, space_of_occupancy
 from planner.plans.search_state import build_search

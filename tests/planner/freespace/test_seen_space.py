@@ -16,12 +16,10 @@ from kg.records import FREE, LOW, TALL, UNKNOWN, FloorTile, MapUpdate, PlaceReco
 from mapping.occupancy.mapped_floor import mapped_floor
 from planner.cli import main
 from planner.freespace.floor_plan import free_space
-from planner.freespace.frontiers import with_frontiers
 from planner.freespace.geodesic import distance_fields
-from planner.freespace.grid import NO_ROOM, FreeSpace, Room
-from planner.freespace.line_of_sight import visible_cells
+from planner.freespace.grid import NO_ROOM, FreeSpace, Room, visible_cells
 from planner.freespace.planning_map import PlanningMap
-from planner.freespace.seen_space import SeenSpace, seen_space
+from planner.freespace.seen_space import SeenSpace, seen_space, with_frontiers
 from planner.plans.report import step_lines
 from planner.plans.search_state import PlanningState, _viewpoints, build_search
 from planner.plans.view_plan import plan

@@ -10,7 +10,7 @@ import pytest
 from kg.maps.semantic_map import SemanticMap
 from kg.opening import in_memory_map
 from kg.records import MapUpdate, ObjectRecord, PlaceRecord, Relation
-from planner.goals.whereabouts import whereabouts
+from planner.goals.search_goals import whereabouts
 
 BASE = "http://example.org/lab/"
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from planner.plans.nearest_neighbour import nearest_neighbour
+from planner.plans.orders import nearest_neighbour
 
 
 def test_the_nearest_is_chosen_anew_after_each_item() -> None:

@@ -9,19 +9,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planner.belief.cell_belief import room_weights, site_weights
-from planner.belief.target_belief import TargetBelief
+from planner.belief import TargetBelief, room_weights, site_weights
 from planner.freespace.floor_plan import free_space
-from planner.freespace.grid import FreeSpace, Room
-from planner.freespace.line_of_sight import visible_cells
+from planner.freespace.grid import FreeSpace, Room, visible_cells
 from planner.freespace.planning_map import PlanningMap
 from planner.goals.targets import Target
 from planner.plans.search_state import PlanningState
 from planner.settings import MOST_ROUNDS, BeliefSettings
 from planner.viewpoints.candidate_views import CandidateViews, candidate_views
 from planner.viewpoints.coverage import covering_viewpoints, room_viewpoints
-from planner.viewpoints.next_best_view import RobotState
-from planner.viewpoints.revisits import RevisitModel
+from planner.viewpoints.next_best_view import RevisitModel, RobotState
 from planner.viewpoints.sensor import Sensor
 
 quick = settings(max_examples=30, deadline=None)

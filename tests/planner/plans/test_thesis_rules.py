@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from kg.opening import in_memory_map
 from kg.records import MapUpdate, PlaceRecord, RobotRecord
-from planner.freespace.travel import Travel
 from planner.goals.search_goals import Goal
 from planner.plans.thesis_rules import (
+    Travel,
     brute_force,
     nearest_first,
     plan_search,

@@ -9,14 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planner.belief.cell_belief import belief_from, room_weights
+from planner.belief import belief_from, room_weights
 from planner.freespace.floor_plan import free_space
-from planner.freespace.grid import FreeSpace, Room
-from planner.freespace.line_of_sight import visible_cells
+from planner.freespace.grid import FreeSpace, Room, visible_cells
 from planner.viewpoints.candidate_views import CandidateViews, candidate_views, picture
 from planner.viewpoints.coverage import room_viewpoints
-from planner.viewpoints.next_best_view import NextBestView, RobotState
-from planner.viewpoints.revisits import RevisitModel
+from planner.viewpoints.next_best_view import NextBestView, RevisitModel, RobotState
 from planner.viewpoints.sensor import Motion, Sensor
 
 quick = settings(max_examples=30, deadline=None)

@@ -8,7 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from planner.freespace.travel import Travel, arrival_seconds, distances, expected_seconds, travelled
+from planner.plans.thesis_rules import (
+    Travel,
+    arrival_seconds,
+    distances,
+    expected_seconds,
+    travelled,
+)
 
 coordinate = st.floats(-50, 50, allow_nan=False)
 positions = st.lists(st.tuples(coordinate, coordinate), min_size=1, max_size=7)

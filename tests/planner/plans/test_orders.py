@@ -7,7 +7,7 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from planner.plans.room_order import MAX_IMPROVED, expected_cost, ratio_rule, room_order
+from planner.plans.orders import MAX_IMPROVED, expected_cost, ratio_rule, room_order
 
 
 def _rooms(count: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

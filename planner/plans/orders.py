@@ -1,8 +1,9 @@
-"""Room order: the ratio rule, improved by 2-opt and or-opt (minimum latency problem)."""
+"""Orders of places: nearest neighbour, and the ratio rule improved by 2-opt and or-opt."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,3 +67,19 @@ def _moves(n: int) -> Iterator[list[int]]:
             for at in range(len(rest) + 1):
                 if at != i:
                     yield [*rest[:at], *range(i, i + length), *rest[at:]]
+
+
+T = TypeVar("T")
+
+
+def nearest_neighbour(items: Iterable[T], metres: Callable[[T | None, T], float]) -> Iterator[T]:
+    """Yields `items` in nearest-neighbour order; of those equally near, the one given first.
+
+    `metres(here, item)` is the distance [m] from the item that was last yielded, None at the start.
+    It is called anew before each item, so that it may depend on where a robot is by then.
+    """
+    left, here = list(items), None
+    while left:
+        distances = [metres(here, item) for item in left]
+        here = left.pop(distances.index(min(distances)))
+        yield here
