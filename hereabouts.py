@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from kg.server.http.settings import Settings as ServerSettings
     from kg.server.map_server import MapServer
     from mapping.mapper import Mapper
+    from mapping.mapping_options import MappingOptions
     from mapping.recording_mapper import map_recording
     from mapping.sighting import Sighting
     from perception.camera.intrinsics import Intrinsics
@@ -49,6 +50,7 @@ if TYPE_CHECKING:
     from perception.recordings.listing import Format as RecordingFormat
     from perception.recordings.listing import FrameEntry, RecordingListing
     from perception.recordings.recording import open_recording
+    from perception.recordings.recording_options import RecordingOptions
     from planner.plans.search_state import build_search
     from planner.plans.view_plan import plan as find
 
@@ -74,6 +76,7 @@ __all__ = [
     "MapServer",
     "MapUpdate",
     "Mapper",
+    "MappingOptions",
     "ObjectRecord",
     "OntologyError",
     "PlaceRecord",
@@ -81,6 +84,7 @@ __all__ = [
     "RecordingError",
     "RecordingFormat",
     "RecordingListing",
+    "RecordingOptions",
     "RobotRecord",
     "SceneScores",
     "SemanticMap",
@@ -120,8 +124,10 @@ _SOURCES = {
     "perception.recordings.listing": "Format:RecordingFormat RecordingListing FrameEntry",
     "kg.export.exporter": "Exporter",
     "perception.recordings.recording": "open_recording",
+    "perception.recordings.recording_options": "RecordingOptions",
     "perception.inference.detector": "load_detector",
     "mapping.mapper": "Mapper",
+    "mapping.mapping_options": "MappingOptions",
     "mapping.sighting": "Sighting",
     "mapping.recording_mapper": "map_recording",
     "planner.plans.search_state": "build_search",

@@ -21,12 +21,14 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from kg.facts.occupancy import encoded
 from kg.maps.semantic_map import SemanticMap
 from kg.opening import create_map, in_memory_map
+from mapping.mapping_options import MappingOptions
 from mapping.occupancy.occupancy_map import OccupancyMap
 from mapping.recording_mapper import map_recording
 from perception.frames import Detector, Frame, Recording, SceneClassifier
 from perception.inference.detector import load_detector
 from perception.inference.scene_classifier import load_scene_classifier
 from perception.recordings.recording import open_recording
+from perception.recordings.recording_options import RecordingOptions
 from planner.simulation.houses.house import furnished_house
 from planner.simulation.robot.mapping_tour import SimulatedTour
 from planner.simulation.sensing.camera import SimulatedCamera
@@ -65,7 +67,7 @@ def mapped(
     path = folder / f"{recording.name}-{floor}.map"
     semantic_map = create_map(path)
     before = time.process_time()
-    map_recording(recording, semantic_map, detector, scene, occupancy=floor)
+    map_recording(recording, semantic_map, detector, scene, options=MappingOptions(occupancy=floor))
     spent = time.process_time() - before
     semantic_map.store.flush()
     history = sum(file.stat().st_size for file in path.glob("history.sqlite*"))
@@ -121,7 +123,7 @@ def main() -> None:
     sys.stdout.write(f"{HEADER}\n{'|---' * HEADER.count(' | ')}|---|\n")
     for folder in arguments.recordings:
         T = transform(arguments.transforms, folder.name)
-        recording = Timed(open_recording(folder, T_map_world=T))
+        recording = Timed(open_recording(folder, RecordingOptions(T_map_world=T)))
         networks = load_detector("default"), load_scene_classifier()
         sys.stdout.write(row(recording, *networks) + "\n")
     if arguments.demo:

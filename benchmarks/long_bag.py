@@ -26,6 +26,7 @@ from benchmarks.command_line import run as run_benchmark
 from perception.recordings.bag_writer import write_bag
 from perception.recordings.listing import FrameEntry, StoredImage
 from perception.recordings.recording import FolderRecording, open_recording
+from perception.recordings.recording_options import RecordingOptions
 
 RATE = 5.0  # frames a second
 SIZE = (160, 120)  # [px]
@@ -56,7 +57,7 @@ class SmallImage:
 
 def played(path: Path, frames: int) -> FolderRecording:
     """The recording forwards and backwards until it has so many small frames."""
-    whole = open_recording(path, check=False)
+    whole = open_recording(path, RecordingOptions(check=False))
     listing = replace(whole.listing, camera=whole.rectifier.camera)
     there = [
         replace(entry, colour=SmallImage(entry.colour), depth=SmallImage(entry.depth))
@@ -64,7 +65,9 @@ def played(path: Path, frames: int) -> FolderRecording:
     ]
     both = [*there, *there[-2:0:-1]]
     entries = tuple(_at(both[i % len(both)], i) for i in range(frames))
-    return open_recording(path, listing=replace(listing, entries=entries), check=False)
+    return open_recording(
+        path, RecordingOptions(check=False), listing=replace(listing, entries=entries)
+    )
 
 
 def _at(entry: FrameEntry, index: int) -> FrameEntry:

@@ -30,6 +30,7 @@ from kg.opening import in_memory_map
 from mapping.alignment.floor_match import floor_field, floor_of_frames
 from mapping.alignment.object_match import about_z
 from mapping.alignment.recording_fit import CHECKED, FITS, aligned, spread
+from mapping.mapping_options import MappingOptions
 from mapping.occupancy.occupancy_settings import OccupancySettings
 from mapping.pose_monitor import PoseMonitor
 from mapping.recording_mapper import map_recording
@@ -39,6 +40,7 @@ from perception.frames import Frame
 from perception.inference.recorded_detections import load_recorded_detections
 from perception.recordings.depth_check import check_depth
 from perception.recordings.recording import FolderRecording, open_recording
+from perception.recordings.recording_options import RecordingOptions
 
 Floats = NDArray[np.float64]
 _MISREAD = ("world-to-camera", "opengl")  # conventions that undo themselves
@@ -63,7 +65,7 @@ def check(folders: list[Path]) -> Iterator[str]:
     yield f"| recording | {' | '.join((*names, 'jump', 'drift', 'ms a frame'))} |"
     yield "|---" * (len(names) + 4) + "|"
     for folder in folders:
-        recording = open_recording(folder, check=False)
+        recording = open_recording(folder, RecordingOptions(check=False))
         poses = [entry.T_world_cam for entry in recording.listing.entries]
         scale = recording.depth_scale
         said = [
@@ -158,7 +160,7 @@ def align(folders: list[Path], detections: str, trials: int) -> Iterator[str]:
     yield "| trial | error [m] | error [degrees] | of it tilt | seconds | found |"
     yield "|---|---|---|---|---|---|"
     with in_memory_map() as semantic_map:
-        map_recording(one, semantic_map, detector, check_poses=False)
+        map_recording(one, semantic_map, detector, options=MappingOptions(check_poses=False))
         for trial in range(trials):
             M = _random_motion(rng)
             moved = _moved(other, M)
@@ -182,7 +184,7 @@ def align(folders: list[Path], detections: str, trials: int) -> Iterator[str]:
 
 def chance(folders: list[Path], trials: int) -> Iterator[str]:
     """Rows of how often random placements pass for a fit, by pair of recordings."""
-    recordings = [open_recording(folder, check=False) for folder in folders]
+    recordings = [open_recording(folder, RecordingOptions(check=False)) for folder in folders]
     cell, rng = OccupancySettings().cell, np.random.default_rng(0)
     floors = [floor_of_frames(recording.frames()) for recording in recordings]
     samples = [floor_of_frames(spread(recording, CHECKED)) for recording in recordings]
@@ -211,7 +213,7 @@ def _inside(folder: Path, name: str) -> Path:
 
 def _two(folders: list[Path]) -> tuple[FolderRecording, FolderRecording]:
     """Both recordings, or the two halves of one."""
-    recordings = [open_recording(folder, check=False) for folder in folders]
+    recordings = [open_recording(folder, RecordingOptions(check=False)) for folder in folders]
     if len(recordings) == 2:
         return recordings[0], replace(recordings[1], name="other")
     entries = recordings[0].listing.entries

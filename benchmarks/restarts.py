@@ -28,6 +28,7 @@ from mapping.evaluation.map_evaluation import evaluate_map
 from mapping.evaluation.session_identity import SessionIdentity, pooled_identity, session_identity
 from mapping.evaluation.truth_matching import TruthMatcher
 from mapping.mapper import Mapper
+from mapping.mapping_options import MappingOptions
 from perception.inference.recorded_detections import open_detector
 from perception.recordings.recording import open_recording
 
@@ -72,7 +73,7 @@ def _map_session(
     for index, frame in enumerate(recording.frames()):
         found = detector.detect(frame)
         if mapper is None or (every and index % every == 0):
-            mapper = Mapper(semantic_map, occupancy=False, recording=folder.name)
+            mapper = Mapper(semantic_map, MappingOptions(occupancy=False), recording=folder.name)
         before = time.perf_counter()
         mapper.add(frame, found)
         totals.seconds += time.perf_counter() - before

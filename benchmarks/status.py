@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
 from kg.opening import in_memory_map
+from mapping.mapping_options import MappingOptions
 from mapping.recording_mapper import map_recording
 from perception.frames import Frame
 from planner.cli.console import print_table
@@ -216,7 +217,12 @@ def answers(seed: int, part: float, sessions: int, senses: str) -> tuple[list[An
             session = Session(camera, tour, part, np.concatenate([points, truth.spots()]))
             detector = SimulatedDetector(camera, SENSES[senses])
             layout = layout_of(random_house(seed))
-            map_recording(session, semantic_map, detector, layout=layout, same_frame=True)
+            map_recording(
+                session,
+                semantic_map,
+                detector,
+                options=MappingOptions(layout=layout, same_frame=True),
+            )
             truth.add(session, len(points))
         return _compared(seed, semantic_map, truth, random_house(seed).rooms)
 

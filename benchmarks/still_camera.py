@@ -18,6 +18,7 @@ import numpy as np
 from kg.maps.semantic_map import SemanticMap
 from kg.opening import in_memory_map
 from mapping.mapper import Mapper
+from mapping.mapping_options import MappingOptions
 from planner.simulation.houses.house import House
 from planner.simulation.houses.random_house import random_house
 from planner.simulation.robot.mapping_tour import SimulatedTour
@@ -39,7 +40,7 @@ def still(seed: int, senses: str, count: int) -> tuple[int, int]:
     shown = [len(np.unique(camera.view(f.T_map_cam, f.stamp).instance)) for f in tour.frames()]
     stop = int(np.argmax(shown))
     with in_memory_map(base="https://example.org/map/") as semantic_map:
-        mapper = Mapper(semantic_map, occupancy=False, check_poses=False)
+        mapper = Mapper(semantic_map, MappingOptions(occupancy=False, check_poses=False))
         for index in range(max(stop - BEFORE, 0), stop + 1):
             frame = next(tour.frames(index))
             mapper.add(frame, detector.detect(frame))

@@ -14,6 +14,7 @@ import inspect
 import re
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Final
 
@@ -33,8 +34,9 @@ PUBLIC: Final = {
     ),
     "Frames and recordings": (
         *("Frame", "Detections", "SceneScores", "open_recording", "load_detector"),
+        "RecordingOptions",
     ),
-    "Mapping": ("Mapper", "Sighting", "map_recording"),
+    "Mapping": ("Mapper", "MappingOptions", "Sighting", "map_recording"),
     "Searches": ("build_search", "find", "placement_table"),
     "Extensions": (
         *("RecordingFormat", "RecordingListing", "FrameEntry", "Intrinsics", "Exporter"),
@@ -212,12 +214,27 @@ def _is_ours(member: object) -> bool:
     return module.split(".")[0] in {"kg", "perception", "mapping", "planner"}
 
 
+class _Default:
+    """A default that is shown as a call without arguments."""
+
+    def __init__(self, kind: type) -> None:
+        self._kind = kind
+
+    def __repr__(self) -> str:
+        return f"{self._kind.__name__}()"
+
+
 def _signature(name: str, value: object) -> str:
     try:
         signature = inspect.signature(value)  # type: ignore[arg-type]
     except (TypeError, ValueError):
         return name
-    kept = [p for p in signature.parameters.values() if p.name not in ("self", "cls")]
+    kept = [
+        # of a value with many fields its own entry lists the defaults
+        p.replace(default=_Default(type(p.default))) if is_dataclass(p.default) else p
+        for p in signature.parameters.values()
+        if p.name not in ("self", "cls")
+    ]
     text = f"{name}{signature.replace(parameters=kept)}"
     text = re.sub(r"\bat 0x[0-9a-f]+", "", text).replace("'", "")
     if len(text) <= 100 or not kept:

@@ -30,8 +30,8 @@ class LabelTable:
         name = self.names.get(name_key(label))
         return None if name is None else catalogue.get(name, kind)
 
-    def refuse_unknown(self, catalogue: Catalogue) -> None:
-        """Raises LabelsError where the table names what is no category of objects or places."""
+    def check_categories(self, catalogue: Catalogue) -> None:
+        """Raises LabelsError where the table names an unknown category."""
         for name in filter(None, self.names.values()):
             if not (catalogue.get(name, "object") or catalogue.get(name, "place")):
                 try:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from types import TracebackType
-from typing import Final, Literal, Self
+from typing import Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,30 +18,26 @@ from mapping.detection_report import DetectionReport
 from mapping.detection_reporter import DetectionReporter
 from mapping.frame_checks import FrameChecks, check_detections
 from mapping.label_resolver import LabelResolver
-from mapping.label_table import LabelTable
 from mapping.mapper_lease import MapperLease
+from mapping.mapping_options import DEFAULT_OPTIONS, MappingOptions
 from mapping.objects.bayes_mapper import BayesObjectMapper
 from mapping.objects.object_mapper import ObjectChanges, ObjectMapper
-from mapping.objects.settings import ObjectSettings
 from mapping.occupancy.occupancy_map import OccupancyMap
 from mapping.picture_keeper import PictureKeeper
 from mapping.places.evidence_from_objects import ObjectEvidence
 from mapping.places.found_places import FoundChanges, FoundPlaces, objects_elsewhere
-from mapping.places.layout import Layout
 from mapping.places.place_mapper import PlaceMapper
 from mapping.places.place_registry import PlaceRegistry
 from mapping.places.place_views import update_place_views
 from mapping.pose_monitor import PoseMonitor
 from mapping.progress_report import StageTimer
 from mapping.projection import map_points
-from mapping.reference.settings import ReferenceSettings
 from mapping.relations.relation_mapper import RelationMapper
 from mapping.sighting import Sighting
 from perception.frames import Detections, Frame, SceneScores
 
-Mode = Literal["bayes", "reference"]
-ROOMS_PAUSE: Final = 10.0  # [s] between two segmentations of the floor, by the frames' stamps
-TRIES: Final = 10  # of a transaction that conflicts with other writers
+ROOMS_INTERVAL: Final = 10.0  # [s] between two segmentations of the floor, by the frames' stamps
+MAX_ATTEMPTS: Final = 10  # of a transaction that conflicts with other writers
 
 _Change = tuple[ObjectChanges, MapUpdate]
 
@@ -54,52 +50,32 @@ class Mapper:
 
     Args:
         semantic_map: the map, open for writing: a folder, in memory, or a served one.
-        mode: "bayes" (`mapping.objects.bayes_mapper`), or "reference": the thesis' objects.
-        settings: the reference mapper's settings; the Bayes mapper uses those of places and of
-            unknown labels. The thesis' values by default.
-        objects: the Bayes mapper's settings.
-        layout: areas of the places; without it the stream gets one place that grows with what is
-            seen.
-        find_places: whether the rooms of the mapped floor become places, too; where there are any,
-            the stream's own place is one of them.
-        labels: what the networks' labels mean, before what the ontology has of them.
-        occupancy: whether depth also goes into the occupancy map of the floor.
+        options: the rules of mapping.
         recording: name of the stream in the map. A stream of that name is continued.
-        T_map_world: (4, 4) how the stream's own world sits in the map, kept with its name; the
+        T_map_world: (4, 4) the pose of the stream's own world in the map, kept with its name; the
             poses of frames are in the map frame already. Identity by default.
         detector: name of the detector, kept with each observation.
         scene_model: name of the scene classifier, kept with the stream.
         again: whether the stream is mapped once more from its beginning.
-        check_poses: whether poses are compared with the depth: jumps and drift are warned of
-            (`mapping.pose_monitor`), another convention is refused (`mapping.pose_convention`).
-        pictures: whether a small picture of each object is kept in the map's folder, none of people
-            (`mapping.picture_keeper`).
 
-    Raises LayoutError where the layout contradicts the ontology, LabelsError where `labels` names
-    what is no category.
+    Raises:
+        LayoutError: the layout contradicts the ontology.
+        LabelsError: the label table names an unknown category.
     """
 
     def __init__(
         self,
         semantic_map: SemanticMap,
+        options: MappingOptions = DEFAULT_OPTIONS,
         *,
-        mode: Mode = "bayes",
-        settings: ReferenceSettings | None = None,
-        objects: ObjectSettings | None = None,
-        layout: Layout | None = None,
-        find_places: bool = False,
-        labels: LabelTable | None = None,
-        occupancy: bool = True,
         recording: str = "live",
         T_map_world: NDArray[np.float64] | None = None,
         detector: str = "",
         scene_model: str = "",
         again: bool = False,
-        check_poses: bool = True,
-        pictures: bool = True,
     ) -> None:
-        table, s = labels or LabelTable(), settings or ReferenceSettings()
-        table.refuse_unknown(semantic_map.catalogue)
+        s = options.reference
+        options.labels.check_categories(semantic_map.catalogue)
         self.timer = StageTimer()
         self.changed_triples = 0  # by the last transaction
         self._map, self._settings = semantic_map, s
@@ -108,40 +84,46 @@ class Mapper:
         self._lease = MapperLease(semantic_map, recording)
         self._progress = self._lease.record
         self._next = 0 if again else self.frames_applied
+        find_places = options.find_places and options.occupancy
         self._places = PlaceRegistry(
-            semantic_map, layout, recording=recording, find=find_places and occupancy
+            semantic_map, options.layout, recording=recording, find=find_places
         )
         self._place_mapper = PlaceMapper(
-            semantic_map, self._places, s, model=scene_model, labels=table
+            semantic_map, self._places, s, model=scene_model, labels=options.labels
         )
         self._objects: ObjectMapper | BayesObjectMapper
-        if mode == "reference":
+        if options.mode == "reference":
             self._objects = ObjectMapper(
-                semantic_map, s, self._places, recording=recording, model=detector, labels=table
+                semantic_map,
+                s,
+                self._places,
+                recording=recording,
+                model=detector,
+                labels=options.labels,
             )
         else:
             self._objects = BayesObjectMapper(
                 semantic_map,
-                objects,
+                options.objects,
                 self._places,
                 recording=recording,
                 model=detector,
-                labels=table,
+                labels=options.labels,
                 unknown_labels=s.unknown_labels,
             )
         self._relations = RelationMapper(semantic_map, self._objects.cache)
-        self._occupancy = OccupancyMap(semantic_map) if occupancy else None
+        self._occupancy = OccupancyMap(semantic_map) if options.occupancy else None
         evidence = ObjectEvidence(semantic_map, self._places, s) if s.places_from_objects else None
         self._evidence = evidence
         self._rooms: FoundPlaces | None = None
-        if find_places and occupancy:
+        if find_places:
             self._rooms = FoundPlaces(semantic_map, self._places, recording=recording)
         self._rooms_at = -math.inf  # [s] stamp of the frame they were last found with
         self._found = FoundChanges()  # not written yet
-        self._checks = FrameChecks(check_poses=check_poses)
-        self._monitor = PoseMonitor(recording) if check_poses else None
-        self._pictures = PictureKeeper(semantic_map, recording) if pictures else None
-        self._reporter = DetectionReporter(semantic_map, self._objects, objects)
+        self._checks = FrameChecks(check_poses=options.check_poses)
+        self._monitor = PoseMonitor(recording) if options.check_poses else None
+        self._pictures = PictureKeeper(semantic_map, recording) if options.pictures else None
+        self._reporter = DetectionReporter(semantic_map, self._objects, options.objects)
         self._observed: Frame | None = None  # the frame that the places have taken in
         self._viewed: tuple[Frame, str | None] | None = None
 
@@ -278,7 +260,7 @@ class Mapper:
             self._observed = frame
 
     def _frame_change(self, index: int, frame: Frame, detections: Detections) -> _Change:
-        if self._rooms is not None and frame.stamp >= self._rooms_at + ROOMS_PAUSE:
+        if self._rooms is not None and frame.stamp >= self._rooms_at + ROOMS_INTERVAL:
             with self.timer.stage("floor"):
                 self._found = self._found.followed_by(self._rooms.update())
             self._rooms_at = frame.stamp
@@ -332,7 +314,7 @@ class Mapper:
 
     def _apply(self, change: Callable[[], _Change | None]) -> MapUpdate:
         """Optimistic transaction: computed and written again where it conflicts with others."""
-        for _ in range(TRIES - 1):
+        for _ in range(MAX_ATTEMPTS - 1):
             try:
                 return self._try(change)
             except ConflictError:

@@ -12,13 +12,10 @@ import numpy as np
 from kg.errors import RecordingError
 from kg.maps.semantic_map import SemanticMap
 from mapping.alignment.recording_fit import check_fit
-from mapping.label_table import LabelTable
-from mapping.mapper import Mapper, Mode
-from mapping.objects.settings import ObjectSettings
-from mapping.places.layout import Layout
+from mapping.mapper import Mapper
+from mapping.mapping_options import DEFAULT_OPTIONS, MappingOptions
 from mapping.progress_report import FrameReport, MappingReport
 from mapping.read_ahead import AHEAD, read_ahead
-from mapping.reference.settings import ReferenceSettings
 from mapping.resumption import resumed
 from perception.frames import (
     Detections,
@@ -39,61 +36,52 @@ def map_recording(
     semantic_map: SemanticMap,
     detector: Detector,
     scene: SceneClassifier | None = None,
+    options: MappingOptions = DEFAULT_OPTIONS,
     *,
-    mode: Mode = "bayes",
-    layout: Layout | None = None,
-    find_places: bool = False,
-    settings: ReferenceSettings | None = None,
+    again: bool = False,
     on_frame: OnFrame | None = None,
     on_detections: OnDetections | None = None,
-    again: bool = False,
-    labels: LabelTable | None = None,
-    occupancy: bool = True,
-    same_frame: bool = False,
-    check_poses: bool = True,
-    pictures: bool = True,
-    objects: ObjectSettings | None = None,
     ahead: int = AHEAD,
 ) -> MappingReport:
     """Map the frames of `recording` that `semantic_map` does not hold yet; all of them if `again`.
 
-    Frames are read, detected in and mapped by three threads side by side, each in the recording's
-    order, so that the map is the same as by one after the other. Each frame is one transaction: a
-    run that ends early, by an error or by being killed, leaves whole frames, and the same call
-    continues after them. `on_frame` is called after each frame is
-    written; `on_detections` with each frame, its detections but those that are too weak and, where
-    the scene classifier was run, its scores. `same_frame` says that the recording's world is the
-    map's. `ahead` frames are read, and detected in, before they are needed. The other arguments are
-    `Mapper`'s.
+    Three threads read frames, detect and map side by side, each in the recording's order, so that
+    the map is the same as with one thread. Each frame is one transaction: a run that ends early, by
+    an error or by being killed, leaves whole frames, and the same call continues after them. A
+    recording that has grown since keeps its transform (`mapping.resumption`).
 
-    Raises RecordingError at the first unreadable frame, LayoutError where the layout contradicts
-    the ontology, or another recording of that name, or this one by another transform, is in the
-    map already, or it is new and does not fit the others (`mapping.alignment.recording_fit`),
-    LabelsError where `labels` names what is no category, MapBusyError where another program maps
-    the recording into a served map meanwhile. A recording that has grown since keeps its transform
-    (`mapping.resumption`).
+    Args:
+        recording: the frames, with their poses.
+        semantic_map: the map, open for writing.
+        detector: detects the objects of each frame.
+        scene: classifies the scene of the frames that show one place.
+        options: the rules of mapping.
+        again: whether frames that the map holds are mapped once more.
+        on_frame: called after each frame is written.
+        on_detections: called with each frame, its detections of at least `options.min_score`, and
+            its scene scores where the classifier ran.
+        ahead: number of frames that are read, and detected in, before they are needed.
+
+    Raises:
+        RecordingError: a frame is unreadable; those before it are mapped.
+        LayoutError: the layout contradicts the ontology; or the map holds another recording of
+            that name, or this one by another transform; or the recording is new and does not fit
+            the map's others (`mapping.alignment.recording_fit`).
+        LabelsError: the label table names an unknown category.
+        MapBusyError: another program maps the recording into a served map meanwhile.
     """
-    (labels or LabelTable()).refuse_unknown(semantic_map.catalogue)
+    options.labels.check_categories(semantic_map.catalogue)
     recording = resumed(recording, semantic_map)
-    fit = check_fit(recording, semantic_map, same_frame=same_frame)
+    fit = check_fit(recording, semantic_map, same_frame=options.same_frame)
     mapper = Mapper(
         semantic_map,
-        mode=mode,
-        settings=settings,
-        objects=objects,
-        layout=layout,
-        find_places=find_places,
-        labels=labels,
-        occupancy=occupancy,
+        options,
         recording=recording.name,
         T_map_world=recording.T_map_world,
         detector=detector.name,
         scene_model=scene.name if scene else "",
         again=again,
-        check_poses=check_poses,
-        pictures=pictures,
     )
-    weighed = (objects or ObjectSettings()) if mode == "bayes" else settings or ReferenceSettings()
     start = 0 if again else min(mapper.frames_applied, len(recording))
     if start and isinstance(detector, DetectorPair):
         detector.resume(mapper.looked_from)
@@ -103,7 +91,7 @@ def map_recording(
             for index, one in enumerate(detected, start):
                 report, scores = run.map(index, one)
                 if on_detections is not None:
-                    on_detections(one.frame, _strong(one.detections, weighed.min_score), scores)
+                    on_detections(one.frame, _strong(one.detections, options.min_score), scores)
                 if on_frame is not None:
                     on_frame(report)
     except RecordingError:
@@ -113,9 +101,9 @@ def map_recording(
     return run.report(start)
 
 
-def _strong(detections: Detections, least: float) -> Detections:
-    """Those that the settings do not ignore as too weak."""
-    strong = detections.score >= least
+def _strong(detections: Detections, min_score: float) -> Detections:
+    """Detections of at least that score."""
+    strong = detections.score >= min_score
     return detections if strong.all() else detections.chosen(np.nonzero(strong)[0])
 
 
@@ -137,7 +125,7 @@ class _Run:
     recording: Recording
     detector: Detector
     scene: SceneClassifier | None
-    fit: str  # what was found of how the recording fits the map
+    fit: str  # one line on how the recording fits the map; "" without others
     ahead: int  # frames that a stage is ahead of the next
     frames: int = 0
     views: int = 0  # frames that counted for a place

@@ -23,10 +23,12 @@ from kg.records import (
     RecordingRecord,
     Relation,
 )
+from mapping.mapping_options import MappingOptions
 from mapping.places.layout import load_layout
 from mapping.recording_mapper import map_recording
 from perception.inference.recorded_detections import open_detector
 from perception.recordings.recording import open_recording
+from perception.recordings.recording_options import RecordingOptions
 
 THRESHOLD: Final = 0.2  # of detections, as `hereabouts map` has it
 _BASE: Final = "https://example.org/house/"
@@ -46,9 +48,16 @@ def mapped(house: Path, senses: str) -> AskedMap:
     layout = load_layout(house / "places.json")
     for name in SESSIONS:
         since = f"#{semantic_map.sequence}"
-        recording = open_recording(house / name, T_map_world=np.eye(4), check=False)
+        recording = open_recording(
+            house / name, RecordingOptions(T_map_world=np.eye(4), check=False)
+        )
         detector = open_detector(house / name / f"detections-{senses}.json", threshold=THRESHOLD)
-        map_recording(recording, semantic_map, detector, layout=layout, same_frame=True)
+        map_recording(
+            recording,
+            semantic_map,
+            detector,
+            options=MappingOptions(layout=layout, same_frame=True),
+        )
     return AskedMap(semantic_map, since)
 
 

@@ -21,6 +21,7 @@ from mapping.alignment.floor_match import floor_tiles
 from mapping.alignment.map_apart import map_apart
 from mapping.mapper import Mapper
 from mapping.mapper_lease import MapperLease
+from mapping.mapping_options import DEFAULT_OPTIONS, MappingOptions
 from mapping.objects.assignment import assign
 from mapping.objects.sightings import intersection_over_union
 from mapping.occupancy.tiles import States
@@ -73,15 +74,13 @@ def correct_poses(
     previous: FolderRecording,
     semantic_map: SemanticMap,
     remap: Callable[[FolderRecording, SemanticMap], MappingReport],
-    *,
-    layout: Layout | None = None,
-    find_places: bool = False,
+    options: MappingOptions = DEFAULT_OPTIONS,
 ) -> CorrectionReport:
     """Replace what `semantic_map` has of a recording by what its corrected poses make of it.
 
     `previous` is the same recording by the poses it was mapped with; `remap` maps one into a map.
     The corrected poses are in the recording's own world, whose transform into the map is kept.
-    With `find_places` the rooms of the new floor are found in a second transaction.
+    With `options.find_places` the rooms of the new floor are found in a second transaction.
     Raises what `remap` does, LayoutError where another recording of that name is in the map, and
     MapBusyError where another program maps the recording meanwhile; the map is then untouched.
     """
@@ -94,10 +93,10 @@ def correct_poses(
         with semantic_map.hold():
             lease.check()
             correction = _Correction(recording, previous, semantic_map, apart)
-            update = correction.update(progress, layout)
+            update = correction.update(progress, options.layout)
             semantic_map.apply(update)
-    if find_places:
-        with Mapper(semantic_map, find_places=True, recording=recording.name):
+    if options.find_places:
+        with Mapper(semantic_map, options, recording=recording.name):
             pass  # at its end it finds the rooms of all floor
     return correction.report(update, report.frames)
 

@@ -22,6 +22,7 @@ from mapping.alignment.object_match import landmarks
 from mapping.alignment.search import Alignment, AlignmentSearch
 from mapping.label_table import LabelTable
 from mapping.mapper import Mapper
+from mapping.mapping_options import MappingOptions
 from mapping.occupancy.occupancy_settings import OccupancySettings
 from perception.frames import Detector, Frame, Recording
 from perception.recordings.recording import FolderRecording
@@ -93,7 +94,9 @@ def aligned(
         return recording, ""
     frames = list(spread(recording, SEARCHED))
     with map_apart(semantic_map) as apart:
-        with Mapper(apart, labels=labels, occupancy=False, check_poses=False) as mapper:
+        with Mapper(
+            apart, MappingOptions(labels=labels or LabelTable(), occupancy=False, check_poses=False)
+        ) as mapper:
             for frame in frames:
                 mapper.add(frame, detector.detect(frame))
         objects = mapper.objects()

@@ -19,7 +19,6 @@ import numpy as np
 
 from kg.errors import RecordingError
 from perception.camera.image_decoding import MILLIMETRES
-from perception.camera.intrinsics import Intrinsics
 from perception.camera.poses import Pose
 from perception.camera.rectification import Rectifier
 from perception.frames import Frame
@@ -37,8 +36,9 @@ from perception.recordings.bag_index import (
     add_message,
     header_stamp,
 )
-from perception.recordings.listing import FrameEntry, RecordingListing, Streams
+from perception.recordings.listing import FrameEntry, RecordingListing
 from perception.recordings.recording import ABSOLUTE_STAMP, FolderRecording
+from perception.recordings.recording_options import DEFAULT_OPTIONS, RecordingOptions
 from perception.ros.headers import NANOSECONDS
 from perception.ros.transform_tree import TransformTree
 
@@ -75,14 +75,12 @@ class StreamCounts:
 class FrameStream:
     """Frames of a connection's messages; the newest first, and none twice.
 
-    `intrinsics` of colour are used instead of those of its CameraInfo; `depth_scale` [units a
-    metre] is that of 16-bit depth, by default the intrinsics', else millimetres.
+    Of the `options` these count: `streams`; `intrinsics` of colour, instead of its CameraInfo; and
+    `depth_scale` [units a metre] of 16-bit depth, by default the intrinsics', else millimetres.
     """
 
     address: str
-    streams: Streams = field(default_factory=Streams)
-    intrinsics: Intrinsics | None = None
-    depth_scale: float | None = None
+    options: RecordingOptions = DEFAULT_OPTIONS
     problem: str = ""  # why there are no frames yet
     _counts: StreamCounts = field(default_factory=StreamCounts)
     _came: Counter[str] = field(default_factory=Counter)  # images of a topic
@@ -137,7 +135,7 @@ class FrameStream:
         """Topics to subscribe to: all that may be of use, and once they are chosen those."""
         with self._changed:
             wanted = {name for name, type_ in topics.items() if type_ in _WANTED}
-            given, choice = self.streams, self._choice
+            given, choice = self.options.streams, self._choice
             if choice is not None:
                 images = {choice.colour.topic, choice.depth.topic}
                 poses = set() if choice.pose is None else {choice.pose.topic}
@@ -231,7 +229,7 @@ class FrameStream:
             return None
         c, d = colours.seconds, depths.seconds
         now = time.monotonic()
-        pairs = nearest_pairs(c, d, self.streams.tolerance)
+        pairs = nearest_pairs(c, d, self.options.streams.tolerance)
         for i, j in sorted(pairs, key=lambda ij: -c[ij[0]]):
             colour, depth = colours.images[i], depths.images[j]
             waited = now - max(colour.came, depth.came) >= PATIENCE
@@ -269,11 +267,11 @@ class FrameStream:
         """Drop colour images that no depth will come for."""
         if not depths.images:
             return
-        passed = max(image.seconds for image in depths.images) - self.streams.tolerance
+        passed = max(image.seconds for image in depths.images) - self.options.streams.tolerance
         near = depths.seconds
         for image in list(colours.images):
             apart = np.abs(near - image.seconds).min()
-            if image.seconds < passed and apart > self.streams.tolerance:
+            if image.seconds < passed and apart > self.options.streams.tolerance:
                 colours.drop(image)
                 self._counts.without_depth += 1
 
@@ -302,8 +300,8 @@ class FrameStream:
     def _judge(self) -> Choice | RecordingError:
         """The choice as it would be now, or what is missing."""
         try:
-            choice = choose(self._index, self.streams)
-            if choice.camera is None and self.intrinsics is None:
+            choice = choose(self._index, self.options.streams)
+            if choice.camera is None and self.options.intrinsics is None:
                 raise RecordingError(
                     f"{self.address}: no CameraInfo of {choice.colour.topic} (--info-topic names "
                     "one, --intrinsics FILE gives it)"
@@ -331,7 +329,7 @@ class FrameStream:
         """What decodes the frames: the cameras, fitted to the first image."""
         assert self._choice is not None
         choice = self._choice
-        camera = self.intrinsics or camera_of(self._index, choice.camera, choice.colour)
+        camera = self.options.intrinsics or camera_of(self._index, choice.camera, choice.colour)
         assert camera is not None
         apart = None
         if choice.depth_apart:
@@ -345,7 +343,7 @@ class FrameStream:
             T_map_world=np.eye(4),
             listing=RecordingListing((), camera, MILLIMETRES, apart),
             rectifier=Rectifier.for_camera(camera.fitted(width, height)),
-            depth_scale=self.depth_scale or camera.depth_scale or MILLIMETRES,
+            depth_scale=self.options.depth_scale or camera.depth_scale or MILLIMETRES,
             start_time=time.time() - entry.stamp if relative else 0.0,
         )
 

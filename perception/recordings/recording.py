@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from kg.errors import RecordingError, did_you_mean
 from kg.extensions import RECORDINGS, load_extensions
-from perception.camera.gravity_alignment import Up, gravity_aligned_transform, read_gravity
-from perception.camera.intrinsics import ASPECT_TOLERANCE, Intrinsics, intrinsics_from_matrix
+from perception.camera.gravity_alignment import gravity_aligned_transform, read_gravity
+from perception.camera.intrinsics import ASPECT_TOLERANCE, Intrinsics
 from perception.camera.poses import CONVENTIONS, Pose, checked_pose, gridded_pose, read_trajectory
 from perception.camera.rectification import Rectifier
 from perception.camera.registration import register_depth
@@ -28,8 +28,8 @@ from perception.recordings import (
     tum,
 )
 from perception.recordings.depth_check import check_depth
-from perception.recordings.listing import Format, FrameEntry, RecordingListing, Streams
-from perception.recordings.selection import Selection
+from perception.recordings.listing import Format, FrameEntry, RecordingListing
+from perception.recordings.recording_options import DEFAULT_OPTIONS, RecordingOptions
 
 #: Tried in this order when the format is not named, before those of extensions.
 FORMATS: tuple[Format, ...] = (
@@ -111,56 +111,24 @@ class FolderRecording:
 
 def open_recording(
     path: Path | str,
+    options: RecordingOptions = DEFAULT_OPTIONS,
     *,
-    format: str = "auto",
-    T_map_world: NDArray[np.float64] | None = None,
-    up: Up | None = None,
-    intrinsics: Intrinsics | None = None,
-    K: NDArray[np.float64] | None = None,
-    depth_scale: float | None = None,
-    name: str | None = None,
-    start_time: float | None = None,
-    poses: Path | None = None,
-    pose_convention: str = "camera-to-world",
-    check: bool = True,
-    streams: Streams | None = None,
-    selection: Selection | None = None,
     listing: RecordingListing | None = None,
 ) -> FolderRecording:
     """Open the recording at `path`, a folder or a bag, and check all that needs no decoding.
 
-    `format` is the name of one of `all_formats`, or "auto". `T_map_world` (4, 4) takes the
-    recording's world to the map frame; without it the world is stood upright (see
-    perception.camera.gravity_alignment) along `up`, the folder's gravity-direction.txt, or the
-    floor. `intrinsics` of the colour images (see
-    load_intrinsics) or `K` (3, 3) [px] without distortion, and `depth_scale` [units a metre]
-    override the folder's own. Stamps that count from
-    zero are shifted by `start_time` [s since 1970], by default now. `poses` is a trajectory in TUM
-    format that replaces the folder's own; `pose_convention` is one of
-    `perception.camera.poses.CONVENTIONS`. With `check` a sample of the depth is compared with poses
-    and colour (`perception.recordings.depth_check`). `streams` are those to read of a bag;
-    `selection` says which frames, `listing` what was read already. Raises RecordingError.
+    `listing` is the recording's listing where it was read already. Raises RecordingError.
     """
-    folder = Path(path)
-    chosen = format_of(folder, format)
-    if streams is not None and streams.given and chosen is not bag.FORMAT:
+    folder, o = Path(path), options
+    chosen = format_of(folder, o.format)
+    if o.streams.given and chosen is not bag.FORMAT:
         raise RecordingError(
             f"{folder} is a {chosen.name} recording: streams are chosen in bags and MCAP files only"
         )
-    if listing is None:
-        listing = chosen.read(folder, streams or Streams())
-    if selection is not None:
-        entries = selection.of(listing.entries, str(folder))
-        listing = replace(listing, entries=entries)
-    if K is not None:
-        intrinsics = intrinsics_from_matrix(np.asarray(K, np.float64), "given K")
-    if intrinsics is not None:
-        listing = replace(listing, camera=_with_scale(intrinsics, listing))
-    if poses is not None:
-        listing = replace(listing, entries=_with_poses(listing.entries, poses))
+    listing = _listing(listing or chosen.read(folder, o.streams), o, folder)
     relative = max(entry.stamp for entry in listing.entries) < ABSOLUTE_STAMP
-    begin = time.time() if start_time is None else start_time
-    convert = _convention(pose_convention)
+    begin = time.time() if o.start_time is None else o.start_time
+    convert = _convention(o.pose_convention)
     as_read = [entry.T_world_cam for entry in listing.entries]
     entries = tuple(
         replace(entry, T_world_cam=gridded_pose(convert(entry.T_world_cam)))
@@ -168,27 +136,38 @@ def open_recording(
     )
     listing = replace(listing, entries=entries)
     recording = FolderRecording(
-        name=name or _name(folder),
+        name=o.name or _name(folder),
         format=chosen.name,
         T_map_world=np.eye(4),
         listing=listing,
         rectifier=_rectifier(listing, folder),
-        depth_scale=_depth_scale(listing, depth_scale),
+        depth_scale=_depth_scale(listing, o.depth_scale),
         start_time=begin if relative else 0.0,
     )
     _check_images(recording)
-    if check:
+    if o.check:
         check_depth(
-            recording.name, as_read, pose_convention, recording.depth_scale, recording.frame
+            recording.name, as_read, o.pose_convention, recording.depth_scale, recording.frame
         )
-    if T_map_world is not None:
-        T = np.asarray(T_map_world, np.float64)
+    if o.T_map_world is not None:
+        T = np.asarray(o.T_map_world, np.float64)
         checked_pose(T, "given T_map_world")
         return replace(recording.placed(T), transform_given=True)
-    if listing.T_map_world is not None and up is None:
+    if listing.T_map_world is not None and o.up is None:
         return replace(recording, T_map_world=listing.T_map_world, gravity_aligned=True)
-    T = gravity_aligned_transform(recording, up=up if up is not None else _up(listing, folder))
-    return replace(recording, T_map_world=T, gravity_aligned=up is None)
+    T = gravity_aligned_transform(recording, up=o.up if o.up is not None else _up(listing, folder))
+    return replace(recording, T_map_world=T, gravity_aligned=o.up is None)
+
+
+def _listing(listing: RecordingListing, options: RecordingOptions, path: Path) -> RecordingListing:
+    """Listing of the selected frames, with the camera and the poses that the options give."""
+    entries = options.selection.of(listing.entries, str(path))
+    if options.poses is not None:
+        entries = _with_poses(entries, options.poses)
+    camera = listing.camera
+    if options.intrinsics is not None:
+        camera = _with_scale(options.intrinsics, listing)
+    return replace(listing, entries=entries, camera=camera)
 
 
 def _name(path: Path) -> str:
@@ -278,7 +257,7 @@ def _rectifier(listing: RecordingListing, folder: Path) -> Rectifier:
     """The camera fitted to the first image, which is decoded for its size."""
     if listing.camera is None:
         raise RecordingError(
-            f"{folder} has no intrinsics: add intrinsics.json or K.txt, or give K (fx, fy, cx, cy)"
+            f"{folder} has no intrinsics: add intrinsics.json or K.txt, or give intrinsics"
         )
     height, width = listing.entries[0].colour.colour().shape[:2]
     return Rectifier.for_camera(listing.camera.fitted(width, height))
@@ -293,7 +272,7 @@ def _depth_scale(listing: RecordingListing, given: float | None) -> float:
 
 
 def _check_images(recording: FolderRecording) -> None:
-    """Look at every file's head and tail, and decode the first frame."""
+    """Check every file's head and tail, and decode the first frame."""
     for entry in recording.listing.entries:
         entry.colour.check()
         entry.depth.check()

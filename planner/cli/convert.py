@@ -7,8 +7,7 @@ from pathlib import Path
 
 from planner.cli.arguments import add_json
 from planner.cli.console import note, progress, write_json
-from planner.cli.recording_arguments import open_given_recording
-from planner.cli.recording_options import add_camera_options
+from planner.cli.recording_options import add_recording_arguments, recording_options
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -29,16 +28,17 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         help="new file .mcap (ROS 2) or .bag (ROS 1); without an ending: folder of a ROS 2 bag",
     )
     add_json(parser)
-    parser.set_defaults(usage_error=parser.error)
-    add_camera_options(parser.add_argument_group("recording"))
+    add_recording_arguments(parser)
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the file."""
     from perception.recordings.bag_writer import write_bag
+    from perception.recordings.recording import open_recording
 
-    recording = open_given_recording(arguments)
+    path = arguments.recording
+    recording = open_recording(path, recording_options(arguments, path))
     output = Path(arguments.output)
     with progress() as bar:
         task = bar.add_task(recording.name, total=len(recording), status="")

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any, Final
 from planner.cli.arguments import MAP_HELP, add_json, count, positive
 from planner.cli.console import note, print_table, write_json
 from planner.cli.evaluate_networks import add_detector, add_scene
-from planner.cli.evaluated_maps import EvaluatedMap, Run, evaluated_maps, refuse_wrong_usage
+from planner.cli.evaluated_maps import EvaluatedMap, Run, check_usage, evaluated_maps
 from planner.cli.evaluation_pictures import (
     draw_reliability,
     draw_truth,
     refuse_impossible_pictures,
 )
-from planner.cli.recording_options import MODES, add_recording_options
+from planner.cli.mapping_options import MODES, add_all_arguments
 
 if TYPE_CHECKING:
     from mapping.evaluation.class_scores import MapScore, Truth
@@ -109,7 +109,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         help="draw the reliability diagram of existence, of all maps together",
     )
     add_json(mapping)
-    add_recording_options(mapping)
+    add_all_arguments(mapping)
     mapping.set_defaults(run=run_map)
     add_detector(subjects)
     add_scene(subjects)
@@ -117,7 +117,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 def run_map(arguments: argparse.Namespace) -> int:
     """Map where needed, score, print."""
-    refuse_wrong_usage(arguments)
+    check_usage(arguments)
     truths = [_load(Path(path)) for path in arguments.truth]
     refuse_impossible_pictures(arguments, truths)
     if arguments.sessions > 1:

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any
 from kg.errors import LayoutError
 from planner.cli.arguments import title_for
 from planner.cli.map_recording import map_with_progress
-from planner.cli.recording_arguments import Inputs, open_given_recording, open_inputs
-from planner.cli.recording_options import MODES
+from planner.cli.mapping_options import MODES, open_inputs
+from planner.cli.network_options import Networks
+from planner.cli.recording_options import recording_options
 
 if TYPE_CHECKING:
     import numpy as np
@@ -63,8 +64,8 @@ class EvaluatedMap:
     since: int = 0  # transaction after which the session of that truth began
 
 
-def refuse_wrong_usage(arguments: argparse.Namespace) -> None:
-    """Report options that do not fit together as wrong usage."""
+def check_usage(arguments: argparse.Namespace) -> None:
+    """End the program, as wrong usage, for options that do not fit together."""
     maps, recordings, truths = arguments.maps, arguments.recording, arguments.truth
     if not maps and not recordings:
         arguments.usage_error("what is to be scored is missing: MAP or --recording DIR")
@@ -88,26 +89,28 @@ def evaluated_maps(arguments: argparse.Namespace) -> Iterator[EvaluatedMap]:
         for number in range(0, len(recordings), arguments.sessions):
             yield from _mapped(arguments, number, recordings[number : number + arguments.sessions])
     for number, address in enumerate(arguments.maps):
-        one = argparse.Namespace(**vars(arguments) | {"recording": recordings[number]})
-        yield from _given(one, number, address)
+        yield from _given(arguments, number, address, recordings[number])
 
 
-def _given(arguments: argparse.Namespace, number: int, address: str) -> Iterator[EvaluatedMap]:
+def _given(
+    arguments: argparse.Namespace, number: int, address: str, folder: str | None
+) -> Iterator[EvaluatedMap]:
     from kg.opening import open_map
 
     with open_map(address, read_only=True) as semantic_map:
-        T_map_world = _transform(arguments, address, semantic_map)
+        T_map_world = _transform(arguments, address, semantic_map, folder)
         yield EvaluatedMap(number, Run(title_for(address)), semantic_map, T_map_world)
 
 
 def _transform(
-    arguments: argparse.Namespace, address: str, semantic_map: SemanticMap
+    arguments: argparse.Namespace, address: str, semantic_map: SemanticMap, folder: str | None
 ) -> NDArray[np.float64]:
     """How the world of a truth sits in a map: as the recording that it belongs to."""
     import numpy as np
 
+    from perception.recordings.recording import open_recording
+
     known = {record.name: record.T_map_world for record in semantic_map.recordings()}
-    folder = arguments.recording
     name = arguments.name or (Path(folder).resolve().name if folder else None)
     worlds = list(known.values())
     if name is None and worlds and all(np.array_equal(T, worlds[0]) for T in worlds):
@@ -115,7 +118,7 @@ def _transform(
     if name in known:
         return known[name]
     if folder is not None:
-        return open_given_recording(arguments).T_map_world
+        return open_recording(folder, recording_options(arguments, folder)).T_map_world
     named = ", ".join(known) or "(none)"
     wanted = f", not {name!r}" if name else ""
     raise LayoutError(
@@ -131,30 +134,29 @@ def _mapped(
 
     The first one's truth has the number `first`. Frames go through the networks once.
     """
-    networks = dict[str, Inputs]()
+    networks = dict[str, Networks]()
     for mode in MODES if arguments.compare else (arguments.mode,):
         with _temporary_map() as semantic_map:
             for number, folder in enumerate(folders, start=first):
-                changed = {"recording": folder, "mode": mode}
-                inputs = open_inputs(argparse.Namespace(**vars(arguments) | changed))
+                inputs = open_inputs(arguments, folder, mode)
                 if arguments.compare:
-                    known = networks.setdefault(folder, _remembering(inputs))
-                    inputs = replace(inputs, detector=known.detector, scene=known.scene)
+                    known = networks.setdefault(folder, _remembering(inputs.networks))
+                    inputs = replace(inputs, networks=known)
                 since = semantic_map.sequence
                 report = map_with_progress(inputs, semantic_map)
-                run = Run(inputs.recording.name, mode, inputs.detector.name, report)
+                run = Run(inputs.recording.name, mode, inputs.networks.detector.name, report)
                 T_map_world = inputs.recording.T_map_world
                 yield EvaluatedMap(number, run, semantic_map, T_map_world, since)
 
 
-def _remembering(inputs: Inputs) -> Inputs:
+def _remembering(networks: Networks) -> Networks:
     from perception.inference.repeated_frames import (
         RememberingDetector,
         RememberingSceneClassifier,
     )
 
-    scene = None if inputs.scene is None else RememberingSceneClassifier(inputs.scene)
-    return replace(inputs, detector=RememberingDetector(inputs.detector), scene=scene)
+    scene = None if networks.scene is None else RememberingSceneClassifier(networks.scene)
+    return Networks(RememberingDetector(networks.detector), scene)
 
 
 @contextmanager

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kg.errors import RecordingError
 from planner.cli.arguments import add_json
 from planner.cli.console import print_table, write, write_json
-from planner.cli.recording_arguments import given_streams, open_given_recording
-from planner.cli.recording_options import add_camera_options
+from planner.cli.recording_options import add_recording_arguments, recording_options
 from planner.cli.text_table import printable
 
 if TYPE_CHECKING:
     from perception.recordings.depth_check import DepthFindings
     from perception.recordings.listing import RecordingListing
     from perception.recordings.recording import FolderRecording
+    from perception.recordings.recording_options import RecordingOptions
     from perception.recordings.summary import StreamSummary
 
 
@@ -31,20 +32,20 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     )
     parser.add_argument("recording", metavar="RECORDING", help="folder, bag or MCAP file")
     add_json(parser)
-    parser.set_defaults(usage_error=parser.error)
-    add_camera_options(parser.add_argument_group("recording"))
+    add_recording_arguments(parser)
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the streams, the choice and the findings; exit code 1 where it cannot be mapped."""
     from perception.recordings import bag
-    from perception.recordings.recording import format_of
+    from perception.recordings.recording import format_of, open_recording
 
     path = Path(arguments.recording)
-    if format_of(path, arguments.format) is bag.FORMAT:
-        return _bag(arguments, path)
-    recording = open_given_recording(arguments, check=False)
+    options = replace(recording_options(arguments, arguments.recording), check=False)
+    if format_of(path, options.format) is bag.FORMAT:
+        return _bag(arguments, path, options)
+    recording = open_recording(path, options)
     from perception.recordings.summary import file_streams
 
     camera = recording.rectifier.camera
@@ -52,19 +53,20 @@ def run(arguments: argparse.Namespace) -> int:
     return _tell(arguments, streams, recording, {})
 
 
-def _bag(arguments: argparse.Namespace, path: Path) -> int:
-    """The streams of a bag are shown also where what it lacks keeps it from being mapped."""
+def _bag(arguments: argparse.Namespace, path: Path, options: RecordingOptions) -> int:
+    """Print the streams of a bag, also of one that cannot be mapped."""
     from perception.recordings.bag import choose, listing_of, opened
     from perception.recordings.bag_index import read_index
+    from perception.recordings.recording import open_recording
     from perception.recordings.summary import bag_streams
 
     index = read_index(opened(path))
-    streams = given_streams(arguments)
+    streams = options.streams
     choice = None
     try:
         choice = choose(index, streams)
         listing: RecordingListing = listing_of(index, choice, streams)
-        recording = open_given_recording(arguments, check=False, listing=listing)
+        recording = open_recording(path, options, listing=listing)
     except RecordingError:
         _print_streams(arguments, bag_streams(index, choice))
         raise

@@ -21,20 +21,23 @@ from planner.cli.map_recording import (
     open_for_mapping,
     print_outcome,
 )
-from planner.cli.recording_arguments import (
-    MappingInputs,
-    open_given_recording,
-    open_mapping_inputs,
-    open_stream,
+from planner.cli.mapping_options import add_mapping_arguments, mapping_options
+from planner.cli.network_options import (
+    Networks,
+    add_network_arguments,
+    network_options,
+    open_networks,
 )
-from planner.cli.recording_options import add_live_options
+from planner.cli.recording_options import add_source_arguments, source_options
 from planner.cli.server_outages import MappedFrames, through_outages
 from planner.cli.teach import with_taught_rooms
 from planner.cli.viewers import open_viewers
 
 if TYPE_CHECKING:
+    from mapping.mapping_options import MappingOptions
     from perception.live.connection import Connection
     from perception.live.stream import StreamCounts
+    from perception.recordings.recording_options import RecordingOptions
     from planner.viewers.viewer import Viewer
 
 SOURCES: Final = (
@@ -48,9 +51,9 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser = subparsers.add_parser(
         "live",
         help="map frames as they come: from ROS 1 or 2, a Foxglove WebSocket or a growing folder",
-        description="Map what a robot publishes now, until Ctrl+C or SIGTERM, which end it after a "
-        "whole frame. Frames that come while earlier ones are mapped are dropped, but for the "
-        "newest, and counted; those of a folder are all mapped. Started again it goes on.",
+        description="Map the frames that a robot publishes now, until Ctrl+C or SIGTERM, which end "
+        "it after a whole frame. Frames that come while earlier ones are mapped are dropped, but "
+        "for the newest, and counted; those of a folder are all mapped. Started again it goes on.",
         epilog="example: hereabouts live ros1://localhost:11311 --into kitchen.map",
     )
     parser.add_argument("recording", metavar="SOURCE", help=SOURCES)
@@ -59,12 +62,14 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser.add_argument(
         "--idle", type=positive, metavar="SECONDS", help="end where no frame came for so long"
     )
-    add_live_options(parser)
+    add_source_arguments(parser)
+    add_network_arguments(parser)
+    add_mapping_arguments(parser)
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Map what comes, until it is ended."""
+    """Map the frames that come, until the run is ended."""
     connection = _connection(arguments.recording)
     given = arguments.format != "auto" or arguments.pose_convention != "camera-to-world"
     if connection is not None and (given or arguments.up or arguments.same_frame):
@@ -72,18 +77,19 @@ def run(arguments: argparse.Namespace) -> int:
             "--format, --pose-convention, --up and --same-frame are for folders; the poses of "
             "topics are in a map frame with z up (--map-frame)"
         )
-    inputs = open_mapping_inputs(arguments)
+    source, options = source_options(arguments), mapping_options(arguments)
+    networks = open_networks(network_options(arguments), arguments.recording)
     prepare = _folder_run if connection is None else partial(_stream_run, connection)
     with until_signal() as ended, open_viewers(arguments, title_for(arguments.into)) as viewer:
         mapped = MappedFrames()
-        run = prepare(arguments, inputs, viewer, ended, mapped)
+        run = prepare(arguments, source, networks, options, viewer, ended, mapped)
         if run is not None:
             through_outages(arguments.into, ended, mapped, run)
     return 0
 
 
 def _connection(source: str) -> Connection | None:
-    """What `source` is the address of; None: a folder. Raises RecordingError for neither."""
+    """Connection to the address `source`, None for a folder; raises RecordingError for neither."""
     is_address = "://" in source or source in ("ros1", "ros2")
     scheme = source.partition("://")[0] if is_address else ""
     if scheme in ("ros1", "ros2", "ws", "wss"):
@@ -144,31 +150,35 @@ def until_signal() -> Iterator[threading.Event]:
 def _stream_run(
     connection: Connection,
     arguments: argparse.Namespace,
-    inputs: MappingInputs,
+    source: RecordingOptions,
+    networks: Networks,
+    options: MappingOptions,
     viewer: Viewer | None,
     ended: threading.Event,
     mapped: MappedFrames,
 ) -> Callable[[], None]:
-    """What maps a connection's frames until it is ended."""
+    """A function that maps a connection's frames until it is ended."""
     from perception.live.live_recording import LiveRecording
+    from perception.live.stream import FrameStream
 
-    stream = open_stream(connection.address, arguments)
+    stream = FrameStream(connection.address, source)
 
     def run() -> None:
-        name, limit = arguments.name or "live", mapped.left(arguments.limit)
+        name, limit = source.name or "live", mapped.left(arguments.limit)
         recording = LiveRecording(name, connection, stream, ended, limit, arguments.idle)
-        with open_for_mapping(arguments, inputs, viewer) as (semantic_map, on_detections):
-            scene = with_taught_rooms(inputs.scene, arguments.into)
+        with open_for_mapping(arguments, options, viewer) as (semantic_map, on_detections):
+            taught = with_taught_rooms(networks, arguments.into)
             note(f"listening to {connection.address}; Ctrl+C ends it")
             report = map_frames(
                 recording,
-                replace(inputs, scene=scene),
                 semantic_map,
+                taught,
+                options,
                 on_detections=mapped.counted(on_detections),
                 lost=lambda: f"{stream.counts.dropped} dropped",
             )
             numbers = _as_json(stream.counts, mapped.count)
-            print_outcome(semantic_map, report, arguments, inputs.device, numbers)
+            print_outcome(semantic_map, report, arguments, networks.device, numbers)
             note(_told(numbers))
 
     return run
@@ -194,45 +204,49 @@ def _told(numbers: Mapping[str, Any]) -> str:
 
 def _folder_run(
     arguments: argparse.Namespace,
-    inputs: MappingInputs,
+    source: RecordingOptions,
+    networks: Networks,
+    options: MappingOptions,
     viewer: Viewer | None,
     ended: threading.Event,
     mapped: MappedFrames,
 ) -> Callable[[], None] | None:
-    """What maps a growing folder's frames until it is ended; None where that came first."""
+    """A function that maps a growing folder's frames until it is ended; None where none came."""
     from mapping.alignment.recording_fit import check_fit
     from mapping.resumption import resumed
     from perception.live.growing_folder import GrowingRecording, first_opened
-    from perception.recordings.recording import FolderRecording
+    from perception.recordings.recording import FolderRecording, open_recording
 
-    given = argparse.Namespace(**vars(arguments) | {"limit": None})
-    first = first_opened(lambda: open_given_recording(given), ended, level=arguments.up is not None)
+    path = arguments.recording
+    first = first_opened(lambda: open_recording(path, source), ended, level=source.up is not None)
     if first is None:
         return None
-    given.started = first.start_time or None  # of stamps that count from zero
+    # the same for stamps that count from zero
+    source = replace(source, check=False, start_time=first.start_time or None)
 
     def run() -> None:
-        with open_for_mapping(arguments, inputs, viewer) as (semantic_map, on_detections):
-            scene = with_taught_rooms(inputs.scene, arguments.into)
+        with open_for_mapping(arguments, options, viewer) as (semantic_map, on_detections):
+            taught = with_taught_rooms(networks, arguments.into)
             placed = resumed(first, semantic_map)
-            fit = check_fit(placed, semantic_map, same_frame=arguments.same_frame)
+            fit = check_fit(placed, semantic_map, same_frame=options.same_frame)
 
             def reopened() -> FolderRecording:
-                return open_given_recording(given, check=False, T_map_world=placed.T_map_world)
+                return open_recording(path, replace(source, T_map_world=placed.T_map_world))
 
             limit = mapped.left(arguments.limit)
             recording = GrowingRecording(reopened(), reopened, ended, limit, arguments.idle)
             note(f"reading {arguments.recording} as it grows; Ctrl+C ends it")
             report = map_frames(
                 recording,
-                replace(inputs, scene=scene),
                 semantic_map,
+                taught,
+                options,
                 on_detections=mapped.counted(on_detections),
                 lost=lambda: "",
             )
             if fit:
                 note(fit)
             numbers = {"frames": mapped.count}
-            print_outcome(semantic_map, report, arguments, inputs.device, numbers)
+            print_outcome(semantic_map, report, arguments, networks.device, numbers)
 
     return run

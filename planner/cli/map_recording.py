@@ -12,20 +12,21 @@ from typing import TYPE_CHECKING
 from kg.errors import GraphError, LayoutError, MapNotFoundError, RecordingError
 from planner.cli.arguments import MAP_HELP, add_json, add_keep, keep_seconds, title_for
 from planner.cli.console import note, print_table, progress, write_json
-from planner.cli.recording_arguments import Inputs, MappingInputs, open_given_recording, open_inputs
-from planner.cli.recording_options import add_recording_options
+from planner.cli.mapping_options import Inputs, add_all_arguments, open_inputs
 from planner.cli.teach import with_taught_rooms
 from planner.cli.viewers import add_viewers, open_viewers
 
 if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
     from mapping.label_table import LabelTable
+    from mapping.mapping_options import MappingOptions
     from mapping.progress_report import FrameReport, MappingReport
     from mapping.recording_mapper import OnDetections
     from perception.frames import Detections, Frame, Recording, SceneScores
+    from planner.cli.network_options import Networks
     from planner.viewers.viewer import Viewer
 
-_TOLD = 10  # labels named in one note
+_MAX_NAMED = 10  # labels in one note
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -42,12 +43,12 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "--again", action="store_true", help="map frames again that this map already holds"
     )
     add_map_options(parser)
-    add_recording_options(parser)
+    add_all_arguments(parser)
     parser.set_defaults(run=run)
 
 
 def add_map_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the options that `open_for_mapping` and `print_outcome` read."""
+    """Declare the arguments that `open_for_mapping` and `print_outcome` read."""
     parser.add_argument("--into", required=True, metavar="MAP", help=MAP_HELP)
     parser.add_argument("--pictures", metavar="DIR", help="save frames with boxes and scene scores")
     add_viewers(parser)
@@ -64,17 +65,15 @@ def add_map_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Map the recording, and say what was found."""
-    inputs = open_inputs(arguments)
+    """Map the recording, and print the outcome."""
+    inputs = open_inputs(arguments, arguments.recording)
     with (
         open_viewers(arguments, title_for(arguments.into)) as viewer,
-        open_for_mapping(arguments, inputs, viewer) as (semantic_map, on_detections),
+        open_for_mapping(arguments, inputs.options, viewer) as (semantic_map, on_detections),
     ):
         if inputs.corrected and _correct_poses(inputs, semantic_map, arguments):
             return 0
-        inputs = replace(inputs, scene=with_taught_rooms(inputs.scene, arguments.into))
-        if inputs.align:
-            inputs = align_with_map(inputs, semantic_map)
+        inputs = fitted(inputs, semantic_map, arguments.into)
         report = map_with_progress(
             inputs, semantic_map, on_detections=on_detections, again=arguments.again
         )
@@ -82,21 +81,21 @@ def run(arguments: argparse.Namespace) -> int:
             note(
                 f"all {report.skipped} frames are already in this map; --again maps them once more"
             )
-        print_outcome(semantic_map, report, arguments, inputs.device)
+        print_outcome(semantic_map, report, arguments, inputs.networks.device)
     return 0
 
 
 @contextmanager
 def open_for_mapping(
-    arguments: argparse.Namespace, inputs: MappingInputs, viewer: Viewer | None
+    arguments: argparse.Namespace, options: MappingOptions, viewer: Viewer | None
 ) -> Iterator[tuple[SemanticMap, OnDetections | None]]:
-    """The map to write into, and what is called with each mapped frame, which `viewer` gets."""
+    """The map to write into, and a callback for each mapped frame, which also feeds `viewer`."""
     from kg.opening import open_or_create_map
     from kg.store.gc_freezing import gc_frozen
 
     keep = keep_seconds(arguments)
-    if inputs.labels is not None:
-        _refuse_unknown_categories(inputs.labels, arguments.into)
+    if options.labels.names:
+        _check_categories(options.labels, arguments.into)
     save = _picture_saver(Path(arguments.pictures)) if arguments.pictures else None
     with (
         open_or_create_map(
@@ -107,15 +106,15 @@ def open_for_mapping(
         ) as semantic_map,
         _watched(semantic_map, viewer, save) as on_detections,
     ):
-        _refuse_other_base(semantic_map, arguments)
+        _check_base(semantic_map, arguments)
         if keep is not None:
             semantic_map.retain(keep)
         with gc_frozen():
             yield semantic_map, on_detections
 
 
-def _refuse_other_base(semantic_map: SemanticMap, arguments: argparse.Namespace) -> None:
-    """Refuse a `--base` that is not the one of the map that exists already."""
+def _check_base(semantic_map: SemanticMap, arguments: argparse.Namespace) -> None:
+    """Raise GraphError where `--base` is not the base of the map that exists already."""
     given = arguments.base
     if given is not None and semantic_map.base not in (given, f"{given}/"):
         raise GraphError(
@@ -126,21 +125,20 @@ def _refuse_other_base(semantic_map: SemanticMap, arguments: argparse.Namespace)
 def _correct_poses(
     inputs: Inputs, semantic_map: SemanticMap, arguments: argparse.Namespace
 ) -> bool:
-    """Move what the map has of the recording to its corrected poses; whether it has anything."""
+    """Move the recording's part of the map to its corrected poses; False where there is none."""
     from mapping.alignment.pose_correction import correct_poses, is_mapped
+    from perception.recordings.recording import open_recording
 
     if not is_mapped(inputs.recording, semantic_map):
         return False
-    as_mapped = argparse.Namespace(**vars(arguments) | {"poses": None, "no_check": True})
+    as_mapped = replace(inputs.reading, poses=None, check=False)
+    alone = replace(inputs, options=replace(inputs.options, find_places=False))
     report = correct_poses(
         inputs.recording,
-        open_given_recording(as_mapped),
+        open_recording(inputs.path, as_mapped),
         semantic_map,
-        lambda recording, apart: map_with_progress(
-            replace(inputs, recording=recording, find_places=False), apart
-        ),
-        layout=inputs.layout,
-        find_places=inputs.find_places and inputs.floor,
+        lambda recording, apart: map_with_progress(replace(alone, recording=recording), apart),
+        inputs.options,
     )
     if arguments.json:
         write_json(report.to_json())
@@ -155,8 +153,8 @@ def _correct_poses(
     return True
 
 
-def refuse_mapped(inputs: Inputs, semantic_map: SemanticMap) -> None:
-    """Refuse corrected poses of a recording that the map holds, where they would move nothing."""
+def check_unmapped(inputs: Inputs, semantic_map: SemanticMap) -> None:
+    """Raise LayoutError for corrected poses of a recording that the map holds already."""
     from mapping.alignment.pose_correction import is_mapped
 
     if is_mapped(inputs.recording, semantic_map):
@@ -166,13 +164,18 @@ def refuse_mapped(inputs: Inputs, semantic_map: SemanticMap) -> None:
         )
 
 
-def align_with_map(inputs: Inputs, semantic_map: SemanticMap) -> Inputs:
-    """Align a recording that is new to the map with it, and say how."""
+def fitted(inputs: Inputs, semantic_map: SemanticMap, address: str) -> Inputs:
+    """Inputs for the map at `address`: with the rooms it was taught, and aligned where asked."""
+    inputs = replace(inputs, networks=with_taught_rooms(inputs.networks, address))
+    if not inputs.align:
+        return inputs
     from mapping.alignment.recording_fit import aligned
 
-    recording, told = aligned(inputs.recording, semantic_map, inputs.detector, labels=inputs.labels)
-    if told:
-        note(told)
+    recording, report = aligned(
+        inputs.recording, semantic_map, inputs.networks.detector, labels=inputs.options.labels
+    )
+    if report:
+        note(report)
         rows = " ".join(f"{x:.6g}" for x in recording.T_map_world.ravel())
         note(f"T_map_world, row by row: {rows}")
     return replace(inputs, recording=recording)
@@ -187,20 +190,26 @@ def map_with_progress(
 ) -> MappingReport:
     """Run the mapping pipeline under a progress bar."""
     return map_frames(
-        inputs.recording, inputs, semantic_map, on_detections=on_detections, again=again
+        inputs.recording,
+        semantic_map,
+        inputs.networks,
+        inputs.options,
+        on_detections=on_detections,
+        again=again,
     )
 
 
 def map_frames(
     recording: Recording,
-    inputs: MappingInputs,
     semantic_map: SemanticMap,
+    networks: Networks,
+    options: MappingOptions,
     *,
     on_detections: OnDetections | None = None,
     again: bool = False,
     lost: Callable[[], str] | None = None,
 ) -> MappingReport:
-    """Run the mapping pipeline on frames; `lost` says of live ones how many were left out."""
+    """Run the mapping pipeline on frames; `lost` tells how many live ones were left out."""
     from mapping.read_ahead import AHEAD
     from mapping.recording_mapper import map_recording
 
@@ -220,27 +229,18 @@ def map_frames(
         return map_recording(
             recording,
             semantic_map,
-            inputs.detector,
-            inputs.scene,
-            mode=inputs.mode,
-            layout=inputs.layout,
-            find_places=inputs.find_places,
-            settings=inputs.settings,
+            networks.detector,
+            networks.scene,
+            options,
+            again=again,
             on_frame=on_frame,
             on_detections=on_detections,
-            again=again,
-            labels=inputs.labels,
-            occupancy=inputs.floor,
-            same_frame=inputs.same_frame,
-            check_poses=inputs.check,
-            pictures=inputs.pictures,
-            objects=inputs.objects,
             ahead=AHEAD if lost is None else 1,
         )
 
 
-def _refuse_unknown_categories(labels: LabelTable, address: str) -> None:
-    """Refuse a labels map before the map it does not fit is made or opened for writing."""
+def _check_categories(labels: LabelTable, address: str) -> None:
+    """Check a labels map before its map is made or opened for writing; raises LabelsError."""
     from kg.ontology.catalogue import Catalogue
     from kg.ontology.loading import load_ontologies
     from kg.opening import open_map
@@ -250,14 +250,14 @@ def _refuse_unknown_categories(labels: LabelTable, address: str) -> None:
             catalogue = semantic_map.catalogue
     except MapNotFoundError:
         catalogue = Catalogue.from_quads(load_ontologies().quads)
-    labels.refuse_unknown(catalogue)
+    labels.check_categories(catalogue)
 
 
 @contextmanager
 def _watched(
     semantic_map: SemanticMap, viewer: Viewer | None, save: OnDetections | None
 ) -> Iterator[OnDetections | None]:
-    """What is called with each mapped frame: pictures are saved, a viewer is fed."""
+    """A callback for each mapped frame that saves pictures and feeds a viewer."""
     if viewer is None:
         yield save
         return
@@ -295,7 +295,7 @@ def print_outcome(
     device: str,
     more: Mapping[str, object] | None = None,
 ) -> None:
-    """Say what was found; `more` is for `--json`."""
+    """Print the outcome; `more` is for `--json`."""
     if arguments.json:
         write_json({**report.to_json(), "device": device or None, **(more or {})})
         return
@@ -328,16 +328,16 @@ def _doubted(report: MappingReport, address: str) -> str:
 def _note_labels(report: MappingReport) -> None:
     made, unknown = report.provisional, report.unknown_labels
     if made:
-        what = "1 label is a" if len(made) == 1 else f"{len(made)} labels are"
+        count = "1 label is a" if len(made) == 1 else f"{len(made)} labels are"
         ending = "y" if len(made) == 1 else "ies"
-        note(f"{what} provisional categor{ending}: {_listed(made)} (--labels-map maps labels)")
+        note(f"{count} provisional categor{ending}: {_listed(made)} (--labels-map maps labels)")
     if unknown:
-        count = len(unknown)
-        note(f"{count} label{'s' * (count > 1)} without a category: {_listed(tuple(unknown))}")
+        count = f"{len(unknown)} label{'s' * (len(unknown) > 1)}"
+        note(f"{count} without a category: {_listed(tuple(unknown))}")
 
 
 def _note_detector(report: MappingReport, arguments: argparse.Namespace) -> None:
-    """After the bundled detectors: which one sees more."""
+    """Name a better detector after a run with the bundled ones."""
     from perception.inference.model_zoo import best_detector, bundled_pair, find_model
 
     if arguments.detector == "default" and report.frames:
@@ -350,5 +350,5 @@ def _note_detector(report: MappingReport, arguments: argparse.Namespace) -> None
 
 
 def _listed(labels: tuple[str, ...]) -> str:
-    more = f" and {len(labels) - _TOLD} more" if len(labels) > _TOLD else ""
-    return ", ".join(labels[:_TOLD]) + more
+    more = f" and {len(labels) - _MAX_NAMED} more" if len(labels) > _MAX_NAMED else ""
+    return ", ".join(labels[:_MAX_NAMED]) + more

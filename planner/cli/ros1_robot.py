@@ -3,18 +3,31 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from planner.cli.arguments import add_device, positive
+from planner.cli.arguments import add_device, share
 from planner.cli.live import require_ros
-from planner.cli.models import named_detector
-from planner.cli.recording_arguments import open_stream
-from planner.cli.recording_options import add_intrinsics_options, add_stream_options
+from planner.cli.network_options import NetworkOptions, open_networks
+from planner.cli.recording_options import add_stream_arguments, stream_options
 
 if TYPE_CHECKING:
+    from perception.recordings.recording_options import RecordingOptions
     from planner.execution.robot import Robot
 
-SHARE: Final = 0.9  # of --patience, after which this robot itself says what is missing
+#: share of --patience after which this robot itself reports the missing messages
+SHARE: Final = 0.9
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ros1Options:
+    """Options of a robot behind a ROS 1 master."""
+
+    networks: NetworkOptions
+    topics: RecordingOptions
+    navigation: str  # action server of move_base
+    base: str | None  # frame of the robot's base in tf
+    patience: float  # [s] that navigation, images and poses may take
 
 
 def is_ros1(address: str) -> bool:
@@ -22,8 +35,8 @@ def is_ros1(address: str) -> bool:
     return address == "ros1" or address.startswith("ros1://")
 
 
-def add_ros1_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the options that `open_ros1_robot` reads."""
+def add_ros1_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments that `ros1_options` reads."""
     group = parser.add_argument_group("robots of ros1://")
     group.add_argument(
         "--detector",
@@ -33,7 +46,7 @@ def add_ros1_options(parser: argparse.ArgumentParser) -> None:
         "can be fetched; see `hereabouts models list`)",
     )
     group.add_argument(
-        "--threshold", type=positive, default=0.25, help="least detector score (default: 0.25)"
+        "--threshold", type=share, default=0.25, help="least detector score (default: 0.25)"
     )
     add_device(group)
     group.add_argument(
@@ -47,34 +60,44 @@ def add_ros1_options(parser: argparse.ArgumentParser) -> None:
         metavar="FRAME",
         help="the robot's frame in tf (default: base_link, base_footprint, else the camera's)",
     )
-    add_intrinsics_options(group)
-    add_stream_options(group)
+    add_stream_arguments(group)
     defaults = {option.dest: option.default for option in group._group_actions}
     parser.set_defaults(ros1_defaults=defaults)
 
 
-def refuse_ros1_options(arguments: argparse.Namespace) -> None:
-    """Refuse what only these robots have, as wrong usage."""
+def check_no_ros1_arguments(arguments: argparse.Namespace) -> None:
+    """End the program, as wrong usage, where an argument is given that only these robots have."""
     for name, default in arguments.ros1_defaults.items():
         if getattr(arguments, name) != default:
             arguments.usage_error(f"--{name.replace('_', '-')} is for --robot ros1://HOST")
 
 
-def open_ros1_robot(arguments: argparse.Namespace) -> Robot:
-    """The robot that the options describe; raises HereaboutsError before it is moved."""
-    require_ros(arguments.robot, "rosbags")
-    from perception.inference.recorded_detections import open_detector
-    from perception.live.ros1 import Ros1Master
-    from planner.execution.ros1_robot import Ros1Robot
-
-    master = Ros1Master.at(arguments.robot)
-    name = named_detector(arguments.detector)
-    detector = open_detector(name, threshold=arguments.threshold, device=arguments.device)
-    return Ros1Robot(
-        master,
-        open_stream(master.address, arguments),
-        detector,
+def ros1_options(arguments: argparse.Namespace) -> Ros1Options:
+    """Options of the robot; raises RecordingError for unreadable intrinsics."""
+    return Ros1Options(
+        networks=NetworkOptions(
+            detector=arguments.detector, threshold=arguments.threshold, device=arguments.device
+        ),
+        topics=stream_options(arguments),
         navigation=arguments.navigation,
         base=arguments.base_frame,
         patience=SHARE * arguments.patience,
+    )
+
+
+def open_ros1_robot(address: str, options: Ros1Options) -> Robot:
+    """The robot behind the master at `address`; raises HereaboutsError before it is moved."""
+    require_ros(address, "rosbags")
+    from perception.live.ros1 import Ros1Master
+    from perception.live.stream import FrameStream
+    from planner.execution.ros1_robot import Ros1Robot
+
+    master = Ros1Master.at(address)
+    return Ros1Robot(
+        master,
+        FrameStream(master.address, options.topics),
+        open_networks(options.networks).detector,
+        navigation=options.navigation,
+        base=options.base,
+        patience=options.patience,
     )

@@ -15,10 +15,11 @@ from typing import TYPE_CHECKING, Final
 from planner.cli.arguments import add_map, count, positive, share, title_for
 from planner.cli.console import note, write
 from planner.cli.ros1_robot import (
-    add_ros1_options,
+    add_ros1_arguments,
+    check_no_ros1_arguments,
     is_ros1,
     open_ros1_robot,
-    refuse_ros1_options,
+    ros1_options,
 )
 from planner.cli.simulated_house import add_hide, house_with
 from planner.cli.viewers import add_viewers, open_viewers
@@ -95,18 +96,17 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser.add_argument(
         "--seed", type=count, default=0, metavar="N", help="sim: what the senses get wrong"
     )
-    add_ros1_options(parser)
+    add_ros1_arguments(parser)
     add_viewers(parser)
     parser.add_argument("--json", action="store_true", help="print each event as a line of JSON")
     parser.set_defaults(run=run, usage_error=parser.error)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Search, and tell on stderr (or, with --json, on stdout) what happens and why."""
+    """Search, and print each event on stderr or, with --json, on stdout."""
     from kg.opening import open_map
 
-    _refuse_nonsense(arguments)
-    from planner.execution.options import SearchOptions
+    _check_usage(arguments)
     from planner.execution.search_loop import search
 
     with (
@@ -115,12 +115,9 @@ def run(arguments: argparse.Namespace) -> int:
         _signals() as caught,
     ):
         robot = _robot(arguments, semantic_map)
-        options = SearchOptions(
-            budget=arguments.budget,
-            give_up_at=arguments.give_up_at,
-            timeout=arguments.patience,
+        options = replace(
+            search_options(arguments),
             stopping=lambda: bool(caught),
-            on_event=_event_sink(arguments),
             clock=_clock(robot, semantic_map),
         )
         if viewer is not None:
@@ -133,7 +130,19 @@ def run(arguments: argparse.Namespace) -> int:
     return FOUND if outcome.state == "found" else GIVEN_UP
 
 
-def _refuse_nonsense(arguments: argparse.Namespace) -> None:
+def search_options(arguments: argparse.Namespace) -> SearchOptions:
+    """Options of the search."""
+    from planner.execution.options import SearchOptions
+
+    return SearchOptions(
+        budget=arguments.budget,
+        give_up_at=arguments.give_up_at,
+        timeout=arguments.patience,
+        on_event=_event_sink(arguments),
+    )
+
+
+def _check_usage(arguments: argparse.Namespace) -> None:
     if not arguments.object and not arguments.resume:
         arguments.usage_error("give an OBJECT to find, or --resume")
     if arguments.robot == "stdio" and arguments.json:
@@ -142,7 +151,7 @@ def _refuse_nonsense(arguments: argparse.Namespace) -> None:
         arguments.usage_error("--hide is for --robot sim")
     if is_ros1(arguments.robot):
         return
-    refuse_ros1_options(arguments)
+    check_no_ros1_arguments(arguments)
     known = arguments.robot in ("sim", "stdio")
     if not known and not arguments.robot.startswith(("stdio:", "http://", "https://")):
         arguments.usage_error(
@@ -156,7 +165,7 @@ def _robot(arguments: argparse.Namespace, semantic_map: SemanticMap) -> Robot:
 
         return simulated_robot(semantic_map, house_with(arguments.hide), seed=arguments.seed)
     if is_ros1(arguments.robot):
-        return open_ros1_robot(arguments)
+        return open_ros1_robot(arguments.robot, ros1_options(arguments))
     if arguments.robot.startswith("http"):
         from planner.execution.http_transport import HttpRobot
 
@@ -169,7 +178,7 @@ def _robot(arguments: argparse.Namespace, semantic_map: SemanticMap) -> Robot:
 
 
 def _clock(robot: Robot, semantic_map: SemanticMap) -> Callable[[], float]:
-    """The time to write: now, or in the simulated house the time it is there."""
+    """Clock of the times to write: the computer's, or the simulated house's."""
     from planner.simulation.robot.house_robot import SimulatedHouseRobot
 
     mapped = semantic_map.robot()
@@ -194,7 +203,7 @@ def _event_sink(arguments: argparse.Namespace) -> Callable[[Event], None]:
 def _watched(
     semantic_map: SemanticMap, viewer: Viewer, robot: Robot, options: SearchOptions
 ) -> tuple[Robot, SearchOptions]:
-    """The same robot and options, whose poses and events a viewer gets as well."""
+    """The same robot and options, whose poses and events also go to a viewer."""
     from planner.viewers.feed import SearchFeed, WatchedRobot
 
     feed = SearchFeed(semantic_map, viewer, options.clock)

@@ -15,9 +15,8 @@ from typing import TYPE_CHECKING
 from kg.errors import HereaboutsError
 from planner.cli.arguments import add_keep, add_map, keep_seconds, positive
 from planner.cli.console import note
-from planner.cli.map_recording import align_with_map, refuse_mapped
-from planner.cli.recording_arguments import Inputs, open_inputs
-from planner.cli.recording_options import add_recording_options
+from planner.cli.map_recording import check_unmapped, fitted
+from planner.cli.mapping_options import Inputs, add_all_arguments, open_inputs
 
 if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
@@ -95,7 +94,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         metavar="DIR",
         help="map this recording meanwhile (again for more, one after the other)",
     )
-    add_recording_options(parser)
+    add_all_arguments(parser)
     parser.set_defaults(run=run, usage_error=parser.error)
 
 
@@ -121,7 +120,8 @@ def _serve(arguments: argparse.Namespace) -> int:
     from planner.plans.report import find_answer
 
     settings, keep = _settings(arguments), keep_seconds(arguments)
-    inputs = _inputs(arguments)
+    # opened before the map is touched
+    inputs = [open_inputs(arguments, folder) for folder in arguments.recording]
     if arguments.verbose:
         logging.basicConfig(level=logging.INFO, format="%(message)s")
     path = Path(arguments.map)
@@ -135,7 +135,7 @@ def _serve(arguments: argparse.Namespace) -> int:
         opened as semantic_map,
         gc_frozen(),
         _foxglove(semantic_map, arguments) as viewer,
-        _Mapper(semantic_map, inputs, viewer) as mapper,
+        _Mapper(semantic_map, arguments.map, inputs, viewer) as mapper,
     ):
         if keep is not None:
             semantic_map.retain(keep)
@@ -191,14 +191,6 @@ def _settings(arguments: argparse.Namespace) -> Settings:
     )
 
 
-def _inputs(arguments: argparse.Namespace) -> list[Inputs]:
-    """What each recording needs, opened before the map is touched."""
-    return [
-        open_inputs(argparse.Namespace(**{**vars(arguments), "recording": folder}))
-        for folder in arguments.recording
-    ]
-
-
 def _port(text: str) -> int:
     if not (text.isascii() and text.isdigit() and int(text) < 65536):
         raise argparse.ArgumentTypeError(f"needs a port between 0 and 65535, got {text!r}")
@@ -209,12 +201,13 @@ class _Mapper:
     """Maps recordings on a thread of its own; leaving the context ends it after its frame."""
 
     def __init__(
-        self, semantic_map: SemanticMap, inputs: list[Inputs], viewer: Viewer | None
+        self, semantic_map: SemanticMap, address: str, inputs: list[Inputs], viewer: Viewer | None
     ) -> None:
-        self._map, self._inputs, self._viewer = semantic_map, inputs, viewer
+        self._map, self._address = semantic_map, address
+        self._inputs, self._viewer = inputs, viewer
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._map_all, name="hereabouts-mapper", daemon=True)
-        self._told: dict[str, object] = {}
+        self._progress: dict[str, object] = {}
 
     def start(self) -> None:
         """Begin, where there is anything to map."""
@@ -223,7 +216,7 @@ class _Mapper:
 
     def status(self) -> Mapping[str, object]:
         """How far each recording is, for `/health`."""
-        return {"mapping": dict(self._told)} if self._inputs else {}
+        return {"mapping": dict(self._progress)} if self._inputs else {}
 
     def __enter__(self) -> _Mapper:
         return self
@@ -242,41 +235,32 @@ class _Mapper:
                 return
             except HereaboutsError as error:
                 # the others, and the server, go on
-                self._told[name] = "failed; the server's stderr says why"
+                self._progress[name] = "failed; the server's stderr says why"
                 note(f"{name}: {error}")
 
     def _map_one(self, inputs: Inputs) -> None:
         from mapping.recording_mapper import map_recording
 
         if inputs.corrected:
-            refuse_mapped(inputs, self._map)
-        if inputs.align:
-            inputs = align_with_map(inputs, self._map)
-
+            check_unmapped(inputs, self._map)
+        inputs = fitted(inputs, self._map, self._address)
         name = inputs.recording.name
 
         def on_frame(report: FrameReport) -> None:
-            self._told[name] = {"frame": report.index + 1, "of": report.total}
+            self._progress[name] = {"frame": report.index + 1, "of": report.total}
             if self._end.is_set():
                 raise _EndedError
 
         report = map_recording(
             inputs.recording,
             self._map,
-            inputs.detector,
-            inputs.scene,
-            layout=inputs.layout,
-            find_places=inputs.find_places,
-            settings=inputs.settings,
-            labels=inputs.labels,
+            inputs.networks.detector,
+            inputs.networks.scene,
+            inputs.options,
             on_frame=on_frame,
             on_detections=None if self._viewer is None else self._on_detections,
-            occupancy=inputs.floor,
-            same_frame=inputs.same_frame,
-            check_poses=inputs.check,
-            pictures=inputs.pictures,
         )
-        self._told[name] = f"done: {report.frames} frames mapped, {report.skipped} were there"
+        self._progress[name] = f"done: {report.frames} frames mapped, {report.skipped} were there"
         note(f"{name}: {report.frames} frames mapped, {report.objects} objects")
 
     def _on_detections(

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, TypeVar
 
 from kg.errors import LayoutError, ModelError, RecordingError, UnknownCategoryError
 from planner.cli.arguments import add_device, add_json, add_map
 from planner.cli.console import note, write_json
-from planner.cli.recording_arguments import open_given_recording
-from planner.cli.recording_options import add_camera_options
+from planner.cli.network_options import Networks
+from planner.cli.recording_options import add_recording_arguments, recording_options
 
 if TYPE_CHECKING:
     import numpy as np
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
 
     from kg.maps.semantic_map import SemanticMap
     from kg.records import PlaceRecord
-    from perception.frames import SceneClassifier
     from perception.inference.scene_classifier import OnnxSceneClassifier
 
 Item = TypeVar("Item")
@@ -56,8 +56,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     )
     add_device(parser)
     add_json(parser)
-    parser.set_defaults(usage_error=parser.error)
-    add_camera_options(parser.add_argument_group("recording"))
+    add_recording_arguments(parser)
     parser.set_defaults(run=run)
 
 
@@ -95,18 +94,19 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def with_taught_rooms(scene: SceneClassifier | None, address: str) -> SceneClassifier | None:
-    """`scene`, with the rooms that the map at `address` was taught."""
+def with_taught_rooms(networks: Networks, address: str) -> Networks:
+    """`networks`, whose scene classifier knows the rooms that the map at `address` was taught."""
     from perception.inference.scene_classifier import OnnxSceneClassifier
     from perception.inference.taught_rooms import RoomExamples, TaughtSceneClassifier
 
-    examples = RoomExamples.load(Path(address)) if isinstance(scene, OnnxSceneClassifier) else None
-    if examples is None or not isinstance(scene, OnnxSceneClassifier):
-        return scene
-    if len(set(examples.label)) < 2:
-        return scene
+    scene = networks.scene
+    if not isinstance(scene, OnnxSceneClassifier):
+        return networks
+    examples = RoomExamples.load(Path(address))
+    if examples is None or len(set(examples.label)) < 2:
+        return networks
     note(f"rooms taught in this map: {', '.join(dict.fromkeys(examples.label))}")
-    return TaughtSceneClassifier(scene, examples)
+    return replace(networks, scene=TaughtSceneClassifier(scene, examples))
 
 
 def _place(semantic_map: SemanticMap, name: str) -> PlaceRecord:
@@ -140,8 +140,11 @@ def _seen_from(
 ) -> Iterator[NDArray[np.uint8]]:
     """Images of the recording's frames whose camera stood in the place."""
     from mapping.resumption import resumed
+    from perception.recordings.recording import open_recording
 
-    recording = open_given_recording(arguments)
+    recording = open_recording(
+        arguments.recording, recording_options(arguments, arguments.recording)
+    )
     if recording.name not in {record.name for record in semantic_map.recordings()}:
         raise LayoutError(f"{recording.name!r} is not in this map; map it first, or give --images")
     poses = (

@@ -10,6 +10,7 @@ from kg.areas import Rectangle
 from kg.maps.semantic_map import SemanticMap
 from kg.ontology.lint import check_map
 from mapping.mapper import Mapper
+from mapping.mapping_options import MappingOptions
 from mapping.places.layout import Layout, LayoutPlace
 from perception.frames import Detections, Frame, SceneScores
 from tests.mapping.correction_scripts import Script
@@ -114,7 +115,7 @@ def play(
 ) -> None:
     name = f"run {len(semantic_map.recordings())}"
     given = {"recording": name, "detector": name, "scene_model": name}
-    with Mapper(semantic_map, mode="reference", layout=ROOM, **given) as mapper:
+    with Mapper(semantic_map, MappingOptions(mode="reference", layout=ROOM), **given) as mapper:
         for shot in Stage(steps, Acts(people or semantic_map), frame).shots():
             mapper.add(*shot)
 

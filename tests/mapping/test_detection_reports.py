@@ -24,6 +24,7 @@ from mapping.detection_report import (
 from mapping.detection_reporter import DetectionReporter
 from mapping.label_table import LabelTable
 from mapping.mapper import Mapper
+from mapping.mapping_options import MappingOptions
 from mapping.objects.bayes_mapper import BayesObjectMapper
 from mapping.objects.detection_fates import DetectionFates
 from mapping.objects.object_mapper import ObjectChanges
@@ -48,7 +49,7 @@ def detected(folder, step_back):
     def run(*frames, view=step_back, **options):
         with (
             create_map(folder, base=BASE) as semantic_map,
-            Mapper(semantic_map, recording="room", **options) as mapper,
+            Mapper(semantic_map, MappingOptions(**options), recording="room") as mapper,
         ):
             for number, detections in enumerate(frames):
                 mapper.add(view(number), detections)

@@ -10,9 +10,11 @@ import pytest
 from kg.errors import FrameError, RecordingError
 from mapping.frame_checks import FrameChecks
 from mapping.mapper import Mapper
+from mapping.mapping_options import MappingOptions
 from perception.camera.poses import BODY_FROM_CAMERA
 from perception.frames import Detections, Frame, SceneScores
 from perception.recordings.recording import open_recording
+from perception.recordings.recording_options import RecordingOptions
 from planner.simulation.houses.house import furnished_house
 from planner.simulation.robot.mapping_tour import SimulatedTour
 from planner.simulation.robot.motion import Pose
@@ -190,7 +192,7 @@ def test_poses_of_another_convention_are_refused_and_named(
     assert mapper.frames_applied < 25
     with pytest.raises(FrameError, match="would work, in a new map"):
         mapper.add(frames[-1], make_detections())
-    unchecked = Mapper(semantic_map, recording="as they are", check_poses=False)
+    unchecked = Mapper(semantic_map, MappingOptions(check_poses=False), recording="as they are")
     for frame in frames:
         unchecked.add(frame, make_detections())
 
@@ -211,7 +213,7 @@ def test_what_is_carried_before_the_camera_tells_nothing_of_its_poses():
 
 @pytest.mark.parametrize("recording", ["redkitchen", "icl_livingroom", "hololens_lounge"])
 def test_right_poses_of_recordings_are_taken_and_others_refused(shared, recording):
-    folder = open_recording(shared(f"data/rgbd/{recording}"), check=False)
+    folder = open_recording(shared(f"data/rgbd/{recording}"), RecordingOptions(check=False))
     frames = [folder.frame(n) for n in range(48)]
     for sound in (
         frames,

@@ -10,6 +10,7 @@ from kg.errors import LabelsError
 from kg.ontology.catalogue import Catalogue
 from kg.ontology.loading import load_ontologies
 from mapping.label_table import LabelTable, load_label_table
+from mapping.mapping_options import MappingOptions
 from mapping.objects.object_mapper import ObjectMapper
 from mapping.places.place_mapper import PlaceMapper
 from mapping.places.place_registry import PlaceRegistry
@@ -84,13 +85,19 @@ def test_an_unknown_object_is_mapped_as_what_the_detector_calls_it(
     drive = [step_back(n) for n in range(3)]
     found = make_detections(("Espresso machine", 0.9, MIDDLE))
     detector = scripted_detector({}, found)
-    report = map_recording(list_recording(drive), semantic_map, detector, settings=SETTINGS)
+    report = map_recording(
+        list_recording(drive), semantic_map, detector, options=MappingOptions(reference=SETTINGS)
+    )
     assert report.provisional == ("Espresso machine",)
     assert report.unknown_labels == {}
     (record,) = semantic_map.objects("espresso machine")
     assert record.observations == 3
     again = map_recording(
-        list_recording(drive), semantic_map, detector, settings=SETTINGS, again=True
+        list_recording(drive),
+        semantic_map,
+        detector,
+        options=MappingOptions(reference=SETTINGS),
+        again=True,
     )
     assert again.provisional == ("Espresso machine",)
     assert len(semantic_map.objects("espresso machine")) == 1
@@ -142,10 +149,15 @@ def test_a_rerun_with_a_table_maps_a_provisional_label_to_a_real_category(
 ):
     detector = scripted_detector({}, make_detections(("Espresso machine", 0.9, MIDDLE)))
     run = [step_back(n) for n in range(3)]
-    map_recording(list_recording(run), semantic_map, detector, settings=SETTINGS)
+    map_recording(
+        list_recording(run), semantic_map, detector, options=MappingOptions(reference=SETTINGS)
+    )
     labels = table("Espresso machine,toaster\n")
     map_recording(
-        list_recording(run, name="later"), semantic_map, detector, settings=SETTINGS, labels=labels
+        list_recording(run, name="later"),
+        semantic_map,
+        detector,
+        options=MappingOptions(reference=SETTINGS, labels=labels),
     )
     assert len(semantic_map.objects("toaster")) == 1
 
@@ -193,7 +205,12 @@ def test_a_table_of_unknown_categories_leaves_the_map_as_it_is(
     detector = scripted_detector({}, make_detections())
     labels = table(f"cup,{name}\n")
     with pytest.raises(LabelsError, match=message):
-        map_recording(list_recording([make_frame(2.0)]), semantic_map, detector, labels=labels)
+        map_recording(
+            list_recording([make_frame(2.0)]),
+            semantic_map,
+            detector,
+            options=MappingOptions(labels=labels),
+        )
     assert semantic_map.sequence == before
 
 

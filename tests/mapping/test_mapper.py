@@ -13,6 +13,7 @@ from kg.records import MapUpdate
 from kg.vocabulary import MAP_GRAPH
 from mapping.label_table import LabelTable
 from mapping.mapper import Mapper
+from mapping.mapping_options import MappingOptions
 from mapping.objects.settings import ObjectSettings
 from mapping.places.layout import Layout, LayoutPlace
 from mapping.recording_mapper import map_recording
@@ -43,7 +44,7 @@ def map_cup(step_back, cup):
 
 
 def test_each_frame_is_one_transaction_and_returned_as_written(semantic_map, step_back, cup):
-    with Mapper(semantic_map, layout=ROOM) as mapper:
+    with Mapper(semantic_map, MappingOptions(layout=ROOM)) as mapper:
         mapper.add(step_back(0), cup)
         before = semantic_map.sequence
         update = mapper.add(step_back(0, id="again", stamp=1e9 + 1), cup)
@@ -77,7 +78,7 @@ def test_a_loop_over_add_makes_the_map_that_map_recording_makes(
 
 
 def test_scores_count_only_where_the_view_does(semantic_map, make_frame, make_detections):
-    mapper = Mapper(semantic_map, layout=ROOM)
+    mapper = Mapper(semantic_map, MappingOptions(layout=ROOM))
     frame, nothing = make_frame(2.0), make_detections()
     assert mapper.viewed_place(frame) == semantic_map.place_iri(1)
     (place,) = mapper.add(frame, nothing, KITCHEN).places
@@ -91,14 +92,14 @@ def test_scores_count_only_where_the_view_does(semantic_map, make_frame, make_de
 
 
 def test_the_same_frame_twice_counts_once_for_its_place(semantic_map, make_frame, make_detections):
-    mapper, frame = Mapper(semantic_map, layout=ROOM), make_frame(2.0)
+    mapper, frame = Mapper(semantic_map, MappingOptions(layout=ROOM)), make_frame(2.0)
     mapper.add(frame, make_detections(), KITCHEN)
     mapper.add(frame, make_detections(), KITCHEN)
     assert semantic_map.places()[0].views == 1
 
 
 def test_sightings_belong_to_the_objects_that_frames_showed(semantic_map, map_cup):
-    mapper = Mapper(semantic_map, layout=ROOM)
+    mapper = Mapper(semantic_map, MappingOptions(layout=ROOM))
     first = map_cup(mapper)
     near = Sighting(first.category, 0.8, first.p_map + np.array([0.1, 0, 0]))
     (again,) = mapper.add_sightings([near], 1e9 + 5).objects
@@ -112,7 +113,7 @@ def test_sightings_belong_to_the_objects_that_frames_showed(semantic_map, map_cu
 
 
 def test_sightings_honour_what_people_asserted(semantic_map, map_cup):
-    mapper = Mapper(semantic_map, layout=ROOM)
+    mapper = Mapper(semantic_map, MappingOptions(layout=ROOM))
     first = map_cup(mapper)
     assert semantic_map.assert_(first.iri, "position", (4, 4, 1), by="ann")
     assert semantic_map.assert_(first.iri, "category", "bowl", by="ann")
@@ -126,7 +127,7 @@ def test_sightings_honour_what_people_asserted(semantic_map, map_cup):
 
 
 def test_no_sighting_is_no_evidence_against_anything(semantic_map, map_cup):
-    mapper = Mapper(semantic_map, layout=ROOM)
+    mapper = Mapper(semantic_map, MappingOptions(layout=ROOM))
     map_cup(mapper)
     before = semantic_map.sequence
     assert mapper.add_sightings([], 1e6 + 5) == MapUpdate()
@@ -158,7 +159,7 @@ def test_the_rest_of_the_floor_is_written_at_the_end_of_the_block(semantic_map, 
 
 
 def test_occupancy_can_be_left_out(semantic_map, make_frame, cup):
-    with Mapper(semantic_map, occupancy=False) as mapper:
+    with Mapper(semantic_map, MappingOptions(occupancy=False)) as mapper:
         mapper.add(make_frame(2.0), cup)
     assert semantic_map.floor() == ()
 
@@ -167,14 +168,16 @@ def test_occupancy_can_be_left_out(semantic_map, make_frame, cup):
 def test_labels_and_settings_are_the_callers(semantic_map, step_back, make_detections, mode):
     labels = LabelTable({"mug": "cup"})
     settings, objects = ReferenceSettings(min_score=0.5), ObjectSettings(min_score=0.5)
-    mapper = Mapper(semantic_map, mode=mode, labels=labels, settings=settings, objects=objects)
+    mapper = Mapper(
+        semantic_map, MappingOptions(mode=mode, labels=labels, reference=settings, objects=objects)
+    )
     seen = make_detections(("mug", 0.9, MIDDLE), ("bowl", 0.4, (5, 5, 15, 15)))
     for n in range(3):
         mapper.add(step_back(n), seen)
     (found,) = semantic_map.objects()
     assert semantic_map.catalogue.label(found.category) == "cup"
     with pytest.raises(LabelsError):
-        Mapper(semantic_map, labels=LabelTable({"mug": "flux capacitor"}))
+        Mapper(semantic_map, MappingOptions(labels=LabelTable({"mug": "flux capacitor"})))
 
 
 def _pitched_down(angle: float = 0.7) -> np.ndarray:

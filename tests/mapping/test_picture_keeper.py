@@ -7,6 +7,7 @@ import pytest
 from kg.maps.object_pictures import MOST_BYTES, ObjectPictures
 from kg.opening import create_map, in_memory_map
 from mapping.mapper import Mapper
+from mapping.mapping_options import MappingOptions
 from perception.frames import Frame
 from perception.object_picture import LONGEST, object_picture
 
@@ -34,7 +35,7 @@ def decoded(data: bytes) -> np.ndarray:
 def mapped(folder, coloured, detections, **options):
     with (
         create_map(folder, base="https://example.org/map/") as semantic_map,
-        Mapper(semantic_map, recording="room", **options) as mapper,
+        Mapper(semantic_map, MappingOptions(**options), recording="room") as mapper,
     ):
         for number in range(3):
             mapper.add(coloured(number), detections)

@@ -14,6 +14,7 @@ from perception.frames import Frame
 from perception.inference.detector import load_detector
 from perception.inference.scene_classifier import load_scene_classifier
 from perception.recordings.recording import open_recording
+from perception.recordings.recording_options import RecordingOptions
 
 
 class Every:
@@ -37,7 +38,9 @@ def building(shared):
 
     def open_room(sequence: str, n: int) -> Every:
         T = load_transform(shared("data/rgbd/composite_building.json"), sequence)
-        return Every(open_recording(shared(f"data/rgbd/{sequence}"), T_map_world=T), n)
+        return Every(
+            open_recording(shared(f"data/rgbd/{sequence}"), RecordingOptions(T_map_world=T)), n
+        )
 
     return open_room
 

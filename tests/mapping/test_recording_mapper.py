@@ -9,6 +9,7 @@ from kg.areas import Rectangle
 from kg.errors import LayoutError, RecordingError
 from kg.opening import create_map, in_memory_map, open_map
 from mapping.mapper import robot_at
+from mapping.mapping_options import MappingOptions
 from mapping.places.layout import Layout, LayoutPlace
 from mapping.progress_report import STAGES
 from mapping.recording_mapper import map_recording
@@ -138,7 +139,7 @@ def test_given_layout_is_written_even_where_nothing_is_seen(
             LayoutPlace(2, "there", Rectangle(20, 30, 0, 9)),
         )
     )
-    map_recording(list_recording(drive), semantic_map, cup(), layout=layout)
+    map_recording(list_recording(drive), semantic_map, cup(), options=MappingOptions(layout=layout))
     assert [p.label for p in semantic_map.places()] == ["here", "there"]
     assert semantic_map.objects()[0].place == semantic_map.place_iri(1)
 
@@ -149,7 +150,7 @@ def test_objects_follow_a_new_layout_without_being_seen(
     map_recording(list_recording(drive), semantic_map, cup())
     layout = Layout((LayoutPlace(7, "shelf", Rectangle(1.5, 2.5, -1, 1)),))
     blind = list_recording([make_frame(np.nan)], name="blind")
-    map_recording(blind, semantic_map, cup(), layout=layout)
+    map_recording(blind, semantic_map, cup(), options=MappingOptions(layout=layout))
     assert semantic_map.objects()[0].place == semantic_map.place_iri(7)
 
 

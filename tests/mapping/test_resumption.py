@@ -14,6 +14,7 @@ from mapping.recording_mapper import map_recording
 from mapping.resumption import resumed
 from perception.inference.detector import load_detector
 from perception.recordings.recording import open_recording
+from perception.recordings.recording_options import RecordingOptions
 
 
 def part_of(recording: Path, folder: Path, frames: int) -> Path:
@@ -38,7 +39,7 @@ def test_a_recording_that_has_grown_goes_on_where_it_stood(tmp_path, shared):
         stood = resumed(grown, semantic_map)
         assert np.array_equal(stood.T_map_world, first.T_map_world)
         assert semantic_map.recordings()[0].frames_applied == 3
-        given = open_recording(folder, T_map_world=grown.T_map_world)
+        given = open_recording(folder, RecordingOptions(T_map_world=grown.T_map_world))
         with pytest.raises(LayoutError, match="'kitchen' is in this map by another T_map_world"):
             map_recording(given, semantic_map, detector)
         for path in sorted(folder.glob("frame-*"))[5 * len(list(folder.glob("frame-000000.*"))) :]:

@@ -24,6 +24,7 @@ from kg.maps.semantic_map import SemanticMap
 from kg.opening import create_map, open_map
 from kg.query.query_files import Table
 from mapping.evaluation.class_scores import MapScore, Truth, score_map
+from mapping.mapping_options import MappingOptions
 from mapping.places.layout import Layout, LayoutPlace
 from mapping.progress_report import FrameReport, MappingReport
 from mapping.recording_mapper import map_recording
@@ -268,7 +269,7 @@ def _map(
         semantic_map,
         SimulatedDetector(camera),
         SimulatedSceneClassifier(camera, places),
-        layout=layout_of(camera.house),
+        options=MappingOptions(layout=layout_of(camera.house)),
         on_frame=receive,
     )
 

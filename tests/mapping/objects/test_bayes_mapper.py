@@ -15,6 +15,7 @@ from kg.opening import create_map, in_memory_map, open_map
 from kg.records import MapUpdate, ObjectRecord, RobotRecord
 from kg.transactions import Cause, ChangeSet
 from mapping.mapper import Mapper
+from mapping.mapping_options import MappingOptions
 from mapping.objects.bayes_mapper import BayesObjectMapper
 from mapping.objects.settings import ObjectSettings
 from mapping.sighting import Sighting
@@ -484,7 +485,7 @@ def test_looks_in_vain_count_against_an_object(semantic_map, step_back):
 
 def test_settings_are_the_callers(semantic_map, step_back):
     room = Room(semantic_map, step_back)
-    room.mapper = Mapper(semantic_map, objects=ObjectSettings(confirmed=0.4))
+    room.mapper = Mapper(semantic_map, MappingOptions(objects=ObjectSettings(confirmed=0.4)))
     room.see(CUP)
     assert semantic_map.objects() == ()
     room.see(CUP, times=3)
@@ -497,7 +498,7 @@ def test_an_object_with_assertions_is_merged_into_no_other(room, asserted):
     _, other = sorted(room.map.objects(), key=lambda record: -record.existence)
     if asserted:
         room.map.assert_(other.iri, "existence", "present", by="ann")
-    room.mapper = Mapper(room.map, objects=ObjectSettings(separation=100.0))
+    room.mapper = Mapper(room.map, MappingOptions(objects=ObjectSettings(separation=100.0)))
     room.see(("cup", 0.9, box(16)))
     assert (other.iri in {record.iri for record in room.map.objects()}) == asserted
 

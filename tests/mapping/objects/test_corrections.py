@@ -17,7 +17,7 @@ from kg.opening import create_map, in_memory_map, open_map
 from kg.records import MapUpdate, PlaceRecord
 from kg.server import BearerTokens, MapServer, Settings
 from kg.transactions import Cause, ChangeSet
-from mapping.mapper import TRIES
+from mapping.mapper import MAX_ATTEMPTS
 from mapping.objects.object_mapper import ObjectMapper
 from mapping.places.place_registry import PlaceRegistry
 from mapping.reference.settings import ReferenceSettings
@@ -115,7 +115,7 @@ def test_a_mapper_writes_into_a_served_map_as_into_its_folder(
         as_told(semantic_map, script)
 
 
-@pytest.mark.parametrize("times", [1, 3, TRIES])
+@pytest.mark.parametrize("times", [1, 3, MAX_ATTEMPTS])
 def test_a_frame_that_somebody_gets_in_the_way_of_is_mapped_anew(
     times: int,
     make_frame: Callable[..., Frame],
@@ -137,7 +137,7 @@ def test_a_frame_that_somebody_gets_in_the_way_of_is_mapped_anew(
             return write(update, cause)
 
         monkeypatch.setattr(far, "write", contested)
-        if times == TRIES:
+        if times == MAX_ATTEMPTS:
             with pytest.raises(ConflictError, match=r"others have changed object/1 since #\d+"):
                 play(far, ["blind", "see cup"], make_frame)
             assert semantic_map.objects()[0].observations == 2

@@ -15,6 +15,7 @@ from kg.opening import create_map, open_map
 from kg.records import DepartedRecord, MapUpdate
 from kg.transactions import Cause
 from mapping.mapper import Mapper
+from mapping.mapping_options import MappingOptions
 from mapping.objects.settings import ObjectSettings
 from perception.frames import Detections, Frame
 
@@ -114,12 +115,12 @@ def test_what_people_say_is_not_there_is_not_remembered(
 
 @pytest.mark.parametrize("again", [False, True])
 def test_only_the_latest_are_kept(semantic_map: SemanticMap, step_back: View, again: bool) -> None:
-    mapper = Mapper(semantic_map, objects=ObjectSettings(departures=1))
+    mapper = Mapper(semantic_map, MappingOptions(objects=ObjectSettings(departures=1)))
     for label in ("cup", "bottle"):
         see(mapper, step_back, (label, 0.0, 0.8))
         leave(mapper, step_back)
         if again:  # a restart between them
-            mapper = Mapper(semantic_map, objects=ObjectSettings(departures=1))
+            mapper = Mapper(semantic_map, MappingOptions(objects=ObjectSettings(departures=1)))
     (departed,) = semantic_map.departed()
     assert semantic_map.catalogue.label(departed.category) == "bottle"
     assert check_map(semantic_map.engine) == []

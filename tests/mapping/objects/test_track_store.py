@@ -17,6 +17,7 @@ import pytest
 from kg.maps.semantic_map import SemanticMap
 from kg.opening import create_map, open_map
 from mapping.mapper import Mapper
+from mapping.mapping_options import MappingOptions
 from mapping.objects.bayes_mapper import BayesObjectMapper
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.track_store import FILE, RunState, TrackStore
@@ -41,7 +42,9 @@ def tour() -> tuple[tuple[Frame, Detections], ...]:
 
 def go_on(semantic_map: SemanticMap, until: int = FRAMES) -> Mapper:
     """Map the frames that the map does not hold yet, up to number `until`."""
-    mapper = Mapper(semantic_map, recording="tour", occupancy=False, check_poses=False)
+    mapper = Mapper(
+        semantic_map, MappingOptions(occupancy=False, check_poses=False), recording="tour"
+    )
     for frame, found in tour()[mapper.frames_applied : until]:
         mapper.add(frame, found)
     return mapper

@@ -10,6 +10,7 @@ import pytest
 from kg.maps.semantic_map import SemanticMap
 from kg.opening import in_memory_map
 from kg.records import FREE, LOW, TALL, UNKNOWN, FloorTile
+from mapping.mapping_options import MappingOptions
 from mapping.occupancy.occupancy_map import OccupancyMap
 from mapping.occupancy.occupancy_settings import OccupancySettings
 from mapping.recording_mapper import map_recording
@@ -235,7 +236,12 @@ def test_without_the_floor_there_is_none(
     semantic_map, look, list_recording, scripted_detector, make_detections
 ):
     detector = scripted_detector({}, make_detections())
-    map_recording(list_recording([look(WALL)]), semantic_map, detector, occupancy=False)
+    map_recording(
+        list_recording([look(WALL)]),
+        semantic_map,
+        detector,
+        options=MappingOptions(occupancy=False),
+    )
     assert semantic_map.floor() == ()
 
 

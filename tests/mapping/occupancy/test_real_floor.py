@@ -12,12 +12,13 @@ from mapping.occupancy.mapped_floor import MappedFloor, mapped_floor
 from mapping.occupancy.occupancy_map import OccupancyMap
 from mapping.transform_file import load_transform
 from perception.recordings.recording import open_recording
+from perception.recordings.recording_options import RecordingOptions
 
 
 def floor_of(shared, sequence: str, every: int) -> tuple[MappedFloor, np.ndarray]:
     """The floor of every so manieth frame, and the recording's T_map_world."""
     T = load_transform(shared("data/rgbd/composite_building.json"), sequence)
-    recording = open_recording(shared(f"data/rgbd/{sequence}"), T_map_world=T)
+    recording = open_recording(shared(f"data/rgbd/{sequence}"), RecordingOptions(T_map_world=T))
     with in_memory_map() as semantic_map:
         book = OccupancyMap(semantic_map)
         for index in range(0, len(recording), every):

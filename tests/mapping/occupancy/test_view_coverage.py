@@ -12,6 +12,7 @@ from kg.maps.semantic_map import SemanticMap
 from kg.opening import create_map, in_memory_map, open_map
 from kg.records import MapUpdate
 from mapping.mapper import Mapper
+from mapping.mapping_options import MappingOptions
 from mapping.occupancy.occupancy_map import OccupancyMap
 from mapping.occupancy.occupancy_settings import OccupancySettings
 from mapping.occupancy.tiles import Key, ViewTimes
@@ -116,7 +117,10 @@ def test_a_place_knows_how_much_of_it_was_viewed(tmp_path, look) -> None:
     near, far = Area(0.0, 3.0, -1.0, 1.0), Area(20.0, 23.0, -1.0, 1.0)
     layout = Layout((LayoutPlace(1, "near", near), LayoutPlace(2, "far", far)))
     path = tmp_path / "views.map"
-    with create_map(path) as semantic_map, Mapper(semantic_map, layout=layout) as mapper:
+    with (
+        create_map(path) as semantic_map,
+        Mapper(semantic_map, MappingOptions(layout=layout)) as mapper,
+    ):
         mapper.add(look(WALL, stamp=6e8), NOTHING)
         mapper.add(look(WALL, at=(0.5, 0.5, 1.2), stamp=6e8 + 60), NOTHING)
     with open_map(path, read_only=True) as semantic_map:
@@ -137,7 +141,7 @@ def test_a_place_knows_how_much_of_it_was_viewed(tmp_path, look) -> None:
 
 def test_the_map_of_then_has_the_views_of_then(semantic_map: SemanticMap, look) -> None:
     layout = Layout((LayoutPlace(1, "near", Area(0.0, 3.0, -1.0, 1.0)),))
-    with Mapper(semantic_map, layout=layout) as mapper:
+    with Mapper(semantic_map, MappingOptions(layout=layout)) as mapper:
         mapper.add(look(WALL, stamp=6e8), NOTHING)
         mapper.flush()
         before = semantic_map.sequence

@@ -10,6 +10,7 @@ from kg.maps.semantic_map import SemanticMap
 from kg.ontology.lint import check_map
 from kg.opening import in_memory_map
 from kg.records import MapUpdate, ObjectRecord
+from mapping.mapping_options import MappingOptions
 from mapping.places.evidence_from_objects import ObjectEvidence, presence
 from mapping.places.layout import Layout, LayoutPlace
 from mapping.places.place_registry import PlaceRegistry
@@ -57,10 +58,20 @@ def sure_of(beliefs: dict[str, float]) -> str:
 
 def test_objects_settle_what_views_leave_open(semantic_map, drive, kitchen_things, scripted_scene):
     scene = scripted_scene({"office": 0.4, "kitchen": 0.35, "bar": 0.25})
-    map_recording(drive(), semantic_map, kitchen_things, scene, layout=ROOM, settings=PLAIN)
+    map_recording(
+        drive(),
+        semantic_map,
+        kitchen_things,
+        scene,
+        options=MappingOptions(layout=ROOM, reference=PLAIN),
+    )
     assert sure_of(believed(semantic_map)) == "office"
     map_recording(
-        drive("later"), semantic_map, kitchen_things, scene, layout=ROOM, settings=SETTINGS
+        drive("later"),
+        semantic_map,
+        kitchen_things,
+        scene,
+        options=MappingOptions(layout=ROOM, reference=SETTINGS),
     )
     assert sure_of(believed(semantic_map)) == "kitchen"
     (place,) = semantic_map.places()
@@ -69,7 +80,12 @@ def test_objects_settle_what_views_leave_open(semantic_map, drive, kitchen_thing
 
 
 def test_a_place_without_views_is_told_by_its_objects_alone(semantic_map, drive, kitchen_things):
-    map_recording(drive(), semantic_map, kitchen_things, layout=ROOM, settings=SETTINGS)
+    map_recording(
+        drive(),
+        semantic_map,
+        kitchen_things,
+        options=MappingOptions(layout=ROOM, reference=SETTINGS),
+    )
     beliefs = believed(semantic_map)
     assert beliefs["kitchen"] == max(beliefs.values())
     assert beliefs["kitchen"] > 4 * beliefs.get("office", 0.0)
@@ -78,7 +94,7 @@ def test_a_place_without_views_is_told_by_its_objects_alone(semantic_map, drive,
 
 def test_the_reference_mode_does_not_use_them(semantic_map, drive, kitchen_things, scripted_scene):
     scene = scripted_scene({"office": 0.6, "kitchen": 0.4})
-    map_recording(drive(), semantic_map, kitchen_things, scene, layout=ROOM)
+    map_recording(drive(), semantic_map, kitchen_things, scene, options=MappingOptions(layout=ROOM))
     assert believed(semantic_map) == pytest.approx({"office": 0.6, "kitchen": 0.4})
     assert semantic_map.places()[0].told_by == ()
 
@@ -92,7 +108,11 @@ def test_a_run_in_two_parts_ends_like_one(drive, kitchen_things, scripted_scene)
                 recording = drive()
                 recording.all = part
                 map_recording(
-                    recording, semantic_map, kitchen_things, scene, layout=ROOM, settings=SETTINGS
+                    recording,
+                    semantic_map,
+                    kitchen_things,
+                    scene,
+                    options=MappingOptions(layout=ROOM, reference=SETTINGS),
                 )
             (place,) = semantic_map.places()
             ends.append((place.views, dict(place.from_views), dict(place.beliefs)))
@@ -105,10 +125,10 @@ def test_what_a_person_said_of_a_place_outranks_its_objects(
 ):
     scene = scripted_scene({"office": 0.6, "kitchen": 0.4})
     run = (semantic_map, kitchen_things, scene)
-    map_recording(drive(), *run, layout=ROOM, settings=SETTINGS)
+    map_recording(drive(), *run, options=MappingOptions(layout=ROOM, reference=SETTINGS))
     (place,) = semantic_map.places()
     semantic_map.assert_(place.iri, "category", "pantry", by="anna")
-    map_recording(drive("later"), *run, layout=ROOM, settings=SETTINGS)
+    map_recording(drive("later"), *run, options=MappingOptions(layout=ROOM, reference=SETTINGS))
     assert believed(semantic_map) == {"pantry": 1.0}
     semantic_map.retract(place.iri, "category")
     assert believed(semantic_map)["kitchen"] > 0.5
@@ -148,7 +168,13 @@ def test_why_names_the_objects_and_what_the_views_say(
     semantic_map, drive, kitchen_things, scripted_scene
 ):
     scene = scripted_scene({"kitchen": 0.6, "office": 0.4})
-    map_recording(drive(), semantic_map, kitchen_things, scene, layout=ROOM, settings=SETTINGS)
+    map_recording(
+        drive(),
+        semantic_map,
+        kitchen_things,
+        scene,
+        options=MappingOptions(layout=ROOM, reference=SETTINGS),
+    )
     (reason,) = semantic_map.why("place/1")
     steps = [step.text for _, step in reason.walk()]
     assert any("refrigerator" in text and "existence" in text for text in steps)
@@ -161,7 +187,13 @@ def test_an_object_that_leaves_the_map_tells_no_longer(
     semantic_map, drive, kitchen_things, scripted_scene
 ):
     scene = scripted_scene({"kitchen": 0.6, "office": 0.4})
-    map_recording(drive(), semantic_map, kitchen_things, scene, layout=ROOM, settings=SETTINGS)
+    map_recording(
+        drive(),
+        semantic_map,
+        kitchen_things,
+        scene,
+        options=MappingOptions(layout=ROOM, reference=SETTINGS),
+    )
     first = semantic_map.objects()[0].iri
     semantic_map.apply(MapUpdate(removed=(first,)))
     assert first not in semantic_map.places()[0].told_by

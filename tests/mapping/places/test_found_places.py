@@ -13,6 +13,7 @@ from kg.maps.semantic_map import SemanticMap
 from kg.opening import create_map, in_memory_map
 from kg.records import FREE, TALL, UNKNOWN, FloorTile, MapUpdate, ObjectRecord, PlaceRecord
 from mapping.mapper import Mapper
+from mapping.mapping_options import MappingOptions
 from mapping.places.found_places import find_places
 from planner.cli import main
 
@@ -152,7 +153,7 @@ def test_what_people_draw_the_floor_leaves(home):
 
 def test_a_mapper_finds_places_while_it_maps(home, step_back, make_detections):
     home.apply(floor(6.0))
-    with Mapper(home, find_places=True, recording="walk") as mapper:
+    with Mapper(home, MappingOptions(find_places=True), recording="walk") as mapper:
         mapper.add(step_back(0), make_detections())
         mapper.add(step_back(1), make_detections())
         first = {place.iri for place in home.places()}

@@ -19,6 +19,7 @@ from perception.camera.gravity_alignment import (
     read_gravity,
 )
 from perception.recordings.recording import open_recording
+from perception.recordings.recording_options import RecordingOptions
 
 IDENTITY = np.eye(4)
 
@@ -67,12 +68,14 @@ def test_heights_agree_with_the_hand_made_transform(shared, name):
 
 def test_a_given_transform_is_used_as_it_is(shared):
     truth = hand_made(shared, "icl_livingroom")
-    recording = open_recording(shared("data/rgbd/icl_livingroom"), T_map_world=truth)
+    recording = open_recording(
+        shared("data/rgbd/icl_livingroom"), RecordingOptions(T_map_world=truth)
+    )
     np.testing.assert_array_equal(recording.T_map_world, truth)
 
 
 def test_given_up_wins_over_the_gravity_file(shared):
-    recording = open_recording(shared("data/rgbd/redkitchen"), up="-y")
+    recording = open_recording(shared("data/rgbd/redkitchen"), RecordingOptions(up="-y"))
     np.testing.assert_allclose(recording.T_map_world[2, :3], [0, -1, 0], atol=1e-12)
 
 
@@ -98,12 +101,14 @@ def test_a_tilted_room_is_stood_up_whatever_its_world(tilted, rotation, shift):
 def tilted(hololens):
     """Callable: the transform found for the written room in another world."""
     folder = hololens()
-    upright = open_recording(folder, T_map_world=IDENTITY)
+    upright = open_recording(folder, RecordingOptions(T_map_world=IDENTITY))
 
     def find(T_world_room: np.ndarray) -> np.ndarray:
         rows = [T_world_room @ entry.T_world_cam for entry in upright.listing.entries]
         np.savetxt(folder / "poses.txt", [T.ravel() for T in rows])
-        return gravity_aligned_transform(open_recording(folder, T_map_world=IDENTITY))
+        return gravity_aligned_transform(
+            open_recording(folder, RecordingOptions(T_map_world=IDENTITY))
+        )
 
     return find
 

@@ -10,6 +10,7 @@ import pytest
 from perception.recordings.bag_file import BagFile, RawMessage
 from perception.recordings.bag_writer import write_bag
 from perception.recordings.recording import FolderRecording, open_recording
+from perception.recordings.recording_options import RecordingOptions
 
 BEGIN = 1_700_000_000  # [s]
 
@@ -17,7 +18,7 @@ BEGIN = 1_700_000_000  # [s]
 @pytest.fixture
 def room(hololens: Callable[..., Path]) -> FolderRecording:
     """Six views of a room."""
-    return open_recording(hololens(), check=False, start_time=float(BEGIN))
+    return open_recording(hololens(), RecordingOptions(check=False, start_time=float(BEGIN)))
 
 
 @pytest.fixture

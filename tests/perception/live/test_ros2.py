@@ -31,6 +31,7 @@ from perception.recordings.bag_file import RawMessage, decoded
 from perception.recordings.bag_writer import COLOUR, DEPTH, write_bag
 from perception.recordings.listing import Streams
 from perception.recordings.recording import FolderRecording
+from perception.recordings.recording_options import RecordingOptions
 from tests.perception.live import ros2_peer
 
 LOOPBACK = """<CycloneDDS><Domain><General>
@@ -70,7 +71,7 @@ def peer(bag: Path) -> Iterator[subprocess.Popen[bytes]]:
 @contextmanager
 def running(streams: Streams | None = None) -> Iterator[FrameStream]:
     domain, ended = Ros2Domain(DOMAIN), threading.Event()
-    made = FrameStream(domain.address, streams or Streams())
+    made = FrameStream(domain.address, RecordingOptions(streams=streams or Streams()))
     thread = threading.Thread(target=domain.run, args=(made, ended), daemon=True)
     thread.start()
     try:

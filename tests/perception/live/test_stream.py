@@ -15,6 +15,7 @@ from perception.recordings.bag_file import RawMessage, message_types
 from perception.recordings.bag_writer import COLOUR, COLOUR_INFO, DEPTH, NOTE_TOPIC
 from perception.recordings.listing import Streams
 from perception.recordings.recording import FolderRecording
+from perception.recordings.recording_options import RecordingOptions
 
 Messages = Callable[[str], list[RawMessage]]
 
@@ -114,7 +115,10 @@ def test_topics_are_those_of_the_options(messages: Messages) -> None:
     raws = messages(".bag")
     other = [replace(raw, topic="/rear/color") for raw in raws if raw.topic == COLOUR]
     types = {raw.topic: raw.type for raw in [*raws, *other]}
-    given = FrameStream("peer", Streams(colour="/rear/color", depth=DEPTH, camera=COLOUR_INFO))
+    given = FrameStream(
+        "peer",
+        RecordingOptions(streams=Streams(colour="/rear/color", depth=DEPTH, camera=COLOUR_INFO)),
+    )
     assert COLOUR not in given.wanted(types)
     assert NOTE_TOPIC not in given.wanted(types)
     offered(given, [raw for raw in [*raws, *other] if raw.topic in given.wanted(types)])

@@ -18,12 +18,14 @@ from perception.recordings.bag_file import message_types
 from perception.recordings.bag_writer import write_bag
 from perception.recordings.listing import Streams
 from perception.recordings.recording import FolderRecording, open_recording
-from perception.recordings.selection import Selection
+from perception.recordings.recording_options import Selection
 from perception.ros.message_maker import whole_millimetres
 from tests.perception.conftest import SIZE, K, look_at, room_depth
 
 pytest.importorskip("rosbags")
 from rosbags import rosbag1, rosbag2
+
+from perception.recordings.recording_options import RecordingOptions
 
 NAMES = ("room.bag", "room.mcap", "room-2")
 BEGIN = 1_700_000_000  # [s]
@@ -32,7 +34,7 @@ WORLD_UP = np.array([0.0, 0.0, 1.0])
 
 @pytest.fixture
 def source(hololens: Callable[..., Path]) -> FolderRecording:
-    return open_recording(hololens(), check=False, start_time=float(BEGIN))
+    return open_recording(hololens(), RecordingOptions(check=False, start_time=float(BEGIN)))
 
 
 def written(recording: FolderRecording, path: Path) -> Path:
@@ -43,7 +45,7 @@ def written(recording: FolderRecording, path: Path) -> Path:
 @pytest.mark.parametrize("name", NAMES)
 def test_what_was_written_is_read(source: FolderRecording, tmp_path: Path, name: str) -> None:
     path = written(source, tmp_path / name)
-    read = open_recording(path, check=False, start_time=float(BEGIN))
+    read = open_recording(path, RecordingOptions(check=False, start_time=float(BEGIN)))
     assert read.name == Path(name).stem
     assert np.array_equal(read.T_map_world, source.T_map_world)
     for ours, theirs in zip(read.frames(), source.frames(), strict=True):
@@ -59,8 +61,8 @@ def test_what_was_written_is_read(source: FolderRecording, tmp_path: Path, name:
 
 
 def test_a_bag_of_a_bag_is_the_same_bag(source: FolderRecording, tmp_path: Path) -> None:
-    first = open_recording(written(source, tmp_path / "room.bag"), check=False)
-    again = open_recording(written(first, tmp_path / "room.mcap"), check=False)
+    first = open_recording(written(source, tmp_path / "room.bag"), RecordingOptions(check=False))
+    again = open_recording(written(first, tmp_path / "room.mcap"), RecordingOptions(check=False))
     for a, b in zip(first.frames(), again.frames(), strict=True):
         assert a.id == b.id
         assert np.array_equal(a.depth, b.depth, equal_nan=True)
@@ -98,7 +100,7 @@ def test_selected_frames(source: FolderRecording, tmp_path: Path) -> None:
     path = written(source, tmp_path / "room.mcap")
 
     def ids(**options: Any) -> list[str]:
-        read = open_recording(path, check=False, selection=Selection(**options))
+        read = open_recording(path, RecordingOptions(check=False, selection=Selection(**options)))
         return [frame.id for frame in read.frames()]
 
     whole = [entry.id for entry in source.listing.entries]
@@ -278,30 +280,36 @@ def test_a_folder_without_metadata_and_a_plain_file(tmp_path: Path) -> None:
     folder = robot_bag(tmp_path / "robot")
     (folder / "metadata.yaml").unlink()
     for path in (folder, folder / "robot.mcap"):
-        assert len(open_recording(path, check=False)) == 6
+        assert len(open_recording(path, RecordingOptions(check=False))) == 6
 
 
 def test_poses_come_from_the_topic_that_is_named(tmp_path: Path) -> None:
     path = robot_bag(tmp_path / "robot", skip=("tf", "static"))
-    named = open_recording(path, check=False, streams=Streams(pose="/vslam/pose"), up="z")
+    named = open_recording(
+        path, RecordingOptions(check=False, streams=Streams(pose="/vslam/pose"), up="z")
+    )
     assert np.allclose(named.frame(3).T_map_cam, list(views())[3][2], atol=0.03)
 
 
 def test_odometry_joins_tf_where_tf_lacks_it(tmp_path: Path) -> None:
-    read = open_recording(robot_bag(tmp_path / "robot", skip=("tf",)), check=False)
+    read = open_recording(
+        robot_bag(tmp_path / "robot", skip=("tf",)), RecordingOptions(check=False)
+    )
     assert np.allclose(read.frame(3).T_map_cam, list(views())[3][2], atol=0.03)
 
 
 def test_given_topics_and_frames_are_taken(tmp_path: Path) -> None:
     path = robot_bag(tmp_path / "robot")
-    grey = open_recording(path, check=False, streams=Streams(colour="/cam/ir/image_raw"))
+    grey = open_recording(
+        path, RecordingOptions(check=False, streams=Streams(colour="/cam/ir/image_raw"))
+    )
     assert np.array_equal(grey.frame(2).rgb, list(views())[2][3])
     with pytest.raises(RecordingError, match=r"'/cam/rgb/image' is no topic .* did you mean /cam/"):
-        open_recording(path, streams=Streams(colour="/cam/rgb/image"))
+        open_recording(path, RecordingOptions(streams=Streams(colour="/cam/rgb/image")))
     with pytest.raises(RecordingError, match="no transforms of frame 'mop'"):
-        open_recording(path, streams=Streams(map_frame="mop"))
+        open_recording(path, RecordingOptions(streams=Streams(map_frame="mop")))
     with pytest.raises(RecordingError, match=r"lie within 0\.001 s"):
-        open_recording(path, streams=Streams(tolerance=0.001))
+        open_recording(path, RecordingOptions(streams=Streams(tolerance=0.001)))
 
 
 @pytest.mark.parametrize(
@@ -315,7 +323,7 @@ def test_given_topics_and_frames_are_taken(tmp_path: Path) -> None:
 def test_what_a_bag_lacks_is_said(tmp_path: Path, skip: tuple[str, ...], said: str) -> None:
     path = robot_bag(tmp_path / "robot", skip=skip)
     with pytest.raises(RecordingError, match=said):
-        open_recording(path, streams=Streams(map_frame="map"))
+        open_recording(path, RecordingOptions(streams=Streams(map_frame="map")))
 
 
 def test_depth_of_a_camera_apart_is_registered(tmp_path: Path) -> None:
@@ -333,7 +341,7 @@ def test_depth_of_a_camera_apart_is_registered(tmp_path: Path) -> None:
         depth = room_depth(T @ beside, wide, SIZE).astype(np.float32)
         made.image("/c/depth/image_raw", stamp, depth, "32FC1", "depth")
     made.bag.close()
-    read = open_recording(tmp_path / "apart", check=False)
+    read = open_recording(tmp_path / "apart", RecordingOptions(check=False))
     assert read.listing.depth_camera is not None
     for frame, (_, _, T, _, _) in zip(read.frames(), views(), strict=True):
         seen = np.isfinite(frame.depth)
@@ -353,7 +361,7 @@ def test_compressed_images(tmp_path: Path) -> None:
         topic = "/cam/depth_registered/image_raw/compressedDepth"
         made.compressed(topic, stamp, png, "16UC1; compressedDepth png", "lens")
     made.bag.close()
-    read = open_recording(tmp_path / "small", check=False)
+    read = open_recording(tmp_path / "small", RecordingOptions(check=False))
     _, _, _, rgb, mm = list(views())[2]
     assert np.abs(read.frame(2).rgb.astype(int) - rgb).max() <= 3
     assert np.array_equal(np.nan_to_num(read.frame(2).depth * 1000).round(), mm)
@@ -361,7 +369,7 @@ def test_compressed_images(tmp_path: Path) -> None:
 
 def refusal(path: Path) -> str:
     with pytest.raises(RecordingError) as caught:
-        list(open_recording(path, T_map_world=np.eye(4), check=False).frames())
+        list(open_recording(path, RecordingOptions(T_map_world=np.eye(4), check=False)).frames())
     assert "\n" not in str(caught.value)
     return str(caught.value)
 
@@ -410,7 +418,7 @@ def test_transforms_that_make_no_sense_are_skipped_and_said(
         made.image("/cam/rgb/image_raw", stamp, rgb, "rgb8", "lens")
         made.image("/cam/depth/image_raw", stamp, mm, "16UC1", "lens")
     made.bag.close()
-    assert len(open_recording(tmp_path / "nan", check=False)) == 6
+    assert len(open_recording(tmp_path / "nan", RecordingOptions(check=False))) == 6
     assert "1 transforms or poses that make no sense" in caplog.text
 
 
@@ -432,7 +440,7 @@ def test_a_chunk_that_is_a_bomb_is_not_expanded(
     from rosbags.rosbag1 import reader
     from rosbags.rosbag2 import storage_mcap
 
-    open_recording(written(source, tmp_path / "room.mcap"), check=False)
+    open_recording(written(source, tmp_path / "room.mcap"), RecordingOptions(check=False))
     large = bytes(1 << 24)
     zstd = vars(storage_mcap)["zstd"]
     packed = zstd.compress(large) if compression == "zstd" else lz4.frame.compress(large)
@@ -459,7 +467,7 @@ def test_poses_of_a_topic_that_make_no_sense_are_skipped_and_said(
         made.image("/cam/depth/image_raw", stamp, mm, "16UC1", "lens")
         made.image("/cam/depth/image_raw", stamp, mm, "16UC1", "lens")
     made.bag.close()
-    read = open_recording(tmp_path / "lost", check=False)
+    read = open_recording(tmp_path / "lost", RecordingOptions(check=False))
     assert len(read) == 6
     assert len({frame.id for frame in read.frames()}) == 6
     assert "1 transforms or poses that make no sense" in caplog.text
@@ -469,7 +477,7 @@ def test_another_map_frame_of_a_converted_recording(
     source: FolderRecording, tmp_path: Path
 ) -> None:
     path = written(source, tmp_path / "room.mcap")
-    read = open_recording(path, check=False, streams=Streams(map_frame="map"))
+    read = open_recording(path, RecordingOptions(check=False, streams=Streams(map_frame="map")))
     assert np.allclose(read.T_map_world, np.eye(4), atol=0.02)
     assert np.allclose(read.frame(2).T_map_cam, source.frame(2).T_map_cam, atol=0.02)
 

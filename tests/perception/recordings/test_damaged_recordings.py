@@ -14,6 +14,7 @@ import pytest
 from kg.errors import RecordingError
 from perception.recordings.bag_writer import write_bag
 from perception.recordings.recording import FolderRecording, open_recording
+from perception.recordings.recording_options import RecordingOptions
 from perception.recordings.recording_writer import RecordingWriter
 from tests.perception.conftest import K
 
@@ -25,7 +26,7 @@ HEAD = 4096  # the first and the last kilobytes hold the structure, the rest pix
 @pytest.fixture
 def source(hololens: Callable[..., Path]) -> FolderRecording:
     """The room's first frames."""
-    whole = open_recording(hololens(), check=False)
+    whole = open_recording(hololens(), RecordingOptions(check=False))
     return replace(whole, listing=replace(whole.listing, entries=whole.listing.entries[:FRAMES]))
 
 
@@ -126,7 +127,14 @@ def test_damaged_recordings_are_read_or_refused_in_one_line(
     source: FolderRecording, tmp_path: Path, write: Callable[[FolderRecording, Path], Path]
 ) -> None:
     path = write(source, tmp_path / "written")
-    assert len(list(open_recording(path, check=False, T_map_world=np.eye(4)).frames())) == FRAMES
+    assert (
+        len(
+            list(
+                open_recording(path, RecordingOptions(check=False, T_map_world=np.eye(4))).frames()
+            )
+        )
+        == FRAMES
+    )
     files = [path] if path.is_file() else sorted(p for p in path.rglob("*") if p.is_file())
     refused = 0
     for seed in range(DAMAGES):
@@ -135,7 +143,9 @@ def test_damaged_recordings_are_read_or_refused_in_one_line(
         whole = file.read_bytes()
         file.write_bytes(damaged(whole, dice))
         try:
-            list(open_recording(path, check=False, T_map_world=np.eye(4)).frames())
+            list(
+                open_recording(path, RecordingOptions(check=False, T_map_world=np.eye(4))).frames()
+            )
         except RecordingError as error:
             assert "\n" not in str(error)
             assert str(path) in str(error) or path.name in str(error)

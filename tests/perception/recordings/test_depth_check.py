@@ -12,6 +12,7 @@ import pytest
 from kg.errors import RecordingError
 from perception.camera.poses import BODY_FROM_CAMERA, CONVENTIONS
 from perception.recordings.recording import open_recording
+from perception.recordings.recording_options import RecordingOptions
 from perception.recordings.recording_writer import RecordingWriter, pose_line
 from tests.perception.box_room import room_frame, round_tour
 
@@ -44,8 +45,10 @@ def test_a_sound_recording_is_opened_without_a_word(room, caplog):
 @pytest.mark.parametrize("scale", [1000.0, 25000.0])
 def test_a_wrong_depth_scale_is_refused_with_the_right_one(room, scale):
     with pytest.raises(RecordingError, match=f"--depth-scale 5000 would work instead of {scale:g}"):
-        open_recording(room, depth_scale=scale)
-    assert open_recording(room, depth_scale=scale, check=False).depth_scale == scale
+        open_recording(room, RecordingOptions(depth_scale=scale))
+    assert (
+        open_recording(room, RecordingOptions(depth_scale=scale, check=False)).depth_scale == scale
+    )
 
 
 @pytest.mark.parametrize("convention", MISREAD)
@@ -53,13 +56,13 @@ def test_another_convention_of_poses_is_refused_and_named(tmp_path, room, conven
     folder = write(tmp_path / "room", MISREAD[convention])
     with pytest.raises(RecordingError, match=f"--pose-convention {convention} would work"):
         open_recording(folder)
-    read = open_recording(folder, pose_convention=convention)
+    read = open_recording(folder, RecordingOptions(pose_convention=convention))
     assert np.allclose(read.frame(7).T_map_cam, open_recording(room).frame(7).T_map_cam, atol=1e-2)
 
 
 def test_unknown_conventions_are_refused(room):
     with pytest.raises(RecordingError, match=r"known are .*; did you mean opengl\?"):
-        open_recording(room, pose_convention="open-gl")
+        open_recording(room, RecordingOptions(pose_convention="open-gl"))
 
 
 def test_poses_by_file_replace_the_recordings_own(room, tmp_path):
@@ -69,11 +72,11 @@ def test_poses_by_file_replace_the_recordings_own(room, tmp_path):
     poses = tmp_path / "poses.txt"
     lines = [pose_line(1e9 + n, T) for n, T in enumerate(moved)]
     poses.write_text("\n".join(lines) + "\n")
-    read = open_recording(room, poses=poses)
+    read = open_recording(room, RecordingOptions(poses=poses))
     assert np.allclose(read.listing.entries[3].T_world_cam, moved[3], atol=1e-6)
     poses.write_text("\n".join(lines[:-5]) + "\n")
     with pytest.raises(RecordingError, match="a pose for 35 of 40 frames"):
-        open_recording(room, poses=poses)
+        open_recording(room, RecordingOptions(poses=poses))
 
 
 def test_depth_that_is_not_registered_is_warned_of(shared, tmp_path, caplog):

@@ -14,13 +14,14 @@ from kg.errors import RecordingError
 from perception.camera.intrinsics import load_intrinsics
 from perception.recordings.image_files import read_colour
 from perception.recordings.recording import open_recording
+from perception.recordings.recording_options import RecordingOptions
 
 
 def refusal(path, **options) -> str:
     """The one line with which opening (or, at the latest, reading) the recording is refused."""
     options.setdefault("T_map_world", np.eye(4))
     with pytest.raises(RecordingError) as caught:
-        list(open_recording(path, **options).frames())
+        list(open_recording(path, RecordingOptions(**options)).frames())
     message = str(caught.value)
     assert "\n" not in message
     return message
@@ -29,7 +30,7 @@ def refusal(path, **options) -> str:
 def refusal_at_opening(path, **options) -> str:
     options.setdefault("T_map_world", np.eye(4))
     with pytest.raises(RecordingError) as caught:
-        open_recording(path, **options)
+        open_recording(path, RecordingOptions(**options))
     assert "\n" not in str(caught.value)
     return str(caught.value)
 
@@ -200,7 +201,7 @@ def test_images_of_changing_size(hololens):
 def test_missing_intrinsics(hololens):
     folder = hololens()
     (folder / "K.txt").unlink()
-    assert "intrinsics.json or K.txt, or give K" in refusal_at_opening(folder)
+    assert "intrinsics.json or K.txt, or give intrinsics" in refusal_at_opening(folder)
 
 
 @pytest.mark.parametrize(
@@ -229,9 +230,6 @@ def test_intrinsics_that_make_no_sense(hololens, write_json, card, complaint):
 @pytest.mark.parametrize(
     ("options", "complaint"),
     [
-        ({"K": np.eye(2)}, "3x3"),
-        ({"K": np.full((3, 3), np.nan)}, "not finite"),
-        ({"K": np.arange(9.0).reshape(3, 3)}, "fx 0 cx"),
         ({"depth_scale": -1000}, "depth scale"),
         ({"T_map_world": np.eye(3)}, "given T_map_world"),
         ({"T_map_world": 2 * np.eye(4)}, "given T_map_world"),
@@ -277,7 +275,7 @@ def test_depth_may_count_from_another_number_than_colour(hololens, first):
     folder = hololens()
     for path in sorted((folder / "depth").iterdir(), key=lambda p: -int(p.stem)):
         path.rename(path.with_stem(str(int(path.stem) + first)))
-    assert len(open_recording(folder, T_map_world=np.eye(4))) == 6
+    assert len(open_recording(folder, RecordingOptions(T_map_world=np.eye(4)))) == 6
 
 
 def test_a_header_that_names_a_huge_image_is_an_error(tmp_path):

@@ -9,6 +9,7 @@ from kg.errors import RecordingError
 from perception.camera.poses import pose_from_quaternion, quaternion_from_pose
 from perception.frames import Frame
 from perception.recordings.recording import open_recording
+from perception.recordings.recording_options import RecordingOptions
 from perception.recordings.recording_writer import RecordingWriter
 
 K = np.array([[70.0, 0, 39.5], [0, 70.0, 29.5], [0, 0, 1]])
@@ -37,7 +38,7 @@ def test_what_is_written_is_read_again(tmp_path: Path) -> None:
     with RecordingWriter(tmp_path / "new") as writer:
         for frame in written:
             writer.add(frame)
-    recording = open_recording(tmp_path / "new", T_map_world=np.eye(4))
+    recording = open_recording(tmp_path / "new", RecordingOptions(T_map_world=np.eye(4)))
     for before, after in zip(written, recording.frames(), strict=True):
         assert after.id == before.id and after.stamp == pytest.approx(before.stamp, abs=1e-6)
         assert np.array_equal(after.rgb, before.rgb)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from kg.errors import RecordingError
 from perception.camera.poses import quaternion_from_pose
 from perception.recordings.recording import open_recording
+from perception.recordings.recording_options import RecordingOptions
 from tests.perception.conftest import SIZE, K, room_depth
 from tests.perception.recordings.test_written_recordings import on_walls, points
 
@@ -66,7 +67,9 @@ def _striped(number: int, turns: int) -> NDArray[np.uint8]:
 
 @pytest.mark.parametrize("turns", range(4))
 def test_frames_stand_upright_however_the_phone_was_held(phone: Phone, turns: int) -> None:
-    recording = open_recording(phone(turns), T_map_world=np.linalg.inv(T_WORLD_ROOM))
+    recording = open_recording(
+        phone(turns), RecordingOptions(T_map_world=np.linalg.inv(T_WORLD_ROOM))
+    )
     assert recording.format == "stray-scanner"
     frames = list(recording.frames())
     assert [frame.id for frame in frames] == [f"{i:06}" for i in range(6)]
@@ -82,7 +85,7 @@ def test_frames_stand_upright_however_the_phone_was_held(phone: Phone, turns: in
 
 
 def test_frames_are_the_same_in_any_order(phone: Phone) -> None:
-    recording = open_recording(phone(), T_map_world=np.linalg.inv(T_WORLD_ROOM))
+    recording = open_recording(phone(), RecordingOptions(T_map_world=np.linalg.inv(T_WORLD_ROOM)))
     forward = [frame.rgb.mean() for frame in recording.frames()]
     assert [recording.frame(i).rgb.mean() for i in (5, 0, 3, 3, 1)] == [
         forward[i] for i in (5, 0, 3, 3, 1)
@@ -123,7 +126,7 @@ def test_damage_is_refused(
     folder = phone()
     damage(folder / name)
     with pytest.raises(RecordingError, match=said):
-        list(open_recording(folder, T_map_world=np.eye(4)).frames())
+        list(open_recording(folder, RecordingOptions(T_map_world=np.eye(4))).frames())
 
 
 def test_a_pose_beyond_the_video_is_refused(phone: Phone) -> None:
@@ -132,4 +135,4 @@ def test_a_pose_beyond_the_video_is_refused(phone: Phone) -> None:
         file.write("7001, 9, 0, 0, 0, 0, 0, 0, 1\n")
     (folder / "depth" / "000009.png").symlink_to("000001.png")
     with pytest.raises(RecordingError, match="has 6 frames"):
-        open_recording(folder, T_map_world=np.eye(4))
+        open_recording(folder, RecordingOptions(T_map_world=np.eye(4)))

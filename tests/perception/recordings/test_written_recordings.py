@@ -8,9 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
-from perception.camera.intrinsics import load_intrinsics
+from perception.camera.intrinsics import intrinsics_from_matrix, load_intrinsics
 from perception.frames import Frame
 from perception.recordings.recording import open_recording
+from perception.recordings.recording_options import RecordingOptions
 
 IDENTITY = np.eye(4)
 K = np.array([[130.0, 0, 79.5], [0, 130.0, 59.5], [0, 0, 1]])
@@ -30,7 +31,7 @@ def on_walls(p: np.ndarray) -> np.ndarray:
 
 
 def test_hololens_frames_come_in_number_order_with_their_poses(hololens):
-    recording = open_recording(hololens(), T_map_world=IDENTITY)
+    recording = open_recording(hololens(), RecordingOptions(T_map_world=IDENTITY))
     frames = list(recording.frames())
     assert [frame.id for frame in frames] == ["8", "9", "10", "11", "12", "13"]
     assert [int(frame.rgb[0, 0, 0]) for frame in frames] == [10, 11, 12, 13, 14, 15]
@@ -38,7 +39,9 @@ def test_hololens_frames_come_in_number_order_with_their_poses(hololens):
 
 
 def test_depth_of_half_the_size_is_brought_to_the_colour_image(hololens):
-    frame = next(open_recording(hololens(depth_step=2), T_map_world=IDENTITY).frames())
+    frame = next(
+        open_recording(hololens(depth_step=2), RecordingOptions(T_map_world=IDENTITY)).frames()
+    )
     assert frame.depth.shape == frame.rgb.shape[:2]
     assert np.median(on_walls(points(frame))) < 0.02
 
@@ -48,7 +51,7 @@ def test_intrinsics_of_a_larger_image_are_scaled_to_the_images(hololens, write_j
     (folder / "K.txt").unlink()
     card = {"width": 320, "height": 240, "fx": 260, "fy": 260, "cx": 159.5, "cy": 119.5}
     write_json(folder / "intrinsics.json", card)
-    frame = next(open_recording(folder, T_map_world=IDENTITY).frames())
+    frame = next(open_recording(folder, RecordingOptions(T_map_world=IDENTITY)).frames())
     np.testing.assert_allclose(frame.K, K, atol=1e-9)
     assert on_walls(points(frame)).max() < 0.01
 
@@ -66,7 +69,7 @@ def test_open3d_intrinsics_and_colour_folder_are_read(hololens, write_json, room
         for i, T in enumerate(room_views)
     )
     (folder / "trajectory.log").write_text(log)
-    recording = open_recording(folder, T_map_world=IDENTITY)
+    recording = open_recording(folder, RecordingOptions(T_map_world=IDENTITY))
     assert recording.format == "trajectory-log"
     assert all(on_walls(points(frame)).max() < 0.01 for frame in recording.frames())
 
@@ -74,7 +77,12 @@ def test_open3d_intrinsics_and_colour_folder_are_read(hololens, write_json, room
 def test_given_intrinsics_and_depth_scale_win_over_the_folder(hololens):
     folder = hololens()
     np.savetxt(folder / "K.txt", K * [[2], [2], [1]])
-    recording = open_recording(folder, T_map_world=IDENTITY, K=K, depth_scale=500)
+    recording = open_recording(
+        folder,
+        RecordingOptions(
+            T_map_world=IDENTITY, intrinsics=intrinsics_from_matrix(K, "test"), depth_scale=500
+        ),
+    )
     frame = next(recording.frames())
     np.testing.assert_allclose(frame.K, K)
     z = cv2.imread(str(folder / "depth" / "8.png"), cv2.IMREAD_UNCHANGED)
@@ -87,7 +95,7 @@ def test_saturated_and_zero_depth_are_no_return(hololens):
     z = cv2.imread(path, cv2.IMREAD_UNCHANGED)
     z[3, 4], z[5, 6] = 0, 65535
     cv2.imwrite(path, z)
-    depth = next(open_recording(folder, T_map_world=IDENTITY).frames()).depth
+    depth = next(open_recording(folder, RecordingOptions(T_map_world=IDENTITY)).frames()).depth
     assert np.isnan(depth[3, 4])
     assert np.isnan(depth[5, 6])
     assert np.isfinite(depth).sum() == depth.size - 2
@@ -125,7 +133,7 @@ def test_lens_distortion_is_undone_in_colour_and_depth(hololens, write_json, mod
         cv2.circle(depth, (round(x), round(y)), 3, 1500, -1)
     cv2.imwrite(str(folder / "images" / "8.png"), image)
     cv2.imwrite(str(folder / "depth" / "8.png"), depth)
-    frame = next(open_recording(folder, T_map_world=IDENTITY).frames())
+    frame = next(open_recording(folder, RecordingOptions(T_map_world=IDENTITY)).frames())
     for x, y in pinhole:
         column, row = int(x), int(y)
         patch = frame.rgb[row - 8 : row + 9, column - 8 : column + 9, 0].astype(float)
@@ -172,7 +180,7 @@ class Rotation:
 
 
 def test_tum_lists_are_associated_by_nearest_stamp(tum_folder):
-    recording = open_recording(tum_folder, T_map_world=IDENTITY, depth_scale=1000)
+    recording = open_recording(tum_folder, RecordingOptions(T_map_world=IDENTITY, depth_scale=1000))
     frames = list(recording.frames())
     assert [frame.id for frame in frames] == ["8", "9", "10", "11", "12", "13"]
     assert frames[0].stamp == pytest.approx(1e9), "stamps since 1970 stay as they are"
@@ -183,21 +191,21 @@ def test_tum_poses_are_interpolated_between_neighbours(tum_folder):
     lines = (tum_folder / "rgb.txt").read_text().splitlines()
     lines[1] = f"{1e9 + 0.02:.6f} rgb/8.png"
     (tum_folder / "rgb.txt").write_text("\n".join(lines))
-    frame = next(open_recording(tum_folder, T_map_world=IDENTITY).frames())
+    frame = next(open_recording(tum_folder, RecordingOptions(T_map_world=IDENTITY)).frames())
     assert frame.T_map_cam[:3, 3] == pytest.approx([-0.45, 0, 1.4], abs=1e-6)
 
 
 def test_tum_images_outside_the_trajectory_are_skipped_and_said_so(tum_folder, caplog):
     poses = (tum_folder / "groundtruth.txt").read_text().splitlines()
     (tum_folder / "groundtruth.txt").write_text("\n".join(poses[2:]))
-    recording = open_recording(tum_folder, T_map_world=IDENTITY)
+    recording = open_recording(tum_folder, RecordingOptions(T_map_world=IDENTITY))
     assert [frame.id for frame in recording.frames()] == ["10", "11", "12", "13"]
     assert "2 of 6 images have no pose" in caplog.text
 
 
 def test_tum_depth_has_5000_units_a_metre_unless_said_otherwise(tum_folder):
     z = cv2.imread(str(tum_folder / "depth" / "8.png"), cv2.IMREAD_UNCHANGED)
-    frame = next(open_recording(tum_folder, T_map_world=IDENTITY).frames())
+    frame = next(open_recording(tum_folder, RecordingOptions(T_map_world=IDENTITY)).frames())
     np.testing.assert_allclose(frame.depth, z / 5000, rtol=1e-6)
 
 
@@ -205,7 +213,7 @@ def test_tum_depth_has_5000_units_a_metre_unless_said_otherwise(tum_folder):
 def test_benchmark_cameras_are_known_by_name(tum_folder, name):
     folder = tum_folder.rename(tum_folder.parent / name)
     (folder / "K.txt").unlink()
-    frame = next(open_recording(folder, T_map_world=IDENTITY).frames())
+    frame = next(open_recording(folder, RecordingOptions(T_map_world=IDENTITY)).frames())
     assert frame.K[0, 0] == pytest.approx(535.4 / 4)
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from mapping.progress_report import STAGES
 from planner.cli import main
-from planner.cli.recording_options import MODES
+from planner.cli.mapping_options import MODES
 
 Prints = Callable[..., str]
 Fails = Callable[..., str]

@@ -11,6 +11,7 @@ from kg.areas import Rectangle
 from kg.maps.semantic_map import SemanticMap
 from kg.opening import in_memory_map
 from kg.records import TALL
+from mapping.mapping_options import MappingOptions
 from mapping.occupancy.mapped_floor import mapped_floor
 from mapping.places.layout import Layout, LayoutPlace
 from mapping.recording_mapper import map_recording
@@ -76,7 +77,7 @@ def mapped() -> SemanticMap:
         semantic_map,
         SimulatedDetector(camera),
         SimulatedSceneClassifier(camera, places),
-        layout=layout,
+        options=MappingOptions(layout=layout),
     )
     return semantic_map
 

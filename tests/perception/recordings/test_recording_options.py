@@ -7,7 +7,7 @@ import pytest
 
 from kg.errors import RecordingError
 from perception.recordings.listing import FrameEntry
-from perception.recordings.selection import Selection
+from perception.recordings.recording_options import Selection
 
 
 def entry(number: int, x: float = 0.0, degrees: float = 0.0) -> FrameEntry:

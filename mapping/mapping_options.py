@@ -1,0 +1,58 @@
+"""Mapping options: the rules by which frames become a map, chosen once and passed whole."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from mapping.label_table import LabelTable
+from mapping.objects.settings import ObjectSettings
+from mapping.places.layout import Layout
+from mapping.reference.settings import ReferenceSettings
+
+Mode = Literal["bayes", "reference"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MappingOptions:
+    """Options of `Mapper` and `map_recording`.
+
+    Attributes:
+        mode: "bayes" (`mapping.objects.bayes_mapper`), or "reference": the thesis' objects.
+        objects: settings of the Bayes mapper.
+        reference: settings of the reference mapper. The Bayes mapper uses its settings of places
+            and of unknown labels.
+        layout: areas of the places. Without it the stream gets one place that grows with the area
+            that the camera has seen.
+        find_places: whether the rooms of the mapped floor become places too; this needs
+            `occupancy`. Where there are rooms, the stream's own place is one of them.
+        labels: categories of the networks' labels; they have precedence over the ontology.
+        occupancy: whether depth also goes into the occupancy map of the floor.
+        same_frame: whether a recording's world is the map frame, so that `map_recording` does not
+            require its floor to fit the map.
+        check_poses: whether poses are compared with the depth. Jumps and drift give a warning
+            (`mapping.pose_monitor`), another pose convention is an error
+            (`mapping.pose_convention`).
+        pictures: whether a small picture of each object is kept in the map's folder
+            (`mapping.picture_keeper`). Pictures of people are never kept.
+    """
+
+    mode: Mode = "bayes"
+    objects: ObjectSettings = field(default_factory=ObjectSettings)
+    reference: ReferenceSettings = field(default_factory=ReferenceSettings)
+    layout: Layout | None = None
+    find_places: bool = False
+    labels: LabelTable = field(default_factory=LabelTable)
+    occupancy: bool = True
+    same_frame: bool = False
+    check_poses: bool = True
+    pictures: bool = True
+
+    @property
+    def min_score(self) -> float:
+        """Score below which the mode ignores detections."""
+        return self.objects.min_score if self.mode == "bayes" else self.reference.min_score
+
+
+#: the options of a call that gives none
+DEFAULT_OPTIONS = MappingOptions()
