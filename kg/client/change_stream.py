@@ -74,12 +74,12 @@ class ChangeStream:
             params={"since": str(self.since)},
             stream=True,
         ) as reply:
-            self._refuse(reply)
+            self._check_status(reply)
             where = without_secrets(self._root)
             for data in _data(reply):
                 yield decoded_reply(where, _change, data)
 
-    def _refuse(self, reply: requests.Response) -> None:
+    def _check_status(self, reply: requests.Response) -> None:
         if reply.status_code == 200:
             return
         detail = " ".join(reply.raw.read(2000).decode("utf-8", "replace").split())

@@ -140,7 +140,7 @@ class RemoteMap(SemanticMap):
         """Apply a SPARQL 1.1 Update through the server, on the account of the token's holder."""
         self._store.refuse_read_only()
         if allow:
-            self._refuse("graphs that are usually not written")
+            self._raise_not_remote("graphs that are usually not written")
         return self._served.update(sparql, confirmed=confirmed)
 
     def describe(
@@ -290,7 +290,7 @@ class RemoteMap(SemanticMap):
 
     def take_ontology(self, quads: object, *, by: str | None = None, whole: bool = False) -> Never:
         """Refused; `kg.editing.reloading.reload` replaces an ontology, here too."""
-        self._refuse("an ontology")
+        self._raise_not_remote("an ontology")
 
     def _listen(self) -> None:
         """Notify listeners of the change stream until the map is closed."""
@@ -331,7 +331,7 @@ class RemoteMap(SemanticMap):
             self._notified = change.sequence
             self._store.notify(change)
 
-    def _refuse(self, what: str) -> Never:
+    def _raise_not_remote(self, what: str) -> Never:
         raise GraphError(
             f"the map at {self._served.where} is served, and {what} cannot be written remotely: "
             "write by apply, assert, retract, update or `hereabouts ontology reload`"

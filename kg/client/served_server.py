@@ -228,7 +228,7 @@ class ServedClient:
         headers: dict[str, str] | None = None,
         data: str | bytes = b"",
     ) -> Any:
-        _refuse_surrogates(data, *(params or {}).values())
+        _check_unicode(data, *(params or {}).values())
         given = {"Accept": _JSON, **(headers or {})}
         body = data.encode() if isinstance(data, str) else data
         with self._sent(
@@ -293,7 +293,7 @@ def _plain(value: object) -> object:
         return str(value)
 
 
-def _refuse_surrogates(*texts: str | bytes) -> None:
+def _check_unicode(*texts: str | bytes) -> None:
     for text in texts:
         if isinstance(text, str) and not is_unicode(text):
             raise QueryParameterError(f"{text[:100]!r} is no Unicode text")

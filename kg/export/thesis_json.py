@@ -27,7 +27,7 @@ from kg.store.atomic_file import write_atomically
 from kg.transactions import Cause
 
 NU: Final = 3.0  # most confidence an object can have, eq. 3.1
-MOST_VIEWS: Final = 50  # counter of a loaded belief, so that new views still count
+MAX_VIEWS: Final = 50  # counter of a loaded belief, so that new views still count
 
 T = TypeVar("T")
 Entry = dict[str, Any]
@@ -149,7 +149,7 @@ def _place(entry: Entry, iri: str, label: str, catalogue: Catalogue) -> PlaceRec
         )
     by_name = dict(zip(names, beliefs, strict=True))
     xmin, xmax, ymin, ymax = (_number(entry, edge) for edge in ("xmin", "xmax", "ymin", "ymax"))
-    views = min(_field(entry, "counter", int), MOST_VIEWS) if entry.get("checked", True) else 0
+    views = min(_field(entry, "counter", int), MAX_VIEWS) if entry.get("checked", True) else 0
     held = {catalogue.find(str(n), "place").iri: _number(by_name, n) for n in by_name}
     return PlaceRecord(iri, label, xmin, xmax, ymin, ymax, views, held)
 

@@ -24,7 +24,7 @@ from kg.store.transactional import TransactionalStore
 from kg.transactions import Cause, ChangeSet
 from kg.update.change_draft import ChangeDraft
 from kg.update.completion import complete_change
-from kg.update.deletion_guard import DeletionLimit, refuse_unconfirmed
+from kg.update.deletion_guard import DeletionLimit, check_confirmed
 from kg.update.execution import evaluate_update
 from kg.update.ground_update import GroundUpdate
 from kg.update.recompilation import recompile_commonsense
@@ -108,11 +108,11 @@ class MapWriter:
             draft = ChangeDraft(self._store)
             draft.apply(update)
             draft.skolemise()
-            validator.refuse_protected(draft, allow)
+            validator.check_permissions(draft, allow)
             complete_change(draft, self._facts, by)
             if not confirmed:
-                refuse_unconfirmed(draft, self._facts, self.deletion_limit)
-            validator.refuse_malformed(draft)
+                check_confirmed(draft, self._facts, self.deletion_limit)
+            validator.check_shapes(draft)
             recompile_commonsense(draft)
             cause = Cause("update", by, " ".join(note.split())[:LONGEST_NOTE])
             change = self._store.commit(draft.removed, draft.added, cause)
@@ -142,11 +142,11 @@ class MapWriter:
             )
             changes_ontology, outcome = work.changes_ontology, work.outcome()
             if only and not changes_ontology:
-                self._validation().refuse_malformed(work.pending)
+                self._validation().check_shapes(work.pending)
             if dry_run:
                 return outcome
             if not confirmed:
-                refuse_unconfirmed(work.pending, self._facts, self.deletion_limit)
+                check_confirmed(work.pending, self._facts, self.deletion_limit)
             note = " ".join((f"the state of #{sequence}", *only))[:LONGEST_NOTE]
             cause = Cause("restore", by, note)
             change = self._store.commit(work.pending.removed, work.pending.added, cause)

@@ -14,7 +14,7 @@ from kg.maps.semantic_map import SemanticMap
 from kg.rdf.skolem import named
 
 DUMP_WITHIN: Final = 600.0  # [s] to read a served map whole
-LARGEST_DUMP: Final = 8 << 30  # [bytes]
+MAX_DUMP: Final = 8 << 30  # [bytes]
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,5 +39,5 @@ def snapshot_of(semantic_map: SemanticMap) -> SourceSnapshot:
 def _stored(semantic_map: SemanticMap) -> Iterable[Quad]:
     if not isinstance(semantic_map, RemoteMap):
         return semantic_map.engine
-    dump = semantic_map.dump(seconds=DUMP_WITHIN, most=LARGEST_DUMP)
+    dump = semantic_map.dump(seconds=DUMP_WITHIN, most=MAX_DUMP)
     return parse(dump, format=RdfFormat.N_QUADS)

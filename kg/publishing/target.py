@@ -53,7 +53,7 @@ class PublishTarget:
         Raises GraphError where the IRI of another published map contains that of this one.
         """
         marks = self._marks()
-        _refuse_nested(base, marks.keys() - {base})
+        _check_not_nested(base, marks.keys() - {base})
         background = [quad for quad in snapshot.quads if quad.graph_name in BACKGROUND]
         own = {quad for quad in snapshot.quads if quad.graph_name not in BACKGROUND}
         stored = set(self._stored(base))
@@ -156,7 +156,7 @@ def _parts(base: str, quads: Iterable[Quad]) -> dict[Quad, None]:
     }
 
 
-def _refuse_nested(base: str, others: Iterable[str]) -> None:
+def _check_not_nested(base: str, others: Iterable[str]) -> None:
     for other in others:
         if other.startswith(base) or base.startswith(other):
             raise GraphError(

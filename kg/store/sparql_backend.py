@@ -113,7 +113,7 @@ class SparqlBackend:
         seconds: float,
         most: int,
     ) -> tuple[str, bytes]:
-        """The answer as it came, within limits (`Endpoint.fetch`).
+        """The answer as it came, within limits (`SparqlClient.fetch`).
 
         Without graphs, and without FROM in the query, the default graph is the union of all.
         Relative IRIs are of `base`. `at` is a moment of the past, for servers that keep one.

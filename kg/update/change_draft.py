@@ -19,10 +19,10 @@ GraphName = NamedNode | BlankNode | DefaultGraph
 
 
 class ChangeDraft:
-    """What is to be added and removed, against the graph as it is: never what changes nothing."""
+    """Quads to add and to remove; none that the graph already has, or lacks."""
 
     def __init__(self, store: TransactionalStore) -> None:
-        self._store = store  # not its engine: a closed map must be released
+        self._store = store  # not its engine, so that a closed map is released
         self.added: dict[Quad, None] = {}
         self.removed: dict[Quad, None] = {}
 
@@ -31,7 +31,7 @@ class ChangeDraft:
 
     @property
     def engine(self) -> Store:
-        """The graph as it is."""
+        """The graph before the change."""
         return self._store.native
 
     def change(self, delete: Iterable[Quad], insert: Iterable[Quad]) -> None:
@@ -53,19 +53,19 @@ class ChangeDraft:
             self.change(step.delete, step.insert)
 
     def skolemise(self) -> None:
-        """Replace each blank node by a fresh IRI: a map must be able to refer to all it holds."""
+        """Replace each blank node by a new IRI, so that every node has a name."""
         self.added = dict.fromkeys(with_fresh_iris(self.added))
 
     def before(
         self, s: Subject | None, p: NamedNode | None, o: Term | None, g: GraphName | None
     ) -> Iterator[Quad]:
-        """Quads of the graph as it is; None is any."""
+        """Quads before the change that match a pattern; None matches any term."""
         return iter(self._store.engine.quads_for_pattern(s, p, o, g))
 
     def after(
         self, s: Subject | None, p: NamedNode | None, o: Term | None, g: GraphName | None
     ) -> Iterator[Quad]:
-        """Quads of the graph as it will be; None is any."""
+        """Quads after the change that match a pattern; None matches any term."""
         for quad in self._store.engine.quads_for_pattern(s, p, o, g):
             if quad not in self.removed:
                 yield quad

@@ -1,13 +1,15 @@
-"""Completion of updates: the facts that follow from an edit by a person, written with it.
+"""Completion of updates: adds the facts that follow from an edit by a person.
 
-Updates state what people mean ("a cup at 1, 2"; "no object 17"), not the facts derived from it.
-An object given with a class and a position is completed: z, label, cell, place, confidence,
-existence, count, times. Where x or y change, the cell follows. A subject all of whose facts are
-removed takes along its observation, its beliefs, the assertions about it, and the references to it.
-A number that an object was given by hand is never assigned again. A category that is written to an
-object or place becomes an assertion, so that perception does not overwrite it; so does a new
-position or label where one was asserted before, and what an object is on or inside of. Its other
-relations are computed from geometry, and cannot be written.
+People write "a cup at 1, 2" or "no object 17", not the derived facts:
+
+- An object with a class and a position gets z, label, cell, place, confidence, existence, count
+  and times. The cell follows x and y.
+- If all facts of a subject are removed, its observation, its beliefs, the assertions about it and
+  the references to it are removed too.
+- The number of an object that was added by hand is not assigned again.
+- A category, and a position or label that was asserted before, becomes an assertion, so that
+  perception does not overwrite it. So do here:on and here:inside. Other relations are computed
+  from geometry and cannot be written.
 """
 
 from __future__ import annotations
@@ -28,7 +30,7 @@ from kg.rdf.wkt import area_of_polygon
 from kg.update.change_draft import ChangeDraft, Subject
 from kg.update.implicit_assertions import assert_perceived_properties
 from kg.update.implicit_assertions import categories as _categories
-from kg.update.relation_assertions import assert_relations, refuse_computed_relations
+from kg.update.relation_assertions import assert_relations, check_computed_relations
 
 _MAP: Final = NamedNode(v.MAP_GRAPH)
 _DATASET: Final = NamedNode(v.DATASET_GRAPH)
@@ -40,7 +42,7 @@ _DOUBLES: Final = (v.X, v.Y, v.Z, v.CONFIDENCE, v.EXISTENCE)
 
 
 def complete_change(pending: ChangeDraft, facts: RecordCodec, by: str | None) -> None:
-    """Add to `pending` what follows from it in the map of `facts`."""
+    """Add to `pending` the facts that follow from it in the map of `facts`."""
     touched = dict.fromkeys(
         quad.subject
         for quad in (*pending.removed, *pending.added)
@@ -56,7 +58,7 @@ def complete_change(pending: ChangeDraft, facts: RecordCodec, by: str | None) ->
         elif _is_place(pending, facts, subject):
             _complete_place(pending, subject)
         else:
-            refuse_computed_relations(pending, subject)
+            check_computed_relations(pending, subject)
         assert_perceived_properties(pending, facts, subject, by or "somebody")
     _count_up(pending, facts, touched)
 
@@ -92,7 +94,7 @@ def _remove_dependents(pending: ChangeDraft, facts: RecordCodec, removed: NamedN
 
 
 def _complete(pending: ChangeDraft, facts: RecordCodec, subject: NamedNode) -> None:
-    """Write doubles as doubles, the cell by the position, and what is missing."""
+    """Complete an object: numbers as doubles, the cell of its position, and missing facts."""
     for predicate in _DOUBLES:
         for quad in tuple(pending.after(subject, NamedNode(predicate), None, _MAP)):
             _as_double(pending, quad)
@@ -113,13 +115,13 @@ def _complete(pending: ChangeDraft, facts: RecordCodec, subject: NamedNode) -> N
 
 
 def _complete_place(pending: ChangeDraft, subject: NamedNode) -> None:
-    """Write doubles as doubles, rectangle and centre by the outline, and what is missing."""
+    """Complete a place: numbers as doubles, rectangle and centre of the outline, missing facts."""
     for predicate in _EDGES:
         for quad in tuple(pending.after(subject, NamedNode(predicate), None, _MAP)):
             _as_double(pending, quad)
     _complete_outline(pending, subject)
     edges = [_coordinate(pending, subject, edge) for edge in _EDGES]
-    if _touched(pending, subject, (v.OUTLINE, *_EDGES)):  # what people draw, the floor leaves
+    if _touched(pending, subject, (v.OUTLINE, *_EDGES)):  # drawn by a person: mapping keeps it
         pending.change(list(pending.after(subject, NamedNode(v.FROM_FLOOR), None, _MAP)), ())
     outlined = _only(pending, subject, v.OUTLINE) is not None
     if _touched(pending, subject, _EDGES) and not outlined:

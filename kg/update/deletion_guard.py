@@ -1,8 +1,8 @@
-"""Deletion guard: a change that removes a large share of a map needs to be confirmed.
+"""Deletion guard: a change that removes a large share of a map needs a confirmation.
 
-What was removed can be restored from the history; still, `DELETE WHERE {?s ?p ?o}` is more often a
-mistake than a wish. Objects and places are counted, not triples: a change that removes more than
-`DeletionLimit.count` of them, and more than `DeletionLimit.share` of all, is refused.
+The history can restore a deletion, but `DELETE WHERE {?s ?p ?o}` is usually a mistake. The guard
+counts objects and places, not triples, and refuses a change that removes more than
+`DeletionLimit.count` of them and more than `DeletionLimit.share` of all.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ _PLACE: Final = NamedNode(v.PLACE)
 
 @dataclass(frozen=True, slots=True)
 class DeletionLimit:
-    """The largest deletion that needs no confirmation: within either bound it passes."""
+    """The largest deletion without confirmation; a deletion within either bound passes."""
 
     share: float = 0.1  # of all objects and places of the map, 0 to 1
     count: int = 10  # objects and places together
 
 
-def refuse_unconfirmed(pending: ChangeDraft, facts: RecordCodec, limit: DeletionLimit) -> None:
-    """Raise UnconfirmedDeletionError where `pending` removes more than `limit`."""
+def check_confirmed(pending: ChangeDraft, facts: RecordCodec, limit: DeletionLimit) -> None:
+    """Raises UnconfirmedDeletionError if `pending` removes more than `limit`."""
     lost = len(removed_things(pending, facts))
     if lost <= limit.count:
         return
@@ -48,19 +48,19 @@ def refuse_unconfirmed(pending: ChangeDraft, facts: RecordCodec, limit: Deletion
 
 
 def removed_things(pending: ChangeDraft, facts: RecordCodec) -> frozenset[Subject]:
-    """Objects and places that `pending` makes cease to be such."""
+    """Objects and places that are none after `pending`."""
     before = things_in(pending.removed, facts)
     return frozenset(s for s in before if not _is_thing(pending.after, facts, s))
 
 
 def added_things(pending: ChangeDraft, facts: RecordCodec) -> frozenset[Subject]:
-    """Objects and places that `pending` makes."""
+    """Objects and places that were none before `pending`."""
     after = things_in(pending.added, facts)
     return frozenset(s for s in after if not _is_thing(pending.before, facts, s))
 
 
 def things_in(quads: Iterable[Quad], facts: RecordCodec) -> frozenset[Subject]:
-    """Subjects that one of `quads`, a type in graph:map, makes an object or a place."""
+    """Subjects with a type of objects or places, in graph:map, among `quads`."""
     return frozenset(
         quad.subject
         for quad in quads

@@ -1,10 +1,10 @@
-"""Evaluation of SPARQL Update to ground quads: what each operation deletes and inserts.
+"""Evaluation of SPARQL Update to ground quads: the quads that each operation deletes and inserts.
 
-Nothing is written here: what an update would do can so be validated, and then be one transaction
-with its cause. Evaluation may run in another process than the writer's
-(`kg.workers.ingestion`). The engine parses every part and evaluates every WHERE; only templates are
-filled in here (SPARQL 1.1 Update, sections 3.1 and 4.1). A triple without GRAPH is one of
-graph:map; a WHERE without WITH or USING reads the union of all graphs, as queries do.
+Nothing is written here, so that the result can be validated and then committed as one transaction
+with its cause. Evaluation may run in another process than the writer's (`kg.workers.ingestion`).
+The engine parses every part and evaluates every WHERE; this module instantiates the templates
+(SPARQL 1.1 Update, sections 3.1 and 4.1). A triple without GRAPH belongs to graph:map; a WHERE
+without WITH or USING reads the union of all graphs, as queries do.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from kg.store.transactional import TransactionalStore
 
 _MAP = NamedNode(v.MAP_GRAPH)
-# fails before anything is evaluated, so that the whole request is parsed and nothing is done
+# fails at evaluation, so that the engine parses the whole request and changes nothing
 _NOTHING = "CLEAR GRAPH <urn:hereabouts:nothing>; "
 
 
@@ -69,10 +69,10 @@ def evaluate_update(dataset: Dataset, sparql: str, base: str | None = None) -> G
     try:
         parts = tuple(operations(sparql, prologue))
     except UnclearError:
-        _refuse_unparsable(sparql, 0, sparql, prologue, guard="")
+        _check_syntax(sparql, 0, sparql, prologue, guard="")
         raise
     for part in parts:
-        _refuse_unparsable(sparql, part.start, part.text, part.prologue)
+        _check_syntax(sparql, part.start, part.text, part.prologue)
     refuse_shared_labels(parts)
     with _View(dataset) as view:
         for operation in parts:
@@ -93,7 +93,7 @@ def execute_update(store: TransactionalStore, sparql: str, base: str | None = No
 
 
 class _View:
-    """The dataset as the next operation sees it: the given one until something has changed."""
+    """The dataset after the operations so far; a copy is made by the first change."""
 
     def __init__(self, dataset: Dataset) -> None:
         self._dataset = dataset
@@ -150,10 +150,8 @@ def _effect(view: _View, operation: Operation) -> tuple[Iterable[Quad], Iterable
     return _managed(view.engine, operation)
 
 
-def _refuse_unparsable(
-    sparql: str, start: int, text: str, prologue: str, guard: str = _NOTHING
-) -> None:
-    """Have the engine parse one operation, at its place in the request."""
+def _check_syntax(sparql: str, start: int, text: str, prologue: str, guard: str = _NOTHING) -> None:
+    """Raises QueryError with the position if the engine cannot parse one operation of a request."""
     head = prologue + guard
     blank = "".join(mark if mark == "\n" else " " for mark in sparql[:start])
     try:
@@ -161,11 +159,11 @@ def _refuse_unparsable(
     except SyntaxError as error:
         raise QueryError(f"update: {located(str(error), len(head))}") from error
     except (OSError, RuntimeError, ValueError):
-        return  # it parses; that nothing can be done with an empty store is no fault of its
+        return  # it parses, and failed only on the empty store
 
 
 def _read(prologue: str, template: str, graph: NamedNode = _MAP) -> list[Quad]:
-    """The quads of a template or of data; what names no graph is in `graph`."""
+    """The quads of a template or of data; triples without GRAPH are in `graph`."""
     scratch = Store()
     try:
         scratch.update(f"{prologue}INSERT DATA {variables_as_iris(template)}", prefixes=v.PREFIXES)
@@ -258,7 +256,7 @@ def _iri(prologue: str, written: str) -> NamedNode:
 
 
 def _managed(engine: Store, operation: Operation) -> tuple[Iterable[Quad], Iterable[Quad]]:
-    """CLEAR, DROP, CREATE, ADD, COPY, MOVE; a graph is there while it holds something."""
+    """CLEAR, DROP, CREATE, ADD, COPY, MOVE; a graph exists while it has quads."""
     if operation.verb in ("CLEAR", "DROP", "CREATE"):
         return _one_graph(engine, operation)
     source, target = (_graph(operation, written) for written in operation.graphs)

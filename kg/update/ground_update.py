@@ -33,7 +33,7 @@ class GroundUpdate:
         Raises ShapeError for triple terms, whose nesting another process might not survive.
         """
         quads = [quad for step in self.steps for quad in (*step.delete, *step.insert)]
-        refuse_triple_terms(quads)
+        check_triple_terms(quads)
         counts = [[len(step.delete), len(step.insert)] for step in self.steps]
         body = serialize(quads, format=RdfFormat.N_QUADS) or b""
         return {"counts": counts, "reads": self.reads}, body
@@ -55,8 +55,8 @@ def update_text(delete: Iterable[Quad], insert: Iterable[Quad]) -> str:
     )
 
 
-def refuse_triple_terms(quads: Iterable[Quad]) -> None:
-    """Raises ShapeError where a quad has a triple for its object."""
+def check_triple_terms(quads: Iterable[Quad]) -> None:
+    """Raises ShapeError if a quad has a triple term."""
     for quad in quads:
         if isinstance(quad.object, Triple) or isinstance(quad.subject, Triple):
             raise ShapeError("the update is refused: triple terms <<( )>> are not used in maps")

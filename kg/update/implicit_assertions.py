@@ -1,4 +1,7 @@
-"""Where an update writes what assertions are for, it becomes one; or perception would undo it."""
+"""Implicit assertions: rewrites updates of perceived properties into assertions.
+
+Otherwise the next frame would overwrite what a person wrote.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +31,7 @@ __all__ = ["assert_perceived_properties", "categories"]
 def assert_perceived_properties(
     pending: ChangeDraft, facts: RecordCodec, subject: NamedNode, by: str
 ) -> None:
-    """Turn what `pending` writes of `subject` into assertions of `by`, where it has to stick."""
+    """Add to `pending` assertions by `by` of the perceived properties of `subject` it writes."""
     assertions = Assertions(facts.base)
     previous = assertions.of(pending.engine, subject.value)
     made: dict[str, Assertion | None] = {}
@@ -50,7 +53,7 @@ def assert_perceived_properties(
 
 
 def categories(read: Read, facts: RecordCodec, subject: NamedNode, kind: str) -> set[str]:
-    """Categories of a kind ("object" or "place") that a subject has the type of."""
+    """Categories of a kind ("object" or "place") among the types of a subject."""
     types = {getattr(q.object, "value", "") for q in read(subject, _TYPE, None, _MAP)}
     known = {iri: facts.catalogue.by_iri(iri) for iri in types}
     return {
@@ -73,7 +76,7 @@ def _category(
     if not after - before:
         old = previous.get("category")
         if kind == "place" and old is not None and old.value not in after:
-            _give_back(pending, facts, subject, old)
+            _restore_perceived(pending, facts, subject, old)
         return None
     if kind == "object" and not before:
         return None
@@ -122,7 +125,7 @@ def _label(
 def _relabel(
     pending: ChangeDraft, facts: RecordCodec, subject: NamedNode, old: str, new: str
 ) -> None:
-    """A label made of category and number is updated with them."""
+    """Update a label that consists of the category and the number."""
     number = subject.value.rstrip("/").rpartition("/")[2]
     label = NamedNode(v.RDFS_LABEL)
     was = Quad(subject, label, Literal(f"{facts.catalogue.label(old)} {number}"), _MAP)
@@ -131,10 +134,10 @@ def _relabel(
         pending.change([was], [Quad(subject, label, name, _MAP)])
 
 
-def _give_back(
+def _restore_perceived(
     pending: ChangeDraft, facts: RecordCodec, subject: NamedNode, previous: Assertion
 ) -> None:
-    """The asserted category was deleted: what perception believes counts again."""
+    """Restore the perceived category of a place whose asserted category was deleted."""
     pending.change(_node(pending, Assertions(facts.base), previous), ())
     _set_beliefs(pending, facts, subject, previous.beliefs)
     if previous.beliefs and previous.perceived is not None:
@@ -170,7 +173,7 @@ def _beliefs(pending: ChangeDraft, subject: NamedNode) -> dict[str, float]:
 
 
 def _node(pending: ChangeDraft, assertions: Assertions, previous: Assertion) -> list[Quad]:
-    """All quads of one assertion that is stored."""
+    """All quads of a stored assertion."""
     node = assertions.iri(previous.subject, previous.property)
     return [
         quad

@@ -1,4 +1,4 @@
-"""Recompilation: graph:commonsense follows an update of graph:ontology, in the same transaction."""
+"""Recompilation of graph:commonsense in the transaction that changes graph:ontology."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _COMMONSENSE: Final = NamedNode(v.COMMONSENSE_GRAPH)
 
 
 def recompile_commonsense(draft: ChangeDraft) -> None:
-    """Add to `draft` what its changes of the ontology change in graph:commonsense.
+    """Add to `draft` the changes of graph:commonsense that follow from those of the ontology.
 
     Raises OntologyError where the ontology would be invalid.
     """
@@ -33,7 +33,7 @@ def recompile_commonsense(draft: ChangeDraft) -> None:
 
 
 def _compiled(quads: Iterable[Quad]) -> set[Quad]:
-    """What an ontology compiles to; nothing where it is invalid, so that it can be mended."""
+    """The compiled ontology; empty where it is invalid, so that an update can mend it."""
     try:
         return set(compile_commonsense(named(quads)))
     except OntologyError:

@@ -1,4 +1,4 @@
-"""Relations that an update writes: on and inside become assertions, others are refused."""
+"""Relations in updates: here:on and here:inside become assertions, others are refused."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ _BESIDE: Final = NamedNode(v.BESIDE)
 _NODE: Final = NamedNode(v.SPATIAL_RELATION)
 
 
-def refuse_computed_relations(pending: ChangeDraft, subject: Subject) -> None:
-    """Raises ProtectedError where `pending` edits a relation that geometry decides."""
+def check_computed_relations(pending: ChangeDraft, subject: Subject) -> None:
+    """Raises ProtectedError if `pending` edits a relation that is computed from geometry."""
     was = {quad.object for quad in pending.before(subject, _TYPE, None, _MAP)}
     if not was:
-        return  # new: written as a whole
+        return  # a new node is written as a whole
     written = [quad for quad in pending.added if quad.subject == subject]
     if _NODE in was and written:
         raise _computed("a here:SpatialRelation")
@@ -46,8 +46,8 @@ def refuse_computed_relations(pending: ChangeDraft, subject: Subject) -> None:
 
 
 def assert_relations(pending: ChangeDraft, facts: RecordCodec, subject: NamedNode, by: str) -> None:
-    """Turn what `pending` writes of here:on and here:inside of `subject` into assertions."""
-    refuse_computed_relations(pending, subject)
+    """Turn here:on and here:inside of `subject` in `pending` into assertions."""
+    check_computed_relations(pending, subject)
     for kind in SINGLE:
         predicate = NamedNode(PREDICATES[kind])
         before = _objects(pending, subject, predicate, after=False)
@@ -71,7 +71,7 @@ def _assert(
 ) -> None:
     """Assert that `subject` is on or inside `value`; None: on or inside nothing.
 
-    Where a person asserted what is now deleted, perception's belief counts again instead.
+    If the deleted relation was an assertion, the perceived one is restored.
     """
     assertions = Assertions(facts.base)
     previous = assertions.of(pending.engine, subject.value).get(kind)
@@ -114,7 +114,7 @@ def _objects(
 
 
 def _backed(pending: ChangeDraft, subject: NamedNode) -> bool:
-    """Whether a new object comes with nodes of its relations."""
+    """Whether an update adds an object together with the nodes of its relations."""
     new = next(pending.before(subject, _TYPE, None, _MAP), None) is None
     return new and next(pending.after(subject, _HAS_RELATION, None, _MAP), None) is not None
 

@@ -1,10 +1,10 @@
-"""Restoration of a past state: what has to change for the map to be again as it was.
+"""Restoration of a past state: computes the changes that lead back to it.
 
-A restoration is one new transaction; the history keeps what it undoes. All graphs that the history
-keeps are restored, ontology and common sense included, or only the scopes that are named: objects
-(with their observations and assertions), places (with their beliefs), assertions alone (over what
-perception believes now), the ontology, or single things by IRI. The number of the next object
-never decreases: a mapper that continues must not give an old number to a new object.
+A restoration is one new transaction; the history keeps the transactions that it undoes. It covers
+all graphs of the history, ontology and common sense included, or the given scopes: objects (with
+their observations and assertions), places (with their beliefs), assertions alone (perception's
+beliefs stay), the ontology, or single things by IRI. The number of the next object never decreases,
+so that a mapper that continues gives no old number to a new object.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from kg.store.transactional import TransactionalStore
 from kg.update.change_draft import ChangeDraft
 from kg.update.deletion_guard import added_things, is_place, removed_things, things_in
 
-#: What can be restored by itself, beside single things by their IRI.
+#: Scopes of a restoration, beside single things by their IRI.
 SCOPES: Final = ("objects", "places", "assertions", "ontology")
 
 _MAP: Final = NamedNode(v.MAP_GRAPH)
@@ -46,25 +46,25 @@ _ATTRIBUTED: Final = NamedNode(v.PROV_ATTRIBUTED_TO)
 
 @dataclass(frozen=True, slots=True)
 class Restored:
-    """What restoring the state after transaction `restored` changed, or in a dry run would."""
+    """Changes of a restoration of the state after transaction `restored`, or of a dry run."""
 
     restored: int
-    sequence: int | None  # the transaction that did it; None where nothing differs, or in a dry run
+    sequence: int | None  # of the restoration; None where nothing differs, and in a dry run
     added: int  # triples
     removed: int
     objects_back: int = 0
     objects_gone: int = 0
     places_back: int = 0
     places_gone: int = 0
-    skipped: tuple[str, ...] = ()  # IRIs of things not in the map, whose assertions stay away
+    skipped: tuple[str, ...] = ()  # IRIs of things that are not in the map: not asserted again
 
 
 class Restoration:
     """Computes the change that restores the state after transaction `sequence`.
 
-    `only` has names of `SCOPES` and things as in object/17; empty: everything. `pending` is the
-    change. Raises QueryParameterError for anything else, HistoryError for a past that is not kept,
-    OntologyError where the ontology of then lacks categories that the map uses.
+    `only` holds names of `SCOPES` and things, as in object/17; empty, all is restored. `pending` is
+    the change. Raises QueryParameterError for another name, HistoryError for a past that is not
+    kept, OntologyError where the restored ontology lacks categories that the map uses.
     """
 
     def __init__(
@@ -90,12 +90,12 @@ class Restoration:
 
     @property
     def changes_ontology(self) -> bool:
-        """Whether the ontology, or what is compiled from it, changes."""
+        """Whether the ontology or the common sense compiled from it changes."""
         changed = (*self.pending.added, *self.pending.removed)
         return any(quad.graph_name in BACKGROUND for quad in changed)
 
     def outcome(self) -> Restored:
-        """What the change amounts to; to be called before it is committed."""
+        """Counts of the change; to be called before it is committed."""
         pending, facts = self.pending, self._facts
         removed, back = removed_things(pending, facts), added_things(pending, facts)
         places_gone = sum(is_place(pending.before, facts, one) for one in removed)
@@ -114,7 +114,7 @@ class Restoration:
 
     @cached_property
     def _difference(self) -> Difference:
-        """From now to then: `added` has what held then and does not now."""
+        """From now to then: `added` holds the quads of then that are missing now."""
         return difference(self._log, self._log.last, self._sequence)
 
     @cached_property
@@ -151,7 +151,7 @@ class Restoration:
 
     @cached_property
     def _kinds(self) -> dict[str, str]:
-        """Of each object or place that differs, by IRI, which of the two it is."""
+        """Kind, object or place, of each thing that differs, by IRI."""
         changed = (*self._difference.added, *self._difference.removed)
         kinds: dict[str, str] = {}
         for iri in {self._owner(_iri(quad.subject)) for quad in changed} - {""}:
@@ -164,7 +164,7 @@ class Restoration:
         return kinds
 
     def _owner(self, iri: str) -> str:
-        """The object or place that a node (an observation, belief, ...) is part of."""
+        """The object or place to which a node (an observation, belief, ...) belongs."""
         if (about := self._assertions.subject(iri)) is not None:
             return about
         observation = f"{self._facts.base}observation/"
@@ -174,7 +174,7 @@ class Restoration:
         return iri.partition("/relation/")[0].partition("/label/")[0]
 
     def _add_agents(self) -> None:
-        """Describe whoever made an assertion that is back."""
+        """Describe the authors of restored assertions."""
         agents = {quad.object for quad in self.pending.added if quad.predicate == _ATTRIBUTED}
         back = self._difference.added
         self.pending.change((), (quad for quad in back if quad.subject in agents))

@@ -1,10 +1,9 @@
-"""The door for updates from outside: what may be written, and whether the map stays well made.
+"""Update validation: write permissions per graph, then SHACL on the subjects an update touches.
 
-Only what an update touches is validated, whatever the size of the map: the subjects whose facts
-change, and, where one of these changes its type, one subject for each property that points at it.
-Those pointing in the same way can only break in the same way. They are held to the shipped SHACL
-shapes by pyshacl, over their own facts, the types of what they point at, and the classes above.
-What was wrong before an update is not held against it.
+The size of the map does not matter: pyshacl validates the subjects whose facts change and, where a
+subject changes its type, one subject for each property that refers to it. The data graph holds
+their facts, the types of their neighbours and the superclasses. Violations that existed before the
+update do not count.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from kg.resources import ONTOLOGIES
 from kg.store.transactional import TransactionalStore
 from kg.update.change_draft import ChangeDraft, Subject
 
-#: Graphs that an update may write only where its caller allows it, and what else would do.
+#: Graphs that an update may write only where its caller allows it, and the way that works instead.
 PROTECTED: Final = {
     "ontology": (
         v.ONTOLOGY_GRAPH,
@@ -40,20 +39,20 @@ _SHAPED: Final = tuple(NamedNode(g) for g in (v.MAP_GRAPH, v.DATASET_GRAPH, v.AS
 _TYPE: Final = NamedNode(v.RDF_TYPE)
 _SUB_CLASS: Final = NamedNode(v.RDFS_SUB_CLASS_OF)
 _ONTOLOGY: Final = NamedNode(v.ONTOLOGY_GRAPH)
-_SHOWN = 3  # findings named in one message
+_SHOWN = 3  # violations in one message
 
 
 class UpdateValidator:
     """Checks updates against the shapes and the ontology of one map."""
 
     def __init__(self, store: TransactionalStore) -> None:
-        from kg.rdf.shacl import Shapes  # a third of a second, for those who write alone
+        from kg.rdf.shacl import Shapes  # takes a third of a second, which readers save
 
         self._store = store
         self._shapes = Shapes(ONTOLOGIES / SHAPES_FILE)
 
-    def refuse_protected(self, pending: ChangeDraft, allow: Collection[str]) -> None:
-        """Raises ProtectedError where `pending` writes what it may not; `allow` names graphs."""
+    def check_permissions(self, pending: ChangeDraft, allow: Collection[str]) -> None:
+        """Raises ProtectedError if `pending` writes a protected graph that is not in `allow`."""
         closed = {iri: how for name, (iri, how) in PROTECTED.items() if name not in allow}
         for quad in (*pending.added, *pending.removed):
             graph = getattr(quad.graph_name, "value", "")
@@ -64,12 +63,12 @@ class UpdateValidator:
             if graph == v.DATASET_GRAPH and "dataset" not in allow and _kept(quad):
                 raise ProtectedError(
                     f"an update may not write {_short(quad.predicate.value)} of graph:dataset: "
-                    "the map counts by itself"
+                    "the map maintains it"
                 )
 
-    def refuse_malformed(self, pending: ChangeDraft) -> None:
-        """Raises ShapeError where an undeclared here: term is used, or a shape would break."""
-        self._refuse_unknown_terms(pending.added)
+    def check_shapes(self, pending: ChangeDraft) -> None:
+        """Raises ShapeError if `pending` uses an undeclared here: term or violates a shape."""
+        self._check_terms(pending.added)
         focus = dict.fromkeys(_focus(pending))
         if not focus:
             return
@@ -82,15 +81,15 @@ class UpdateValidator:
             more = f"; and {len(messages) - _SHOWN} more" if len(messages) > _SHOWN else ""
             raise ShapeError(f"the update is refused: {'; '.join(messages[:_SHOWN])}{more}")
 
-    def _refuse_unknown_terms(self, added: Iterable[Quad]) -> None:
+    def _check_terms(self, added: Iterable[Quad]) -> None:
         for quad in added:
             for term in (quad.subject, quad.predicate, quad.object):
                 if isinstance(term, Triple):
                     raise ShapeError(f"the update is refused: triple terms are not used: {term}")
                 if isinstance(term, NamedNode) and term.value.startswith(v.HERE):
-                    self._refuse_unknown(term.value, quad)
+                    self._check_declared(term.value, quad)
 
-    def _refuse_unknown(self, iri: str, quad: Quad) -> None:
+    def _check_declared(self, iri: str, quad: Quad) -> None:
         if iri not in self._declared and quad.graph_name != _ONTOLOGY:
             raise ShapeError(f"the update is refused: {undeclared(iri, self._declared)}")
 
@@ -108,7 +107,7 @@ class UpdateValidator:
     def _surroundings(
         self, focus: dict[Subject, None], pending: ChangeDraft, after: bool
     ) -> Iterator[Quad]:
-        """What the shapes can see of the focus: its facts, its neighbours' types, its classes."""
+        """The data graph: facts of the focus, types of its neighbours, superclasses."""
         read = pending.after if after else pending.before
         classes: dict[str, None] = {}
         neighbours: dict[Subject, None] = {}
@@ -152,7 +151,7 @@ def _focus(pending: ChangeDraft) -> Iterator[Subject]:
                 retyped[quad.subject] = None
     for subject in retyped:
         pointed: set[str] = set()
-        # most references are alike; the search is bounded all the same
+        # a bound, as a subject may have very many references of the same kind
         for quad in islice(pending.after(None, None, subject, NamedNode(v.MAP_GRAPH)), 100_000):
             if quad.predicate.value not in pointed:
                 pointed.add(quad.predicate.value)

@@ -59,7 +59,7 @@ class FairQueue:
             if self._is_eligible(turn) and not self._waiting.get(client):
                 self._grant(turn)
                 return turn
-            self._refuse_greed(turn)
+            self._check_share(turn)
             self._waiting.setdefault(client, []).append(turn)
             self._grant_next()
             return turn
@@ -86,7 +86,7 @@ class FairQueue:
         with self._guard:
             return sum(map(len, self._waiting.values()))
 
-    def _refuse_greed(self, turn: Turn) -> None:
+    def _check_share(self, turn: Turn) -> None:
         own = self._waiting.get(turn.client, [])
         clients = len(self._waiting) + (not own)
         most = min(self._queue, max(1, SHARES * self._queue // clients))

@@ -21,7 +21,7 @@ from kg.rdf.parsing import DOCUMENT_TYPE, has_document_type
 from kg.sparql.dataset_clauses import with_graphs
 from kg.sparql.order_by import with_total_order
 from kg.update import execution
-from kg.update.ground_update import refuse_triple_terms
+from kg.update.ground_update import check_triple_terms
 
 Request = dict[str, Any]
 
@@ -72,5 +72,5 @@ def parse_document(request: Request) -> bytes:
     if form == RdfFormat.RDF_XML and has_document_type(body):
         raise QueryRefusedError(DOCUMENT_TYPE)
     quads = list(parse(body, format=form, base_iri=request["base_iri"]))
-    refuse_triple_terms(quads)
+    check_triple_terms(quads)
     return serialize(quads, format=RdfFormat.N_QUADS) or b""

@@ -126,10 +126,10 @@ class WorkerSet:
         """
         with self._changed:
             while not self._idle and len(self._all) + self._starting >= self.size:
-                self._refuse_closed()
+                self._check_open()
                 if not self._changed.wait(deadline - time.monotonic()):
                     raise all_busy()
-            self._refuse_closed()
+            self._check_open()
             if self._idle:
                 best = max(self._idle, key=lambda idle: _readiness(idle, at))
                 self._idle.remove(best)
@@ -192,7 +192,7 @@ class WorkerSet:
         if before is not None:
             self._snapshots.release(before)
 
-    def _refuse_closed(self) -> None:
+    def _check_open(self) -> None:
         if self._killed:
             raise GraphError("the query pool is closed; make a new one")
 

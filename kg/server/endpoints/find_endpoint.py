@@ -19,9 +19,9 @@ from kg.server.app_state import AppState
 from kg.server.endpoints.sparql_protocol import unless_gone
 from kg.server.http.problems import Problem
 
-MOST_WORDS: Final = 5  # objects of one search
-MOST_WAITING: Final = 8  # requests
-_LONGEST: Final = 100  # letters of one
+MAX_WORDS: Final = 5  # objects of one search
+MAX_WAITING: Final = 8  # requests
+_MAX_LETTERS: Final = 100  # letters of one
 
 
 async def find(serving: AppState, request: Request) -> Response:
@@ -29,9 +29,9 @@ async def find(serving: AppState, request: Request) -> Response:
     wanted = request.query_params.getlist("object")
     if serving.planner is None:
         raise Problem(404, "this server has no planner; `hereabouts serve` has one")
-    if not 0 < len(wanted) <= MOST_WORDS or any(not 0 < len(w) <= _LONGEST for w in wanted):
+    if not 0 < len(wanted) <= MAX_WORDS or any(not 0 < len(w) <= _MAX_LETTERS for w in wanted):
         raise Problem(
-            400, f"needs ?object=, e.g. ?object=cup; up to {MOST_WORDS} of {_LONGEST} letters"
+            400, f"needs ?object=, e.g. ?object=cup; up to {MAX_WORDS} of {_MAX_LETTERS} letters"
         )
     plan = await unless_gone(request, asyncio.ensure_future(_planned(serving, wanted)))
     try:
@@ -47,7 +47,7 @@ async def _planned(serving: AppState, wanted: list[str]) -> Mapping[str, object]
     """The plan, once it is its turn; Problem 503 where too many wait already."""
     assert serving.planner is not None
     turns = serving.planning
-    if turns.waiting >= MOST_WAITING:
+    if turns.waiting >= MAX_WAITING:
         raise Problem(503, "too many plans are being waited for", {"Retry-After": "5"})
     turns.waiting += 1
     try:

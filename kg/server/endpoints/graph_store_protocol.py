@@ -30,7 +30,7 @@ from kg.server.endpoints.dump_stream import DumpStream
 from kg.server.endpoints.sparql_protocol import write, written
 from kg.server.http import bodies
 from kg.server.http.client_sessions import asker_of
-from kg.server.http.conditions import State, refuse_unforeseen, state_of
+from kg.server.http.conditions import State, check_preconditions, state_of
 from kg.server.http.confirmation import is_confirmed
 from kg.server.http.media_types import GRAPH_FORMATS, prefixes_of
 from kg.server.http.problems import Problem
@@ -60,7 +60,7 @@ async def graph_store(serving: AppState, request: Request) -> Response:
         raise Problem(403, "the default graph is the union of all: name the graph to change")
     target = graph or NamedNode(v.MAP_GRAPH)
     existed = _has(serving, target)
-    check = partial(_refuse_unforeseen, serving, request, graph)
+    check = partial(_check_preconditions, serving, request, graph)
     if request.method == "DELETE":
         if not existed:
             raise _unknown(target)
@@ -177,9 +177,9 @@ def _state(serving: AppState, graph: NamedNode | None, form: str) -> State:
     return State(number, state.modified, form, state.past)
 
 
-def _refuse_unforeseen(serving: AppState, request: Request, graph: NamedNode | None) -> None:
+def _check_preconditions(serving: AppState, request: Request, graph: NamedNode | None) -> None:
     exists = graph is None or _has(serving, graph)
-    refuse_unforeseen(request, _state(serving, graph, ""), exists=exists)
+    check_preconditions(request, _state(serving, graph, ""), exists=exists)
 
 
 def _triples(serving: AppState, graph: NamedNode | None) -> _Triples:

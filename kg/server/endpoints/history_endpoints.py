@@ -18,7 +18,7 @@ from kg.server.endpoints.sparql_protocol import unless_gone
 from kg.server.http.bodies import RequestParameters, query_parameters
 from kg.server.http.client_sessions import asker_of
 from kg.server.http.problems import Problem
-from kg.server.http.time_parameters import MOST_DIGITS, sequence_at
+from kg.server.http.time_parameters import MAX_DIGITS, sequence_at
 from kg.store.sparql_client import SEQUENCE
 from kg.workers.content_negotiation import negotiate
 from kg.workers.pool import QueryPool
@@ -102,6 +102,6 @@ def _needed(given: RequestParameters, name: str) -> str:
 
 def _last(given: RequestParameters) -> int | None:
     text = given.one("last")
-    if text is not None and not re.fullmatch(rf"[0-9]{{1,{MOST_DIGITS}}}", text):
+    if text is not None and not re.fullmatch(rf"[0-9]{{1,{MAX_DIGITS}}}", text):
         raise Problem(400, f"last must be a number, got {text[:40]!r}")
     return None if text is None else int(text)

@@ -23,7 +23,7 @@ from kg.store.sparql_client import SEQUENCE
 
 _JSON: Final = "application/json"
 _MEMBERS: Final = ("to", "only", "dry_run")
-_MOST: Final = 1000  # things of one request
+_MAX_THINGS: Final = 1000  # things of one request
 
 
 async def restore(serving: AppState, request: Request) -> Response:
@@ -59,7 +59,9 @@ async def restore(serving: AppState, request: Request) -> Response:
 
 
 def _scopes(given: Any) -> Collection[str]:
-    is_list = isinstance(given, list) and len(given) <= _MOST
+    is_list = isinstance(given, list) and len(given) <= _MAX_THINGS
     if not is_list or not all(isinstance(name, str) for name in given):
-        raise Problem(400, f"'only' must be a list of up to {_MOST} texts, as in [\"object/17\"]")
+        raise Problem(
+            400, f"'only' must be a list of up to {_MAX_THINGS} texts, as in [\"object/17\"]"
+        )
     return tuple(given)

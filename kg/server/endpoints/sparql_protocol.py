@@ -46,11 +46,11 @@ async def sparql(serving: AppState, request: Request) -> Response:
     if kind == bodies.FORM:
         return await _form(serving, request, url)
     if kind == QUERY:
-        _refuse_in_url(url, "query")
+        _check_not_in_url(url, "query")
         body = bodies.text(await bodies.read_body(request, serving.settings.limits))
         return await _query(serving, request, RequestParameters((("query", body),)) + url)
     if kind == UPDATE:
-        _refuse_in_url(url, "update")
+        _check_not_in_url(url, "update")
         by = _writer(serving, request)
         body = bodies.text(await bodies.read_body(request, serving.settings.limits))
         return await _update(serving, request, RequestParameters((("update", body),)) + url, by)
@@ -63,8 +63,8 @@ async def _form(serving: AppState, request: Request, url: RequestParameters) -> 
     form = bodies.form_parameters(await bodies.read_body(request, serving.settings.limits))
     if ("query" in form) == ("update" in form):
         raise Problem(400, "the form needs either 'query' or 'update'")
-    _refuse_in_url(url, "query")
-    _refuse_in_url(url, "update")
+    _check_not_in_url(url, "query")
+    _check_not_in_url(url, "update")
     if "query" in form:
         return await _query(serving, request, form + url)
     return await _update(serving, request, form + url, _writer(serving, request))
@@ -187,6 +187,6 @@ def graphs_of(given: RequestParameters, name: str) -> tuple[str, ...]:
     return given.all(name)
 
 
-def _refuse_in_url(url: RequestParameters, name: str) -> None:
+def _check_not_in_url(url: RequestParameters, name: str) -> None:
     if name in url:
         raise Problem(400, f"{name!r} is in the URL of a POST with a body; give one of them")

@@ -30,10 +30,10 @@ from kg.transactions import Cause, ChangeSet
 JSON: Final = "application/json"
 #: on whose account records come: a mapper's frames, a robot's search, an import
 _KINDS: Final = ("frame", "search", "import")
-_LONGEST: Final = 500  # characters of a note, a label, the name of a network
+_MAX_TEXT: Final = 500  # characters of a note, a label, the name of a network
 #: a search is its own account, and nobody else's
 _SEARCH: Final = re.compile(r"search/[0-9]{1,15}")
-_MOST: Final = 10_000  # labels, or own transactions, of one request
+_MAX_ITEMS: Final = 10_000  # labels, or own transactions, of one request
 T = TypeVar("T")
 
 
@@ -66,12 +66,14 @@ async def labels(serving: AppState, request: Request) -> Response:
     serving.settings.tokens.holder(request.headers.get("authorization"))
     content = await _object(serving, request, ("labels", "kind", "model"))
     names, kind = content["labels"], content["kind"]
-    if not isinstance(names, list) or len(names) > _MOST or not all(map(_is_name, names)):
-        raise Problem(400, f"'labels' must be a list of up to {_MOST} texts of up to {_LONGEST}")
+    if not isinstance(names, list) or len(names) > _MAX_ITEMS or not all(map(_is_name, names)):
+        raise Problem(
+            400, f"'labels' must be a list of up to {_MAX_ITEMS} texts of up to {_MAX_TEXT}"
+        )
     if kind not in ("object", "place"):
         raise Problem(400, f"'kind' is object or place, got {str(kind)[:100]!r}")
     if not _is_name(content["model"]):
-        raise Problem(400, f"'model' must be the name of the network, of up to {_LONGEST}")
+        raise Problem(400, f"'model' must be the name of the network, of up to {_MAX_TEXT}")
 
     def act() -> dict[str, str]:
         return serving.semantic_map.learn(names, kind, model=content["model"])
@@ -100,8 +102,12 @@ def _known_sequence(content: object) -> int | None:
 
 
 def _own(content: object) -> frozenset[int]:
-    if not isinstance(content, list) or len(content) > _MOST or not all(map(_is_number, content)):
-        raise Problem(400, f"'own' must be a list of up to {_MOST} numbers of transactions")
+    if (
+        not isinstance(content, list)
+        or len(content) > _MAX_ITEMS
+        or not all(map(_is_number, content))
+    ):
+        raise Problem(400, f"'own' must be a list of up to {_MAX_ITEMS} numbers of transactions")
     return frozenset(content)
 
 
@@ -115,10 +121,10 @@ def _cause(content: object, by: str) -> Cause:
     if not _is_text(note) or not (name is None or _is_text(name)):
         raise Problem(400, "'note' must be a text, 'by' a text or null")
     if kind != "search" or name is None:
-        return Cause(kind, by, note[:_LONGEST])
+        return Cause(kind, by, note[:_MAX_TEXT])
     if not _SEARCH.fullmatch(name):
         raise Problem(400, "'by' is the search, as in search/3: the token identifies the author")
-    return Cause(kind, name, note[:_LONGEST])
+    return Cause(kind, name, note[:_MAX_TEXT])
 
 
 def _is_text(value: object) -> bool:
@@ -126,7 +132,7 @@ def _is_text(value: object) -> bool:
 
 
 def _is_name(value: object) -> bool:
-    return _is_text(value) and len(str(value)) <= _LONGEST
+    return _is_text(value) and len(str(value)) <= _MAX_TEXT
 
 
 def _is_number(value: object) -> bool:

@@ -11,7 +11,7 @@ from typing import Self
 from kg.errors import ServerError
 from kg.server.http.problems import Problem
 
-LEAST = 16  # characters of a token
+MIN_LENGTH = 16  # characters of a token
 _TOKEN = re.compile(r"[A-Za-z0-9._~+/-]+=*")  # RFC 6750, section 2.1
 _NAME = re.compile(r"[\w.@-]+")
 
@@ -89,9 +89,9 @@ def _secret(line: str, where: str) -> tuple[str, bytes]:
     name, token = words if len(words) == 2 else ("token", words[-1])
     if len(words) > 2 or not _NAME.fullmatch(name) or not _TOKEN.fullmatch(token):
         raise ServerError(f"{where}: needs NAME TOKEN, a token of letters, digits and ._~+/-")
-    if len(token) < LEAST:
+    if len(token) < MIN_LENGTH:
         raise ServerError(
-            f"{where}: the token has {len(token)} characters, needs {LEAST} or more; "
+            f"{where}: the token has {len(token)} characters, needs {MIN_LENGTH} or more; "
             "`openssl rand -hex 24` makes one"
         )
     return name, token.encode()

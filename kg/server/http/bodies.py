@@ -15,8 +15,8 @@ from kg.server.http.problems import Problem
 from kg.server.http.settings import Limits
 
 FORM = "application/x-www-form-urlencoded"
-FIELDS = 200  # parameters of one request
-DEEPEST = 32  # levels of JSON: deeper ones are no request, and may be too deep to be shown
+MAX_FIELDS = 200  # parameters of one request
+MAX_LEVELS = 32  # levels of JSON: deeper ones are no request, and may be too deep to be shown
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,12 +77,12 @@ def json_object(body: bytes, members: Iterable[str]) -> Mapping[str, Any]:
     if not isinstance(content, dict) or set(content) != {*members}:
         raise Problem(400, f"the body must be a JSON object of {', '.join(members) or 'nothing'}")
     level: list[Any] = [content]
-    for _ in range(DEEPEST):
+    for _ in range(MAX_LEVELS):
         held = (outer.values() if isinstance(outer, dict) else outer for outer in level)
         level = [inner for values in held for inner in values if isinstance(inner, dict | list)]
         if not level:
             return content
-    raise Problem(400, f"the body is JSON of more than {DEEPEST} levels")
+    raise Problem(400, f"the body is JSON of more than {MAX_LEVELS} levels")
 
 
 def media_type(request: Request) -> str:
@@ -135,10 +135,10 @@ def _parse(raw: bytes, what: str) -> RequestParameters:
             keep_blank_values=True,
             encoding="utf-8",
             errors="strict",
-            max_num_fields=FIELDS,
+            max_num_fields=MAX_FIELDS,
         )
     except UnicodeDecodeError as error:
         raise Problem(400, f"{what} is not UTF-8") from error
     except ValueError as error:
-        raise Problem(400, f"{what} has more than {FIELDS} parameters") from error
+        raise Problem(400, f"{what} has more than {MAX_FIELDS} parameters") from error
     return RequestParameters(tuple(pairs))

@@ -55,7 +55,7 @@ class State:
         return self.modified <= since
 
 
-def refuse_unforeseen(request: Request, state: State, *, exists: bool) -> None:
+def check_preconditions(request: Request, state: State, *, exists: bool) -> None:
     """Raises Problem 412 where the precondition of a write names another state than this.
 
     The format in which it saw it does not matter. A weak tag never matches in If-Match.
@@ -63,19 +63,19 @@ def refuse_unforeseen(request: Request, state: State, *, exists: bool) -> None:
     match = request.headers.get("if-match")
     if match is not None:
         seen = exists and any(_is_of(tag, state) for tag in _tags(match))
-        _refuse_unless(seen, f"it is at {state.sequence}, not as If-Match has it; read it anew")
+        _check(seen, f"it is at {state.sequence}, not as If-Match has it; read it anew")
     elif request.headers.get("if-unmodified-since"):
         since = _moment(request.headers["if-unmodified-since"])
         seen = since is None or (state.modified is not None and state.modified <= since)
-        _refuse_unless(seen, "it was changed since; read it anew")
+        _check(seen, "it was changed since; read it anew")
     none = request.headers.get("if-none-match")
     if none is not None:
         tags = [tag.removeprefix("W/") for tag in _tags(none)]
         unseen = not (exists and any(_is_of(tag, state) for tag in tags))
-        _refuse_unless(unseen, "it is there, as If-None-Match has it")
+        _check(unseen, "it is there, as If-None-Match has it")
 
 
-def _refuse_unless(holds: bool, why: str) -> None:
+def _check(holds: bool, why: str) -> None:
     if not holds:
         raise Problem(412, why)
 

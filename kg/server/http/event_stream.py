@@ -38,12 +38,15 @@ class EventStream:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer one request; a HEAD with the head alone."""
+        head = {"type": "http.response.start", "status": 200, "headers": _HEADERS}
+        if scope["method"] == "HEAD":
+            self._on_end()
+            await send(head)
+            await send({"type": "http.response.body", "body": b""})
+            return
         try:
-            await send({"type": "http.response.start", "status": 200, "headers": _HEADERS})
-            if scope["method"] == "HEAD":
-                await send({"type": "http.response.body", "body": b""})
-            else:
-                await self._stream(scope["state"]["connection"], receive, send)
+            await send(head)
+            await self._stream(scope["state"]["connection"], receive, send)
         finally:
             self._on_end()
 

@@ -14,17 +14,17 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from kg.server.http.problems import Problem, problem_response
 from kg.server.http.rate_limit import RateLimiter
 from kg.server.http.request_checks import (
+    check_host,
+    check_site,
+    check_token,
     client_of,
-    refuse_cross_site,
-    refuse_other_host,
-    refuse_stranger,
 )
 from kg.server.http.settings import Settings
 from kg.server.metrics import Metrics
 
 log = logging.getLogger("hereabouts.server")
 
-_SAFE = {
+_SAFE_HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
     "X-Frame-Options": "DENY",
@@ -90,15 +90,15 @@ class RequestGuard:
 
     def _answer_early(self, scope: Scope, headers: Headers) -> Response | None:
         try:
-            self._refuse(scope, headers)
+            self._check(scope, headers)
         except Problem as problem:
             return problem_response(problem, headers.get("accept"))
         if scope["method"] == "OPTIONS":
             return Response(status_code=204, headers={"Allow": "GET, HEAD, POST, PUT, DELETE"})
         return None
 
-    def _refuse(self, scope: Scope, headers: Headers) -> None:
-        refuse_other_host(self._settings, headers)
+    def _check(self, scope: Scope, headers: Headers) -> None:
+        check_host(self._settings, headers)
         if scope["state"]["connection"].crowded:
             # so that this connection makes room for others
             leaving = {"Retry-After": "1", "Connection": "close"}
@@ -110,11 +110,11 @@ class RequestGuard:
         if wait:
             raise Problem(429, "too many requests; slow down", {"Retry-After": str(wait)})
         if scope["method"] != "OPTIONS":  # a preflight carries no token, and gets no data
-            refuse_cross_site(self._settings, scope["path"], scope["method"], headers)
-            refuse_stranger(self._settings, scope["path"], headers)
+            check_site(self._settings, scope["path"], scope["method"], headers)
+            check_token(self._settings, scope["path"], headers)
 
     def _add_headers(self, answer: MutableHeaders, origin: str | None) -> None:
-        for name, value in _SAFE.items():
+        for name, value in _SAFE_HEADERS.items():
             answer.setdefault(name, value)
         if self._settings.allow_origins:
             answer.add_vary_header("Origin")

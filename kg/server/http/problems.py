@@ -27,8 +27,8 @@ from kg.errors import (
     UnconfirmedDeletionError,
 )
 
-LONGEST = 2000  # characters of a message: a client may be quoted in it
-MOST = 1000  # things named with a conflict
+MAX_MESSAGE = 2000  # characters of a message: a client may be quoted in it
+MAX_THINGS = 1000  # things named with a conflict
 #: what an error of the tree means to a client; the first that fits counts
 _STATUS: tuple[tuple[type[HereaboutsError], int], ...] = (
     (NotAcceptableError, 406),
@@ -77,7 +77,7 @@ def problem_of(error: HereaboutsError) -> Problem:
     passing = isinstance(error, _PASSING) and status == 503
     later = "5" if isinstance(error, PoolBusyError) else "1"
     headers = {"Retry-After": later} if passing else None
-    things = error.things[:MOST] if isinstance(error, ConflictError) else ()
+    things = error.things[:MAX_THINGS] if isinstance(error, ConflictError) else ()
     return Problem(status, str(error), headers, kind=type(error).__name__, things=things)
 
 
@@ -92,7 +92,7 @@ def without_paths(problem: Problem, folders: Iterable[Path]) -> Problem:
 
 def problem_response(problem: Problem, accept: str | None) -> Response:
     """One line of text, or JSON problem details where the client accepts JSON."""
-    message = " ".join(str(problem).split())[:LONGEST]
+    message = " ".join(str(problem).split())[:MAX_MESSAGE]
     if accept and "json" in accept:
         body = {
             "title": http.HTTPStatus(problem.status).phrase,

@@ -7,7 +7,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable
 
-ADDRESSES = 4096  # remembered at once
+MAX_ADDRESSES = 4096  # remembered at once
 
 
 class RateLimiter:
@@ -26,6 +26,6 @@ class RateLimiter:
         left = min(left + (now - since) * self._rate, float(self._burst))
         granted = left >= 1
         self._left[address] = (left - granted, now)
-        if len(self._left) > ADDRESSES:
+        if len(self._left) > MAX_ADDRESSES:
             self._left.popitem(last=False)
         return 0 if granted else max(1, math.ceil((1 - left) / self._rate))

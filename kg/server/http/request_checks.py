@@ -30,7 +30,7 @@ def client_of(settings: Settings, headers: Headers, address: str) -> str:
     return client_of_address(address) if name is None else f"token {name}"
 
 
-def refuse_other_host(settings: Settings, headers: Headers) -> None:
+def check_host(settings: Settings, headers: Headers) -> None:
     """Raises Problem: 400 for a Host that is none, 421 for one that is not this server's."""
     host = headers.get("host", "")
     match = _HOST.fullmatch(host)
@@ -45,7 +45,7 @@ def refuse_other_host(settings: Settings, headers: Headers) -> None:
     raise Problem(421, f"this server is not called {name}; start it with --public-host {name}")
 
 
-def refuse_cross_site(settings: Settings, path: str, method: str, headers: Headers) -> None:
+def check_site(settings: Settings, path: str, method: str, headers: Headers) -> None:
     """Raises Problem 403 for what a page of another site has a browser do without permission.
 
     A link to a page of the map may be followed; scripts, forms and pictures get nothing, unless
@@ -63,7 +63,7 @@ def refuse_cross_site(settings: Settings, path: str, method: str, headers: Heade
         )
 
 
-def refuse_stranger(settings: Settings, path: str, headers: Headers) -> None:
+def check_token(settings: Settings, path: str, headers: Headers) -> None:
     """Raises Problem 401 where the map is private and the request carries none of its tokens.
 
     Pages that ask for a token, and their scripts, are for everybody: nothing of the map is in them.

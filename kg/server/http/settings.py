@@ -73,7 +73,7 @@ class Settings:
                     "e.g. https://example.org (no path, no slash at the end)"
                 )
         for iri in self.services:
-            _refuse_relative(iri)
+            _check_absolute(iri)
 
     @property
     def loopback(self) -> bool:
@@ -97,7 +97,7 @@ class Settings:
         return frozenset(name.lower() for name in names)
 
 
-def _refuse_relative(iri: str) -> None:
+def _check_absolute(iri: str) -> None:
     try:
         NamedNode(iri)
     except ValueError as error:

@@ -13,7 +13,7 @@ from kg.history.timestamps import moment, sequence_of
 from kg.maps.semantic_map import SemanticMap
 from kg.server.http.problems import Problem
 
-MOST_DIGITS: Final = 18  # of a transaction's number
+MAX_DIGITS: Final = 18  # of a transaction's number
 
 
 async def sequence_at(semantic_map: SemanticMap, text: str) -> int:
@@ -22,7 +22,7 @@ async def sequence_at(semantic_map: SemanticMap, text: str) -> int:
     Raises Problem: 400 for what is no moment, 404 where that past is not kept.
     """
     text = text.strip()
-    if re.fullmatch(rf"#?[0-9]{{1,{MOST_DIGITS}}}", text):
+    if re.fullmatch(rf"#?[0-9]{{1,{MAX_DIGITS}}}", text):
         when: int | str = int(text.removeprefix("#"))
     else:
         when = text

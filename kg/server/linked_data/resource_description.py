@@ -14,8 +14,8 @@ from pyoxigraph import BlankNode, NamedNode, Quad
 from kg.rdf.quad_store import QuadStore
 from kg.server.http.problems import Problem
 
-MOST_OUT: Final = 1000  # facts of one thing that are shown
-MOST_IN: Final = 200  # and facts that point at it
+MAX_OUTGOING: Final = 1000  # facts of one thing that are shown
+MAX_INCOMING: Final = 200  # and facts that point at it
 _SAFE_PATH: Final = "/:@!$&'()*+,;=-._~%"
 
 
@@ -34,11 +34,11 @@ def look_up(engine: QuadStore, iri: str, derived: Sequence[Quad] = ()) -> Resour
         node = NamedNode(iri)
     except ValueError as error:
         raise Problem(404, f"{iri[:200]!r} is no IRI this map could know") from error
-    about = list(islice(engine.quads_for_pattern(node, None, None), MOST_OUT))
+    about = list(islice(engine.quads_for_pattern(node, None, None), MAX_OUTGOING))
     for quad in about:
-        if isinstance(quad.object, BlankNode) and len(about) < MOST_OUT:
-            about += islice(engine.quads_for_pattern(quad.object, None, None), MOST_OUT)
-    pointing = tuple(islice(engine.quads_for_pattern(None, None, node), MOST_IN))
+        if isinstance(quad.object, BlankNode) and len(about) < MAX_OUTGOING:
+            about += islice(engine.quads_for_pattern(quad.object, None, None), MAX_OUTGOING)
+    pointing = tuple(islice(engine.quads_for_pattern(None, None, node), MAX_INCOMING))
     about += [quad for quad in derived if quad not in about]
     if not about and not pointing:
         raise Problem(404, f"this map has no {iri[:200]}")

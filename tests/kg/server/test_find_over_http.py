@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from typing import TYPE_CHECKING
 
 from kg.errors import UnknownCategoryError
-from kg.server.endpoints.find_endpoint import MOST_WAITING
+from kg.server.endpoints.find_endpoint import MAX_WAITING
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -29,16 +29,16 @@ def test_requests_wait_for_their_turn_and_too_many_are_refused(
         return {"target": wanted[0]}
 
     served = serve(planner=planner)
-    with ThreadPoolExecutor(MOST_WAITING + 2) as clients:
+    with ThreadPoolExecutor(MAX_WAITING + 2) as clients:
         asked = [
             clients.submit(served.get, "find", params={"object": "cup"})
-            for _ in range(MOST_WAITING + 2)
+            for _ in range(MAX_WAITING + 2)
         ]
         refused = next(as_completed(asked)).result()
         go_on.set()
         statuses = sorted(answer.result().status_code for answer in asked)
     assert (refused.status_code, refused.headers["Retry-After"]) == (503, "5")
-    assert statuses == [*(200 for _ in range(MOST_WAITING + 1)), 503]
+    assert statuses == [*(200 for _ in range(MAX_WAITING + 1)), 503]
     assert most == 1
 
 
