@@ -78,7 +78,8 @@ def commands() -> str:
     parts = [
         f"# Commands\n\n{_MADE}\nEach command prints its answer on stdout and everything else on "
         "stderr. Exit code 0: done; 1: an error, in one line; 2: wrong usage; `search` has more "
-        "([ros.md](../how-to/ros.md)). `MAP` is the folder of a map or the address of a server.\n"
+        "([Map live from ROS, and search with a robot](../how-to/ros.md)). `MAP` is the folder of "
+        "a map or the address of a server.\n"
     ]
     for words, parser in _leaves("hereabouts", build_parser()):
         parts.append(_command(words, parser))
@@ -171,8 +172,9 @@ def api() -> str:
     """The public Python names, with their signatures and docstrings."""
     parts = [
         f"# Python API\n\n{_MADE}\nThe names of the module `hereabouts`. A program may rely on "
-        "them; everything else may change between versions. [python.md](../how-to/python.md) shows "
-        "how they are used. `hereabouts.__version__` is the installed version.\n"
+        "them; everything else may change between versions. "
+        "[Use a map from Python](../how-to/python.md) shows how they are used. "
+        "`hereabouts.__version__` is the installed version.\n"
     ]
     described = {"__version__"}
     for section, names in PUBLIC.items():

@@ -16,6 +16,7 @@ PROJECT = {
     "CHANGELOG.md": "project/changelog.md",
     "SECURITY.md": "project/security.md",
     "NOTICE": "project/notice.md",
+    "CITATION.cff": "project/citation.md",
 }
 #: what the theme takes from elsewhere for a search that works from a file, and the copy of it
 SHIM = "https://unpkg.com/iframe-worker/shim", "assets/iframe-worker.js"

@@ -31,6 +31,12 @@ def test_links_of_a_page_lead_somewhere(page: Path) -> None:
     assert not broken
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_have_titles_not_names_of_files(page: Path) -> None:
+    if page.name != "CHANGELOG.md":
+        assert re.findall(r"\[[^\]]*\.md\]\(", page.read_text(encoding="utf-8")) == []
+
+
 def test_files_of_the_documentation_that_code_names_exist() -> None:
     named = {
         match

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
+import tomllib
 import zipfile
 from importlib.metadata import packages_distributions
 from pathlib import Path
@@ -15,7 +17,7 @@ PACKAGES = {"kg", "perception", "mapping", "planner"}
 
 
 @pytest.fixture(scope="module")
-def wheel_names(tmp_path_factory: pytest.TempPathFactory) -> set[str]:
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("wheel")
     built = subprocess.run(
         [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)],
@@ -26,7 +28,27 @@ def wheel_names(tmp_path_factory: pytest.TempPathFactory) -> set[str]:
     )
     assert built.returncode == 0, built.stderr
     (wheel,) = folder.glob("*.whl")
+    return wheel
+
+
+@pytest.fixture(scope="module")
+def wheel_names(wheel: Path) -> set[str]:
     return set(zipfile.ZipFile(wheel).namelist())
+
+
+def test_the_readme_has_the_size_of_the_wheel(wheel: Path) -> None:
+    megabytes = round(wheel.stat().st_size / 1e6)
+    assert f"The wheel is {megabytes} MB," in (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def test_the_citation_and_the_changelog_have_the_version() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"\nversion: {project['version']}\n" in citation
+    (date,) = re.findall(r"^date-released: (\S+)$", citation, re.MULTILINE)
+    changelog = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    latest = re.findall(r"^## (.*)$", changelog, re.MULTILINE)[0]
+    assert latest in ("Unreleased", f"{project['version']}, {date}")
 
 
 def test_wheel_has_the_public_module_and_the_four_packages(wheel_names: set[str]) -> None:

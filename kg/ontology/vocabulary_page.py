@@ -26,8 +26,8 @@ What the ontologies declare; made from them by
 
     hereabouts ontology vocabulary -o docs/reference/vocabulary.md
 
-`here:` is `{here}`. What it is all for: [ontology.md](../explanation/ontology.md);
-how it lies in a map: [architecture.md](../explanation/architecture.md).
+`here:` is `{here}`. What it is all for: [Ontology](../explanation/ontology.md);
+how it lies in a map: [Architecture](../explanation/architecture.md).
 """
 
 
