@@ -104,8 +104,9 @@ class PlaceRecord:
     ymax: float
     views: int = 0  # k of eq. 3.5: scene categorisations that went into the belief
     beliefs: Mapping[str, float] = field(default_factory=dict)  # category IRI -> belief
-    scene_beliefs: Mapping[str, float] = field(default_factory=dict)  # the views', if told_by
-    told_by: tuple[str, ...] = ()  # IRIs of objects that count in beliefs beside the views
+    #: beliefs by views alone; empty unless there are `evidence_objects`
+    scene_beliefs: Mapping[str, float] = field(default_factory=dict)
+    evidence_objects: tuple[str, ...] = ()  # IRIs of objects that count in `beliefs`
     outline: Outline = ()  # rings of corners (x, y) [m], the outer one first; () for a rectangle
     from_floor: bool = False  # found in the mapped floor, and changing with it; else it was given
     adjacent: tuple[str, ...] = ()  # IRIs of places that a door leads to
@@ -130,7 +131,7 @@ class PlaceRecord:
     @property
     def from_views(self) -> Mapping[str, float]:
         """What the views alone make it believed to be."""
-        return self.scene_beliefs if self.told_by else self.beliefs
+        return self.scene_beliefs if self.evidence_objects else self.beliefs
 
 
 @dataclass(frozen=True, slots=True)

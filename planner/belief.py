@@ -91,8 +91,8 @@ def belief_from(
 
 Weights = NDArray[np.float64]
 
-_MOST_KNOWN: int = 150  # remembered objects that are instances of their own
-_MOST_NEARBY: int = 100
+_MAX_KNOWN: int = 150  # remembered objects that are instances of their own
+_MAX_NEARBY: int = 100
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -179,16 +179,16 @@ class _Instances:
     ) -> None:
         self._ground, self._cells, self._settings = ground, cells, settings
         of = {kind: [c for c in candidates if c.kind == kind] for kind in ("known", "nearby")}
-        self._known = sorted(of["known"], key=lambda c: (-c.probability, c.iri))[:_MOST_KNOWN]
+        self._known = sorted(of["known"], key=lambda c: (-c.probability, c.iri))[:_MAX_KNOWN]
         self._nearby: dict[int, list[Candidate]] = defaultdict(list)
         nearby = [c for c in of["nearby"] if c.probability > 0]
-        for near in sorted(nearby, key=lambda c: (-c.probability, c.iri))[:_MOST_NEARBY]:
+        for near in sorted(nearby, key=lambda c: (-c.probability, c.iri))[:_MAX_NEARBY]:
             self._nearby[ground.room_at(near.p_map, near.place)].append(near)
         places = {c.iri: c for c in candidates if c.kind in ("place", "frontier")}
         self._places = {room: places[iri] for room, iri in enumerate(ground.rooms) if iri in places}
         self._room = ground.space.room.reshape(-1)[cells]
         self._seen = np.zeros(len(cells)) if ground.seen is None else ground.seen.reshape(-1)[cells]
-        self._even = np.full(len(cells), 1.0 / len(cells))
+        self._uniform = np.full(len(cells), 1.0 / len(cells))
 
     def made(self) -> list[_Made]:
         """The parts of each instance."""
@@ -209,14 +209,16 @@ class _Instances:
 
     def _mixed(self, weight: Weights) -> Weights:
         """`weight` with a share of it spread over the whole floor, where nothing is ruled out."""
-        even = self._settings.even
-        return (1 - even) * weight + even * float(weight.sum()) * self._even
+        share = self._settings.uniform_share
+        return (1 - share) * weight + share * float(weight.sum()) * self._uniform
 
     def _remembered(self, known: Candidate) -> _Made:
         s, stood = self._settings, known.existence
         room = self._ground.room_at(known.p_map, known.place)
         site = site_weights(self._ground.space, self._cells, known.p_map, s.site_sigma)
-        moved = (1 - s.leaves) * (s.stays * self._all_over(room) + (1 - s.stays) * self._anywhere)
+        moved = (1 - s.p_left_floor) * (
+            s.p_same_room * self._all_over(room) + (1 - s.p_same_room) * self._anywhere
+        )
         weight = known.probability * site + max(stood - known.probability, 0.0) * moved
         return [(known, self._mixed(weight))]
 
@@ -225,7 +227,7 @@ class _Instances:
         """Where things of this kind are at large."""
         total = sum(c.probability for c in self._places.values())
         if total <= 0:
-            return self._even
+            return self._uniform
         return np.asarray(
             sum(c.probability / total * self._all_over(r) for r, c in self._places.items())
         )

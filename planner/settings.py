@@ -1,4 +1,4 @@
-"""Every number of belief about where something is, in one place."""
+"""Settings of the belief about where a target is, and of the plans made from it."""
 
 from __future__ import annotations
 
@@ -8,20 +8,32 @@ from typing import Final
 
 @dataclass(frozen=True, slots=True)
 class BeliefSettings:
-    """How candidates become probabilities on cells."""
+    """Settings by which candidates become probabilities on cells."""
 
-    stays: float = 0.5  # share of what has moved that is still in its room
-    leaves: float = 0.3  # share of what has moved that is on this floor no longer
-    noticed: float = 0.6  # chance that mapping a room would have shown what stands in it
-    beside: float = 0.5  # share of a room's belief that lies around objects it is found near
-    site_sigma: float = 0.4  # [m] around a remembered position
-    beside_sigma: float = 0.8  # [m] around an object it is found near
-    even: float = 0.05  # share of every candidate's belief that is spread over the whole floor
-    outside: float = 1.5  # [m] of floor assumed around an object that is in no place
-    frontier: float = 0.3  # chance that a room begins where seen floor ends at unseen floor
-    give_up: float = 0.005  # a look that finds less than this share of all is worth no way
-    rest: float = 0.01  # chance that all looks missed a thing, at which to give up
-    stale: float = 0.5  # a look that shows less than this share of its worth has become stale
+    #: probability that an object that was moved is still in its room
+    p_same_room: float = 0.5
+    #: probability that an object that was moved is no longer on this floor
+    p_left_floor: float = 0.3
+    #: probability that mapping a room would have shown an object that is in it
+    noticed: float = 0.6
+    #: share of a room's belief that lies around objects that the target is found near
+    beside: float = 0.5
+    #: standard deviation around a remembered position [m]
+    site_sigma: float = 0.4
+    #: standard deviation around an object that the target is found near [m]
+    beside_sigma: float = 0.8
+    #: share of every candidate's belief that is spread evenly over the whole floor
+    uniform_share: float = 0.05
+    #: floor that is assumed around an object in no place [m]
+    outside: float = 1.5
+    #: probability that a room begins where seen floor ends at unseen floor
+    frontier: float = 0.3
+    #: share of all probability that a view must gain to be worth its way
+    give_up: float = 0.005
+    #: a search gives up when the probability that all views missed the target is below this
+    stop_below: float = 0.01
+    #: a view is stale when it gains less than this share of its gain without earlier views
+    stale: float = 0.5
 
 
 BELIEF: Final = BeliefSettings()
@@ -29,17 +41,17 @@ BELIEF: Final = BeliefSettings()
 SPEED: Final = 0.2412
 #: [s] to turn once and look at a place; thesis section 4.4
 LOOK_AROUND: Final = 41.79
-#: chance to be found from which on a plan needs no more looks, of all that looking can find
+#: share of all that views can find at which a plan is complete
 ENOUGH: Final = 0.97
-#: a look that finds less than this share of what its plan finds is left out
+#: views that gain less than this share of what their plan finds are left out ...
 IDLE: Final = 0.005
-#: ... and one that finds with less than this
-LEAST_CHANCE: Final = 0.002
-#: looks of a plan, at most
-MOST_LOOKS: Final = 80
-#: rooms that are planned for, at most; the others count as left over
-MOST_ROOMS: Final = 48
-#: times that a search in vain takes fresh positions, and is then content with looks half as good
-MOST_ROUNDS: Final = 4
-#: orders tried beyond the first, at most
+#: ... and so are views that gain less than this probability
+MIN_CHANCE: Final = 0.002
+#: views of a plan
+MAX_VIEWS: Final = 80
+#: rooms that are planned for; the belief in others stays where it is
+MAX_ROOMS: Final = 48
+#: times that a failed search takes fresh viewpoints; each time, views may gain half as much
+MAX_ROUNDS: Final = 4
+#: orders that are tried beyond the first
 TRIALS: Final = 60

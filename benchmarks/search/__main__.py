@@ -48,10 +48,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--give-up-at",
         type=share,
-        default=BELIEF.rest,
+        default=BELIEF.stop_below,
         metavar="P",
         help="ours gives up once looks would have missed a thing by a chance of P only "
-        f"(default: {BELIEF.rest:g})",
+        f"(default: {BELIEF.stop_below:g})",
     )
     parser.add_argument("--robustness", action="store_true", help="also with beliefs that mislead")
     parser.add_argument(

@@ -48,7 +48,7 @@ class TrialSettings:
     apart: bool = False  # the CSV did not count these homes
     seed: int = 0
     queries: int | None = None  # at most so many, evenly over all
-    give_up_at: float = BELIEF.rest  # chance that ours missed a thing, at which it gives up
+    give_up_at: float = BELIEF.stop_below  # chance that ours missed a thing, at which it gives up
     robustness: bool = False  # also with beliefs that mislead
     calibration: bool = False  # only plans, carried out as they are
     processes: int = 2

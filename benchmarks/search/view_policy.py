@@ -32,7 +32,7 @@ class Ablation:
     on_the_way: bool = True  # pictures while driving
     whole_turns: bool = False  # looks are whole turns only
     everywhere: float = 0.1  # share of belief spread over all cells
-    give_up_at: float = BELIEF.rest  # chance that looks missed a thing, at which to give up
+    give_up_at: float = BELIEF.stop_below  # chance that looks missed a thing, at which to give up
 
 
 class ViewPolicy:
@@ -50,7 +50,7 @@ class ViewPolicy:
         hidden.begin()
         robot = self._robot
         while robot.looks < _MOST:
-            look = self._state.next(RobotState(robot.cell, robot.heading, self._viewpoint))
+            look = self._state.next_view(RobotState(robot.cell, robot.heading, self._viewpoint))
             if look is None:
                 break
             if self._gone(look, hidden) or self._looked(look, hidden):
@@ -103,5 +103,5 @@ def initial_state(
     nameless = ("",) * (int(views.space.room.max()) + 1)
     known = TargetBelief(views.cells, weight, np.zeros(len(weight), np.intp), ())
     ground = PlanningMap(views.space, nameless, nameless)
-    settings = replace(BELIEF, rest=manner.give_up_at)
+    settings = replace(BELIEF, stop_below=manner.give_up_at)
     return PlanningState((thing,), ground, views, (), known, settings, building.fresh)

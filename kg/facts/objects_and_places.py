@@ -147,8 +147,8 @@ class RecordCodec:
         if record.from_floor:
             facts.append((v.FROM_FLOOR, Literal(True)))
         held = self.of_beliefs(record)
-        facts += [(v.TOLD_BY, iri_node(iri, f"{what}: told by")) for iri in record.told_by]
-        if (record.views or record.told_by) and held:
+        facts += [(v.TOLD_BY, iri_node(iri, f"{what}: told by")) for iri in record.evidence_objects]
+        if (record.views or record.evidence_objects) and held:
             top = max(record.beliefs, key=lambda category: (record.beliefs[category], category))
             facts.append((v.RDF_TYPE, NamedNode(top)))
         return subject_quads(record.iri, facts) + held
@@ -255,7 +255,7 @@ class RecordCodec:
 
     def _held(self, record: PlaceRecord) -> dict[str, list[tuple[str, Literal]]]:
         """Properties of a place's belief in each category."""
-        scene = record.scene_beliefs if record.told_by else {}
+        scene = record.scene_beliefs if record.evidence_objects else {}
         held: dict[str, list[tuple[str, Literal]]] = {}
         for category in sorted(record.beliefs.keys() | scene.keys()):
             what = f"place {record.iri}: belief"
@@ -303,7 +303,7 @@ class RecordCodec:
         self, iri: str, properties: Properties, subjects: dict[str, Properties]
     ) -> PlaceRecord:
         nodes = [subjects.get(held, {}) for held in sorted(properties.get(v.HAS_BELIEF, ()))]
-        told_by = tuple(sorted(properties.get(v.TOLD_BY, ()), key=iri_order))
+        evidence_objects = tuple(sorted(properties.get(v.TOLD_BY, ()), key=iri_order))
         beliefs, scene = (
             {
                 first(node, v.OF_CATEGORY, ""): float(first(node, predicate, "0"))
@@ -312,7 +312,7 @@ class RecordCodec:
             }
             for predicate, least in ((v.BELIEF, v.BELIEF), (v.SCENE_BELIEF, ""))
         )
-        if told_by:
+        if evidence_objects:
             beliefs = {category: belief for category, belief in beliefs.items() if belief > 0}
         xmin, xmax, ymin, ymax = (
             float(first(properties, edge, "nan")) for edge in (v.X_MIN, v.X_MAX, v.Y_MIN, v.Y_MAX)
@@ -321,8 +321,8 @@ class RecordCodec:
         views = int(first(properties, v.VIEW_COUNT, "0"))
         record = PlaceRecord(
             *(iri, label, xmin, xmax, ymin, ymax, views, beliefs),
-            scene_beliefs=scene if told_by else {},
-            told_by=told_by,
+            scene_beliefs=scene if evidence_objects else {},
+            evidence_objects=evidence_objects,
             viewed=views_of(properties),
             from_floor=first(properties, v.FROM_FLOOR, "") in ("true", "1"),
             adjacent=tuple(sorted(properties.get(v.BOT_ADJACENT_ZONE, ()), key=iri_order)),

@@ -21,7 +21,7 @@ _NEAR: Final = (1.0, 0.8, 0.3)  # worth of an obstacle that lies 0, 1 or 2 cells
 _THROUGH: Final = -1.0  # of one that lies on free floor
 _AGREED: Final = 0.15  # of free floor on free floor
 _BLOCKED: Final = -0.5  # of free floor on an obstacle
-_LEAST: Final = 150  # judged obstacles, and ...
+_MIN_OBSTACLES: Final = 150  # judged obstacles, and ...
 _SHARE: Final = 0.3  # ... of all obstacles, to conclude anything
 _MARGIN: Final = 4  # cells around the map's
 
@@ -66,7 +66,7 @@ class Match:
 
     def enough(self) -> bool:
         """Whether enough is judged to conclude anything."""
-        return self.judged >= _LEAST and self.judged >= _SHARE * self.cells
+        return self.judged >= _MIN_OBSTACLES and self.judged >= _SHARE * self.cells
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,7 +14,7 @@ from kg.records import ObjectRecord
 Floats = NDArray[np.float64]
 
 _SPREAD: Final = 0.2  # [m] standard deviation between two mappings of one object
-_LEAST: Final = 0.3  # existence
+_MIN_EXISTENCE: Final = 0.3  # existence
 _PAIR: Final = 0.6  # [m] between two objects that give a heading
 _PAIRS: Final = 3000  # of two objects here and two there, that are tried
 
@@ -33,7 +33,7 @@ class Landmarks:
 
 def landmarks(objects: Sequence[ObjectRecord]) -> Landmarks:
     """Landmarks of the objects that probably exist."""
-    kept = [o for o in objects if o.existence >= _LEAST]
+    kept = [o for o in objects if o.existence >= _MIN_EXISTENCE]
     return Landmarks(
         tuple(o.category for o in kept),
         np.array([o.p_map for o in kept]).reshape(-1, 3),

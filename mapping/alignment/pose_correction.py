@@ -133,7 +133,9 @@ class _Correction:
             if old is not None and (self._alone or record.label == self._recording.name):
                 views = record.from_views
                 places.put(
-                    replace(record, iri=old.iri, beliefs=views, scene_beliefs={}, told_by=())
+                    replace(
+                        record, iri=old.iri, beliefs=views, scene_beliefs={}, evidence_objects=()
+                    )
                 )
         objects = tuple(replace(record, place=places.at(record.p_map)) for record in kept)
         objects = tuple(self._related(record) for record in objects)

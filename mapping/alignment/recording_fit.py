@@ -112,12 +112,12 @@ def aligned(
             f"{recording.name!r} cannot be aligned: neither floor nor objects are in both it and "
             "the map; --transform FILE would work"
         )
-    _refuse_doubtful(recording.name, found)
+    _check_certain(recording.name, found)
     T = found.T @ recording.T_map_world
     return replace(recording.placed(T), transform_given=True), _told(recording.name, found)
 
 
-def _refuse_doubtful(name: str, found: Alignment) -> None:
+def _check_certain(name: str, found: Alignment) -> None:
     by_floor = found.floor.enough() and found.floor.quality >= ALIGNED
     by_objects = found.objects >= OBJECTS and found.floor.quality >= CONTRADICTS
     if not (by_floor or by_objects):

@@ -23,7 +23,7 @@ from mapping.occupancy.mapped_floor import MappedFloor
 from mapping.occupancy.room_outlines import room_areas
 
 NO_ROOM: Final = -1
-_FARTHEST: Final = 1.6  # [m] distances beyond are alike: a door is never that wide
+_MAX_DISTANCE: Final = 1.6  # [m] distances beyond are alike: a door is never that wide
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +76,7 @@ def segmented(floor: MappedFloor, settings: SegmentationSettings | None = None) 
     states = _without_pillars(floor.states, s.pillar / resolution)
     inside = _floor(states, s.hole / resolution**2)
     assumed = inside | _gaps(states, inside, round(s.gap / resolution))
-    distance = distance_to_walls(assumed, round(_FARTHEST / resolution)) * resolution
+    distance = distance_to_walls(assumed, round(_MAX_DISTANCE / resolution)) * resolution
     pooled = _pooled(distance, factor)
     basins = np.where(
         _pooled(inside.astype(np.float64), factor) > 0, _Flood(pooled, s).run(), NO_ROOM

@@ -17,8 +17,8 @@ from mapping.occupancy.occupancy_settings import OccupancySettings
 from mapping.occupancy.tiles import Key, ViewTimes
 
 _HALF: Final = 0.499  # of a cell: sides of areas may lie on those of cells
-_MOST_CELLS: Final = 4_000_000  # of an area: 160,000 m2; larger ones are not worked out ...
-_FARTHEST: Final = 10**9  # ... nor those with a corner this many cells from the origin
+_MAX_CELLS: Final = 4_000_000  # of an area: 160,000 m2; larger ones are not worked out ...
+_MAX_CORNER: Final = 10**9  # ... nor those with a corner this many cells from the origin
 
 
 def on_tile(area: Area, tile: FloorTile, span: float) -> bool:
@@ -41,7 +41,7 @@ def view_coverage(
     cell, larger = settings.cell * settings.view, settings.side // settings.view
     corners = _corners(area, cell)
     width, depth = (corners[1] - corners[0]).tolist()
-    if width * depth > _MOST_CELLS or float(np.abs(corners).max()) > _FARTHEST:
+    if width * depth > _MAX_CELLS or float(np.abs(corners).max()) > _MAX_CORNER:
         return None
     low, shape = _grid(corners)
     times = np.zeros((2, *shape), np.uint32)

@@ -45,17 +45,21 @@ class ObjectEvidence:
 
     def _fuse(self, place: PlaceRecord, evidence: list[ObjectRecord]) -> None:
         if not evidence:
-            if place.told_by:
-                alone = replace(place, beliefs=place.from_views, scene_beliefs={}, told_by=())
+            if place.evidence_objects:
+                alone = replace(
+                    place, beliefs=place.from_views, scene_beliefs={}, evidence_objects=()
+                )
                 self._places.put(alone)
             return
         present, objects = presence(evidence), tuple(record.iri for record in evidence)
         views = place.from_views
-        if place.told_by and self._done.get(place.iri) == (present, views, objects):
+        if place.evidence_objects and self._done.get(place.iri) == (present, views, objects):
             return
         self._done[place.iri] = present, views, objects
         beliefs = self.fused(present, views)
-        self._places.put(replace(place, beliefs=beliefs, scene_beliefs=views, told_by=objects))
+        self._places.put(
+            replace(place, beliefs=beliefs, scene_beliefs=views, evidence_objects=objects)
+        )
 
     def fused(self, present: _Presence, views: Mapping[str, float]) -> dict[str, float]:
         """Posterior p(category | views and objects) by IRI, of the categories worth keeping.

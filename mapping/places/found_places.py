@@ -229,7 +229,7 @@ def _with_views_of(place: PlaceRecord, other: PlaceRecord) -> PlaceRecord:
         / total
         for category in sorted(one.keys() | two.keys())
     }
-    return replace(place, views=total, beliefs=beliefs, scene_beliefs={}, told_by=())
+    return replace(place, views=total, beliefs=beliefs, scene_beliefs={}, evidence_objects=())
 
 
 def _doors(found: Segmentation, iris: Mapping[int, str], base: str) -> tuple[DoorRecord, ...]:

@@ -14,7 +14,7 @@ from kg.areas import Area, area_of
 from kg.errors import LayoutError
 
 _GEOGRAPHIC: Final = ("CRS84", "4326", "WGS84", "WGS 84")
-_LEAST: Final = 0.01  # [m^2] of a place; a room in degrees has some 1e-9
+_MIN_AREA: Final = 0.01  # [m^2] of a place; a room in degrees has some 1e-9
 _METRES: Final = "x and y in metres of the map frame would work"
 
 
@@ -68,7 +68,7 @@ def _area(geometry: object, number: int) -> Area:
         ) from None
     except ValueError as error:
         raise LayoutError(f"feature {number} has {error}") from None
-    if area.area < _LEAST:
+    if area.area < _MIN_AREA:
         raise LayoutError(
             f"feature {number} is smaller than 0.1 m by 0.1 m, as if in degrees; {_METRES}"
         )

@@ -86,7 +86,7 @@ class PlaceMapper:
         kept = {c: p for c, p in belief.items() if p >= self._settings.least_belief}
         self._kept[iri] = kept
         updated = replace(
-            record, views=record.views + 1, beliefs=kept, scene_beliefs={}, told_by=()
+            record, views=record.views + 1, beliefs=kept, scene_beliefs={}, evidence_objects=()
         )
         self._places.put(updated)
         return updated

@@ -158,7 +158,7 @@ def _layout_places(
     for place in places:
         iri = semantic_map.place_iri(place.number)
         believed = known.get(iri)
-        if believed is None or not (believed.views > 0 or believed.told_by):
+        if believed is None or not (believed.views > 0 or believed.evidence_objects):
             beliefs = _stated_category(place, semantic_map.catalogue)
             believed = PlaceRecord(iri, "", 0.0, 0.0, 0.0, 0.0, len(beliefs), beliefs)
         given[iri] = replace(believed, label=place.label).with_area(place.area)

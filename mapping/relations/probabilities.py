@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from mapping.relations.boxes import Boxes
 
 Floats = NDArray[np.float64]
-_LEAST: Final = 1e-9  # probabilities below count as this
+_MIN_PROBABILITY: Final = 1e-9  # probabilities below count as this
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +137,7 @@ def _peak(x: Floats) -> Floats:
 
 
 def _log(probability: Floats) -> Floats:
-    return np.log(np.maximum(probability, _LEAST))
+    return np.log(np.maximum(probability, _MIN_PROBABILITY))
 
 
 def _normal(x: Floats) -> Floats:

@@ -28,7 +28,7 @@ from mapping.relations.probabilities import (
 
 MOVED: Final = 0.03  # of its length, or 2 cm, by which a box changes before it is looked at again
 REACH: Final = 1.0  # [m] between two boxes with a relation, at most
-LEAST: Final = 0.2  # probability from which on a relation is kept
+MIN_PROBABILITY: Final = 0.2  # probability from which on a relation is kept
 STEP: Final = 0.05  # by which a probability changes before it is written again
 NEIGHBOURS: Final = 3  # of an object, at most
 
@@ -130,7 +130,7 @@ class RelationMapper:
         }
         kinds: tuple[tuple[RelationKind, Floats], ...] = (("on", on), ("inside", inside))
         for kind, shares in kinds:
-            for row in np.nonzero(shares.max(axis=1, initial=0.0) >= LEAST)[0].tolist():
+            for row in np.nonzero(shares.max(axis=1, initial=0.0) >= MIN_PROBABILITY)[0].tolist():
                 best = int(shares[row].argmax())
                 target = near[carriers[best]]
                 if near[row] in inner:
@@ -182,5 +182,5 @@ def _mutual_neighbours(beside: Floats) -> Iterable[tuple[int, int]]:
     order = np.argsort(-beside, axis=1, kind="stable")[:, :NEIGHBOURS]
     among = np.zeros(beside.shape, bool)
     np.put_along_axis(among, order, True, axis=1)
-    rows, columns = np.nonzero(among & among.T & (beside >= LEAST))
+    rows, columns = np.nonzero(among & among.T & (beside >= MIN_PROBABILITY))
     return zip(rows.tolist(), columns.tolist(), strict=True)

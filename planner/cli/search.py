@@ -75,10 +75,10 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser.add_argument(
         "--give-up-at",
         type=share,
-        default=BELIEF.rest,
+        default=BELIEF.stop_below,
         metavar="P",
         help="give up once looks would have missed a thing on this floor by a chance of P only "
-        f"(default: {BELIEF.rest:g})",
+        f"(default: {BELIEF.stop_below:g})",
     )
     parser.add_argument(
         "--resume",

@@ -18,7 +18,7 @@ from planner.goals.targets import Target
 #: A score from which one detection may be enough.
 SURE: Final = 0.6
 #: Looks straight at one spot that may hold a target.
-MOST_VERIFICATIONS: Final = 3
+MAX_VERIFICATIONS: Final = 3
 #: [m] between detections that agree.
 SAME_SPOT: Final = ReferenceSettings().kappa
 #: Existence from which on what a look did not show again is looked for once more ...
@@ -79,7 +79,7 @@ class DetectionVerifier:
 
     def open(self, detection: TargetDetection) -> bool:
         """Whether another look straight at it is worth while."""
-        return self._looks[detection.spot] < MOST_VERIFICATIONS
+        return self._looks[detection.spot] < MAX_VERIFICATIONS
 
     def aside(self, detection: TargetDetection) -> float:
         """[rad] from how far aside the next look at it is taken: straight at first."""

@@ -15,7 +15,7 @@ from planner.execution.protocol import Command, Message, StopCommand, encoded
 from planner.execution.robot import MessageQueue
 
 ANSWER_WITHIN: Final = 10.0  # [s] beyond what a request asks the robot to wait
-LONGEST_ANSWER: Final = 4 << 20  # [bytes]
+MAX_ANSWER: Final = 4 << 20  # [bytes]
 _POLL: Final = 5.0  # [s] longest poll for a message
 _TRIES: Final = 3
 _PAUSE: Final = 0.2  # [s] before an answer without messages is polled again
@@ -114,15 +114,15 @@ class HttpRobot:
             connection.close()
         if not 200 <= response.status < 300:
             raise RobotError(f"{self.name} refuses {method} {target}: status {response.status}")
-        if len(answer) > LONGEST_ANSWER:
-            raise RobotError(f"{self.name} answers with more than {LONGEST_ANSWER} bytes")
+        if len(answer) > MAX_ANSWER:
+            raise RobotError(f"{self.name} answers with more than {MAX_ANSWER} bytes")
         return answer
 
 
 def _whole(response: http.client.HTTPResponse, deadline: float) -> bytes:
     """The body up to one byte more than is allowed; TimeoutError where it only drips in."""
     body = bytearray()
-    while len(body) <= LONGEST_ANSWER and (piece := response.read1(1 << 16)):
+    while len(body) <= MAX_ANSWER and (piece := response.read1(1 << 16)):
         body += piece
         if time.monotonic() > deadline:
             raise TimeoutError("its answer took too long")

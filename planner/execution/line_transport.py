@@ -13,7 +13,7 @@ from collections import deque
 from typing import Final
 
 from kg.errors import RobotError
-from planner.execution.protocol import LONGEST_LINE, Command, Message, StopCommand, line_of
+from planner.execution.protocol import MAX_LINE, Command, Message, StopCommand, line_of
 from planner.execution.robot import MessageQueue
 
 _CHUNK: Final = 1 << 16
@@ -55,12 +55,12 @@ class Lines:
         *whole, rest = data.split(b"\n")
         for piece in whole:
             self._part += piece
-            too_long = self._skipping or len(self._part) > LONGEST_LINE
+            too_long = self._skipping or len(self._part) > MAX_LINE
             self._lines.append(None if too_long else bytes(self._part))
             self._part.clear()
             self._skipping = False
         self._part += rest
-        if len(self._part) > LONGEST_LINE:
+        if len(self._part) > MAX_LINE:
             self._skipping = True
             self._part.clear()
 
@@ -99,7 +99,7 @@ class LineRobot:
             if isinstance(line, EOFError):
                 raise RobotError(f"{self.name} has ended{self._how()}")
             if line is None:
-                return self._inbox.malformed(f"a line of more than {LONGEST_LINE} bytes")
+                return self._inbox.malformed(f"a line of more than {MAX_LINE} bytes")
             if line.strip() and (message := self._inbox.read(line)) is not None:
                 return message
 

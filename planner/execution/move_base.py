@@ -23,7 +23,7 @@ from perception.ros.message_maker import MessageMaker
 from planner.execution.protocol import cleaned
 
 ANSWER: Final = 5.0  # [s] within which move_base names a goal that it has
-LARGEST: Final = 1 << 20  # [bytes]
+MAX_SIZE: Final = 1 << 20  # [bytes]
 _STATUS: Final = "actionlib_msgs/msg/GoalStatusArray"
 _RESULT: Final = "move_base_msgs/msg/MoveBaseActionResult"
 _GOAL: Final = "move_base_msgs/msg/MoveBaseActionGoal"
@@ -76,7 +76,7 @@ class MoveBase:
 
     def offer(self, raw: RawMessage, *, is_ros1: bool) -> None:
         """Take a status or result; what cannot be read is said once."""
-        if raw.type not in (_STATUS, _RESULT) or len(raw.data) > LARGEST:
+        if raw.type not in (_STATUS, _RESULT) or len(raw.data) > MAX_SIZE:
             return
         try:
             message = decoded(raw, is_ros1, self._master.address)

@@ -54,7 +54,7 @@ class SearchOptions:
     """Options of a search with a robot."""
 
     budget: float | None = None  # [s] of the robot's clock for this run
-    give_up_at: float = BELIEF.rest  # chance that looks missed a thing, at which to give up
+    give_up_at: float = BELIEF.stop_below  # chance that looks missed a thing, at which to give up
     timeout: float = 30.0  # [s] a robot may be silent
     stopping: Callable[[], bool] = field(default=lambda: False)
     on_event: EventSink = field(default=lambda event: None)

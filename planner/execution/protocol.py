@@ -15,10 +15,10 @@ from typing import Any, Final
 from perception.frames import Detections, Frame
 
 VERSION: Final = 1
-LONGEST_LINE: Final = 1 << 20  # [bytes]
-FARTHEST: Final = 1e7  # [m] no map is larger than the Earth
-MOST_OBJECTS: Final = 1000  # detections in one message
-_LONGEST_TEXT = 300
+MAX_LINE: Final = 1 << 20  # [bytes]
+MAX_COORDINATE: Final = 1e7  # [m] no map is larger than the Earth
+MAX_OBJECTS: Final = 1000  # detections in one message
+_MAX_TEXT = 300
 _WIDEST: Final = 1e6  # [px] of an image
 
 
@@ -201,8 +201,8 @@ def message_of(value: object) -> Message | None:
 
 def cleaned(text: object) -> str:
     """Somebody else's text as one line without control characters, at most 300 long."""
-    kept = "".join(c if c.isprintable() else " " for c in str(text)[: 4 * _LONGEST_TEXT])
-    return " ".join(kept.split())[:_LONGEST_TEXT]
+    kept = "".join(c if c.isprintable() else " " for c in str(text)[: 4 * _MAX_TEXT])
+    return " ".join(kept.split())[:_MAX_TEXT]
 
 
 def _rounded(value: object) -> object:
@@ -250,8 +250,8 @@ def _blocked(fields: Mapping[str, Any]) -> Blocked:
 
 def _detections(fields: Mapping[str, Any]) -> DetectionsMessage:
     objects = fields.get("objects", [])
-    if not isinstance(objects, list) or len(objects) > MOST_OBJECTS:
-        raise MalformedValueError(f"detections need a list of at most {MOST_OBJECTS} objects")
+    if not isinstance(objects, list) or len(objects) > MAX_OBJECTS:
+        raise MalformedValueError(f"detections need a list of at most {MAX_OBJECTS} objects")
     pose = fields.get("pose")
     if pose is not None and not isinstance(pose, dict):
         raise MalformedValueError("the pose of detections must be an object")
@@ -319,7 +319,7 @@ def _id(fields: Mapping[str, Any]) -> int | None:
 
 
 def _metres(fields: Mapping[str, Any], key: str) -> float:
-    return _number(fields, key, -FARTHEST, FARTHEST)
+    return _number(fields, key, -MAX_COORDINATE, MAX_COORDINATE)
 
 
 def _optional(fields: Mapping[str, Any], key: str, least: float, most: float) -> float | None:

@@ -17,7 +17,7 @@ from planner.execution.protocol import (
 )
 
 #: Malformed messages in a row after which a robot is given up.
-MOST_MALFORMED: Final = 20
+MAX_MALFORMED: Final = 20
 
 
 class Robot(Protocol):
@@ -36,7 +36,7 @@ class Robot(Protocol):
 
 
 class MessageQueue:
-    """Parser of a robot's lines; malformed ones are reported, up to `MOST_MALFORMED` in a row."""
+    """Parser of a robot's lines; malformed ones are reported, up to `MAX_MALFORMED` in a row."""
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -45,7 +45,7 @@ class MessageQueue:
     def read(self, line: bytes | str) -> Message | None:
         """The message in a line, `MalformedMessage` where there is none; None for a type not known.
 
-        Raises RobotError after `MOST_MALFORMED` lines in a row that were no messages.
+        Raises RobotError after `MAX_MALFORMED` lines in a row that were no messages.
         """
         return self._read(decoded, line)
 
@@ -66,7 +66,7 @@ class MessageQueue:
     def malformed(self, why: str) -> MalformedMessage:
         """Count one malformed message; raises RobotError once there are too many."""
         self._malformed += 1
-        if self._malformed >= MOST_MALFORMED:
+        if self._malformed >= MAX_MALFORMED:
             raise RobotError(
                 f"{self._name} sent {self._malformed} messages in a row that are not of the "
                 f"protocol, the last one: {cleaned(why)}; see docs/reference/robot-protocol.md"

@@ -81,7 +81,7 @@ class RobotSession:
         for message in self.messages(poses=True):
             if isinstance(message, Hello):
                 hello = message
-                self._refuse_other_version(hello)
+                self._check_version(hello)
             if hello is not None and self._last_pose is not None:
                 return hello
         raise AssertionError("messages end by an exception alone")
@@ -133,7 +133,7 @@ class RobotSession:
                 raise SearchStopped("asked to stop")
             if message is None or isinstance(message, MalformedMessage):
                 self._malformed = message.why if message else self._malformed
-                self._refuse_silence()
+                self._check_silence()
                 continue
             self._last_message, self._malformed = time.monotonic(), ""
             if isinstance(message, Aborted):
@@ -152,7 +152,7 @@ class RobotSession:
             self._robot_seconds += pose.seconds - self._robot_time
         self._robot_time = pose.seconds
 
-    def _refuse_silence(self) -> None:
+    def _check_silence(self) -> None:
         silent = time.monotonic() - self._last_message
         if silent <= self._timeout:
             return
@@ -166,7 +166,7 @@ class RobotSession:
             f"at least every {self._timeout:g} s while it is busy (--patience)"
         )
 
-    def _refuse_other_version(self, hello: Hello) -> None:
+    def _check_version(self, hello: Hello) -> None:
         if hello.protocol != VERSION:
             raise RobotError(
                 f"{self._robot.name} speaks version {hello.protocol} of the protocol; "

@@ -22,7 +22,7 @@ from perception.recordings.bag_file import RawMessage
 from perception.ros.headers import NANOSECONDS
 from planner.execution.move_base import MoveBase
 from planner.execution.protocol import (
-    FARTHEST,
+    MAX_COORDINATE,
     Arrived,
     Command,
     DetectionsMessage,
@@ -136,19 +136,19 @@ class Ros1Robot:
         until = time.monotonic() + self._patience
         while not self._navigation.ready:
             name = self._navigation.name
-            self._refuse_late(until, f"nobody takes goals of {name}/goal (--navigation)")
+            self._check_late(until, f"nobody takes goals of {name}/goal (--navigation)")
             yield None
         frame: Frame | None = None
         while frame is None:
             missing = self._stream.problem or "no images with depth and a pose"
-            self._refuse_late(until, missing)
+            self._check_late(until, missing)
             frame = self._stream.next_frame(_TICK)
             yield None
         self._field_of_view = 2 * math.atan(frame.rgb.shape[1] / 2 / float(frame.K[0, 0]))
         yield Hello(name=self.name, field_of_view=self._field_of_view, detector=self._detector.name)
         yield self._pose()
 
-    def _refuse_late(self, until: float, missing: str) -> None:
+    def _check_late(self, until: float, missing: str) -> None:
         if time.monotonic() > until:
             raise RobotError(f"{self.name}: {missing}, for {self._patience:.0f} s (--patience)")
 
@@ -237,7 +237,7 @@ class Ros1Robot:
             silent = now - self._latest[1]
             raise RobotError(f"{self.name}: tf has had no new pose for {silent:.0f} s (--patience)")
         x, y, heading = float(T[0, 3]), float(T[1, 3]), _heading(camera[0], _OPTICAL)
-        if not max(abs(x), abs(y)) <= FARTHEST:
+        if not max(abs(x), abs(y)) <= MAX_COORDINATE:
             raise RobotError(f"{self.name}: tf has it at ({x:g}, {y:g}) m, which is nowhere")
         turned = 0.0 if base is None else heading - _heading(T, _FORWARD)
         return _Where(x, y, heading, turned, stamp)

@@ -50,7 +50,7 @@ from planner.goals.targets import Target, resolve
 
 LOST: Final = 3.0  # [m] a robot that arrives this far off is not where it was sent
 OFF: Final = 0.5  # [m] one that arrives this far off could not stand where it was sent
-MOST_LOOKS: Final = 1000
+MAX_LOOKS: Final = 1000
 _LATE: Final = 5.0  # times the expected seconds after which a robot is late
 
 
@@ -155,14 +155,14 @@ class _Run:
 
     def _loop(self) -> tuple[SearchState, str]:
         while self._wanted():
-            self._refuse_over_budget()
+            self._check_budget()
             proposal = self._adapter.next(self._robot.pose)
             if proposal is None and self._retry_obstacles():
                 continue
             if proposal is None:
                 return "given up", "no look is worth the way any more"
-            if len(self._log.looks) >= MOST_LOOKS:
-                return "given up", f"{MOST_LOOKS} looks were taken"
+            if len(self._log.looks) >= MAX_LOOKS:
+                return "given up", f"{MAX_LOOKS} looks were taken"
             self._reporter.plan(proposal)
             if self._drive(proposal) == "arrived":
                 self._look(proposal)
@@ -187,7 +187,7 @@ class _Run:
         self._passing_views = PassingViews()
         limit = self._options.timeout + _LATE * goal.seconds
         for message in self._robot.messages(limit=limit):
-            self._refuse_over_budget()
+            self._check_budget()
             if isinstance(message, Arrived) and message.id == number:
                 return self._arrived(goal)
             if isinstance(message, Blocked) and message.id in (number, None):
@@ -407,7 +407,7 @@ class _Run:
         obstacles = (*self._old_obstacles, *self._log.obstacles)
         self._adapter.rebuild(self._log.looks, obstacles, found)
 
-    def _refuse_over_budget(self) -> None:
+    def _check_budget(self) -> None:
         budget = self._options.budget
         if budget is not None and self._robot.seconds > budget:
             raise _OverError

@@ -56,12 +56,12 @@ class ViewpointAdapter:
         words: Sequence[str],
         robot: Hello,
         at: float,
-        give_up_at: float = BELIEF.rest,
+        give_up_at: float = BELIEF.stop_below,
     ) -> None:
         self._map = semantic_map
         self._at = at  # [s] the time that persistence is computed for, the same in each run
         self._words = tuple(words)
-        self._settings = replace(BELIEF, rest=give_up_at)
+        self._settings = replace(BELIEF, stop_below=give_up_at)
         self._sensor, self._motion = sensor_of(robot), motion_of(robot)
         self._state = self._prepared()
         self._no_viewpoint = False  # whether no position is left to look from
@@ -74,7 +74,7 @@ class ViewpointAdapter:
     @property
     def uncertain(self) -> bool:
         """Whether the chance that a thing on this floor was missed exceeds the limit."""
-        return self._state.overlooked > self._settings.rest
+        return self._state.overlooked > self._settings.stop_below
 
     @property
     def field_of_view(self) -> float:
@@ -92,7 +92,7 @@ class ViewpointAdapter:
         if self._no_viewpoint:
             return None
         at = state.robot_state((pose.x, pose.y), pose.heading)
-        view = state.next(at)
+        view = state.next_view(at)
         if view is None:
             return None
         views = state.views
@@ -279,8 +279,8 @@ def _sentence(candidate: Candidate) -> str:
     return f"{candidate.label}: {'; '.join(candidate.facts)}"
 
 
-MOST_FAILURES: Final = 25  # commands that fail with no look between them
-MOST_TRIES: Final = 2  # of one goal
+MAX_FAILURES: Final = 25  # commands that fail with no look between them
+MAX_TRIES: Final = 2  # of one goal
 
 
 class FailedGoals:
@@ -293,11 +293,11 @@ class FailedGoals:
     def add(self, goal: NextView, reason: str) -> bool:
         """Whether `goal` counts as unreachable now; RobotError where nothing works any more."""
         self._in_a_row += 1
-        if self._in_a_row >= MOST_FAILURES:
-            raise RobotError(f"{MOST_FAILURES} commands in a row failed, the last one: {reason}")
+        if self._in_a_row >= MAX_FAILURES:
+            raise RobotError(f"{MAX_FAILURES} commands in a row failed, the last one: {reason}")
         key = round(goal.x, 1), round(goal.y, 1)
         self._of_goal[key] += 1
-        return self._of_goal[key] >= MOST_TRIES
+        return self._of_goal[key] >= MAX_TRIES
 
     def looked(self) -> None:
         """A look worked."""

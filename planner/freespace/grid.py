@@ -19,7 +19,7 @@ from kg.areas import Area
 from kg.errors import LayoutError
 
 CELL: Final = 0.2  # [m]
-LONGEST: Final = 10_000  # cells along a side of a grid: 2 km in cells of 0.2 m
+MAX_SIDE: Final = 10_000  # cells along a side of a grid: 2 km in cells of 0.2 m
 NO_ROOM: Final = -1
 
 Cells = NDArray[np.intp]  # (n,) numbers of floor cells, ix * ny + iy
@@ -141,10 +141,10 @@ def room_labels(
     far = np.array([max(r.xmax for r in rooms), max(r.ymax for r in rooms)]) + cell
     with np.errstate(over="ignore"):
         span = far - corner
-    if not (span <= LONGEST * cell).all():
+    if not (span <= MAX_SIDE * cell).all():
         raise LayoutError(
             f"the places span {span[0]:.4g} m x {span[1]:.4g} m, more than can be planned on; "
-            f"correct their edges to within {LONGEST * cell:.0f} m"
+            f"correct their edges to within {MAX_SIDE * cell:.0f} m"
         )
     nx, ny = (int(n) for n in np.ceil(span / cell - 1e-9))
     x, y = (corner[i] + (np.arange(n) + 0.5) * cell for i, n in enumerate((nx, ny)))

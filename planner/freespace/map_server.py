@@ -27,8 +27,8 @@ from planner.freespace.occupancy_grid import Occupancy, space_of_occupancy
 
 _OCCUPIED: Final = "0.65"  # map_server's defaults
 _FREE: Final = "0.196"
-_MOST_PIXELS: Final = 25_000_000  # 250 m x 250 m at 0.05 m
-_LONGEST: Final = 100_000  # bytes of a YAML file
+_MAX_PIXELS: Final = 25_000_000  # 250 m x 250 m at 0.05 m
+_MAX_BYTES: Final = 100_000  # bytes of a YAML file
 
 
 def space_of_grid(path: Path, places: Sequence[Room]) -> FreeSpace:
@@ -114,7 +114,7 @@ def _keys(path: Path) -> dict[str, str]:
     """The flat `key: value` lines of a YAML file; items of a list below a key, joined by commas."""
     try:
         with path.open("rb") as file:
-            text = file.read(_LONGEST).decode("utf-8")
+            text = file.read(_MAX_BYTES).decode("utf-8")
     except UnicodeDecodeError as error:
         raise LayoutError(f"{path.name} is no map_server file: it is not text") from error
     except OSError as error:
@@ -154,14 +154,14 @@ def _of_pgm(path: Path) -> NDArray[np.float64]:
     """(rows, columns) values 0..1 of a PGM image, plain or binary."""
     try:
         with path.open("rb") as file:
-            data = file.read(8 * _MOST_PIXELS)
+            data = file.read(8 * _MAX_PIXELS)
     except OSError as error:
         raise LayoutError(f"cannot read the map's image {path.name}: {error.strerror}") from error
     header = _HEADER.match(data[:10_000])
     if header is None:
         raise LayoutError(f"{path.name} is not a PGM image (P2 or P5)")
     columns, rows, most = (int(header[k]) for k in (2, 3, 4))
-    if not (0 < most < 65536 and 0 < rows * columns <= _MOST_PIXELS):
+    if not (0 < most < 65536 and 0 < rows * columns <= _MAX_PIXELS):
         raise LayoutError(
             f"{path.name}: {columns} x {rows} pixels up to {most} are no image that is read"
         )

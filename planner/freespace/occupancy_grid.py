@@ -13,9 +13,9 @@ from kg.errors import LayoutError
 from mapping.occupancy.connected_components import connected_components
 from planner.freespace.grid import CELL, NO_ROOM, FreeSpace, Room
 
-_MOST_CELLS: Final = 4e5  # of a free space; larger buildings get larger cells
-_FINEST: Final = 0.01  # [m] finer cells would be put together by the hundreds
-_COARSEST: Final = 10.0  # [m]
+_MAX_CELLS: Final = 4e5  # of a free space; larger buildings get larger cells
+_MIN_RESOLUTION: Final = 0.01  # [m] finer cells would be put together by the hundreds
+_MAX_RESOLUTION: Final = 10.0  # [m]
 _ISLAND: Final = 1.0  # [m^2] less floor than this, cut off from the rest, is noise
 
 
@@ -37,9 +37,10 @@ class Occupancy:
                 f"free and occupied must both be (nx, ny), got {self.free.shape} and "
                 f"{self.occupied.shape}"
             )
-        if not _FINEST <= self.resolution <= _COARSEST:
+        if not _MIN_RESOLUTION <= self.resolution <= _MAX_RESOLUTION:
             raise LayoutError(
-                f"the resolution must be {_FINEST:g} to {_COARSEST:g} m, got {self.resolution:g}"
+                f"the resolution must be {_MIN_RESOLUTION:g} to {_MAX_RESOLUTION:g} m, "
+                f"got {self.resolution:g}"
             )
         if np.shape(self.origin) != (2,) or not np.isfinite(self.origin).all():
             raise LayoutError(f"the origin must be two finite numbers [m], got {self.origin}")
@@ -55,7 +56,7 @@ def space_of_occupancy(grid: Occupancy, places: Sequence[Room], *, cell: float =
     smaller than a square metre is left out. Raises LayoutError where there is no floor.
     """
     free, occupied, origin = _cropped(grid)
-    most = max(cell, float(np.sqrt(free.size * grid.resolution**2 / _MOST_CELLS)))
+    most = max(cell, float(np.sqrt(free.size * grid.resolution**2 / _MAX_CELLS)))
     factor = max(1, int(np.ceil(most / grid.resolution - 1e-6)))
     floor = ~_blocks(occupied, factor).any(axis=(1, 3))
     floor &= _blocks(free, factor).mean(axis=(1, 3)) >= 0.5

@@ -22,10 +22,10 @@ from planner.freespace.grid import CELL, NO_ROOM, FreeSpace, Room
 from planner.freespace.seen_space import BEHIND, Frontier, seen_space, with_frontiers
 from planner.settings import BeliefSettings
 
-_LEAST: float = 0.3  # [m] side of a rectangle that is floor
-_MOST_CELLS: float = 4e5  # of a grid; larger buildings get larger cells
-_COARSE: float = 1.0  # [m] larger cells show no doors
-_MOST_YARDS: int = 40
+_MIN_SIDE: float = 0.3  # [m] side of a rectangle that is floor
+_MAX_CELLS: float = 4e5  # of a grid; larger buildings get larger cells
+_MAX_CELL: float = 1.0  # [m] larger cells show no doors
+_MAX_MARGIN_ROOMS: int = 40
 _MARGIN: float = BEHIND + 0.2  # [m] of grid around what was seen
 
 
@@ -75,7 +75,7 @@ def planning_map_of(
     Where the `floor` was seen it is as it was seen, and goes on beyond its frontiers. `base` is the
     IRI of the map. None where there is no floor at all.
     """
-    with_area = [p for p in places if min(p.size) >= _LEAST]
+    with_area = [p for p in places if min(p.size) >= _MIN_SIDE]
     rooms = [room_of(place) for place in with_area]
     margins = _margin_rooms(rooms, spots, settings.outside)
     if not rooms and not margins:
@@ -84,7 +84,7 @@ def planning_map_of(
     cell = _cell(parts)
     if floor is not None:
         with_floor = _cell([*parts, Room(*floor.bounds.T.reshape(-1).tolist())])
-        if with_floor > max(cell, _COARSE):
+        if with_floor > max(cell, _MAX_CELL):
             floor = None  # it lies far from all places
         else:
             cell = with_floor
@@ -151,7 +151,7 @@ def _margin_rooms(
 ) -> list[Room]:
     margins: list[Room] = []
     for x, y in spots:
-        if len(margins) < _MOST_YARDS and not any(_near(r, x, y) for r in (*rooms, *margins)):
+        if len(margins) < _MAX_MARGIN_ROOMS and not any(_near(r, x, y) for r in (*rooms, *margins)):
             margins.append(Room(x - reach, x + reach, y - reach, y + reach))
     return margins
 
@@ -164,7 +164,7 @@ def _near(room: Room, x: float, y: float, margin: float = 0.5) -> bool:
 def _cell(rooms: Sequence[Room]) -> float:
     width = max(r.xmax for r in rooms) - min(r.xmin for r in rooms)
     depth = max(r.ymax for r in rooms) - min(r.ymin for r in rooms)
-    return max(CELL, float(np.sqrt(width * depth / _MOST_CELLS)))
+    return max(CELL, float(np.sqrt(width * depth / _MAX_CELLS)))
 
 
 Row = Mapping[str, Value]

@@ -24,7 +24,7 @@ from mapping.occupancy.mapped_floor import MappedFloor, States
 from planner.freespace.floor_plan import joined
 from planner.freespace.grid import NO_ROOM, Cells, FreeSpace, Passage, Room, room_labels
 
-FEW: Final = 2  # fine cells with something in them that close a cell; fewer are noise
+MIN_FINE_CELLS: Final = 2  # fine cells with something in them that close a cell; fewer are noise
 _ISLAND: Final = 1.0  # [m^2] less floor than this, cut off from the rest, is noise
 _WHOLE: Final = 0.5  # share of a room that nothing leads to, and is believed in all the same
 
@@ -98,8 +98,8 @@ def _coarse(space: FreeSpace, floor: MappedFloor) -> States:
 
     found = np.full((nx, ny), UNKNOWN, np.uint8)
     found[count(FREE) >= (size / fine) ** 2 / 2] = FREE
-    found[count(LOW, TALL) >= FEW] = LOW
-    found[count(TALL) >= FEW] = TALL
+    found[count(LOW, TALL) >= MIN_FINE_CELLS] = LOW
+    found[count(TALL) >= MIN_FINE_CELLS] = TALL
     return found
 
 
@@ -157,9 +157,9 @@ def _valid(
 
 
 BEHIND: Final = 2.6  # [m] of floor assumed beyond a frontier
-NARROW: Final = 0.6  # [m] of frontier that a robot does not fit through
-SMALL: Final = 2.0  # [m^2] less floor than this behind it is no room
-MOST: Final = 20  # frontiers, the widest ones
+MIN_WIDTH: Final = 0.6  # [m] of frontier that a robot does not fit through
+MIN_AREA: Final = 2.0  # [m^2] less floor than this behind it is no room
+MAX_FRONTIERS: Final = 20  # frontiers, the widest ones
 
 Mask = NDArray[np.bool_]
 
@@ -189,11 +189,11 @@ def with_frontiers(seen: SeenSpace) -> tuple[SeenSpace, tuple[Frontier, ...]]:
         cells = np.flatnonzero(number == part)
         at = np.flatnonzero(touching == part)
         wide, large = len(at) * cell, len(cells) * cell**2
-        if wide >= NARROW - 1e-9 and large >= SMALL:
+        if wide >= MIN_WIDTH - 1e-9 and large >= MIN_AREA:
             xy = space.centres(at)
             middle = xy[int(np.argmin(((xy - xy.mean(axis=0)) ** 2).sum(axis=1)))]
             found.append(Frontier(middle, wide, cells))
-    found = sorted(found, key=lambda f: (-f.width, int(f.behind[0])))[:MOST]
+    found = sorted(found, key=lambda f: (-f.width, int(f.behind[0])))[:MAX_FRONTIERS]
     room = space.room.copy()
     for k, frontier in enumerate(found):
         room.reshape(-1)[frontier.behind] = seen.rooms + 1 + k

@@ -18,7 +18,7 @@ from planner.goals.search_goals import whereabouts
 from planner.goals.status import stamp
 from planner.goals.targets import Target
 
-_LEAST: Final = 0.05  # existence below which an object is no answer
+_MIN_EXISTENCE: Final = 0.05  # existence below which an object is no answer
 LISTED: Final = 5  # objects that an answer in words lists
 _SURE: Final = 0.5  # place belief from which on its category is named
 
@@ -68,7 +68,7 @@ def known_objects(
     for category in target.queried:
         for row in semantic_map.query("goals-remembered", category=category).records():
             existence, seen = number(row, "existence"), row["lastSeen"]
-            if existence < _LEAST or str(row["iri"]) in found:
+            if existence < _MIN_EXISTENCE or str(row["iri"]) in found:
                 continue
             found[str(row["iri"])] = KnownObject(
                 iri=str(row["iri"]),

@@ -213,7 +213,7 @@ def _number(row: Row, column: str) -> float:
     return float(value)
 
 
-_LONGEST: Final = 3  # objects named: an apple in a bowl on a table
+_MAX_NAMED: Final = 3  # objects named: an apple in a bowl on a table
 
 
 def whereabouts(semantic_map: SemanticMap, iri: str) -> str:
@@ -224,7 +224,7 @@ def whereabouts(semantic_map: SemanticMap, iri: str) -> str:
     """
     words, place, at, following = list[str](), "", "", iri
     named = set[str]()
-    while len(named) < _LONGEST and following not in named:
+    while len(named) < _MAX_NAMED and following not in named:
         named.add(following)
         rows = semantic_map.query("whereabouts", object=following).records()
         if not rows:

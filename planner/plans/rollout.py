@@ -85,7 +85,7 @@ class PlanEvaluator:
         return float(views.metres[at.viewpoint, viewpoint])
 
     def construct(self, enough: float, most: int, budget: float) -> list[int]:
-        """Greedy sequence: always the view of the best rate, with lookahead (`Tourist.best`)."""
+        """Greedy sequence by the ratio rule with lookahead (`NextBestView.best`)."""
         state, at, revisits = self.state, self.at, self.state.revisits.copy()
         unseen, spent, order = state.unseen.copy(), self._before, list[int]()
         goal = enough * float(self.most.sum())

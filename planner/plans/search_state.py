@@ -1,10 +1,10 @@
-"""Planning state of a search: target belief, candidate views, and the views taken in vain.
+"""Planning state of a search: target belief, candidate views, and the views that failed.
 
     state = build_search(semantic_map, ["cup"])
-    view = state.next(at)                 # a number in state.views, or None: give up
+    view = state.next_view(at)            # a number in state.views, or None: give up
     state.missed(view)                    # taken, and the target was not detected
 
-A `PlanningState` is changed in place by what happens; it never writes to the map.
+A `PlanningState` is changed in place and never writes to the map.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from planner.freespace.planning_map import (
 )
 from planner.goals.candidate_queries import Candidate, CandidateQueries, map_time
 from planner.goals.targets import Target, resolve
-from planner.settings import BELIEF, MOST_ROOMS, MOST_ROUNDS, BeliefSettings
+from planner.settings import BELIEF, MAX_ROOMS, MAX_ROUNDS, BeliefSettings
 from planner.viewpoints.candidate_views import (
     CandidateViews,
     belief_cells,
@@ -44,11 +44,11 @@ from planner.viewpoints.sensor import Motion, Sensor
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewReason:
-    """Why to look somewhere: one candidate, and how much of the look's worth is its doing."""
+    """Reason for a view: one candidate and its share of the probability."""
 
     candidate: Candidate
-    target: str  # what is wanted there
-    probability: float  # that the look finds it on this account
+    target: str  # label
+    probability: float  # that the view finds the target because of this candidate
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,10 +62,9 @@ class FoundTarget:
 class PlanningState:
     """Planning state of one search for one or several targets; all of them are wanted.
 
-    `fresh` gives further views to a search in vain; by default it is `with_fresh_viewpoints`.
-    `space`, `rooms` (place IRI by number of room, "" where a room is no place), `views`,
-    `next_best_view` and `revisits` are replaced by `blocked`; numbers of views from before do not
-    hold after it.
+    `fresh` adds views when all others failed; by default it is `with_fresh_viewpoints`. `blocked`
+    replaces `space`, `rooms`, `views`, `next_best_view` and `revisits`, so that earlier numbers of
+    views do not hold after it.
     """
 
     def __init__(
@@ -115,17 +114,17 @@ class PlanningState:
 
     @property
     def belief(self) -> CellBelief:
-        """Where the next of what is still wanted is, all targets together."""
+        """Belief about all targets still wanted together."""
         return self.target_belief.belief(self.unseen, self.wanted, len(self.targets))
 
     @property
     def left(self) -> float:
-        """Probability that anything still wanted is on this floor, after all looks in vain."""
+        """Probability that any target still wanted is on this floor, after all failed views."""
         return self.target_belief.left(self.unseen, self.wanted) if self.wanted else 0.0
 
     @property
     def expected_finds(self) -> float:
-        """How many of the targets still wanted are expected on this floor."""
+        """Expected number of targets still wanted that are on this floor."""
         return sum(self.target_belief.left(self.unseen, [number]) for number in self.wanted)
 
     def robot_state(self, p_map: ArrayLike, heading: float = 0.0) -> RobotState:
@@ -145,7 +144,7 @@ class PlanningState:
         return self._planning_map.names[room] if room >= 0 else ""
 
     def weights(self, unseen: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(c,) worth of seeing each cell: what is expected there, if it is still needed."""
+        """(c,) value of seeing each cell: targets expected there that are still wanted."""
         count = len(self.targets)
         needed = self.target_belief.still_missing(unseen, count)
         needed = needed / np.maximum(self.target_belief.still_missing(self.unseen, count), 1e-12)
@@ -155,11 +154,11 @@ class PlanningState:
 
     @property
     def overlooked(self) -> float:
-        """Chance that what lies on this floor was missed by all looks so far.
+        """Probability that all views so far have missed a target that is on this floor.
 
-        Of what lies where it is believed to be, or anywhere on the floor at all: the greater of the
-        two, so that a belief that misleads does not end a search. Floor that no look shows is left
-        out once every position was thought of.
+        The greater of two values, so that a wrong belief does not end a search: for a target that
+        is distributed as believed, and for one that is anywhere on the floor. Floor that no view
+        shows counts until fresh viewpoints were tried.
         """
         return self._missed_chance(self.next_best_view.seeable)
 
@@ -175,17 +174,16 @@ class PlanningState:
         where_believed = float(believed @ unseen) / total if total > 0 else 0.0
         return max(where_believed, float(unseen.mean()))
 
-    def next(self, at: RobotState) -> int | None:
-        """The look to take next from `at`; None where it is given up.
+    def next_view(self, at: RobotState) -> int | None:
+        """The view to take next from `at`; None where the search gives up.
 
-        It is once a thing on floor that can be seen from where there is a way to would have been
-        found, but for a chance of `settings.rest`.
-        Until then views that are worth little, or show little that was not looked at from there
-        before, are followed by views from new viewpoints, which see round occlusions of the old.
+        It gives up when the probability that all views missed the target, on floor that reachable
+        viewpoints show, is below `settings.stop_below`. Until then, views that gain little or
+        repeat earlier ones make it take fresh viewpoints, which see behind other occlusions.
         """
         while self.wanted:
             seeable = self.next_best_view.seeable_from(at)
-            if self._missed_chance(seeable) <= self.settings.rest:
+            if self._missed_chance(seeable) <= self.settings.stop_below:
                 return None
             view = self.choose(at, self.unseen, self.revisits, self._least(seeable))
             if view is not None and not self._is_stale(view):
@@ -195,19 +193,19 @@ class PlanningState:
         return None
 
     def _least(self, seeable: NDArray[np.bool_]) -> float:
-        """What a look must find to be worth its way, of what is left on `seeable` (c,) floor."""
+        """Probability that a view must gain to be worth its way, with `seeable` (c,) floor."""
         worth = float(self.weights(self.unseen)[seeable].sum())
         return self.settings.give_up * worth / 2.0**self.rounds
 
     def _is_stale(self, view: int) -> bool:
-        """Whether most of what `view` shows was looked at from there before."""
+        """Whether earlier views from there have shown most of what `view` shows."""
         weight = self.weights(self.unseen)
         fresh = float(self.views.chance[view] @ weight)
         return bool(self.revisits.chance(view) @ weight < self.settings.stale * fresh)
 
     def _refreshed(self) -> bool:
-        """Take fresh positions, and be content with looks that find half as much; False at last."""
-        if self.rounds == MOST_ROUNDS:
+        """Take fresh viewpoints and halve the gain that is asked for; False after MAX_ROUNDS."""
+        if self.rounds == MAX_ROUNDS:
             return False
         self.rounds += 1
         unseen = self.target_belief.expected(self.unseen, np.ones(len(self.targets)))
@@ -221,10 +219,10 @@ class PlanningState:
         revisits: RevisitModel,
         least: float | None = None,
     ) -> int | None:
-        """As `next`, on trial: with other things `unseen` (c,) and remembered.
+        """The best view from `at` for given `unseen` (c,) and `revisits`.
 
-        None where no look finds at least `least`, by default `settings.give_up` of what there was
-        to find at first.
+        None where no view gains at least `least`, by default the share `settings.give_up` of the
+        probability that there was at first.
         """
         least = self.settings.give_up * self._first if least is None else least
         weight = self.weights(unseen)
@@ -233,28 +231,28 @@ class PlanningState:
         if not gains.max() > 0:
             return None
         view = self.next_best_view.best(at, weight, revisits, gains)
-        if view is None or not gains[view] > 0:  # it led on to better ones, and is nothing itself
+        if view is None or not gains[view] > 0:  # worth something only as the way to better ones
             rates = gains / self.next_best_view.costs(at, np.arange(len(gains)))
             view = int(np.argmax(rates))
         return view
 
     def missed(self, view: int) -> None:
-        """Learn that `view` was taken and showed nothing that is wanted."""
+        """Update the belief: `view` was taken and showed no target."""
         self.unseen = self.unseen * (1.0 - self.revisits.chance(view))
         self.revisits.add(view)
 
     def missed_picture(self, cell: int, heading: float) -> None:
-        """Learn from one picture taken from floor `cell` towards `heading` [rad], e.g. on the way.
+        """Update the belief: a picture from floor `cell` towards `heading` [rad] showed no target.
 
-        Pictures from about the same position are correlated: what one of them or a view showed
-        counts less in the next.
+        Pictures from about the same position are correlated, so cells that an earlier picture or
+        view showed count less.
         """
         chance = picture(self.views, cell, heading)
         self.unseen = self.unseen * (1.0 - self.revisits.reduced(cell, chance))
         self.revisits.add_shown(cell, chance)
 
     def found(self, target: str, p_map: ArrayLike) -> None:
-        """Learn that `target`, by text or label, is at `p_map`; it is wanted no more.
+        """Update the belief: `target`, by text or label, is at `p_map` and no longer wanted.
 
         Raises KeyError for what is no target of this search.
         """
@@ -263,7 +261,7 @@ class PlanningState:
             self.finds.append(FoundTarget(self.targets[number], np.asarray(p_map, np.float64)))
 
     def blocked(self, cells: ArrayLike) -> None:
-        """Learn that floor `cells` cannot be driven through; what was seen stays known.
+        """Update the floor: `cells` cannot be driven through; the belief is kept.
 
         Raises LayoutError where no floor would be left.
         """
@@ -274,9 +272,9 @@ class PlanningState:
         self._use(old.with_viewpoints(space, kept))
 
     def why(self, view: int, unseen: NDArray[np.float64] | None = None) -> tuple[ViewReason, ...]:
-        """What makes a look worth while, the weightiest first; less than a hundredth of it is out.
+        """Reasons for a view, the weightiest first, without those of less than a hundredth.
 
-        `unseen` (c,) as `TargetBelief` has it; by default what is unseen now.
+        `unseen` (c,) is as in `TargetBelief`, by default the present one.
         """
         unseen = self.unseen if unseen is None else unseen
         shown = self.revisits.chance(view) * unseen
@@ -322,8 +320,8 @@ def build_search(
     wanted = resolve(semantic_map, targets)
     places = all_places(semantic_map)
     now = map_time(semantic_map) if at is None else at
-    gatherer = CandidateQueries(semantic_map, places, placement_table(semantic_map), now, settings)
-    things = [gatherer.things(i, one) for i, one in enumerate(wanted)]
+    queries = CandidateQueries(semantic_map, places, placement_table(semantic_map), now, settings)
+    things = [queries.things(i, one) for i, one in enumerate(wanted)]
     if space is not None:
         planning_map: PlanningMap | None = planning_map_on(space, places)
     else:
@@ -334,7 +332,7 @@ def build_search(
     found = tuple(
         candidate
         for i, (one, of_one) in enumerate(zip(wanted, things, strict=True))
-        for candidate in (*of_one, *gatherer.places(i, one, planning_map))
+        for candidate in (*of_one, *queries.places(i, one, planning_map))
     )
     sensor = sensor or Sensor()
     cells = belief_cells(planning_map.space)
@@ -350,7 +348,7 @@ def _planning_map(
     spots: Sequence[NDArray[np.float64]],
     settings: BeliefSettings,
 ) -> PlanningMap | None:
-    """The floor as the map has seen it, on the storey where its robot is."""
+    """Planning map of the storey where the robot is."""
     robot = semantic_map.robot()
     height = None if robot is None else float(robot.p_map[2])
     floor = mapped_floor(tiles_of_rows(semantic_map.query("goals-floor").records()), height)
@@ -360,7 +358,7 @@ def _planning_map(
 def with_fresh_viewpoints(
     planning_map: PlanningMap, views: CandidateViews, weight: NDArray[np.float64]
 ) -> CandidateViews:
-    """`views` and such from positions that are not among theirs; `weight` (c,) of the cells."""
+    """`views` with further ones from fresh viewpoints, for cells of `weight` (c,)."""
     fresh = _viewpoints(planning_map, views.cells, weight, views.sensor, views.viewpoints)
     return views.with_viewpoints(planning_map.space, np.union1d(views.viewpoints, fresh))
 
@@ -372,19 +370,19 @@ def _viewpoints(
     sensor: Sensor,
     besides: ArrayLike = (),
 ) -> Cells:
-    """Positions in every room, or in those that hold most of `weight` (c,) where rooms are many.
+    """Viewpoints in every room, or of many rooms in those with most of `weight` (c,) per area.
 
-    Of those that one can stand in as many at least: a room full of tables is seen from others. Two
-    covers; none of `besides` is in them.
+    As many rooms with free floor are among them at least, since a room full of tables is seen from
+    others. Every cell is covered twice. None of `besides` is among the viewpoints.
     """
     space = planning_map.space
-    if len(planning_map.rooms) > MOST_ROOMS:
+    if len(planning_map.rooms) > MAX_ROOMS:
         of_cell = space.room.reshape(-1)[cells]
         mass = np.bincount(of_cell, weight, minlength=len(planning_map.rooms))
         size = np.bincount(of_cell, minlength=len(planning_map.rooms))
         ranked = np.argsort(-mass / np.sqrt(np.maximum(size, 1)), kind="stable")
         stood_in = ranked[np.isin(ranked, space.room[space.free])]
-        best = np.union1d(ranked[:MOST_ROOMS], stood_in[:MOST_ROOMS])
+        best = np.union1d(ranked[:MAX_ROOMS], stood_in[:MAX_ROOMS])
         inside = space.inside()
         space = space.without(inside[~np.isin(space.room.reshape(-1)[inside], best)])
     return covering_viewpoints(space, sensor.far, near=sensor.near, besides=besides)

@@ -17,7 +17,7 @@ from planner.goals.candidate_queries import Candidate
 from planner.plans.baselines import Baseline, room_baselines
 from planner.plans.rollout import PlanEvaluator, Rollout
 from planner.plans.search_state import PlanningState, ViewReason, build_search
-from planner.settings import ENOUGH, IDLE, LEAST_CHANCE, MOST_LOOKS, TRIALS
+from planner.settings import ENOUGH, IDLE, MAX_VIEWS, MIN_CHANCE, TRIALS
 from planner.viewpoints.next_best_view import RobotState
 
 Start = tuple[float, float, float]  # x, y [m], heading [rad]
@@ -86,7 +86,7 @@ def plan(
     begin, at, before = _begin(state, start, heading)
     evaluator = PlanEvaluator(state, at, before / state.views.motion.speed)
     limit = math.inf if budget is None else budget
-    order = evaluator.construct(ENOUGH, MOST_LOOKS, limit) if state.wanted else []
+    order = evaluator.construct(ENOUGH, MAX_VIEWS, limit) if state.wanted else []
     order = evaluator.improve(order, trials, time.monotonic() + time_limit, seed)
     rollout = _without_idle_looks(evaluator, evaluator.play(order))
     steps = _steps(state, rollout, before)
@@ -105,7 +105,7 @@ def plan(
 
 def _without_idle_looks(evaluator: PlanEvaluator, rollout: Rollout) -> Rollout:
     """The rollout without looks that find next to nothing of what all looks find."""
-    worth = rollout.gains >= max(IDLE * float(rollout.gains.sum()), LEAST_CHANCE)
+    worth = rollout.gains >= max(IDLE * float(rollout.gains.sum()), MIN_CHANCE)
     if bool(worth.all()) or not worth.any():
         return rollout
     return evaluator.play([view for view, kept in zip(rollout.views, worth, strict=True) if kept])

@@ -70,7 +70,7 @@ def run(
     timeout: float = 120.0,
     budget: float | None = None,
     later: float = 60.0,
-    give_up_at: float = BELIEF.rest,
+    give_up_at: float = BELIEF.stop_below,
     on_event: Callable[[Event], None] = lambda event: None,
     **settings: Any,
 ) -> SearchOutcome:

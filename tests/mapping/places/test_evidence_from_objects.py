@@ -76,7 +76,7 @@ def test_objects_settle_what_views_leave_open(semantic_map, drive, kitchen_thing
     assert sure_of(believed(semantic_map)) == "kitchen"
     (place,) = semantic_map.places()
     assert place.from_views[semantic_map.catalogue.find("office").iri] == pytest.approx(0.4)
-    assert set(place.told_by) == {record.iri for record in semantic_map.objects()}
+    assert set(place.evidence_objects) == {record.iri for record in semantic_map.objects()}
 
 
 def test_a_place_without_views_is_told_by_its_objects_alone(semantic_map, drive, kitchen_things):
@@ -96,7 +96,7 @@ def test_the_reference_mode_does_not_use_them(semantic_map, drive, kitchen_thing
     scene = scripted_scene({"office": 0.6, "kitchen": 0.4})
     map_recording(drive(), semantic_map, kitchen_things, scene, options=MappingOptions(layout=ROOM))
     assert believed(semantic_map) == pytest.approx({"office": 0.6, "kitchen": 0.4})
-    assert semantic_map.places()[0].told_by == ()
+    assert semantic_map.places()[0].evidence_objects == ()
 
 
 def test_a_run_in_two_parts_ends_like_one(drive, kitchen_things, scripted_scene):
@@ -196,7 +196,7 @@ def test_an_object_that_leaves_the_map_tells_no_longer(
     )
     first = semantic_map.objects()[0].iri
     semantic_map.apply(MapUpdate(removed=(first,)))
-    assert first not in semantic_map.places()[0].told_by
+    assert first not in semantic_map.places()[0].evidence_objects
 
 
 def test_unseen_rooms_are_what_rooms_of_homes_are(semantic_map):

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from kg.errors import RobotError
 from planner.execution.line_transport import Lines
 from planner.execution.protocol import (
-    LONGEST_LINE,
+    MAX_LINE,
     Arrived,
     Blocked,
     Detected,
@@ -30,7 +30,7 @@ from planner.execution.protocol import (
     decoded,
     line_of,
 )
-from planner.execution.robot import MOST_MALFORMED, MessageQueue
+from planner.execution.robot import MAX_MALFORMED, MessageQueue
 
 
 def test_commands_are_lines_of_json() -> None:
@@ -134,10 +134,10 @@ def test_reasons_cannot_write_to_the_terminal() -> None:
 def test_a_robot_may_talk_nonsense_now_and_then_but_not_only() -> None:
     inbox = MessageQueue("the robot")
     for _ in range(3):
-        for _ in range(MOST_MALFORMED - 1):
+        for _ in range(MAX_MALFORMED - 1):
             assert isinstance(inbox.read(b"garbage"), MalformedMessage)
         assert inbox.read(b'{"type":"arrived","id":1}') == Arrived(1)
-    for _ in range(MOST_MALFORMED - 1):
+    for _ in range(MAX_MALFORMED - 1):
         inbox.read(b"garbage")
     with pytest.raises(RobotError, match="20 messages in a row"):
         inbox.read(b"garbage")
@@ -161,7 +161,7 @@ def test_a_line_that_is_too_long_is_dropped_and_the_next_one_is_read() -> None:
     reads, writes = os.pipe()
     lines = Lines(reads)
     sent = 0
-    while sent <= LONGEST_LINE + 1:
+    while sent <= MAX_LINE + 1:
         sent += os.write(writes, b"x" * 60_000)
         with pytest.raises(TimeoutError):
             lines.next(0.0)

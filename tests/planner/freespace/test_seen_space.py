@@ -23,7 +23,7 @@ from planner.freespace.seen_space import SeenSpace, seen_space, with_frontiers
 from planner.plans.report import step_lines
 from planner.plans.search_state import PlanningState, _viewpoints, build_search
 from planner.plans.view_plan import plan
-from planner.settings import BELIEF, MOST_ROOMS
+from planner.settings import BELIEF, MAX_ROOMS
 from planner.viewpoints.coverage import covering_viewpoints
 from planner.viewpoints.sensor import Sensor
 
@@ -349,7 +349,7 @@ def test_a_floor_without_a_place_to_stand_is_taken_for_what_its_rectangles_say()
     assert len(state.views.viewpoints)
 
 
-@pytest.mark.parametrize("tables", [10, MOST_ROOMS, MOST_ROOMS + 9])
+@pytest.mark.parametrize("tables", [10, MAX_ROOMS, MAX_ROOMS + 9])
 def test_many_rooms_of_tables_are_looked_at_from_where_one_can_stand(tables: int) -> None:
     rooms = tables + 3  # of 5 x 5 cells in a row, open to each other; in the last three is floor
     room = np.repeat(np.arange(rooms, dtype=np.int32), 5)[:, None].repeat(5, axis=1)

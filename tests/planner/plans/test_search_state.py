@@ -15,7 +15,7 @@ from planner.freespace.grid import FreeSpace, Room, visible_cells
 from planner.freespace.planning_map import PlanningMap
 from planner.goals.targets import Target
 from planner.plans.search_state import PlanningState
-from planner.settings import MOST_ROUNDS, BeliefSettings
+from planner.settings import MAX_ROUNDS, BeliefSettings
 from planner.viewpoints.candidate_views import CandidateViews, candidate_views
 from planner.viewpoints.coverage import covering_viewpoints, room_viewpoints
 from planner.viewpoints.next_best_view import RevisitModel, RobotState
@@ -54,7 +54,7 @@ def state(
 def searched_in_vain(one: PlanningState) -> list[int]:
     """Cells looked from until it is given up."""
     at, cells = RobotState(int(one.space.floor()[0])), []
-    while (view := one.next(at)) is not None:
+    while (view := one.next_view(at)) is not None:
         at = one.next_best_view.after(at, view)
         cells.append(at.cell)
         one.missed(view)
@@ -92,19 +92,19 @@ def test_a_remembered_site_and_its_room_are_one_belief() -> None:
 
 
 def test_a_search_in_vain_goes_on_from_fresh_positions_until_little_was_overlooked() -> None:
-    hasty, patient = state(BeliefSettings(rest=0.1)), state(BeliefSettings())
+    hasty, patient = state(BeliefSettings(stop_below=0.1)), state(BeliefSettings())
     begun, total = searched_in_vain(hasty), searched_in_vain(patient)
     assert total[: len(begun)] == begun
     assert len(begun) < len(total)
     assert set(views().viewpoints) < set(patient.views.viewpoints)
     assert not set(total) <= set(views().viewpoints.tolist())
     assert hasty.overlooked <= 0.1
-    assert patient.overlooked <= BeliefSettings().rest < hasty.overlooked
+    assert patient.overlooked <= BeliefSettings().stop_below < hasty.overlooked
 
 
 def test_a_belief_that_misleads_does_not_end_a_search() -> None:
     weight = 0.89 * room_weights(home(), views().cells, {0: 1.0}) + 0.01 / len(views().cells)
-    misled = state(BeliefSettings(rest=0.0005), weight)
+    misled = state(BeliefSettings(stop_below=0.0005), weight)
     searched_in_vain(misled)
     elsewhere = home().room.reshape(-1)[views().cells] != 0
     seen = misled.next_best_view.seeable & elsewhere
@@ -121,7 +121,7 @@ def test_floor_that_is_cut_off_keeps_nobody_looking_at_the_rest() -> None:
     seen = shut.next_best_view.seeable_from(at)
     assert 0 < seen.mean() < 1
     assert np.isfinite(shut.views.metres_from(at.cell)[np.isin(shut.views.viewpoints, taken)]).all()
-    assert shut.unseen[seen].mean() <= BeliefSettings().rest < shut.overlooked
+    assert shut.unseen[seen].mean() <= BeliefSettings().stop_below < shut.overlooked
 
 
 def test_what_no_position_sees_does_not_keep_a_search_going() -> None:
@@ -131,7 +131,7 @@ def test_what_no_position_sees_does_not_keep_a_search_going() -> None:
     )
     one = state(BeliefSettings(), np.full(len(away.cells), 0.9 / len(away.cells)), away)
     searched_in_vain(one)
-    assert one.overlooked <= BeliefSettings().rest or one.rounds == MOST_ROUNDS
+    assert one.overlooked <= BeliefSettings().stop_below or one.rounds == MAX_ROUNDS
 
 
 def test_what_was_looked_at_is_remembered_among_other_positions() -> None:

@@ -90,7 +90,7 @@ def test_site_and_room_are_the_same_cells(flat: SemanticMap) -> None:
     state = state_for(flat, "cup")
     before = state.belief
     assert before.weight.sum() + before.absent == pytest.approx(1.0)
-    view = state.next(state.robot_state((6.0, 1.0)))
+    view = state.next_view(state.robot_state((6.0, 1.0)))
     assert view is not None
     chance = state.revisits.chance(view)
     rows = state.target_belief.weight
@@ -105,7 +105,7 @@ def test_a_hunt_goes_on_until_nothing_is_worth_a_look(flat: SemanticMap) -> None
     at = state.robot_state((6.0, 1.0))
     left = [state.left]
     for _ in range(200):
-        view = state.next(at)
+        view = state.next_view(at)
         if view is None:
             break
         state.missed(view)
@@ -132,7 +132,7 @@ def test_pictures_on_the_way_teach_less_and_less(flat: SemanticMap) -> None:
 def test_a_blocked_door_leaves_what_was_learned(flat: SemanticMap) -> None:
     state = state_for(flat, "cup")
     at = state.robot_state((6.0, 1.0))
-    view = state.next(at)
+    view = state.next_view(at)
     assert view is not None
     state.missed(view)
     left = state.left
@@ -140,7 +140,7 @@ def test_a_blocked_door_leaves_what_was_learned(flat: SemanticMap) -> None:
     door = state.space.floor()[np.abs(centres[:, 0] - 4.0) < 0.35]
     state.blocked(door)
     assert state.left == pytest.approx(left)
-    following = state.next(state.robot_state((6.0, 1.0)))
+    following = state.next_view(state.robot_state((6.0, 1.0)))
     assert following is not None
     x, _ = state.space.centres([state.views.viewpoints[state.views.viewpoint[following]]])[0]
     assert x > 4.0  # the kitchen cannot be reached any more
@@ -157,7 +157,7 @@ def test_all_of_several_targets_are_wanted_until_each_is_found(flat: SemanticMap
     assert after.targets == ("cup",)
     assert {r.target for step in after.steps for r in step.why} == {"cup"}
     state.found("cup", (3.0, 1.0))
-    assert (state.left, state.next(state.robot_state((6.0, 1.0)))) == (0.0, None)
+    assert (state.left, state.next_view(state.robot_state((6.0, 1.0)))) == (0.0, None)
 
 
 @pytest.mark.parametrize(
