@@ -6,7 +6,6 @@ a recording with a complete truth, by the thesis' rules and by the default ones.
 
 from __future__ import annotations
 
-import argparse
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -16,7 +15,7 @@ from benchmarks.thesis.scenarios import DATA, rows_of
 from mapping.evaluation.complete_truth import load_complete_truth
 from mapping.evaluation.map_evaluation import evaluate_map
 from mapping.evaluation.truth_matching import Matching, TruthMatcher
-from planner.cli.evaluate import add as add_evaluate
+from planner.cli import build_parser
 from planner.cli.evaluated_maps import evaluated_maps
 
 
@@ -88,12 +87,9 @@ def registrations(recording: Path, truth: Path, detectors: Sequence[str]) -> Ite
     labels = [entry.label for entry in entries]
     for detector in detectors:
         words = ["--recording", str(recording), "--truth", str(truth), "--detector", detector]
-        parser = argparse.ArgumentParser()
-        add_evaluate(parser.add_subparsers())
-        arguments = parser.parse_args(
+        arguments = build_parser(["evaluate"]).parse_args(
             ["evaluate", "map", *words, "--compare", "--scene", "none", "--no-floor"]
         )
-        arguments.usage_error = parser.error
         for evaluated in evaluated_maps(arguments):
             matcher = TruthMatcher(entries, evaluated.T_map_world)
             shown = evaluate_map(evaluated.semantic_map, matcher).shown

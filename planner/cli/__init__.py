@@ -1,4 +1,6 @@
-"""The command line: a module for each command, with `add(subparsers)` and `run(arguments) -> int`.
+"""The command line: a module for each command, with `add(parser)` and `run(arguments) -> int`.
+
+The docstring of the module is the command's help: a summary, a description, and an example.
 
 stdout carries the answer, stderr everything else. Exit code 0: done; 1: a `HereaboutsError`,
 printed as one line; 2: wrong usage. A bug keeps its traceback.
@@ -67,15 +69,32 @@ def build_parser(modules: Iterable[str] = COMMANDS) -> argparse.ArgumentParser:
     """The parser of the command line, with the commands of `modules`; by default all."""
     parser = argparse.ArgumentParser(
         prog="hereabouts",
-        description="The map a robot can be asked about: RGB-D frames in, a live knowledge graph "
-        "of what stands where out.",
+        description="A semantic map for robots: RGB-D frames with poses go in; a live knowledge "
+        "graph of objects and places comes out.",
         epilog="`hereabouts COMMAND --help` shows a command's options and an example.",
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name in modules:
-        importlib.import_module(f"planner.cli.{name}").add(subparsers)
+        _declare(subparsers, name)
     return parser
+
+
+def _declare(
+    subparsers: argparse._SubParsersAction[argparse.ArgumentParser], module_name: str
+) -> None:
+    """Declare the command of a module by its docstring: summary, description, example."""
+    module = importlib.import_module(f"planner.cli.{module_name}")
+    summary, *text = (" ".join(part.split()) for part in (module.__doc__ or "").split("\n\n"))
+    example = text.pop() if text and text[-1].startswith("example") else None
+    parser = subparsers.add_parser(
+        _NAMED.get(module_name, module_name),
+        help=summary[:1].lower() + summary[1:].rstrip("."),
+        description=" ".join([summary, *text]),
+        epilog=example,
+    )
+    parser.set_defaults(run=getattr(module, "run", None), usage_error=parser.error)
+    module.add(parser)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -1,4 +1,9 @@
-"""`hereabouts ask`: any question on the map."""
+"""Query the map: a shipped query, a query file, or SPARQL text.
+
+`hereabouts queries` lists the shipped queries.
+
+example: hereabouts ask kitchen.map objects-within-radius -p x=0 -p y=1
+"""
 
 from __future__ import annotations
 
@@ -15,14 +20,8 @@ if TYPE_CHECKING:
     from kg.query.query_files import Table
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "ask",
-        help="query the map: a shipped query, a query file, or SPARQL text",
-        description="Query the map. `hereabouts queries` lists the shipped queries.",
-        epilog="example: hereabouts ask kitchen.map objects-within-radius -p x=0 -p y=1",
-    )
+def add(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     parser.add_argument("map", metavar="MAP", nargs="?", help=MAP_HELP)
     parser.add_argument(
         "--member",
@@ -63,7 +62,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser.add_argument(
         "--at", metavar="TIME", help="ask the map as believed then: ISO 8601, or #42 (transaction)"
     )
-    parser.set_defaults(run=run, usage_error=parser.error)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -1,4 +1,11 @@
-"""`hereabouts assert`: assert a property of an object or place, whatever perception believes."""
+"""Assert a property of an object or place; it outranks perception until retracted.
+
+Objects have a category, position, existence, label, and what they are on or inside; places have a
+category and a label. `hereabouts ask MAP conflicts` lists the assertions that perception
+contradicts.
+
+example: hereabouts assert kitchen.map object/17 category bowl --by ann
+"""
 
 from __future__ import annotations
 
@@ -8,16 +15,8 @@ from planner.cli.arguments import add_json, add_map
 from planner.cli.console import note, write_json
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "assert",
-        help="correct a property of an object or place; it outranks perception until retracted",
-        description="Assert the category, position, existence or label of an object, what it is "
-        "on or inside of, or the category or label of a place. It outranks perception until "
-        "`hereabouts retract`; `hereabouts ask MAP conflicts` lists what perception contradicts.",
-        epilog="example: hereabouts assert kitchen.map object/17 category bowl --by ann",
-    )
+def add(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     add_map(parser)
     add_what(parser)
     parser.add_argument(
@@ -29,7 +28,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     )
     parser.add_argument("--by", metavar="NAME", help="author (a server takes the token's holder)")
     add_json(parser)
-    parser.set_defaults(run=run, usage_error=parser.error)
 
 
 def add_what(parser: argparse.ArgumentParser) -> None:

@@ -1,4 +1,9 @@
-"""`hereabouts check`: ontologies and maps against their shapes and the vocabulary."""
+"""Validate the ontologies, and a map if one is given, by SHACL and the vocabulary.
+
+Exit code 1 if anything is wrong.
+
+example: hereabouts check kitchen.map
+"""
 
 from __future__ import annotations
 
@@ -9,19 +14,11 @@ from planner.cli.arguments import MAP_HELP, add_json
 from planner.cli.console import note, print_table, write_json
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "check",
-        help="check the ontologies, or a map, against SHACL and the vocabulary",
-        description="Check the shipped ontologies (or a folder of edited ones), and a map if one "
-        "is given. Exit code 1 if anything is wrong.",
-        epilog="example: hereabouts check kitchen.map",
-    )
+def add(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     parser.add_argument("map", nargs="?", metavar="MAP", help=MAP_HELP)
     parser.add_argument("--ontologies", metavar="DIR", help="folder of ontologies to check")
     add_json(parser)
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -1,4 +1,9 @@
-"""`hereabouts compact`: a map's history made small."""
+"""Compact a map's history, and with --keep remove its older part.
+
+The map itself and all later states stay as they are.
+
+example: hereabouts compact kitchen.map --keep 30d
+"""
 
 from __future__ import annotations
 
@@ -8,19 +13,11 @@ from planner.cli.arguments import add_json, add_keep, add_map, keep_seconds
 from planner.cli.console import note, write_json
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "compact",
-        help="compact a map's history, and prune what is older than a duration",
-        description="Compact the history of a map. With --keep, drop what is older; the map "
-        "itself and all later states are unchanged.",
-        epilog="example: hereabouts compact kitchen.map --keep 30d",
-    )
+def add(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     add_map(parser)
     add_keep(parser, "default: all of the past")
     add_json(parser)
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -1,4 +1,10 @@
-"""`hereabouts convert`: a recording becomes a bag or an MCAP file."""
+"""Write a recording as an MCAP file, a ROS 1 bag or a ROS 2 bag.
+
+The messages are those that ROS defines. Mapping the new file makes the same map as mapping the
+recording.
+
+example: hereabouts convert recordings/kitchen -o kitchen.mcap
+"""
 
 from __future__ import annotations
 
@@ -10,15 +16,8 @@ from planner.cli.console import note, progress, write_json
 from planner.cli.recording_options import add_recording_arguments, recording_options
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "convert",
-        help="write a recording as an MCAP file, a ROS 1 bag or a ROS 2 bag",
-        description="Write a recording with the message definitions of ROS. Mapping what is "
-        "written makes the map that mapping the recording makes.",
-        epilog="example: hereabouts convert recordings/kitchen -o kitchen.mcap",
-    )
+def add(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     parser.add_argument("recording", metavar="RECORDING", help="folder, bag or MCAP file")
     parser.add_argument(
         "-o",
@@ -29,7 +28,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     )
     add_json(parser)
     add_recording_arguments(parser)
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

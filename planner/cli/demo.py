@@ -1,4 +1,11 @@
-"""`hereabouts demo`: a house, mapped and searched, with nothing but the installed package."""
+"""Map a simulated house, query the map, and search for an object.
+
+A simulated robot with a depth camera drives through a small furnished house. The command maps what
+it sees, answers three questions, then plans and runs a search. It writes demo.map/, map.ttl and
+map.png.
+
+example: hereabouts demo --folder /tmp/demo
+"""
 
 from __future__ import annotations
 
@@ -22,15 +29,8 @@ if TYPE_CHECKING:
     from planner.simulation.demo.house_demo import DemoProgress, DemoReport
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "demo",
-        help="map a simulated house live, ask it, and search it",
-        description="Build a small furnished house with a simulated robot and depth camera, map it "
-        "live, ask three questions, plan and run a search. Leaves demo.map/, map.ttl and map.png.",
-        epilog="example: hereabouts demo --folder /tmp/demo",
-    )
+def add(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     parser.add_argument(
         "--folder", default=".", metavar="DIR", help="where to leave the results (default: here)"
     )
@@ -38,7 +38,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "--seed", type=count, default=0, metavar="N", help="what the senses get wrong (default: 0)"
     )
     add_json(parser)
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -1,4 +1,11 @@
-"""`hereabouts describe`: title and licence of a map."""
+"""Print or set a map's title and licence.
+
+Its IRI and time of creation are printed too. Exports, VoID and DCAT contain all four
+(graph:dataset).
+
+example: hereabouts describe kitchen.map --by ann --licence
+https://creativecommons.org/licenses/by/4.0/
+"""
 
 from __future__ import annotations
 
@@ -9,22 +16,13 @@ from planner.cli.arguments import add_json, add_map
 from planner.cli.console import note, write, write_json
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "describe",
-        help="print or set a map's title and licence",
-        description="Print a map's IRI, title, time of creation and licence; set title or licence "
-        "where given. They are in the map (graph:dataset), so exports, VoID and DCAT have them.",
-        epilog="example: hereabouts describe kitchen.map --by ann "
-        "--licence https://creativecommons.org/licenses/by/4.0/",
-    )
+def add(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     add_map(parser)
     parser.add_argument("--title", metavar="TEXT", help="name of the map")
     parser.add_argument("--licence", metavar="IRI", help="licence that the map's data are under")
     parser.add_argument("--by", metavar="NAME", help="author (a server takes the token's holder)")
     add_json(parser)
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -1,4 +1,10 @@
-"""`hereabouts diff`: what changed between two moments."""
+"""List the differences between two past states of the map.
+
+A state is named by a time in ISO 8601 (UTC if it has no zone) or by a transaction: #42 is the state
+after the 42nd.
+
+example: hereabouts diff kitchen.map '#10' 2026-08-01T12:30:00Z
+"""
 
 from __future__ import annotations
 
@@ -15,15 +21,8 @@ if TYPE_CHECKING:
 _MOVED = ("thing", "category", "from", "to", "metres")
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "diff",
-        help="differences between two past states of the map",
-        description="Print what changed between two instants: ISO 8601 (UTC where it names no "
-        "zone), or #42 for the 42nd transaction.",
-        epilog="example: hereabouts diff kitchen.map '#10' 2026-08-01T12:30:00Z",
-    )
+def add(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     add_map(parser)
     parser.add_argument("before", metavar="T1", help="first instant")
     parser.add_argument("after", metavar="T2", help="second instant")
@@ -31,7 +30,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "--moved", action="store_true", help="only things that stand elsewhere: from where to where"
     )
     add_json(parser)
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

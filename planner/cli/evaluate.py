@@ -1,4 +1,4 @@
-"""`hereabouts evaluate`: maps and networks scored against ground truth of one's own."""
+"""Score maps and networks against ground truth."""
 
 from __future__ import annotations
 
@@ -48,11 +48,8 @@ class _Scored:
         return self.run.to_json() | (scores.to_json() if scores else {})
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "evaluate", help="score maps and networks against ground truth", description=__doc__
-    )
+def add(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     subjects = parser.add_subparsers(dest="subject", metavar="SUBJECT", required=True)
     mapping = subjects.add_parser(
         "map",

@@ -1,4 +1,10 @@
-"""`hereabouts export`: the map as linked data, as plain JSON, or for viewers."""
+"""Write the map as linked data, JSON, GeoJSON, or for Foxglove, Rerun and RViz.
+
+Linked data has GeoSPARQL geometries; JSON lists rooms with their objects; GeoJSON is in metres;
+MCAP is for Foxglove, rrd for Rerun, a ROS 1 bag for RViz.
+
+example: hereabouts export kitchen.map --format ttl -o kitchen.ttl
+"""
 
 from __future__ import annotations
 
@@ -25,16 +31,8 @@ _DOCUMENTS: Final = {"geojson": ".geojson", "json": ""}
 _SCENES: Final = {"mcap": ".mcap", "rrd": ".rrd", "bag": ".bag"}
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "export",
-        help="write the map as linked data, JSON, GeoJSON, or for Foxglove, Rerun and RViz",
-        description="Write the map as linked data, with GeoSPARQL geometries; as plain JSON of "
-        "rooms with their objects; as GeoJSON in metres; or as what viewers draw: MCAP for "
-        "Foxglove, rrd for Rerun, a ROS 1 bag for RViz.",
-        epilog="example: hereabouts export kitchen.map --format ttl -o kitchen.ttl",
-    )
+def add(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     add_map(parser)
     parser.add_argument(
         "--format",
@@ -75,7 +73,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         metavar="FOLDER",
         help="copy the pictures of the objects there, that of object/17 as 17.jpg",
     )
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -1,4 +1,11 @@
-"""`hereabouts find`: where to look first, why, and how long it will take."""
+"""Plan where to look for an object, in which order, and why.
+
+The plan minimises the expected time until the object is found. The probability of each spot follows
+from the map, common sense and statistics of rooms. OBJECT is a category, a synonym, a
+supercategory, or a need such as 'something to sit on'; of several objects all are searched for.
+
+example: hereabouts find kitchen.map banana --from 0,0 --explain
+"""
 
 from __future__ import annotations
 
@@ -25,16 +32,8 @@ _RULES = ("viewpoints", "nearest-first", "brute-force")
 _LOOKS_ONLY = ("budget", "turn_rate", "range", "recall", "at", "grid", "explain", "picture")
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "find",
-        help="where to look for an object, in which order, and why",
-        description="Plan looks that find in little expected time, on the belief that the map, "
-        "common sense and room statistics add up to. OBJECT is a category, a synonym, a "
-        "supercategory, or a need such as 'something to sit on'; several are all wanted.",
-        epilog="example: hereabouts find kitchen.map banana --from 0,0 --explain",
-    )
+def add(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     add_map(parser)
     parser.add_argument("object", metavar="OBJECT", nargs="+", help="what to find, e.g. banana")
     parser.add_argument(
@@ -69,7 +68,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser.add_argument("--explain", action="store_true", help="every step with its facts")
     parser.add_argument("--picture", metavar="FILE", help="draw the plan: PNG, SVG or PDF")
     add_json(parser)
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

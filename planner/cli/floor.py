@@ -1,4 +1,9 @@
-"""`hereabouts floor`: the mapped floor as an occupancy grid for a robot's own navigation."""
+"""Write the mapped floor as an occupancy grid for ROS' map_server and Nav2.
+
+Two files are written: FILE.yaml and the image FILE.pgm.
+
+example: hereabouts floor kitchen.map -o floor.yaml
+"""
 
 from __future__ import annotations
 
@@ -15,15 +20,8 @@ if TYPE_CHECKING:
     from mapping.occupancy.mapped_floor import MappedFloor
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "floor",
-        help="write the mapped floor as a map_server YAML file and its image, for Nav2",
-        description="Write what depth showed of the floor as an occupancy grid: FILE.yaml and "
-        "FILE.pgm, as ROS' map_server and Nav2 read them.",
-        epilog="example: hereabouts floor kitchen.map -o floor.yaml",
-    )
+def add(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     add_map(parser)
     parser.add_argument("-o", "--output", required=True, metavar="FILE", help="YAML file to write")
     parser.add_argument(
@@ -34,7 +32,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     )
     parser.add_argument("--at", metavar="TIME", help="the floor of then: ISO 8601 or a number #N")
     add_json(parser)
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -1,4 +1,4 @@
-"""`hereabouts import`: facts from elsewhere into a map, common sense into an ontology."""
+"""Import saved maps, common sense or statistics of rooms."""
 
 from __future__ import annotations
 
@@ -9,13 +9,8 @@ from planner.cli.arguments import MAP_HELP, title_for
 from planner.cli.console import note, print_table
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add(parser: argparse.ArgumentParser) -> None:
     """Declare the command and what can be imported."""
-    parser = subparsers.add_parser(
-        "import",
-        help="bring saved maps, common sense or statistics of rooms in from elsewhere",
-        description=__doc__,
-    )
     kinds = parser.add_subparsers(dest="kind", metavar="WHAT", required=True)
     maps = kinds.add_parser(
         "reference-maps",

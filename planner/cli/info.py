@@ -1,4 +1,10 @@
-"""`hereabouts info`: what a recording holds, what would be read of it, and whether it fits."""
+"""Show the streams of a recording, and whether they can be mapped.
+
+The table has rates and gaps and says which streams `map` would read. The lines below it say whether
+depth fits the poses, the camera and the colour images.
+
+example: hereabouts info kitchen.bag --color-topic /head/rgb/image_raw
+"""
 
 from __future__ import annotations
 
@@ -21,19 +27,11 @@ if TYPE_CHECKING:
     from perception.recordings.summary import StreamSummary
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "info",
-        help="show what a recording holds, what `map` would read of it, and whether that fits",
-        description="Show the streams of a recording with their rates and gaps, which of them "
-        "`map` would read, and whether depth fits the poses, the camera and the colour images.",
-        epilog="example: hereabouts info kitchen.bag --color-topic /head/rgb/image_raw",
-    )
+def add(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     parser.add_argument("recording", metavar="RECORDING", help="folder, bag or MCAP file")
     add_json(parser)
     add_recording_arguments(parser)
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

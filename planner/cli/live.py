@@ -1,4 +1,11 @@
-"""`hereabouts live`: frames that come now become a map."""
+"""Map frames as they arrive: from ROS 1 or 2, a Foxglove WebSocket or a growing folder.
+
+Ctrl+C or SIGTERM ends the mapping after a whole frame; a new run continues. A frame that arrives
+while earlier ones are mapped is dropped and counted if a newer one follows. Frames of a folder are
+all mapped.
+
+example: hereabouts live ros1://localhost:11311 --into kitchen.map
+"""
 
 from __future__ import annotations
 
@@ -46,16 +53,8 @@ SOURCES: Final = (
 )
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "live",
-        help="map frames as they come: from ROS 1 or 2, a Foxglove WebSocket or a growing folder",
-        description="Map the frames that a robot publishes now, until Ctrl+C or SIGTERM, which end "
-        "it after a whole frame. Frames that come while earlier ones are mapped are dropped, but "
-        "for the newest, and counted; those of a folder are all mapped. Started again it goes on.",
-        epilog="example: hereabouts live ros1://localhost:11311 --into kitchen.map",
-    )
+def add(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     parser.add_argument("recording", metavar="SOURCE", help=SOURCES)
     add_map_options(parser)
     parser.add_argument("--limit", type=whole, metavar="N", help="end after N frames")
@@ -65,7 +64,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     add_source_arguments(parser)
     add_network_arguments(parser)
     add_mapping_arguments(parser)
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -1,4 +1,9 @@
-"""`hereabouts log`: the history of one thing."""
+"""List the changes of one thing, when and by whom each was made.
+
+Each line is a transaction, the oldest first.
+
+example: hereabouts log kitchen.map object/17
+"""
 
 from __future__ import annotations
 
@@ -8,19 +13,12 @@ from planner.cli.arguments import add_json, add_map, count
 from planner.cli.console import note, print_table, write_json
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "log",
-        help="the history of one thing: each change, when and by what",
-        description="Print each transaction that changed a thing, oldest first.",
-        epilog="example: hereabouts log kitchen.map object/17",
-    )
+def add(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     add_map(parser)
     parser.add_argument("thing", metavar="IRI", help="object/17, place/1, robot, or an IRI")
     parser.add_argument("--last", type=count, metavar="N", help="only the last N changes")
     add_json(parser)
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

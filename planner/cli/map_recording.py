@@ -1,4 +1,9 @@
-"""`hereabouts map`: a recording becomes a map."""
+"""Map a recording: RGB-D frames with poses in, objects and places out.
+
+The map may be new or exist already. A run that was interrupted continues after its last frame.
+
+example: hereabouts map recordings/kitchen --into kitchen.map
+"""
 
 from __future__ import annotations
 
@@ -29,22 +34,14 @@ if TYPE_CHECKING:
 _MAX_NAMED = 10  # labels in one note
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "map",
-        help="map a recording: RGB-D frames with poses in, objects and places out",
-        description="Map a recording into a new map, or into an existing one. A run that was cut "
-        "short goes on where it stopped.",
-        epilog="example: hereabouts map recordings/kitchen --into kitchen.map",
-    )
+def add(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     parser.add_argument("recording", metavar="RECORDING", help="folder of the recording")
     parser.add_argument(
         "--again", action="store_true", help="map frames again that this map already holds"
     )
     add_map_options(parser)
     add_all_arguments(parser)
-    parser.set_defaults(run=run)
 
 
 def add_map_options(parser: argparse.ArgumentParser) -> None:

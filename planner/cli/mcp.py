@@ -1,4 +1,11 @@
-"""`hereabouts mcp`: the map as tools for language-model agents (Model Context Protocol)."""
+"""Offer the map to language-model agents as tools (Model Context Protocol).
+
+The protocol runs over stdin and stdout, or with --http at the path /mcp of an address. Agents only
+read; with --write they assert and retract too. For a map that is being mapped, give the address of
+its server.
+
+example: hereabouts mcp kitchen.map --http 8009
+"""
 
 from __future__ import annotations
 
@@ -22,16 +29,8 @@ if TYPE_CHECKING:
 _INTERRUPTED = 130  # exit code, as shells have it
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "mcp",
-        help="the map as tools for language-model agents (Model Context Protocol)",
-        description="Offer a map to language-model agents as tools of the Model Context Protocol: "
-        "over stdin and stdout, or with --http at /mcp of an address. It only reads; with --write "
-        "agents assert and retract too. Give a map that is being mapped by its server's address.",
-        epilog="example: hereabouts mcp kitchen.map --http 8009",
-    )
+def add(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     add_map(parser)
     parser.add_argument(
         "--http",
@@ -58,7 +57,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "--http, or of the holder of the served map's token",
     )
     parser.add_argument("--by", metavar="NAME", help="in whose name agents write to a folder")
-    parser.set_defaults(run=run, usage_error=parser.error)
 
 
 def run(arguments: argparse.Namespace) -> int:

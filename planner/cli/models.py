@@ -1,4 +1,7 @@
-"""`hereabouts models`: the networks, bundled and fetched."""
+"""List, download and locate networks.
+
+Two networks come with hereabouts; others can be downloaded.
+"""
 
 from __future__ import annotations
 
@@ -13,13 +16,8 @@ if TYPE_CHECKING:
     from perception.inference.model_zoo import ModelCard
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "models",
-        help="list, fetch and locate networks",
-        description="Networks that hereabouts knows: two come with it, others can be fetched.",
-    )
+def add(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     listing = actions.add_parser("list", help="all known networks, with licence and quality")
     add_json(listing)

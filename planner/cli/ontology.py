@@ -1,4 +1,7 @@
-"""`hereabouts ontology`: what the map knows beforehand, edited by people: check, diff, reload."""
+"""Validate, compare, reload or export an ontology, also of a map in use.
+
+For ontologies that people edit, in Protege or by hand (docs/how-to/protege.md).
+"""
 
 from __future__ import annotations
 
@@ -18,13 +21,8 @@ _SOURCE_HELP = "ontology file (Turtle, RDF/XML, N-Triples) or folder of them; im
 _ANY_HELP = "ontology file or folder, folder of a map, or address of a server with a map"
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add(parser: argparse.ArgumentParser) -> None:
     """Declare the command and its parts."""
-    parser = subparsers.add_parser(
-        "ontology",
-        help="validate, compare, reload or export an ontology, also of a map in use",
-        description="Ontologies that people edit, in Protege or by hand (docs/how-to/protege.md).",
-    )
     parts = parser.add_subparsers(dest="part", metavar="WHAT", required=True)
     _add_check(parts)
     _add_diff(parts)

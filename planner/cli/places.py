@@ -1,4 +1,10 @@
-"""`hereabouts places`: the places of a map; with `--find`, its rooms become places first."""
+"""List the places of a map with areas and adjacent places; --find makes places of rooms.
+
+With --find, the mapped floor is split into rooms at its doors. Each room becomes a place, or the
+new area of the place that covers most of it. Places that a user gave stay unchanged.
+
+example: hereabouts places kitchen.map --find
+"""
 
 from __future__ import annotations
 
@@ -10,22 +16,13 @@ from planner.cli.console import note, print_table, write_json
 _COLUMNS = ("place", "label", "area m2", "adjacent")
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "places",
-        help="list the places of a map; find them in its floor",
-        description="List the places of a map with their areas, and which a door leads to. With "
-        "--find, the mapped floor is split into rooms at its doors; each becomes a place, or the "
-        "new area of the place that it mostly is. Places that were given stay as they are.",
-        epilog="example: hereabouts places kitchen.map --find",
-    )
+def add(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     add_map(parser)
     parser.add_argument(
         "--find", action="store_true", help="make places of the rooms of the mapped floor"
     )
     add_json(parser)
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -1,4 +1,9 @@
-"""`hereabouts plot`: the map as a picture."""
+"""Draw the map: places by category, objects by name, and a planned search.
+
+The picture is a PNG, SVG or PDF file.
+
+example: hereabouts plot kitchen.map -o map.png --find banana
+"""
 
 from __future__ import annotations
 
@@ -9,14 +14,8 @@ from planner.cli.arguments import add_map, start_pose
 from planner.cli.console import note
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "plot",
-        help="draw the map: places by category, objects by name, and a planned search",
-        description="Draw the map as PNG, SVG or PDF, as the live page shows it.",
-        epilog="example: hereabouts plot kitchen.map -o map.png --find banana",
-    )
+def add(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     add_map(parser)
     parser.add_argument(
         "-o", "--output", default="map.png", metavar="FILE", help="picture to write"
@@ -46,7 +45,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         action="store_true",
         help="name objects of any existence; others than those of 0.5 and above are faint marks",
     )
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

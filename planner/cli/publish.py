@@ -1,4 +1,11 @@
-"""`hereabouts publish`: mirror maps into a SPARQL server."""
+"""Mirror one or several maps live into a SPARQL server.
+
+Shipped queries then run over all of them. Each map is copied once as a whole, then each transaction
+as one update. A new run continues after the last transaction that the server has. Maps on running
+servers are followed until the command is interrupted; a folder is published as it is now.
+
+example: hereabouts publish http://robot-1:8008 http://robot-2:8008 --to http://127.0.0.1:7878
+"""
 
 from __future__ import annotations
 
@@ -12,18 +19,8 @@ from planner.cli.arguments import add_json
 from planner.cli.console import note, write_json
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "publish",
-        help="mirror one or many maps live into a SPARQL server",
-        description="Mirror maps into one SPARQL 1.1 server, where shipped queries run over all of "
-        "them: each whole at first, then each transaction as one update. It continues after the "
-        "last transaction that the server has, whichever side was stopped. Running servers of maps "
-        "are followed until interrupted; a folder is published as it is now.",
-        epilog="example: hereabouts publish http://robot-1:8008 http://robot-2:8008 "
-        "--to http://127.0.0.1:7878",
-    )
+def add(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     parser.add_argument(
         "maps", nargs="+", metavar="MAP", help="folder, or address of a running `hereabouts serve`"
     )
@@ -35,7 +32,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     )
     parser.add_argument("--once", action="store_true", help="publish what there is now, and end")
     add_json(parser)
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

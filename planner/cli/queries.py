@@ -1,4 +1,4 @@
-"""`hereabouts queries`: the questions that ship."""
+"""List the shipped queries with their parameters."""
 
 from __future__ import annotations
 
@@ -8,15 +8,9 @@ from planner.cli.arguments import add_json
 from planner.cli.console import print_table, write_json
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "queries",
-        help="list the shipped questions",
-        description="The questions that ship with hereabouts, with what they ask and take.",
-    )
+def add(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     add_json(parser)
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

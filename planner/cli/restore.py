@@ -1,4 +1,11 @@
-"""`hereabouts restore`: make the map what it was, as one new transaction."""
+"""Restore a past state of the map in a new transaction.
+
+The history keeps both states, so a restoration can be undone too. It includes the ontology, but not
+the number of the next object; --only restores a part. On a running server the author is the holder
+of HEREABOUTS_TOKEN.
+
+example: hereabouts restore kitchen.map --to '#254' --only objects --by ann
+"""
 
 from __future__ import annotations
 
@@ -13,16 +20,8 @@ if TYPE_CHECKING:
     from kg.update.restoration import Restored
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "restore",
-        help="restore a past state; the history keeps both",
-        description="Restore a past state as one new transaction, which can itself be undone so. "
-        "Everything is restored, ontology included, but the number of the next object; --only "
-        "restores a part. On a running server it writes on the account of HEREABOUTS_TOKEN.",
-        epilog="example: hereabouts restore kitchen.map --to '#254' --only objects --by ann",
-    )
+def add(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     add_map(parser)
     parser.add_argument(
         "--to",
@@ -43,7 +42,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     )
     parser.add_argument("--dry-run", action="store_true", help="count what would change, no more")
     add_json(parser)
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

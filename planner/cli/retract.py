@@ -1,4 +1,9 @@
-"""`hereabouts retract`: take back an assertion."""
+"""Retract an assertion; the value by perception is restored.
+
+That value was kept up to date meanwhile. `hereabouts ask MAP assertions` lists all assertions.
+
+example: hereabouts retract kitchen.map object/17 category --by ann
+"""
 
 from __future__ import annotations
 
@@ -9,20 +14,12 @@ from planner.cli.assert_ import add_what
 from planner.cli.console import note, write_json
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "retract",
-        help="retract an assertion; perception's own value is restored",
-        description="Retract an assertion. Perception's own value, kept up to date meanwhile, "
-        "is restored. `hereabouts ask MAP assertions` lists all assertions.",
-        epilog="example: hereabouts retract kitchen.map object/17 category --by ann",
-    )
+def add(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     add_map(parser)
     add_what(parser)
     parser.add_argument("--by", metavar="NAME", help="author (a server takes the token's holder)")
     add_json(parser)
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -1,4 +1,11 @@
-"""`hereabouts search`: a robot drives, looks, and finds; every look goes into the map."""
+"""Search for objects with a robot: drive, look, plan again, until found or given up.
+
+Looks and findings are written to the map as they happen. Ctrl+C stops the robot, and --resume
+continues later. Progress is printed on stderr, the outcome on stdout (with --robot stdio on
+stderr). Exit code 0: found, 3: given up, 4: the robot ended the search, 130: stopped.
+
+example: hereabouts search demo.map apple --robot sim
+"""
 
 from __future__ import annotations
 
@@ -46,17 +53,8 @@ _ROBOT = (
 )
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "search",
-        help="search with a robot: drive, look, re-plan, until found or given up",
-        description="Search for all OBJECTs with a robot. Looks and findings are written to the "
-        "map as they happen; Ctrl+C stops the robot, and --resume continues later. Progress is "
-        "printed on stderr, the outcome on stdout (with --robot stdio on "
-        "stderr alone). Exit code 0: found, 3: given up, 4: the robot ended it, 130: stopped.",
-        epilog="example: hereabouts search demo.map apple --robot sim",
-    )
+def add(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     add_map(parser)
     parser.add_argument(
         "object",
@@ -99,7 +97,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     add_ros1_arguments(parser)
     add_viewers(parser)
     parser.add_argument("--json", action="store_true", help="print each event as a line of JSON")
-    parser.set_defaults(run=run, usage_error=parser.error)
 
 
 def run(arguments: argparse.Namespace) -> int:

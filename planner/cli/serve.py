@@ -1,4 +1,10 @@
-"""`hereabouts serve`: the map over HTTP, live while recordings are mapped into it."""
+"""Serve the map over HTTP: SPARQL, linked data, a web page, a feed of changes.
+
+SPARQL 1.1 Protocol is at /sparql, graphs at /graphs, changes at /changes; each thing of the map is
+a page and a document. Without a token file the server only reads.
+
+example: hereabouts serve kitchen.map --token-file tokens.txt
+"""
 
 from __future__ import annotations
 
@@ -26,16 +32,8 @@ if TYPE_CHECKING:
     from planner.viewers.viewer import Viewer
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "serve",
-        help="serve the map over HTTP: SPARQL, linked data, a page, a feed of changes",
-        description="Serve a map: SPARQL 1.1 Protocol at /sparql, graphs at /graphs, every thing "
-        "of the map as a page or a document, changes as events at /changes. Without a token file "
-        "it only reads.",
-        epilog="example: hereabouts serve kitchen.map --token-file tokens.txt",
-    )
+def add(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     add_map(parser)
     parser.add_argument("--host", default="127.0.0.1", help="address to listen at (127.0.0.1)")
     parser.add_argument(
@@ -95,7 +93,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         help="map this recording meanwhile (again for more, one after the other)",
     )
     add_all_arguments(parser)
-    parser.set_defaults(run=run, usage_error=parser.error)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -1,4 +1,4 @@
-"""`hereabouts simulate`: recordings of simulated houses with their truth, and a robot in one."""
+"""Write a recording of a simulated house with its truth, or run a robot in one."""
 
 from __future__ import annotations
 
@@ -18,13 +18,8 @@ if TYPE_CHECKING:
 _COLUMNS = ("folder", "frames", "objects", "detections", "moved", "carried", "vanished", "new")
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "simulate",
-        help="write a recording of a simulated house with truth, or be a robot in one",
-        description=__doc__,
-    )
+def add(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     subjects = parser.add_subparsers(dest="subject", metavar="SUBJECT", required=True)
     house = subjects.add_parser(
         "house",

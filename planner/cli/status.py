@@ -1,4 +1,11 @@
-"""`hereabouts status`: is it there, is it gone, could it be hidden, or did nobody look."""
+"""Tell whether an object is present, gone, hidden, or was never looked for.
+
+Present: it was seen. Gone: its place was viewed, and it is not there. Hidden: a part of its place
+was never in view. Never looked: almost nothing of the place was viewed. OBJECT is a category, a
+synonym, or one thing (object/17).
+
+example: hereabouts status kitchen.map cup
+"""
 
 from __future__ import annotations
 
@@ -17,24 +24,14 @@ if TYPE_CHECKING:
     from planner.goals.status import Status
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "status",
-        help="whether something is present, gone, hidden, or was never looked for",
-        description="Four answers, with their proof. present: it was seen; gone: its place was "
-        "viewed and it is not there; hidden: part of its place was never in view; never looked: "
-        "next to nothing of the place was viewed. OBJECT is a category, a synonym, or one thing "
-        "(object/17).",
-        epilog="example: hereabouts status kitchen.map cup",
-    )
+def add(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     add_map(parser)
     parser.add_argument("object", metavar="OBJECT", help="what to ask about, e.g. cup or object/17")
     parser.add_argument(
         "--in", dest="place", metavar="PLACE", help="only there: label, number, IRI"
     )
     add_json(parser)
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

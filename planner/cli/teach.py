@@ -1,4 +1,11 @@
-"""`hereabouts teach`: what kind of room a place is, shown by images of it."""
+"""Teach the scene classifier the kind of a room by images of it.
+
+The images are frames of a mapped recording that were taken in the place, or a folder of
+photographs. They are kept in the map's folder; `hereabouts map` uses them once two kinds of rooms
+are taught. Teaching a place again replaces its images.
+
+example: hereabouts teach home.map place/2 kitchen --images photographs/kitchen
+"""
 
 from __future__ import annotations
 
@@ -27,17 +34,8 @@ Item = TypeVar("Item")
 _MOST: Final = 40  # images of a place from a recording or a folder, evenly spaced
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "teach",
-        help="teach the scene classifier what kind of room a place is",
-        description="Show the scene classifier what a place of the map looks like, and what kind "
-        "of room it is: by the frames of a mapped recording that were taken in it, or by a folder "
-        "of images. Kept in the map's folder, and used by `hereabouts map` into that map from two "
-        "kinds of rooms on. Teaching a place again replaces what it was taught by.",
-        epilog="example: hereabouts teach home.map place/2 kitchen --images photographs/kitchen",
-    )
+def add(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     add_map(parser)
     parser.add_argument("place", metavar="PLACE", help="place/2, its label or IRI")
     parser.add_argument(
@@ -57,7 +55,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     add_device(parser)
     add_json(parser)
     add_recording_arguments(parser)
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -1,4 +1,12 @@
-"""`hereabouts update`: SPARQL Update on the map."""
+"""Change the map by SPARQL Update, validated and in one transaction.
+
+An update that violates the SHACL shapes is refused as a whole. So is one that would delete more
+than 10 objects and places and more than a tenth of all, unless --yes confirms it. `hereabouts
+restore` undoes an update. A triple without GRAPH belongs to graph:map.
+
+example: hereabouts update kitchen.map --by ann -e 'INSERT DATA { <http://example.org/mine> a
+here:Cup ; here:x 1.2 ; here:y 0.4 }'
+"""
 
 from __future__ import annotations
 
@@ -10,18 +18,8 @@ from planner.cli.arguments import add_json, add_map
 from planner.cli.console import note, write_json
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "update",
-        help="write to the map by SPARQL Update, checked and in one transaction",
-        description="Apply a SPARQL 1.1 Update. One that violates the SHACL shapes is refused, "
-        "as a whole; so is one that would delete more than 10 objects and places and "
-        "more than a tenth of all, unless --yes confirms it. `hereabouts restore` undoes. A triple "
-        "without GRAPH is one of graph:map.",
-        epilog="example: hereabouts update kitchen.map --by ann "
-        "-e 'INSERT DATA { <http://example.org/mine> a here:Cup ; here:x 1.2 ; here:y 0.4 }'",
-    )
+def add(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     add_map(parser)
     parser.add_argument("file", nargs="?", metavar="FILE.ru", help="file with the update")
     parser.add_argument("-e", "--execute", metavar="SPARQL", help="the update itself instead")
@@ -30,7 +28,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "--yes", action="store_true", help="confirm that a large share of the map is deleted"
     )
     add_json(parser)
-    parser.set_defaults(run=run, usage_error=parser.error)
 
 
 def run(arguments: argparse.Namespace) -> int:

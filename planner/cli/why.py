@@ -1,4 +1,10 @@
-"""`hereabouts why`: what a fact rests on."""
+"""Explain a thing or a fact: the frame, rule, model, source or person behind it.
+
+The explanation goes back to the box and camera pose, and to the transaction that wrote the fact.
+
+examples: hereabouts why kitchen.map object/17; hereabouts why kitchen.map 'object/17 here:inPlace
+place/1'; hereabouts why kitchen.map --candidates keyboard
+"""
 
 from __future__ import annotations
 
@@ -17,17 +23,8 @@ if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
 
 
-def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Declare the command."""
-    parser = subparsers.add_parser(
-        "why",
-        help="explain a thing or a fact: frame, rule, model, source or person behind it",
-        description="Explain a statement of the map: from a thing or a fact to the frame, box, "
-        "camera pose, rule, model, source or person behind it, and the transaction that wrote it.",
-        epilog="examples: hereabouts why kitchen.map object/17; "
-        "hereabouts why kitchen.map 'object/17 here:inPlace place/1'; "
-        "hereabouts why kitchen.map --candidates keyboard",
-    )
+def add(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
     add_map(parser)
     parser.add_argument(
         "what",
@@ -51,7 +48,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser.add_argument(
         "--json", action="store_const", const="json", dest="format", help="as --format json"
     )
-    parser.set_defaults(run=run, usage_error=parser.error)
 
 
 def run(arguments: argparse.Namespace) -> int:
