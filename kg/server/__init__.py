@@ -13,7 +13,7 @@ __all__ = ["BearerTokens", "Limits", "MapServer", "Settings", "serve"]
 def serve(semantic_map: SemanticMap, settings: Settings | None = None) -> MapServer:
     """A server of `semantic_map`; ``with serve(map) as server:`` answers at ``server.url``.
 
-    The caller continues writing through `semantic_map` meanwhile. Raises ServerError where the
-    address cannot be listened at, or would be open to others without a token.
+    The caller may write through `semantic_map` meanwhile. Raises ServerError if it cannot listen at
+    the address.
     """
     return MapServer(semantic_map, settings)

@@ -1,4 +1,4 @@
-"""The application: which path is answered by what."""
+"""Application: the table of paths and endpoints."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ Answer = Callable[[AppState, Request], Awaitable[ASGIApp]]
 
 
 def application(serving: AppState) -> ASGIApp:
-    """Everything a server answers, behind its guard."""
+    """The ASGI application of a server: its routes behind the request guard."""
     serving.metrics.readings += _readings(serving)
     get, write = ["GET"], ["GET", "POST", "PUT", "DELETE"]
     table: list[tuple[str, Answer, list[str]]] = [
@@ -96,7 +96,7 @@ def application(serving: AppState) -> ASGIApp:
 
 
 class _Endpoint:
-    """One path's answer, with errors of the tree as problems."""
+    """Endpoint of one path; errors of `kg.errors` become problem responses."""
 
     def __init__(self, serving: AppState, answer: Answer) -> None:
         self._serving, self._answer = serving, answer

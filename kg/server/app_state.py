@@ -1,4 +1,4 @@
-"""What the parts of a running server share."""
+"""State of a running server, shared by its endpoints."""
 
 from __future__ import annotations
 
@@ -15,36 +15,36 @@ from kg.server.metrics import Metrics
 from kg.server.running_counts import RunningCounts
 from kg.workers.pool import QueryPool
 
-#: What else runs beside the server, for `/health`: name -> how it is.
+#: State of programs beside the server, for `/health`: name -> state.
 Status = Callable[[], Mapping[str, object]]
 
-#: A search plan for objects, as plain values: what is wanted -> the plan. Raises HereaboutsError.
+#: Makes a search plan as plain values for the names of objects. Raises HereaboutsError.
 Planner = Callable[[list[str]], Mapping[str, object]]
 
 
 class QuerySubscription(BroadcastClient, Protocol):
-    """A query that a client follows."""
+    """A client's subscription to a query."""
 
     client: str
 
 
 @dataclass(slots=True)
 class PlanningTurns:
-    """Whose turn it is to have a plan made; `lock` is held while one is made."""
+    """Queue of requests for plans; `lock` is held while a plan is made."""
 
     lock: asyncio.Lock = field(default_factory=asyncio.Lock)
     waiting: int = 0  # requests
 
     def end(self, plan: asyncio.Future[Mapping[str, object]]) -> None:
-        """A plan is made, or failed: the next one's turn."""
+        """Pass the turn on, once a plan is made or has failed."""
         self.lock.release()
         if not plan.cancelled():
-            plan.exception()  # read, as whoever asked may have left
+            plan.exception()  # marks the exception as read: the client may have left
 
 
 @dataclass(slots=True)
 class AppState:
-    """One map being served."""
+    """State of the server of one map."""
 
     semantic_map: SemanticMap
     settings: Settings

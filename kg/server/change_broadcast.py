@@ -1,7 +1,7 @@
-"""Commits as they happen, handed to everyone who follows the map.
+"""Change broadcast: passes each commit to the followers of the map.
 
-The committing thread only hands a change set over to the event loop. Each follower has a bounded
-queue there: one that does not keep up is dropped, so that it costs the others nothing.
+The committing thread only hands the change set over to the event loop. Each follower has a bounded
+queue there; a follower that does not keep up is dropped, so that it does not slow the others.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from kg.transactions import ChangeSet
 
 
 class BroadcastClient(Protocol):
-    """Receiver of commits on the event loop; `ended` is set once it must stop."""
+    """Receiver of commits on the event loop; it stops once `ended` is set."""
 
     ended: asyncio.Event
 
     def offer(self, change: ChangeSet) -> None:
-        """Take note of a commit."""
+        """Receive a commit."""
 
 
 class Queue:
-    """A follower that wants every change; ends when more than `room` wait for it."""
+    """Follower with a queue of changes; it ends when more than `room` wait."""
 
     def __init__(self, room: int) -> None:
         self.ended = asyncio.Event()
@@ -40,7 +40,7 @@ class Queue:
         self._some = asyncio.Event()
 
     def offer(self, change: ChangeSet) -> None:
-        """Queue a change, or end where there is no room for it."""
+        """Queue a change, or end if the queue is full."""
         if len(self._waiting) >= self._room:
             self.slow = True
             self._waiting.clear()
@@ -50,7 +50,7 @@ class Queue:
             self._some.set()
 
     async def take(self) -> ChangeSet:
-        """The next change; waits for one."""
+        """Wait for the next change."""
         while not self._waiting:
             self._some.clear()
             await self._some.wait()
@@ -58,29 +58,29 @@ class Queue:
 
 
 class ChangeBroadcast:
-    """The last changes of a map, and its followers. All but `start` runs on one event loop."""
+    """The last changes of a map and its followers; used on one event loop."""
 
     def __init__(self, semantic_map: SemanticMap, limits: Limits) -> None:
         self._map, self._limits = semantic_map, limits
         self._recent: deque[ChangeSet] = deque(maxlen=limits.feed_memory)
-        self._followers: dict[BroadcastClient, str] = {}  # and the client of each
-        self._events: OrderedDict[int, bytes] = OrderedDict()  # by sequence, the last ones
+        self._followers: dict[BroadcastClient, str] = {}  # -> client
+        self._events: OrderedDict[int, bytes] = OrderedDict()  # the last ones, by sequence number
         self._stop: Callable[[], None] | None = None
         self.commits = 0  # since the server started
         self.dropped = 0  # followers that were too slow
 
     def start(self) -> None:
-        """Listen to the map from now on; called on the event loop."""
+        """Subscribe to the map."""
         loop = asyncio.get_running_loop()
 
-        def hear(change: ChangeSet) -> None:
+        def on_commit(change: ChangeSet) -> None:
             if not loop.is_closed():
                 loop.call_soon_threadsafe(self._deliver, change)
 
-        self._stop = self._map.listen(hear)
+        self._stop = self._map.listen(on_commit)
 
     def stop(self) -> None:
-        """Listen no more, and end every follower."""
+        """Unsubscribe from the map, and end every follower."""
         if self._stop is not None:
             self._stop()
             self._stop = None
@@ -89,30 +89,30 @@ class ChangeBroadcast:
 
     @property
     def followers(self) -> int:
-        """How many follow now."""
+        """Number of followers."""
         return len(self._followers)
 
     def add(self, follower: BroadcastClient, client: str) -> None:
-        """Have a client's `follower` hear of commits.
+        """Pass commits on to a client's `follower`.
 
-        Raises Problem 503 where there are too many already, of all clients or of this one.
+        Raises Problem 503 if all clients, or this one, have as many followers as allowed.
         """
         own = sum(other == client for other in self._followers.values())
         if len(self._followers) >= self._limits.feed_clients or own >= self._limits.client_feeds:
             raise Problem(
                 503,
-                f"{len(self._followers)} feeds of this map are followed already, {own} of them by "
-                "you; try later",
+                f"this map has {len(self._followers)} followers already, {own} of them yours; "
+                "try later",
                 {"Retry-After": "10"},
             )
         self._followers[follower] = client
 
     def remove(self, follower: BroadcastClient) -> None:
-        """Forget a follower."""
+        """Remove a follower."""
         self._followers.pop(follower, None)
 
     def event_of(self, change: ChangeSet) -> bytes:
-        """A commit as a server-sent event, encoded once for all who follow."""
+        """A commit as a server-sent event, encoded once for all followers."""
         if change.sequence not in self._events:
             text = event(change.sequence, "change", change_to_json(change))
             self._events[change.sequence] = text
@@ -121,10 +121,10 @@ class ChangeBroadcast:
         return self._events[change.sequence]
 
     def since(self, sequence: int) -> Iterable[ChangeSet]:
-        """Change sets after that number, oldest first, without a gap.
+        """Change sets after a sequence number, oldest first, without a gap.
 
-        Raises Problem 410 where they are not known any more, or the map has not got so far (so the
-        number comes from another map): the client has to read the map anew.
+        Raises Problem 410 if they are not kept any more, or if the number is larger than the map's,
+        so that it comes from another map. The client must read the map anew then.
         """
         now = self._map.sequence
         if sequence > now:

@@ -1,4 +1,4 @@
-"""A map's server: the application of one map, at an address."""
+"""Server of one map."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from kg.workers.pool import QueryPool
 
 
 class MapServer(ServerLifecycle):
-    """Serves one map; `run` blocks, and as a context manager it serves from a thread.
+    """Serves one map; `run` blocks, a context manager serves from a thread.
 
-    The map stays the caller's, to write and to close. Raises ServerError, when made, where the
-    address cannot be listened at.
+    The caller goes on writing the map, and closes it. The constructor raises ServerError if it
+    cannot listen at the address.
     """
 
     def __init__(
@@ -50,7 +50,7 @@ class MapServer(ServerLifecycle):
 
     @property
     def isolation(self) -> str:
-        """How the kernel denies queries the network: "seccomp", "namespace", or "none"."""
+        """Isolation of queries from the network: "seccomp", "namespace", or "none"."""
         return self.serving.pool.isolation
 
     def _close(self) -> None:

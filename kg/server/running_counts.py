@@ -1,7 +1,7 @@
-"""Running counts of a served map, kept without queries: objects, and when each graph changed.
+"""Running counts of a served map: number of objects, last change of each graph.
 
-It is kept from the change sets, a transaction at a time, whoever wrote it. Only a category that is
-one no longer has the objects counted anew.
+They are updated by each change set, without queries. A change of the hierarchy of categories makes
+a recount necessary.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _MAP: Final = NamedNode(v.MAP_GRAPH)
 
 
 class RunningCounts:
-    """Counts of one map, from when it is made until `stop`; read from any thread."""
+    """Counts of one map from construction until `stop`; safe from any thread."""
 
     def __init__(self, semantic_map: SemanticMap) -> None:
         self._map = semantic_map
@@ -38,7 +38,7 @@ class RunningCounts:
 
     @property
     def objects(self) -> int:
-        """Things of the map that have a category of objects."""
+        """Number of things with a category of objects."""
         if self._stale:
             with self._map.hold():
                 self._recount()
@@ -46,7 +46,7 @@ class RunningCounts:
         return self._objects
 
     def changed(self, graph: NamedNode) -> int:
-        """The last transaction that changed a graph, as far as that is known: not an older one."""
+        """The last transaction that changed a graph, or the first one that was counted."""
         return self._changed.get(graph, self._begun)
 
     def stop(self) -> None:
@@ -62,7 +62,7 @@ class RunningCounts:
                 self._changed[graph] = change.sequence
         kinds = {q.subject for q in quads if q.predicate == _IS_A and q.object == _OBJECT}
         if kinds:
-            # which of those that have the type counted before is not known any more
+            # the categories of objects have changed
             self._stale = True
         else:
             self._objects += self._more(change)

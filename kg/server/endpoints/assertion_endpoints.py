@@ -1,7 +1,6 @@
-"""`/assertions`: assertions over HTTP: listed, made and retracted.
+"""`/assertions`: GET lists assertions, POST with a JSON object makes one, DELETE retracts one.
 
-GET lists them, POST with a JSON object makes one, DELETE retracts one. They go through the
-one writer, on the account of the token's holder.
+The one writer applies them; their author is the holder of the token.
 """
 
 from __future__ import annotations
@@ -74,7 +73,7 @@ def _listed(serving: AppState, iri: str | None, conflicts: bool, media_type: str
 
 
 def _facts(serving: AppState, found: Iterable[Assertion]) -> Iterable[Quad]:
-    """All that graph:assertions holds of these, and of who made them."""
+    """The quads of graph:assertions about these assertions and their authors."""
     engine, ours = serving.semantic_map.engine, Assertions(serving.semantic_map.base)
     for assertion in found:
         node = ours.iri(assertion.subject, assertion.property)
@@ -124,7 +123,7 @@ async def _take_back(serving: AppState, request: Request, by: str) -> Response:
 
 
 async def _shielded(act: Callable[[], T]) -> T:
-    # a client that leaves meanwhile must not leave half of a decision behind
+    # completes even if the client leaves
     return await asyncio.shield(run_in_threadpool(act))
 
 
@@ -142,7 +141,7 @@ def _property(name: str) -> str:
 
 
 def _value(value: object) -> object:
-    """A text, or three numbers; Problem 400 for anything else."""
+    """A text or a list of three numbers; Problem 400 for another value."""
     if isinstance(value, str) and is_unicode(value):
         return value
     if isinstance(value, list) and len(value) == 3 and all(map(_is_number, value)):
@@ -155,7 +154,7 @@ def _is_number(value: object) -> bool:
 
 
 def full_iri(base: str, iri: str) -> str:
-    """``object/17`` as the IRI it is short for; Problem 400 for what is none."""
+    """The IRI of ``object/17`` or of an absolute IRI; Problem 400 for an invalid one."""
     try:
         return NamedNode(iri if ":" in iri else base + iri).value
     except ValueError as error:

@@ -27,13 +27,13 @@ from kg.workers.content_negotiation import negotiate
 
 JSON: Final = "application/json"
 PAGE: Final = 256  # changes of one JSON response
-PAGE_BYTES: Final = 4 << 20  # ... and characters after which no further one is begun
+PAGE_BYTES: Final = 4 << 20  # characters of a response after which no change is added
 
 
 async def changes(serving: AppState, request: Request) -> ASGIApp:
-    """Commits after `Last-Event-ID` or ``?since=``, or from now on.
+    """Commits after `Last-Event-ID` or ``?since=``, else from now on.
 
-    Raises Problem: 410 where that is too long ago, 503 where too many follow.
+    Raises Problem: 410 if they are not kept, 503 if there are too many followers.
     """
     kind = negotiate(accept_of(request, query_parameters(request)), (EVENTS, JSON))
     since = _since(request)
@@ -55,12 +55,12 @@ async def _page(serving: AppState, since: int | None) -> Response:
     if since is None:
         raise Problem(400, "changes as JSON need ?since=, a sequence number")
     past = serving.feed.since(since)
-    body = await run_in_threadpool(partial(_told, past, since))
+    body = await run_in_threadpool(partial(_page_of, past, since))
     return Response(body, media_type=JSON, headers={"Cache-Control": "no-store"})
 
 
-def _told(past: Iterable[ChangeSet], since: int) -> bytes:
-    """Changes up to a page's end; `sequence` is that of the last, `more` whether others follow."""
+def _page_of(past: Iterable[ChangeSet], since: int) -> bytes:
+    """A page of changes; `sequence` is the number of the last, `more` whether others follow."""
     rows: list[str] = []
     last, size, more = since, 0, False
     for change in past:
@@ -80,7 +80,7 @@ async def _events(
         yield event(sent, "change", change_to_json(change))
     while True:
         change = await queue.take()
-        # what was committed while the past was read is in both
+        # changes that were committed while the past was read are in both
         if change.sequence > sent:
             sent = change.sequence
             yield feed.event_of(change)

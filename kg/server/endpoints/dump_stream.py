@@ -1,4 +1,4 @@
-"""A dump as an HTTP answer: sent in chunks as a worker writes it, as fast as the client reads."""
+"""Dump as an HTTP response: streamed in chunks as a worker writes it."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ log = logging.getLogger("hereabouts.server")
 
 
 class DumpStream:
-    """An ASGI answer that sends a dump, and closes it however it ends.
+    """ASGI response that sends a dump and then closes it.
 
-    A failure before the first part is answered as a problem; one after it cuts the connection, so
-    that nobody takes a part of a map for the whole.
+    A failure before the first part is a problem response. A later one aborts the connection, so
+    that a client does not take a part of the map for the whole.
     """
 
     def __init__(self, dump: Dump, headers: Mapping[str, str]) -> None:

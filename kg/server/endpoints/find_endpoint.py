@@ -1,7 +1,7 @@
-"""`/find?object=`: a search plan for an object, by the planner that the server was given.
+"""`/find?object=`: a search plan for objects; `object` may be repeated.
 
-`object` may be repeated. One plan is made at a time, as planning takes a processor for about a
-second; a few requests wait for their turn, and one whose client leaves gives its turn up.
+One plan is made at a time, since planning takes a processor for about a second. A few requests wait
+for their turn; a request whose client leaves loses it.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ async def find(serving: AppState, request: Request) -> Response:
 
 
 async def _planned(serving: AppState, wanted: list[str]) -> Mapping[str, object]:
-    """The plan, once it is its turn; Problem 503 where too many wait already."""
+    """Wait for the turn of a request and make its plan; Problem 503 if too many wait."""
     assert serving.planner is not None
     turns = serving.planning
     if turns.waiting >= MAX_WAITING:
@@ -54,7 +54,7 @@ async def _planned(serving: AppState, wanted: list[str]) -> Mapping[str, object]
         await turns.lock.acquire()
     finally:
         turns.waiting -= 1
-    # a plan is made to its end, whoever leaves meanwhile: only then is it the next one's turn
+    # a plan that has begun is completed, even if the client leaves, before the next one begins
     plan = asyncio.ensure_future(run_in_threadpool(serving.planner, wanted))
     plan.add_done_callback(turns.end)
     return await asyncio.shield(plan)

@@ -1,8 +1,8 @@
 """`/graphs`: the SPARQL 1.1 Graph Store HTTP Protocol.
 
-A graph is named by ``?graph=IRI`` or by its path, ``/graphs/map`` for graph:map. ``?default`` reads
+The graph is ``?graph=IRI`` or a path, ``/graphs/map`` for graph:map. ``?default`` reads
 the union of all graphs, as a query without GRAPH does, and adds to graph:map, as an update does.
-What is PUT to graph:ontology is validated and compiled, and becomes the map's ontology.
+A PUT to graph:ontology is validated and compiled, and replaces the ontology of the map.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def _replace(
     check: Callable[[], None],
     confirmed: bool,
 ) -> ChangeSet | None:
-    """Make a graph hold just these triples; None is nothing."""
+    """Replace the triples of a graph; None deletes them."""
     semantic_map = serving.semantic_map
     with semantic_map.hold():
         check()
@@ -118,7 +118,7 @@ def _insertion(graph: NamedNode, triples: list[Triple]) -> Step:
 async def _take_ontology(
     serving: AppState, request: Request, triples: list[Triple], by: str, check: Callable[[], None]
 ) -> Response:
-    """Replace the map's ontology; the response describes the changes too."""
+    """Replace the ontology of the map; the response describes the changes."""
     quads = [Quad(t.subject, t.predicate, t.object, _ONTOLOGY) for t in triples]
     whole = bodies.query_parameters(request).flag("whole")
 
@@ -138,7 +138,7 @@ async def _take_ontology(
 
 
 async def dump(serving: AppState, request: Request) -> ASGIApp:
-    """Every named graph, as TriG or N-Quads by the ending of the path; Problem 404 for another."""
+    """All named graphs as TriG or N-Quads, by the ending of the path; else Problem 404."""
     ending = request.path_params["ending"]
     if ending not in _DUMPS:
         known = " and ".join(f"/dump.{name}" for name in _DUMPS)
@@ -171,7 +171,7 @@ async def _read(serving: AppState, request: Request, graph: NamedNode | None) ->
 
 
 def _state(serving: AppState, graph: NamedNode | None, form: str) -> State:
-    """Which state a graph is in: the last transaction that changed it, or any of them."""
+    """State of a graph: the last transaction that changed it, or the map for None."""
     state = state_of(serving.semantic_map)
     number = state.sequence if graph is None else serving.tally.changed(graph)
     return State(number, state.modified, form, state.past)
@@ -187,7 +187,7 @@ def _triples(serving: AppState, graph: NamedNode | None) -> _Triples:
     seen: set[Triple] = set()
     for quad in quads:
         if graph is None:
-            # one triple may be in several graphs
+            # a triple may be in several graphs
             if quad.triple in seen:
                 continue
             seen.add(quad.triple)
@@ -199,8 +199,8 @@ def _serialised(
     statements: _Triples,
     form: RdfFormat,
 ) -> bytes:
-    # the engine's iterators abort the process when another thread touches them: they begin, inside
-    # of these generators, and end here
+    # the engine's iterators abort the process if another thread uses them, so the generators that
+    # hold them begin and end here
     with closing(statements):
         out = _Capped(serving.settings.limits.result)
         try:
@@ -212,25 +212,25 @@ def _serialised(
 
 
 class _Capped(io.BytesIO):
-    """A buffer that refuses to grow beyond `limit` bytes."""
+    """Buffer of at most `limit` bytes."""
 
     def __init__(self, limit: int) -> None:
         super().__init__()
         self._limit = limit
 
     def write(self, data: bytes) -> int:  # type: ignore[override]
-        """Append, or raise Problem 503."""
+        """Append; raises Problem 503 beyond the limit."""
         if self.tell() + len(data) > self._limit:
             raise self.too_long()
         return super().write(data)
 
     def too_long(self) -> Problem:
-        """Response body."""
+        """Body of the response."""
         return Problem(503, f"the answer has more than {self._limit} bytes; query for a part of it")
 
 
 def _graph(request: Request) -> NamedNode | None:
-    """The graph a request means; None for the default graph."""
+    """The graph of a request; None for the default graph."""
     path = request.path_params.get("name")
     given = bodies.query_parameters(request)
     iri = given.one("graph")

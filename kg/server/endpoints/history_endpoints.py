@@ -1,6 +1,6 @@
-"""`/log`, `/diff`, `/why`: a thing's history, what differs between two moments, and why.
+"""`/log`, `/diff`, `/why`: history of a thing, difference of two states, explanation.
 
-Workers compute it, within the limits of queries: the history of a robot can be long.
+Workers compute them within the limits of queries, since a history can be long.
 """
 
 from __future__ import annotations
@@ -35,17 +35,17 @@ TYPES: Final[dict[str, tuple[str, ...]]] = {
 
 
 async def log(serving: AppState, request: Request) -> Response:
-    """Each transaction that changed the thing ``?iri=``; of those the ``&last=`` ones."""
+    """The transactions that changed the thing ``?iri=``; with ``&last=`` the last ones."""
     return await _response(serving, request, "log")
 
 
 async def diff(serving: AppState, request: Request) -> Response:
-    """Diff of the map between ``?from=`` and ``&to=``."""
+    """Difference of the map between ``?from=`` and ``&to=``."""
     return await _response(serving, request, "diff")
 
 
 async def why(serving: AppState, request: Request) -> Response:
-    """Explanation of the resource ``?iri=``, or of ``?what=``, a resource or a fact."""
+    """Explanation of the resource ``?iri=``, or of the resource or fact ``?what=``."""
     return await _response(serving, request, "why")
 
 
@@ -59,7 +59,7 @@ async def history_report(
 ) -> Answer:
     """The log, diff or explanation of a request, from a worker; Problem 400 for an invalid one."""
     arguments = await _arguments(semantic_map, what, given)
-    # facts are read from a snapshot, which must not be older than the history
+    # the snapshot must not be older than the history
     least = semantic_map.sequence if what == "why" else 0
     return await pool.history_report_async(
         what, media_type, at_least=least, asker=asker, **arguments

@@ -1,4 +1,4 @@
-"""`/files/NAME`: scripts, styles and pictures of the pages; `vendor/` has libraries of others."""
+"""`/files/NAME`: scripts, styles and pictures of the pages; `vendor/` holds libraries."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ _TYPES: Final = {"css": "text/css", "js": "text/javascript", "svg": "image/svg+x
 
 
 async def page_file(serving: AppState, request: Request) -> Response:
-    """A file of the pages; Problem 404 where there is none of that name."""
+    """A file of the pages; Problem 404 for an unknown name."""
     name, known = request.path_params["name"], _files()
     if name not in known:
         raise Problem(404, f"no file {name[:100]!r}; there are: {', '.join(known)}")
     body = known[name].read_bytes()
-    # asked for each time: modules of two versions do not fit together
+    # revalidated each time: modules of two versions do not fit together
     headers = {"ETag": f'"{sha256(body).hexdigest()[:16]}"', "Cache-Control": "no-cache"}
     if headers["ETag"] in request.headers.get("if-none-match", ""):
         return Response(status_code=304, headers=headers)

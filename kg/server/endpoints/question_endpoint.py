@@ -1,4 +1,4 @@
-"""`/queries`: the shipped questions; `/queries/NAME?x=1`: one in SPARQL, its parameters put in."""
+"""`/queries`: the shipped questions; `/queries/NAME?x=1`: a question with parameters as SPARQL."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from kg.server.http.problems import Problem
 
 
 async def questions(serving: AppState, request: Request) -> Response:
-    """Prefixes that are predeclared, and the shipped questions with their parameters, as JSON."""
+    """Predeclared prefixes and the shipped questions with their parameters, as JSON."""
     return Response(await run_in_threadpool(_listed), media_type="application/json")
 
 
@@ -46,7 +46,7 @@ def _described(question: ParameterizedQuery) -> dict[str, object]:
 
 
 async def question(serving: AppState, request: Request) -> Response:
-    """A shipped question as SPARQL; raises QueryParameterError for values that do not fit it.
+    """A shipped question as SPARQL; raises QueryParameterError for invalid values.
 
     Raises Problem: 404 where there is no such question, 400 where a parameter is given twice.
     """

@@ -1,4 +1,4 @@
-"""`POST /restore`: a past state of the map becomes its present one, in one new transaction."""
+"""`POST /restore`: restores a past state of the map in one new transaction."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _MAX_THINGS: Final = 1000  # things of one request
 
 
 async def restore(serving: AppState, request: Request) -> Response:
-    """Restore the state at `to`; the answer counts what changed, as `Restored` has it.
+    """Restore the state at `to`; the response has the counts of `Restored`.
 
     The body is a JSON object: `to` a time or number of a transaction, `only` a list of scopes and
     things (empty: everything), `dry_run` a boolean.
@@ -50,7 +50,7 @@ async def restore(serving: AppState, request: Request) -> Response:
         confirmed=is_confirmed(request),
         dry_run=given["dry_run"],
     )
-    # a client that leaves meanwhile must not leave half of a decision behind
+    # completes even if the client leaves
     done = await asyncio.shield(run_in_threadpool(act))
     sequence = done.sequence or serving.semantic_map.sequence
     serving.sessions.saw(asker_of(request).client, sequence)

@@ -34,7 +34,7 @@ T = TypeVar("T")
 
 
 async def sparql(serving: AppState, request: Request) -> Response:
-    """Answer a query, carry out an update, or describe the service."""
+    """Answer a query, execute an update, or describe the service."""
     url = bodies.query_parameters(request)
     if request.method in ("GET", "HEAD"):
         if "update" in url:
@@ -97,7 +97,7 @@ async def _query(serving: AppState, request: Request, given: RequestParameters) 
 
 
 def _least(serving: AppState, request: Request) -> int:
-    """The last transaction that the client has seen; Problem where the map has not got so far."""
+    """The last transaction that the client has seen; Problem 412 if the map has no such number."""
     given = request.headers.get(SEQUENCE, "0")
     if not (given.isascii() and given.isdigit() and len(given) < 19):
         raise Problem(400, f"{SEQUENCE} must be a sequence number, got {given[:40]!r}")
@@ -108,7 +108,7 @@ def _least(serving: AppState, request: Request) -> int:
 
 
 async def unless_gone(request: Request, query: asyncio.Future[T]) -> T:
-    """The query's answer; a client that leaves takes its query with it."""
+    """The answer to a query, which is cancelled if the client leaves."""
     gone = asyncio.ensure_future(disconnected(request.receive))
     try:
         waiting: set[asyncio.Future[Any]] = {query, gone}
@@ -145,15 +145,15 @@ async def _update(
 async def write(
     serving: AppState, request: Request, act: Callable[[], ChangeSet | None]
 ) -> Response:
-    """Execute an update; the response has the number of changes and of the transaction."""
-    # a client that leaves meanwhile must not leave half of a decision behind
+    """Execute an update; the response has counts and the number of the transaction."""
+    # completes even if the client leaves
     return written(serving, await asyncio.shield(run_in_threadpool(act)), request)
 
 
 def written(
     serving: AppState, change: ChangeSet | None, request: Request, **more: object
 ) -> Response:
-    """The answer to a request that wrote `change`: counts, its number, and what else there is.
+    """Response to a request that wrote `change`: its number, counts and `more` members.
 
     With the preference `return=representation` (RFC 7240) it has the change set as well.
     """
@@ -178,7 +178,7 @@ def _writer(serving: AppState, request: Request) -> str:
 
 
 def graphs_of(given: RequestParameters, name: str) -> tuple[str, ...]:
-    """The graphs a request names by that parameter; Problem 400 where one is no absolute IRI."""
+    """The graphs in a parameter of a request; Problem 400 for an IRI that is not absolute."""
     for iri in given.all(name):
         try:
             NamedNode(iri)

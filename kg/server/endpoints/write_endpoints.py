@@ -1,8 +1,8 @@
-"""`/records`, `/numbers`, `/labels`: what a mapper or a robot far away writes into the map.
+"""`/records`, `/numbers`, `/labels`: writes of remote mappers and robots.
 
-A POST to `/records` is one transaction: all of a frame, or of a look, or nothing. It goes through
-the one writer, which applies assertions to it. The answer comes once the transaction is in the
-history: what was acknowledged survives the death of either side.
+A POST to `/records` is one transaction of a frame or of a look. The one writer applies it, and
+assertions to it. The response is sent once the transaction is in the history, so an acknowledged
+write survives a crash of client or server.
 """
 
 from __future__ import annotations
@@ -28,17 +28,17 @@ from kg.server.http.problems import Problem
 from kg.transactions import Cause, ChangeSet
 
 JSON: Final = "application/json"
-#: on whose account records come: a mapper's frames, a robot's search, an import
+#: kinds of causes: frames of a mapper, a search of a robot, an import
 _KINDS: Final = ("frame", "search", "import")
 _MAX_TEXT: Final = 500  # characters of a note, a label, the name of a network
-#: a search is its own account, and nobody else's
+#: a search, which is the author of its transactions
 _SEARCH: Final = re.compile(r"search/[0-9]{1,15}")
 _MAX_ITEMS: Final = 10_000  # labels, or own transactions, of one request
 T = TypeVar("T")
 
 
 async def records(serving: AppState, request: Request) -> Response:
-    """Apply an update of records in one transaction; Problem 409 where others came in between."""
+    """Apply an update of records in one transaction; Problem 409 for a conflict with others."""
     by = serving.settings.tokens.holder(request.headers.get("authorization"))
     content = await _object(serving, request, ("update", "cause", "seen", "own"))
     known, own = _known_sequence(content["seen"]), _own(content["own"])
@@ -54,7 +54,7 @@ async def records(serving: AppState, request: Request) -> Response:
 
 
 async def numbers(serving: AppState, request: Request) -> Response:
-    """The IRI of an object that is yet to be written; nobody else gets the same."""
+    """Reserve the IRI of a new object."""
     serving.settings.tokens.holder(request.headers.get("authorization"))
     await _object(serving, request, ())
     iri = await _shielded(serving.semantic_map.new_object_iri)
@@ -62,7 +62,7 @@ async def numbers(serving: AppState, request: Request) -> Response:
 
 
 async def labels(serving: AppState, request: Request) -> Response:
-    """Categories of a network's labels; made, in one transaction, where nothing is called so."""
+    """Categories of the labels of a network; missing ones are added in one transaction."""
     serving.settings.tokens.holder(request.headers.get("authorization"))
     content = await _object(serving, request, ("labels", "kind", "model"))
     names, kind = content["labels"], content["kind"]
@@ -144,5 +144,5 @@ def _json_response(content: object) -> Response:
 
 
 async def _shielded(act: Callable[[], T]) -> T:
-    # a client that leaves meanwhile must not leave half of a decision behind
+    # completes even if the client leaves
     return await asyncio.shield(run_in_threadpool(act))

@@ -1,4 +1,4 @@
-"""Who may write: bearer tokens from a file, compared in constant time."""
+"""Bearer tokens (RFC 6750) from a file, compared in constant time."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ _NAME = re.compile(r"[\w.@-]+")
 
 @dataclass(frozen=True, slots=True)
 class BearerTokens:
-    """Names and their tokens; false where there is none. The tokens stay out of its repr."""
+    """Names and their tokens; false if there are none. Its repr does not show the tokens."""
 
     secrets: tuple[tuple[str, bytes], ...] = field(default=(), repr=False)
 
     @classmethod
     def load(cls, path: Path | str) -> Self:
-        """The tokens of a file: a line each, ``NAME TOKEN`` or ``TOKEN`` alone; # comments.
+        """The tokens of a file with lines ``NAME TOKEN`` or ``TOKEN``, and # comments.
 
-        Raises ServerError, which never quotes a token, where the file cannot be read, holds none,
-        or one that is too short to be safe.
+        Raises ServerError, which quotes no token, if the file cannot be read, holds no token, or
+        holds one that is too short to be safe.
         """
         try:
             lines = Path(path).read_text(encoding="utf-8").splitlines()
@@ -49,9 +49,9 @@ class BearerTokens:
         return bool(self.secrets)
 
     def holder(self, authorization: str | None) -> str:
-        """The name whose token an Authorization header carries.
+        """The name of the holder of the token in an Authorization header.
 
-        Raises Problem: 403 where the server has no tokens and so only reads, else 401.
+        Raises Problem: 403 if the server has no tokens and only reads, 401 for another token.
         """
         if not self.secrets:
             raise Problem(403, "this server only reads; start it with a token file to write")
@@ -63,17 +63,17 @@ class BearerTokens:
         return name
 
     def find(self, authorization: str | None) -> str | None:
-        """The name whose token an Authorization header carries; None where it is nobody's."""
+        """The holder of the token in an Authorization header; None for another token."""
         offered = _offered(authorization)
         if offered is None:
             return None
-        # all are compared, so that timing reveals nothing about partial matches
+        # compares all, so that timing reveals nothing about partial matches
         held = [name for name, token in self.secrets if hmac.compare_digest(token, offered)]
         return held[0] if held else None
 
 
 def unauthorised(message: str) -> Problem:
-    """A request that lacks a token, or carries a wrong one (RFC 6750, section 3)."""
+    """The problem of a request without a valid token (RFC 6750, section 3)."""
     return Problem(401, message, {"WWW-Authenticate": 'Bearer realm="hereabouts"'})
 
 

@@ -16,12 +16,12 @@ from kg.server.http.settings import Limits
 
 FORM = "application/x-www-form-urlencoded"
 MAX_FIELDS = 200  # parameters of one request
-MAX_LEVELS = 32  # levels of JSON: deeper ones are no request, and may be too deep to be shown
+MAX_LEVELS = 32  # levels of JSON
 
 
 @dataclass(frozen=True, slots=True)
 class RequestParameters:
-    """Names and values as given; names may repeat."""
+    """Names and values of a request in their order; names may repeat."""
 
     pairs: tuple[tuple[str, str], ...]
 
@@ -30,14 +30,14 @@ class RequestParameters:
         return tuple(value for key, value in self.pairs if key == name)
 
     def one(self, name: str) -> str | None:
-        """The value of that name, or None; Problem 400 where there are several."""
+        """The value of that name, or None; Problem 400 for several values."""
         values = self.all(name)
         if len(values) > 1:
             raise Problem(400, f"{name!r} is given {len(values)} times; give one")
         return values[0] if values else None
 
     def flag(self, name: str) -> bool:
-        """Whether that parameter is set; Problem 400 where it is neither 1 nor 0."""
+        """Whether that parameter is set; Problem 400 for a value other than 1 and 0."""
         value = self.one(name)
         if value not in (None, "0", "1", "false", "true"):
             raise Problem(400, f"{name} is 1 or 0, got {value[:40]!r}")
@@ -51,17 +51,17 @@ class RequestParameters:
 
 
 def query_parameters(request: Request) -> RequestParameters:
-    """The parameters of the URL; Problem 400 where they are not UTF-8."""
+    """The parameters of the URL; Problem 400 if they are not UTF-8."""
     return _parse(request.scope["query_string"], "the URL's query")
 
 
 def form_parameters(body: bytes) -> RequestParameters:
-    """The parameters of an url-encoded form; Problem 400 where they are not UTF-8."""
+    """The parameters of a URL-encoded form; Problem 400 if they are not UTF-8."""
     return _parse(body, "the form")
 
 
 def text(body: bytes) -> str:
-    """A body as text; Problem 400 where it is not UTF-8."""
+    """A body as text; Problem 400 if it is not UTF-8."""
     try:
         return body.decode("utf-8")
     except UnicodeDecodeError as error:
@@ -69,7 +69,7 @@ def text(body: bytes) -> str:
 
 
 def json_object(body: bytes, members: Iterable[str]) -> Mapping[str, Any]:
-    """A body that is a JSON object of just these `members`; Problem 400 where it is none."""
+    """A body that is a JSON object with exactly these `members`; else Problem 400."""
     try:
         content = json.loads(body)
     except (ValueError, RecursionError) as error:
@@ -98,7 +98,7 @@ def media_type(request: Request) -> str:
 async def read_body(request: Request, limits: Limits) -> bytes:
     """The whole body.
 
-    Raises Problem: 413 where it is longer than allowed, 408 where it takes too long to come.
+    Raises Problem: 413 if it is too long, 408 if it does not arrive in time.
     """
     length = request.headers.get("content-length", "0")
     if length.isdigit() and int(length) > limits.body:
@@ -124,7 +124,7 @@ async def _collect(request: Request, limits: Limits) -> bytes:
 
 
 def _too_long(limits: Limits) -> Problem:
-    # the rest of such a body is not read, so the connection cannot be used again
+    # the rest of the body is not read, so the connection cannot be used again
     return Problem(413, f"a body may have {limits.body} bytes", {"Connection": "close"})
 
 

@@ -1,6 +1,6 @@
 """Conditional requests (RFC 9110, section 13).
 
-A client that already has the current state gets 304 Not Modified; a write over a state that it has
+A client that has the current state gets 304 Not Modified; a write over a state that the client has
 not seen gets 412 Precondition Failed.
 """
 
@@ -22,16 +22,16 @@ from kg.server.http.problems import Problem
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """Which state of the map an answer is about."""
+    """The state of the map in a response."""
 
     sequence: int
-    modified: int | None  # [s] since 1970, from which on nothing had changed; None: not known
-    form: str = ""  # in which format, where the answers of a state in one format are all the same
-    past: bool = True  # whether that moment is past: while it is to come, more may change before it
+    modified: int | None  # [s] since 1970, of the last change; None: not known
+    form: str = ""  # format, if all responses of a state in this format are the same
+    past: bool = True  # whether `modified` is past; until then more may change
 
     @property
     def tag(self) -> str:
-        """Its entity tag; weak where an answer in another format has the same."""
+        """Entity tag; weak if responses in other formats have the same tag."""
         return f'"{self.sequence}-{self.form}"' if self.form else f'W/"{self.sequence}"'
 
     @property
@@ -44,7 +44,7 @@ class State:
         return headers
 
     def is_known_to(self, request: Request) -> bool:
-        """Whether the client has this state already; tags outrank dates."""
+        """Whether the client has this state already; tags take precedence over dates."""
         tags = request.headers.get("if-none-match")
         if tags is not None:
             given = {tag.removeprefix("W/") for tag in _tags(tags)}
@@ -56,9 +56,9 @@ class State:
 
 
 def check_preconditions(request: Request, state: State, *, exists: bool) -> None:
-    """Raises Problem 412 where the precondition of a write names another state than this.
+    """Raises Problem 412 if the precondition of a write names another state.
 
-    The format in which it saw it does not matter. A weak tag never matches in If-Match.
+    The format of the state does not matter. A weak tag never matches in If-Match.
     """
     match = request.headers.get("if-match")
     if match is not None:
@@ -89,10 +89,10 @@ def _tags(header: str) -> list[str]:
 
 
 def state_of(semantic_map: SemanticMap) -> State:
-    """The state the map is in now.
+    """The current state of the map.
 
-    HTTP dates are whole seconds. A commit counts as of the second after it, and while that is still
-    to come no date is given: so no second commit of the same second is missed.
+    HTTP dates are whole seconds, so a commit has the date of the second after it. Until that second
+    there is no date, so that a further commit of the same second is not missed.
     """
     sequence = semantic_map.sequence
     try:

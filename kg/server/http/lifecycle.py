@@ -1,4 +1,4 @@
-"""An application at an address: its socket, its event loop, and how it ends."""
+"""Lifecycle of a server: its socket, its thread and its shutdown."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from kg.server.http.connection import PatientConnection
 from kg.server.http.settings import Limits, Settings
 
 START_WITHIN = 60.0  # [s]
-END_WITHIN = 3  # [s] that answers under way have when the server ends
+END_WITHIN = 3  # [s] for responses that have begun when the server stops
 
 
 class ServerLifecycle:
-    """Listens from when it is made; `run` blocks, and as a context manager it serves from a thread.
+    """Listens from its construction; `run` blocks, a context manager serves from a thread.
 
-    A subclass responds in `_answer_with`, and releases its resources in `_close`. Raises
-    ServerError, when made, where the address cannot be listened at.
+    A subclass passes its application to `_answer_with` and releases its resources in `_close`. The
+    constructor raises ServerError if it cannot listen at the address.
     """
 
     def __init__(self, settings: Settings | None = None) -> None:
@@ -36,7 +36,7 @@ class ServerLifecycle:
 
     @property
     def url(self) -> str:
-        """Where the server answers, with a slash at the end."""
+        """Address of the server, with a slash at the end."""
         host, port = self._address
         return f"http://{f'[{host}]' if ':' in host else host}:{port}/"
 
@@ -48,7 +48,7 @@ class ServerLifecycle:
             self._close()
 
     def stop(self) -> None:
-        """End every answer and stop; waits for the thread where there is one."""
+        """Stop the server, and wait for its thread."""
         self._server.should_exit = True
         if self._thread is not None:
             self._thread.join()
@@ -70,7 +70,7 @@ class ServerLifecycle:
 
 
 class _Uvicorn(uvicorn.Server):
-    """uvicorn with a signal when it is up, and with streams ended before it waits for them."""
+    """uvicorn that signals its start, and ends event streams before its shutdown."""
 
     def __init__(self, config: uvicorn.Config, end_streams: Callable[[], None]) -> None:
         super().__init__(config)

@@ -1,4 +1,4 @@
-"""The media types of documents of triples, and writing them."""
+"""Media types and serialisation of documents of triples."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ GRAPH_FORMATS: Final[dict[str, RdfFormat]] = {
 }
 
 
-#: names of formats in a parameter `format` (or `output`), as other endpoints have them
+#: names of formats in the parameter `format` (or `output`), as in other SPARQL endpoints
 _NAMES: Final[dict[str, tuple[str, ...]]] = {
     "json": (SOLUTIONS, "application/ld+json;q=0.9", "application/json;q=0.8"),
     "xml": ("application/sparql-results+xml", "application/rdf+xml"),
@@ -51,7 +51,7 @@ _SHORT: Final = {"ttl": "turtle", "nt": "ntriples", "rdf": "rdfxml", "nq": "nqua
 
 
 def accept_of(request: Request, given: RequestParameters) -> str | None:
-    """The media types a client accepts: those of its parameter `format`, else of its Accept.
+    """The media types that a client accepts: its parameter `format`, else its header Accept.
 
     A format is a name (csv, json, ttl, ...) or a media type. Raises Problem 400 for another.
     """
@@ -63,13 +63,13 @@ def accept_of(request: Request, given: RequestParameters) -> str | None:
     if types is not None:
         return ", ".join(types)
     if "/" in name:
-        return name.replace(" ", "+")  # a + that was not escaped
+        return name.replace(" ", "+")  # an unescaped +
     names = ", ".join([*_NAMES, *_SHORT])
     raise Problem(400, f"no format {name[:40]!r}; there are: {names}, or a media type")
 
 
 def document(triples: Iterable[Triple], media_type: str, prefixes: dict[str, str]) -> bytes:
-    """Triples as a document of one of `GRAPH_FORMATS`, JSON-LD with its context."""
+    """Triples as a document in one of `GRAPH_FORMATS`; JSON-LD with its context."""
     form = GRAPH_FORMATS[media_type]
     if form == RdfFormat.JSON_LD:
         return to_jsonld(triples, prefixes).encode()

@@ -1,4 +1,4 @@
-"""What every request passes, before and after: host, rate, origins, safe headers, counting."""
+"""Request guard: checks of host, rate, origin and token; security headers; metrics."""
 
 from __future__ import annotations
 
@@ -48,14 +48,14 @@ _ENDING = problem_response(
 
 
 class RequestGuard:
-    """The outermost layer of the application."""
+    """Outermost ASGI middleware of the application."""
 
     def __init__(self, app: ASGIApp, settings: Settings, metrics: Metrics) -> None:
         self._app, self._settings, self._metrics = app, settings, metrics
         self._rates = RateLimiter(settings.limits.rate, settings.limits.burst)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """One request; lifespan messages pass as they are."""
+        """Guard a request; pass lifespan messages on."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
@@ -74,7 +74,7 @@ class RequestGuard:
                 status, begun = message["status"], True
                 self._add_headers(MutableHeaders(scope=message), headers.get("origin"))
             elif not message.get("more_body", False):
-                # before its last part leaves: who has an answer finds it counted
+                # before the last part is sent, so that a client finds its request counted
                 count()
             await send(message)
 
@@ -82,7 +82,7 @@ class RequestGuard:
             early = self._answer_early(scope, headers)
             await (early or self._app)(scope, receive, guarded)
         except asyncio.CancelledError:
-            # the server ends, and has waited for this answer long enough
+            # the server stops, and this response took too long
             if not begun:
                 await _ENDING(scope, receive, guarded)
         finally:
@@ -100,7 +100,7 @@ class RequestGuard:
     def _check(self, scope: Scope, headers: Headers) -> None:
         check_host(self._settings, headers)
         if scope["state"]["connection"].crowded:
-            # so that this connection makes room for others
+            # closes this connection, so that it makes room for others
             leaving = {"Retry-After": "1", "Connection": "close"}
             raise Problem(503, "too many clients at once; come back in a second", leaving)
         address = scope["client"][0] if scope.get("client") else ""
@@ -109,7 +109,7 @@ class RequestGuard:
         wait = self._rates.take(client)
         if wait:
             raise Problem(429, "too many requests; slow down", {"Retry-After": str(wait)})
-        if scope["method"] != "OPTIONS":  # a preflight carries no token, and gets no data
+        if scope["method"] != "OPTIONS":  # a preflight has no token, and gets no data
             check_site(self._settings, scope["path"], scope["method"], headers)
             check_token(self._settings, scope["path"], headers)
 
@@ -142,7 +142,7 @@ class RequestGuard:
         route = f"/{first}" if first in _ROUTES else "/"
         method = scope["method"] if scope["method"] in _METHODS else "other"
         self._metrics.request(route, method, status, seconds)
-        # the path alone: a query string or a header may carry what is nobody's business
+        # without query string and headers, which may hold secrets
         log.info("%s %r %s %.1f ms", method, scope["path"][:200], status, seconds * 1000)
 
 

@@ -1,4 +1,4 @@
-"""Error responses: a status and a line, as text or JSON (problem details, RFC 9457)."""
+"""Error responses: a status and one line, as text or as problem details (RFC 9457)."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ from kg.errors import (
     UnconfirmedDeletionError,
 )
 
-MAX_MESSAGE = 2000  # characters of a message: a client may be quoted in it
-MAX_THINGS = 1000  # things named with a conflict
-#: what an error of the tree means to a client; the first that fits counts
+MAX_MESSAGE = 2000  # characters of a message, which may quote a client
+MAX_THINGS = 1000  # in the response to a conflict
+#: HTTP status of each error of `kg.errors`; the first match counts
 _STATUS: tuple[tuple[type[HereaboutsError], int], ...] = (
     (NotAcceptableError, 406),
     (QueryTimeoutError, 504),
@@ -47,11 +47,11 @@ _STATUS: tuple[tuple[type[HereaboutsError], int], ...] = (
 )
 
 
-_PASSING = (PoolBusyError, GraphError)  # what may work a moment later
+_PASSING = (PoolBusyError, GraphError)  # a retry may succeed
 
 
 class Problem(ServerError):  # noqa: N818  RFC 9457 calls it so
-    """A request that is refused, with its HTTP status."""
+    """Refusal of a request, with its HTTP status."""
 
     def __init__(
         self,
@@ -65,12 +65,12 @@ class Problem(ServerError):  # noqa: N818  RFC 9457 calls it so
         super().__init__(message)
         self.status = status
         self.headers = dict(headers or {})
-        self.kind = kind  # the error of `kg.errors` it comes from, for who wants to raise it anew
-        self.things = tuple(things)  # IRIs of what a ConflictError is about
+        self.kind = kind  # name of the error of `kg.errors`, so that a client can raise it
+        self.things = tuple(things)  # IRIs of a ConflictError
 
 
 def problem_of(error: HereaboutsError) -> Problem:
-    """The problem an error of the tree amounts to."""
+    """The problem for an error of `kg.errors`."""
     if isinstance(error, Problem):
         return error
     status = next((status for kind, status in _STATUS if isinstance(error, kind)), 500)
@@ -82,7 +82,7 @@ def problem_of(error: HereaboutsError) -> Problem:
 
 
 def without_paths(problem: Problem, folders: Iterable[Path]) -> Problem:
-    """The problem without the folders of the server: where a map lies is no client's affair."""
+    """The problem without the paths of the server's folders."""
     message = str(problem)
     for folder in sorted(map(str, folders), key=len, reverse=True):
         message = message.replace(f"{folder}/", "").replace(folder, "the map")
@@ -91,7 +91,7 @@ def without_paths(problem: Problem, folders: Iterable[Path]) -> Problem:
 
 
 def problem_response(problem: Problem, accept: str | None) -> Response:
-    """One line of text, or JSON problem details where the client accepts JSON."""
+    """One line of text, or JSON problem details if the client accepts JSON."""
     message = " ".join(str(problem).split())[:MAX_MESSAGE]
     if accept and "json" in accept:
         body = {

@@ -11,7 +11,7 @@ MAX_ADDRESSES = 4096  # remembered at once
 
 
 class RateLimiter:
-    """Grants `burst` requests at once and `rate` a second from then on, to each address."""
+    """Token buckets of `burst` requests, refilled by `rate` a second, one for each address."""
 
     def __init__(
         self, rate: float, burst: int, clock: Callable[[], float] = time.monotonic
@@ -20,7 +20,7 @@ class RateLimiter:
         self._left: OrderedDict[str, tuple[float, float]] = OrderedDict()
 
     def take(self, address: str) -> int:
-        """0 where the request is granted, else whole seconds to wait."""
+        """0 if the request is granted, else the whole seconds to wait."""
         now = self._clock()
         left, since = self._left.pop(address, (float(self._burst), now))
         left = min(left + (now - since) * self._rate, float(self._burst))

@@ -1,4 +1,4 @@
-"""Checks of a request's head: is it meant for this server, may its sender ask at all?
+"""Checks of the head of a request: host, site of origin, and token.
 
 The Host header (against DNS rebinding), the fetch metadata of browsers (W3C Fetch Metadata, against
 web pages elsewhere that ask through their visitors), and the token where the map is private.
@@ -18,20 +18,20 @@ from kg.server.http.problems import Problem
 from kg.server.http.settings import Settings
 
 _HOST: Final = re.compile(r"(\[[0-9a-fA-F:.]+\]|[^\s:@/\[\]]+)(:[0-9]{0,5})?")
-#: what a link on a page elsewhere does not lead to: it would have the visitor run a query
+#: paths that links of other sites may not open, since opening them runs a query
 _NO_LINKS: Final = frozenset(("sparql", "subscribe", "changes", "log", "diff", "why"))
 _ENTRIES: Final = frozenset(("/", "/console"))
 
 
 def client_of(settings: Settings, headers: Headers, address: str) -> str:
-    """Whose request it is: that of a token's holder, else that of an address."""
+    """The client of a request: the holder of its token, else its address."""
     authorization = headers.get("authorization")
     name = settings.tokens.find(authorization) or settings.read_tokens.find(authorization)
     return client_of_address(address) if name is None else f"token {name}"
 
 
 def check_host(settings: Settings, headers: Headers) -> None:
-    """Raises Problem: 400 for a Host that is none, 421 for one that is not this server's."""
+    """Raises Problem: 400 for an invalid Host, 421 for the Host of another server."""
     host = headers.get("host", "")
     match = _HOST.fullmatch(host)
     if match is None:
@@ -46,10 +46,10 @@ def check_host(settings: Settings, headers: Headers) -> None:
 
 
 def check_site(settings: Settings, path: str, method: str, headers: Headers) -> None:
-    """Raises Problem 403 for what a page of another site has a browser do without permission.
+    """Raises Problem 403 for a request of a browser on behalf of another site.
 
-    A link to a page of the map may be followed; scripts, forms and pictures get nothing, unless
-    their origin is one of `allow_origins`.
+    Links to pages of the map are allowed. Scripts, forms and pictures are refused, except those of
+    `allow_origins`.
     """
     if headers.get("sec-fetch-site", "none").lower() in ("none", "same-origin"):
         return
@@ -64,9 +64,9 @@ def check_site(settings: Settings, path: str, method: str, headers: Headers) -> 
 
 
 def check_token(settings: Settings, path: str, headers: Headers) -> None:
-    """Raises Problem 401 where the map is private and the request carries none of its tokens.
+    """Raises Problem 401 if the map is private and the request has none of its tokens.
 
-    Pages that ask for a token, and their scripts, are for everybody: nothing of the map is in them.
+    Pages that ask for a token, and their scripts, need none: they hold nothing of the map.
     """
     if path in _ENTRIES or path.startswith("/files/"):
         return
@@ -75,9 +75,9 @@ def check_token(settings: Settings, path: str, headers: Headers) -> None:
 
 
 def is_admitted(settings: Settings, headers: Headers) -> bool:
-    """Whether the map is open to all, or the request carries one of its tokens."""
+    """Whether the map is public, or the request has one of its tokens."""
     authorization = headers.get("authorization")
-    # both are looked up, so that time does not tell which kind of token came close
+    # looks up both, so that timing does not reveal which kind of token almost matched
     names = [tokens.find(authorization) for tokens in (settings.tokens, settings.read_tokens)]
     return not settings.read_tokens or any(names)
 
@@ -88,7 +88,7 @@ def private_map() -> Problem:
 
 
 def _is_address(name: str) -> bool:
-    # no name can be made to point elsewhere where there is no name
+    # DNS rebinding needs a name
     try:
         ipaddress.ip_address(name.strip("[]"))
     except ValueError:

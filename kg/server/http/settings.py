@@ -1,4 +1,4 @@
-"""What a server is allowed to do, and how much of it."""
+"""Settings and limits of a server."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _ORIGIN = re.compile(r"https?://[^/?#\s@]+|null")
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Bounds that keep one client from taking the server away from the others."""
+    """Limits that keep one client from occupying the server."""
 
     body: int = 8 << 20  # [bytes] of a request
     result: int = 64 << 20  # [bytes] of an answer
@@ -29,29 +29,29 @@ class Limits:
     rate: float = 200.0  # requests a second and client address, in the long run
     burst: int = 1000  # requests a client may make at once before `rate` holds
     connections: int = 512
-    staleness: float = 1.0  # [s] that an answer may be behind what others wrote
-    workers: int = 3  # of which one client has at most all but one
+    staleness: float = 1.0  # [s] that an answer may be behind writes of others
+    workers: int = 3  # a client has at most all but one of them
     feed_clients: int = 256  # followers of changes and standing queries together
     standing_queries: int = 16
-    client_feeds: int = 32  # of the `feed_clients`, how many one client may be
+    client_feeds: int = 32  # of the `feed_clients`, for one client
     client_standing_queries: int = 8
     feed_backlog: int = 256  # changes that may wait for one follower before it is dropped
-    feed_memory: int = 1024  # last changes kept in memory for those who come back
+    feed_memory: int = 1024  # last changes in memory, for followers that reconnect
 
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """How a map is served; without `tokens` nobody can write."""
+    """Settings of a served map; without `tokens` it is read-only."""
 
     host: str = "127.0.0.1"
     port: int = 8008  # 0 takes a free one
     tokens: BearerTokens = field(default_factory=BearerTokens)
     allow_origins: tuple[str, ...] = ()  # origins of web pages that may read (and write) by script
-    public: bool = False  # serve to other machines although there are no tokens
+    public: bool = False  # allow other machines although there are no tokens
     services: tuple[str, ...] = ()  # SPARQL endpoints that SERVICE may name
     read_tokens: BearerTokens = field(
         default_factory=BearerTokens
-    )  # where there are any, the map is private
+    )  # if there are any, the map is private
     public_hosts: tuple[str, ...] = ()  # names by which other machines know this server
     limits: Limits = field(default_factory=Limits)
 
@@ -77,7 +77,7 @@ class Settings:
 
     @property
     def loopback(self) -> bool:
-        """Whether only this machine can reach the server."""
+        """Whether the server listens on the loopback interface alone."""
         if self.host == "localhost":
             return True
         try:
@@ -87,10 +87,10 @@ class Settings:
 
     @property
     def hosts(self) -> frozenset[str]:
-        """Names a request's Host may carry, in lower case.
+        """Allowed names in the header Host, in lower case.
 
-        A web page whose name was made to point here must not read the map (DNS rebinding). Off
-        loopback any address in figures is as good: it is no name.
+        They prevent DNS rebinding, in which the name of a web site resolves to this server. Beyond
+        loopback, numeric addresses are allowed too.
         """
         own = f"[{self.host}]" if ":" in self.host else self.host
         names = {"localhost", "127.0.0.1", "[::1]", own, *self.public_hosts}

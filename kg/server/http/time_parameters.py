@@ -1,4 +1,4 @@
-"""Moments as clients name them: ISO 8601, or the number of a transaction."""
+"""Moments in requests: ISO 8601, or the number of a transaction."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MAX_DIGITS: Final = 18  # of a transaction's number
 async def sequence_at(semantic_map: SemanticMap, text: str) -> int:
     """The last transaction at or before a moment: ISO 8601, or a number, 42 or #42.
 
-    Raises Problem: 400 for what is no moment, 404 where that past is not kept.
+    Raises Problem: 400 for an invalid moment, 404 if that past is not kept.
     """
     text = text.strip()
     if re.fullmatch(rf"#?[0-9]{{1,{MAX_DIGITS}}}", text):

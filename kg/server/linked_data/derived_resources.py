@@ -1,4 +1,4 @@
-"""Resources that are derived, not stored: geometries, the CRS, sensors, agents, transactions.
+"""Derived resources, which are not stored: geometries, CRS, sensors, agents, transactions.
 
 An export names them, so a server dereferences them.
 """
@@ -24,12 +24,12 @@ from kg.rdf.datetimes import date_time
 
 _MAP: Final = NamedNode(v.MAP_GRAPH)
 _HISTORY: Final = NamedNode(v.HISTORY_GRAPH)
-COMMIT: Final = "commit/"  # + the number of a transaction, behind the map's IRI
+COMMIT: Final = "commit/"  # IRI of a transaction: base, this, number
 _PARTS: Final = (GEOMETRY, "/time", "/association")  # of a stored resource
 
 
 def derived_quads(semantic_map: SemanticMap, iri: str) -> tuple[Quad, ...]:
-    """What follows about the resource `iri` of the map; empty where nothing does."""
+    """Derived facts about the resource `iri`; empty if there are none."""
     if not iri.startswith(semantic_map.base):
         return tuple(_of_term(semantic_map, iri))
     node = NamedNode(iri)
@@ -59,7 +59,7 @@ def _of_map(semantic_map: SemanticMap, iri: str) -> Iterator[Quad]:
 
 
 def _of_stored(semantic_map: SemanticMap, iri: str) -> Iterator[Quad]:
-    """Of a stored resource or a part of one: its feature, its terms of SOSA and PROV-O."""
+    """Feature, SOSA and PROV-O facts of a stored resource or of a part of one."""
     base = semantic_map.base
     part = next((part for part in _PARTS if iri.endswith(part)), "")
     thing = iri.removesuffix(part)
@@ -77,7 +77,7 @@ def _of_stored(semantic_map: SemanticMap, iri: str) -> Iterator[Quad]:
 
 
 def _of_agent(semantic_map: SemanticMap, iri: str) -> Iterator[Quad]:
-    """The author of a transaction; who only ever made assertions is stored with them."""
+    """Facts about the author of a transaction; authors of assertions are stored."""
     name = agent_name(semantic_map.base, iri)
     try:
         known = semantic_map.history.has_author(name)
@@ -88,7 +88,7 @@ def _of_agent(semantic_map: SemanticMap, iri: str) -> Iterator[Quad]:
 
 
 def _of_commit(semantic_map: SemanticMap, iri: str) -> Iterator[Quad]:
-    """A transaction as an activity of PROV-O; its association is part of it."""
+    """A transaction as an activity of PROV-O, with its association."""
     number = iri.removeprefix(semantic_map.base + COMMIT).removesuffix("/association")
     try:
         known = number.isascii() and number.isdigit() and len(number) < 19
@@ -119,7 +119,7 @@ def _of_commit(semantic_map: SemanticMap, iri: str) -> Iterator[Quad]:
 
 
 def _of_term(semantic_map: SemanticMap, iri: str) -> Iterator[Quad]:
-    """Of a graph of the map, or a term that the map uses and does not describe: what it is."""
+    """Facts about a graph, or about a term that the map uses without describing it."""
     node, kind = NamedNode(iri), NamedNode(v.RDF_TYPE)
     engine = semantic_map.engine
     if next(iter(engine.quads_for_pattern(None, None, None, node)), None) is not None:
@@ -130,5 +130,5 @@ def _of_term(semantic_map: SemanticMap, iri: str) -> Iterator[Quad]:
         yield Quad(node, NamedNode(v.RDFS_DEFINED_BY), NamedNode(namespace), _MAP)
 
 
-#: terms of other vocabularies, which derived facts have
+#: terms of other vocabularies in derived facts
 _TERMS: Final = frozenset(term for term in vars(v).values() if isinstance(term, str))

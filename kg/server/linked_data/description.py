@@ -31,7 +31,7 @@ _THE_MAP = NamedNode("https://w3id.org/hereabouts/the-map")  # placeholder for t
 
 
 async def service_description(serving: AppState, request: Request) -> Response:
-    """The endpoint in terms of SPARQL 1.1 Service Description; people get the front page."""
+    """The endpoint as a SPARQL 1.1 Service Description; browsers are sent to the front page."""
     media_type = negotiate(accept_of(request, query_parameters(request)), (*GRAPH_FORMATS, HTML))
     if media_type == HTML:
         return RedirectResponse("/#ask", status_code=303, headers={"Vary": "Accept"})
@@ -45,14 +45,14 @@ async def service_description(serving: AppState, request: Request) -> Response:
 
 
 async def dataset_description(serving: AppState, request: Request) -> Response:
-    """The map as a VoID and DCAT dataset: what it is, how much there is, where to get it."""
+    """The map as a VoID and DCAT dataset: metadata, counts and downloads."""
     media_type = negotiate(accept_of(request, query_parameters(request)), tuple(GRAPH_FORMATS))
     triples = await run_in_threadpool(partial(_dataset, serving, str(request.base_url)))
     return _answer(triples, media_type, serving)
 
 
 def graph_sizes(serving: AppState) -> dict[str, int]:
-    """Triples a named graph; empty where counting them takes longer than a query may."""
+    """Number of triples of each named graph; empty if the query takes too long."""
     sparql = find_query("graph-sizes").bind({}, lambda kind, text: text)
     try:
         answer = serving.pool.run(sparql, accept=SOLUTIONS)

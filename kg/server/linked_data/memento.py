@@ -1,8 +1,8 @@
-"""Things as they were: the Memento protocol (RFC 7089) on the IRIs of the map.
+"""Memento (RFC 7089): past versions of the resources of the map.
 
-The address of a resource is its own TimeGate: with `Accept-Datetime` it answers with the version of
-then, whose address, in `Content-Location`, has ``?at=`` the number of the transaction that made it
-(pattern 1.2). `/timegate/ADDRESS` redirects there (pattern 2.1), for clients that know but that.
+The address of a resource is its own TimeGate (pattern 1.2): with `Accept-Datetime` it responds with
+the version at that time. `Content-Location` is the address of the version, with ``?at=`` and the
+number of its transaction. `/timegate/ADDRESS` redirects there (pattern 2.1).
 `/timemap?iri=` lists the latest versions.
 """
 
@@ -34,19 +34,19 @@ from kg.server.linked_data.resource_description import ResourceDescription, iri_
 LINKS: Final = "application/link-format"
 MAX_VERSIONS: Final = 1000  # of one TimeMap
 VARY: Final = "Accept, Accept-Datetime"
-_WITHIN_A_SECOND = 0.9995  # HTTP's dates are whole seconds: such a one means all of its second
+_WITHIN_A_SECOND = 0.9995  # [s] added to HTTP dates, which are whole seconds
 
 
 @dataclass(frozen=True, slots=True)
 class Memento:
-    """A version of a thing as an answer to a request."""
+    """A version of a resource as a response."""
 
     thing: ResourceDescription
     headers: dict[str, str]
 
 
 def links(serving: AppState, request: Request, iri: str) -> dict[str, str]:
-    """The header Link of a thing of the map: where it, its TimeGate and its TimeMap are."""
+    """The header Link of a resource: original, TimeGate and TimeMap."""
     if not iri.startswith(serving.semantic_map.base) or not _remembers(serving):
         return {}
     here, times = _original(serving, request, iri), _timemap(request, iri)
@@ -67,7 +67,7 @@ async def memento(serving: AppState, request: Request, iri: str) -> Memento | No
     if moment is None:
         time = _parsed(wanted or "")
         version = await run_in_threadpool(partial(_closest, log, iri, time))
-        if version is None:  # what has no versions is as it is
+        if version is None:  # a resource without versions is answered as it is
             return None
     else:
         sequence = await sequence_at(serving.semantic_map, moment)
@@ -80,7 +80,7 @@ async def memento(serving: AppState, request: Request, iri: str) -> Memento | No
 
 
 async def timegate(serving: AppState, request: Request) -> Response:
-    """A TimeGate that redirects: ``/timegate/ADDRESS``, the address of a resource or its IRI."""
+    """TimeGate that redirects: ``/timegate/`` and the address or the IRI of a resource."""
     raw = request.scope.get("raw_path", b"").decode("ascii", "replace").partition("?")[0]
     query = request.scope["query_string"].decode("ascii", "replace")
     address = raw.partition("/timegate/")[2] + (f"?{query}" if query else "")
@@ -125,7 +125,7 @@ def _entries(serving: AppState, request: Request, iri: str, found: list[Version]
 
 
 def _closest(log: HistoryLog, iri: str, time: float) -> Version | None:
-    """The version at that time; the first where it is earlier than all (RFC 7089, 4.5.3)."""
+    """The version at a time; the first version for earlier times (RFC 7089, section 4.5.3)."""
     found = None
     if time + _WITHIN_A_SECOND >= log.floor_time:
         found = version_at(log, iri, log.sequence_at(time + _WITHIN_A_SECOND))
@@ -133,7 +133,7 @@ def _closest(log: HistoryLog, iri: str, time: float) -> Version | None:
 
 
 def _said(log: HistoryLog, iri: str, version: Version | None) -> tuple[Quad, ...]:
-    """Facts of a version; empty where it is no longer kept."""
+    """Facts of a version; empty if it is not kept any more."""
     if version is None or version.empty:
         return ()
     state_quads = state_of(log, iri, version.sequence)

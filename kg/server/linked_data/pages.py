@@ -18,7 +18,7 @@ from kg.rdf.xml_characters import shown
 if TYPE_CHECKING:
     from kg.server.linked_data.resource_description import ResourceDescription
 
-#: An IRI -> where this server shows it, and what it is called.
+#: IRI -> its address on this server, and its name.
 Link = Callable[[str], tuple[str, str]]
 _FIRST: Final = {v.RDFS_LABEL: 0, v.RDF_TYPE: 1}
 _TOKEN_FORM: Final = (
@@ -35,7 +35,7 @@ _ENTRY_FORM: Final = (
 
 @dataclass(frozen=True, slots=True)
 class MapHead:
-    """What a page tells of the map it is of; one of a `private` map first asks for a token."""
+    """Head of the pages of a map; a `private` map asks for a token first."""
 
     title: str
     base: str
@@ -45,7 +45,7 @@ class MapHead:
 
 
 def front_page(of: MapHead, *, writable: bool) -> str:
-    """The live map; scripts fill it."""
+    """The page of the live map, which scripts fill."""
     page = template("front.html").substitute(
         head=head(of.title),
         title=escape(of.title),
@@ -60,7 +60,7 @@ def front_page(of: MapHead, *, writable: bool) -> str:
 
 
 def console_html(of: MapHead) -> str:
-    """The page that asks a map in SPARQL; without scripts a plain form."""
+    """The page with a SPARQL editor; without scripts it is a plain form."""
     page = template("console.html").substitute(
         head=head(f"ask {of.title}"),
         title=escape(of.title),
@@ -74,13 +74,13 @@ def _licence(iri: str | None) -> str:
     if iri is None:
         return ""
     text = escape(iri)
-    # a link only where a browser would leave the page, never run a script
+    # links to web pages only: a browser could run the script in another scheme
     web = iri.startswith(("http://", "https://"))
     return f' · licence <a rel="license" href="{text}">{text}</a>' if web else f" · licence {text}"
 
 
 def thing_page(thing: ResourceDescription, title: str, link: Link, base: str) -> str:
-    """One thing of the map of IRI `base`: its facts, and the facts that point at it."""
+    """The page of a resource: its facts, and the facts that refer to it."""
     about = sorted((q for q in thing.about if _is(q.subject, thing.iri)), key=_order)
     facts = "".join(_fact(quad.predicate.value, _term(quad.object, link), link) for quad in about)
     pointing = "".join(
@@ -100,7 +100,7 @@ def thing_page(thing: ResourceDescription, title: str, link: Link, base: str) ->
 
 
 def _on_the_map(thing: ResourceDescription, base: str) -> str:
-    """A link to where the live map shows the thing; nothing for what stands nowhere."""
+    """A link to the thing on the live map; empty for a thing without a position."""
     stated = {quad.predicate.value for quad in thing.about if _is(quad.subject, thing.iri)}
     if not ({v.X, v.Y} <= stated and v.EXISTENCE in stated) and v.X_MIN not in stated:
         return ""
@@ -113,7 +113,7 @@ def _turtle_address(href: str) -> str:
 
 
 def compact(iri: str, base: str) -> str:
-    """An IRI as a prefixed name where a prefix fits; things of the map without their base."""
+    """An IRI as a prefixed name if a prefix fits; IRIs of the map without its base."""
     if iri.startswith(base) and iri != base:
         return iri.removeprefix(base)
     fitting = [(len(ns), name) for name, ns in v.PREFIXES.items() if iri.startswith(ns)]
@@ -124,12 +124,12 @@ def compact(iri: str, base: str) -> str:
 
 
 def template(name: str) -> Template:
-    """A page of the shipped files, to be filled in."""
+    """A shipped page as a template."""
     return Template(files("kg.server").joinpath("files", name).read_text(encoding="utf-8"))
 
 
 def head(title: str) -> str:
-    """What every page has in its head."""
+    """The head element of every page."""
     return template("head.html").substitute(title=escape(title))
 
 

@@ -1,4 +1,4 @@
-"""A thing as the graph has it, and where a server shows it."""
+"""Facts of a resource, and its address on the server."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from pyoxigraph import BlankNode, NamedNode, Quad
 from kg.rdf.quad_store import QuadStore
 from kg.server.http.problems import Problem
 
-MAX_OUTGOING: Final = 1000  # facts of one thing that are shown
-MAX_INCOMING: Final = 200  # and facts that point at it
+MAX_OUTGOING: Final = 1000  # facts of one resource that are shown
+MAX_INCOMING: Final = 200  # facts that refer to it
 _SAFE_PATH: Final = "/:@!$&'()*+,;=-._~%"
 
 
@@ -29,7 +29,7 @@ class ResourceDescription:
 
 
 def look_up(engine: QuadStore, iri: str, derived: Sequence[Quad] = ()) -> ResourceDescription:
-    """Facts of `iri`, stored and derived; Problem 404 where there are none."""
+    """Stored and derived facts of `iri`; Problem 404 if there are none."""
     try:
         node = NamedNode(iri)
     except ValueError as error:
@@ -60,7 +60,7 @@ def iri_at(base: str, root: str, address: str) -> str:
 
 
 def local_path(base: str, iri: str) -> str:
-    """Where this server shows an IRI; ``//`` would begin the address of another host."""
+    """Path of an IRI on this server; it never begins with ``//``, the address of another host."""
     if iri.startswith(base) and not iri.startswith(base + "/"):
         return "/" + quote(iri.removeprefix(base), safe=_SAFE_PATH)
     return "/resource?iri=" + quote(iri, safe="")

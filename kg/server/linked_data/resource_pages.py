@@ -1,4 +1,4 @@
-"""Every IRI of the map as a page or a document: its facts, and what refers to it.
+"""Every IRI of the map as a page or a document: its facts, and the facts that refer to it.
 
 ``/object/17`` is ``<base>object/17``; ``/resource?iri=...`` is any other IRI of the graph.
 """
@@ -28,8 +28,8 @@ _GENID: Final = "/.well-known/genid/"
 
 
 async def thing_at_path(serving: AppState, request: Request) -> Response:
-    """The thing of the map whose IRI ends in the request's path."""
-    # an IRI keeps the escapes it was written with, so the path is taken as it came
+    """The resource of the map whose IRI ends with the path of the request."""
+    # IRIs keep their percent-encoding, so the path must not be decoded
     path = request.scope.get("raw_path", b"").decode("ascii", "replace").partition("?")[0]
     return await _answer(serving, request, serving.semantic_map.base + path.lstrip("/"))
 
@@ -54,13 +54,13 @@ async def _answer(serving: AppState, request: Request, iri: str) -> Response:
     then = await memento(serving, request, iri)
     if then is not None:
         return await _written(serving, then.thing, media_type, then.headers)
-    # before anything is read: a commit meanwhile makes the tag too old, never the answer
+    # before the facts are read: after a concurrent commit the tag is too old, never the facts
     state = state_of(serving.semantic_map)
     headers = {"Vary": VARY, **links(serving, request, iri)}
     try:
         thing = await run_in_threadpool(_look_up, serving, iri)
     except Problem as problem:
-        problem.headers |= headers  # what is gone may have been there
+        problem.headers |= headers  # a removed resource may have versions
         raise
     headers |= state.headers
     if state.is_known_to(request):
@@ -72,7 +72,7 @@ def _look_up(serving: AppState, iri: str) -> ResourceDescription:
     try:
         NamedNode(iri)
     except ValueError:
-        return look_up(serving.semantic_map.engine, iri)  # which refuses it
+        return look_up(serving.semantic_map.engine, iri)  # raises Problem 404
     derived = derived_quads(serving.semantic_map, iri)
     return look_up(serving.semantic_map.engine, iri, derived)
 

@@ -1,4 +1,4 @@
-"""`/`: the map itself, as a page for people or as its description for programs; `/console`."""
+"""`/`: the map as a page for browsers or a description for programs; `/console`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _UNKNOWN = MapHead(title="a private map", base="", sequence=0, private=True)
 
 
 async def root_page(serving: AppState, request: Request) -> Response:
-    """The page, or VoID and DCAT where the client accepts RDF."""
+    """The page, or VoID and DCAT if the client accepts RDF."""
     media_type = negotiate(accept_of(request, query_parameters(request)), (*GRAPH_FORMATS, HTML))
     if media_type != HTML:
         if not is_admitted(serving.settings, request.headers):
@@ -30,13 +30,13 @@ async def root_page(serving: AppState, request: Request) -> Response:
 
 
 async def console_page(serving: AppState, request: Request) -> Response:
-    """The page that asks the map in SPARQL."""
+    """The page with a SPARQL editor."""
     page = console_html(await run_in_threadpool(_head, serving, request))
     return Response(page, media_type=HTML, headers={"Vary": "Authorization"})
 
 
 def _head(serving: AppState, request: Request) -> MapHead:
-    """What a page tells of the map: nothing to who may not read it."""
+    """Head of the page; empty for a client that may not read the map."""
     if not is_admitted(serving.settings, request.headers):
         return _UNKNOWN
     semantic_map = serving.semantic_map
