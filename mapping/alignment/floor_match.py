@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.records import FREE, LOW, TALL, FloorTile
+from mapping.occupancy.connected_components import neighbours
 from mapping.occupancy.depth_projection import floor_evidence, frame_points
 from mapping.occupancy.occupancy_settings import OccupancySettings
 from mapping.occupancy.tiles import Key, OccupancyTile, States, tile_evidence
@@ -140,18 +141,9 @@ def floor_field(points: FloorPoints, cell: float) -> FloorField | None:
     reached = solid
     for worth in _NEAR:
         obstacle[reached & (obstacle <= 0)] = worth
-        reached = _grown(reached)
+        reached = reached | neighbours(reached)
     of_free = np.where(free, _AGREED, np.where(solid, _BLOCKED, 0.0))
     return FloorField(origin, cell, obstacle, of_free, known)
-
-
-def _grown(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    out = mask.copy()
-    out[1:] |= mask[:-1]
-    out[:-1] |= mask[1:]
-    out[:, 1:] |= mask[:, :-1]
-    out[:, :-1] |= mask[:, 1:]
-    return out
 
 
 def _points(tiles: Mapping[Key, States], cell: float) -> FloorPoints:

@@ -1,9 +1,9 @@
-"""Pose correction: what was mapped of a recording moves to where better poses put it.
+"""Pose correction: everything mapped from a recording moves to where better poses put it.
 
-The recording is mapped once more, apart, by the corrected poses. What the map has of it is then
-replaced in one transaction: objects keep their identity where their evidence, moved with its
-frame, shows the same thing; so do places; floor is replaced where it is what the old poses made of
-it. What people assert, and what other recordings brought, stays.
+The recording is mapped into a temporary map by the corrected poses. One transaction then replaces
+its part of the map. Objects keep their identity where their evidence, moved with its frame, shows
+the same object; so do places. Floor is replaced where it came from the old poses. Assertions of
+people and facts from other recordings stay.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from kg.maps.semantic_map import SemanticMap
 from kg.records import UNKNOWN, FloorTile, MapUpdate, ObjectRecord, RecordingRecord
 from mapping.alignment.floor_match import floor_tiles
-from mapping.alignment.map_apart import map_apart
+from mapping.alignment.temporary_map import temporary_map
 from mapping.mapper import Mapper
 from mapping.mapper_lease import MapperLease
 from mapping.mapping_options import DEFAULT_OPTIONS, MappingOptions
@@ -86,13 +86,13 @@ def correct_poses(
     """
     lease = MapperLease(semantic_map, recording.name)
     recording, previous = _placed(recording, semantic_map), _placed(previous, semantic_map)
-    with map_apart(semantic_map) as apart:
-        report = remap(recording, apart)
+    with temporary_map(semantic_map) as temporary:
+        report = remap(recording, temporary)
         semantic_map.learn(report.provisional, "object", model="")
-        (progress,) = apart.recordings()
+        (progress,) = temporary.recordings()
         with semantic_map.hold():
             lease.check()
-            correction = _Correction(recording, previous, semantic_map, apart)
+            correction = _Correction(recording, previous, semantic_map, temporary)
             update = correction.update(progress, options.layout)
             semantic_map.apply(update)
     if options.find_places:
@@ -113,22 +113,22 @@ class _Correction:
         recording: FolderRecording,
         previous: FolderRecording,
         semantic_map: SemanticMap,
-        apart: SemanticMap,
+        temporary: SemanticMap,
     ) -> None:
         self._recording, self._previous = recording, previous
-        self._map, self._apart = semantic_map, apart
+        self._map, self._temporary = semantic_map, temporary
         self._alone = len([r for r in semantic_map.recordings() if r.frames_applied]) == 1
         self._motion = _motions(previous, recording)
         self._distances = list[float]()
         self._new = 0
-        self._iris = dict[str, str]()  # of objects: in the map apart -> in the map
+        self._iris = dict[str, str]()  # of objects: in the temporary map -> in the map
 
     def update(self, progress: RecordingRecord, layout: Layout | None) -> MapUpdate:
         """Everything that changes."""
         places = PlaceRegistry(self._map, layout, recording=self._recording.name)
         kept, removed = self._objects()
         known = {record.label: record for record in places.places()}
-        for record in self._apart.perceived_places():
+        for record in self._temporary.perceived_places():
             old = known.get(record.label)
             if old is not None and (self._alone or record.label == self._recording.name):
                 views = record.from_views
@@ -143,7 +143,7 @@ class _Correction:
             objects=objects,
             removed=removed,
             places=places.take_changed(),
-            robot=self._apart.robot(),
+            robot=self._temporary.robot(),
             recording=replace(progress, T_map_world=self._recording.T_map_world),
             floor=self._floor(),
         )
@@ -166,7 +166,7 @@ class _Correction:
         name = self._recording.name
         own = [o for o in held if o.evidence and o.evidence.recording == name]
         others = [o for o in held if not (o.evidence and o.evidence.recording == name)]
-        found = self._apart.perceived_objects()
+        found = self._temporary.perceived_objects()
         asserted = {assertion.subject for assertion in self._map.assertions()}
         moved = [self._moved(record) for record in own]
         pairs = assign(_costs(moved, found))
@@ -220,7 +220,7 @@ class _Correction:
     def _floor(self) -> tuple[FloorTile, ...]:
         """Tiles that change: the old poses' states give way to the new ones'."""
         before = {_key(tile): tile for tile in self._map.floor()}
-        after = {_key(tile): tile for tile in self._apart.floor()}
+        after = {_key(tile): tile for tile in self._temporary.floor()}
         if not after:
             return ()
         was = {} if self._alone else floor_tiles(self._previous.frames())

@@ -17,9 +17,9 @@ import numpy as np
 from kg.errors import LayoutError
 from kg.maps.semantic_map import SemanticMap
 from mapping.alignment.floor_match import Match, floor_field, floor_of_frames, floor_of_map
-from mapping.alignment.map_apart import map_apart
 from mapping.alignment.object_match import landmarks
 from mapping.alignment.search import Alignment, AlignmentSearch
+from mapping.alignment.temporary_map import temporary_map
 from mapping.label_table import LabelTable
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
@@ -85,7 +85,7 @@ def aligned(
 ) -> tuple[FolderRecording, str]:
     """A recording new to the map by the transform that lays it on the map, and what was found.
 
-    Its floor and objects, of a sample of frames mapped apart, are laid on the map's
+    Its floor and objects, of a sample of frames mapped for it, are laid on the map's
     (`mapping.alignment.search`). As it is, with "", where it is in the map already or is the
     first. Raises LayoutError where no transform fits, or several do.
     """
@@ -93,9 +93,10 @@ def aligned(
     if not known or recording.name in known:
         return recording, ""
     frames = list(spread(recording, SEARCHED))
-    with map_apart(semantic_map) as apart:
+    with temporary_map(semantic_map) as temporary:
         with Mapper(
-            apart, MappingOptions(labels=labels or LabelTable(), occupancy=False, check_poses=False)
+            temporary,
+            MappingOptions(labels=labels or LabelTable(), occupancy=False, check_poses=False),
         ) as mapper:
             for frame in frames:
                 mapper.add(frame, detector.detect(frame))

@@ -1,4 +1,4 @@
-"""Connected parts of a mask, by union of the runs of its rows."""
+"""Connected components of a mask, by union of the runs of its rows, and dilation."""
 
 from __future__ import annotations
 
@@ -36,3 +36,13 @@ def _root(parent: list[int], k: int) -> int:
         parent[k] = parent[parent[k]]
         k = parent[k]
     return k
+
+
+def neighbours(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The four neighbours of the cells of `mask` (nx, ny)."""
+    found = np.zeros_like(mask)
+    found[1:] |= mask[:-1]
+    found[:-1] |= mask[1:]
+    found[:, 1:] |= mask[:, :-1]
+    found[:, :-1] |= mask[:, 1:]
+    return found

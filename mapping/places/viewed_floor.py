@@ -1,9 +1,10 @@
-"""Viewed floor: looks of a robot that sends no depth count as views, as mapped frames do."""
+"""Viewed floor: how much of each place was viewed, by frames or by a robot without depth."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +13,8 @@ from kg.maps.semantic_map import SemanticMap
 from kg.records import FloorTile, MapUpdate, PlaceRecord
 from mapping.occupancy.occupancy_map import OccupancyMap
 from mapping.occupancy.occupancy_settings import OccupancySettings
+from mapping.occupancy.room_segmentation import SegmentationSettings
 from mapping.places.place_registry import PlaceRegistry
-from mapping.places.place_views import update_place_views
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,3 +76,20 @@ class ViewedFloor:
         """Mark tiles and places of `update` as changed again, which could not be written."""
         self._occupancy.undo(update.floor)
         self._places.undo(update.places)
+
+
+_WALLS: Final = SegmentationSettings().walls  # [m] that outlines of found rooms reach into walls
+
+
+def update_place_views(
+    places: PlaceRegistry, occupancy: OccupancyMap, floor: Sequence[FloorTile]
+) -> None:
+    """Update how much was viewed of the places that changed tiles, `floor`, lie in."""
+    if not floor:
+        return
+    for place in places.places():
+        storey = occupancy.touches(place.area, floor)
+        walls = _WALLS if place.from_floor else 0.0
+        viewed = None if storey is None else occupancy.views(place.area, storey, walls)
+        if viewed is not None and viewed != place.viewed:
+            places.put(replace(place, viewed=viewed))

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from kg.areas import Area
 from kg.errors import LayoutError
+from mapping.occupancy.connected_components import connected_components
 
 CELL: Final = 0.2  # [m]
 MAX_SIDE: Final = 10_000  # cells along a side of a grid: 2 km in cells of 0.2 m
@@ -96,27 +97,14 @@ class FreeSpace:
 
     def reachable(self, start: int) -> NDArray[np.bool_]:
         """(nx, ny) which cells one can walk to from cell `start`."""
-        seen = np.zeros(self.shape, np.bool_)
-        seen.reshape(-1)[start] = True
-        while True:
-            grown = _grown(seen) & self.free
-            flat = grown.reshape(-1)
-            for passage in self.passages:
-                if flat[passage.a] or flat[passage.b]:
-                    flat[[passage.a, passage.b]] = self.free.reshape(-1)[[passage.a, passage.b]]
-            if (grown == seen).all():
-                return seen
-            seen = grown
-
-
-def _grown(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """`mask` with the four neighbours of each of its cells."""
-    grown = mask.copy()
-    grown[1:] |= mask[:-1]
-    grown[:-1] |= mask[1:]
-    grown[:, 1:] |= mask[:, :-1]
-    grown[:, :-1] |= mask[:, 1:]
-    return grown
+        part = connected_components(self.free)
+        flat = part.reshape(-1)
+        reached = {int(flat[start])} - {-1}
+        ends = [{int(flat[p.a]), int(flat[p.b])} for p in self.passages]
+        ends = [parts for parts in ends if -1 not in parts]
+        while further := [parts for parts in ends if parts & reached and parts - reached]:
+            reached = reached.union(*further)
+        return np.isin(part, list(reached))
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.records import FREE, LOW, TALL, UNKNOWN
-from mapping.occupancy.connected_components import connected_components
+from mapping.occupancy.connected_components import connected_components, neighbours
 from mapping.occupancy.mapped_floor import MappedFloor, States
 from planner.freespace.floor_plan import joined
 from planner.freespace.grid import NO_ROOM, Cells, FreeSpace, Passage, Room, room_labels
@@ -180,10 +180,10 @@ def with_frontiers(seen: SeenSpace) -> tuple[SeenSpace, tuple[Frontier, ...]]:
     """
     space, cell = seen.space, seen.space.cell
     unknown = (seen.states == UNKNOWN) & ~seen.within & (space.room == NO_ROOM)
-    edge = space.free & (seen.states == FREE) & _beside(unknown)
-    region = _reached(_beside(edge) & unknown, unknown, round(BEHIND / cell))
+    edge = space.free & (seen.states == FREE) & neighbours(unknown)
+    region = _reached(neighbours(edge) & unknown, unknown, round(BEHIND / cell))
     number = connected_components(region)
-    touching = _numbers_beside(number, edge)
+    touching = _numbersneighbours(number, edge)
     found = []
     for part in np.unique(touching[touching >= 0]):
         cells = np.flatnonzero(number == part)
@@ -200,25 +200,15 @@ def with_frontiers(seen: SeenSpace) -> tuple[SeenSpace, tuple[Frontier, ...]]:
     return replace(seen, space=replace(space, room=room)), tuple(found)
 
 
-def _beside(mask: Mask) -> Mask:
-    """The four neighbours of the cells of `mask`."""
-    found = np.zeros_like(mask)
-    found[1:] |= mask[:-1]
-    found[:-1] |= mask[1:]
-    found[:, 1:] |= mask[:, :-1]
-    found[:, :-1] |= mask[:, 1:]
-    return found
-
-
 def _reached(start: Mask, through: Mask, steps: int) -> Mask:
     """What of `through` is at most `steps` cells from `start`."""
     reached = start
     for _ in range(steps - 1):
-        reached = reached | (_beside(reached) & through)
+        reached = reached | (neighbours(reached) & through)
     return reached
 
 
-def _numbers_beside(number: NDArray[np.int64], edge: Mask) -> NDArray[np.int64]:
+def _numbersneighbours(number: NDArray[np.int64], edge: Mask) -> NDArray[np.int64]:
     """(nx, ny) for each cell of `edge` the part beside it, -1 elsewhere."""
     around = np.pad(number, 1, constant_values=-1)
     sides = (around[:-2, 1:-1], around[2:, 1:-1], around[1:-1, :-2], around[1:-1, 2:])

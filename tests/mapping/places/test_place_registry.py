@@ -10,8 +10,7 @@ from kg.areas import Rectangle
 from kg.errors import LayoutError
 from kg.records import MapUpdate, PlaceRecord
 from mapping.places.layout import Layout, LayoutPlace
-from mapping.places.place_registry import PlaceRegistry
-from mapping.places.viewed_extent import extended, trimmed_extent
+from mapping.places.place_registry import PlaceRegistry, extended, trimmed_extent
 
 CLOUDS = npst.arrays(
     np.float64, st.tuples(st.integers(1, 60), st.just(3)), elements=st.floats(-20, 20)

@@ -1,4 +1,4 @@
-"""A map apart: a temporary map in memory that knows the same categories as another one."""
+"""Temporary map in memory with the ontology of another one."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from kg.opening import in_memory_map
 
 
 @contextmanager
-def map_apart(semantic_map: SemanticMap) -> Iterator[SemanticMap]:
+def temporary_map(semantic_map: SemanticMap) -> Iterator[SemanticMap]:
     """Empty map in memory with the ontology of `semantic_map`.
 
-    With the shipped one where that of an older map lacks terms that maps are now written in.
+    It has the shipped ontology if that of an older map lacks terms that maps are now written in.
     """
-    with in_memory_map() as apart:
+    with in_memory_map() as temporary:
         ontology = semantic_map.ontology()
-        if set(ontology) != set(apart.ontology()):
+        if set(ontology) != set(temporary.ontology()):
             with suppress(OntologyError):
-                apart.take_ontology(ontology, whole=True)
-        yield apart
+                temporary.take_ontology(ontology, whole=True)
+        yield temporary
