@@ -9,7 +9,7 @@ from pyoxigraph import BlankNode, Literal, NamedNode
 
 from kg import vocabulary as v
 from kg.errors import QueryParameterError
-from kg.history.storage.row_codec import Term
+from kg.rdf.quad_store import Term
 
 _BELIEF = re.compile(r"/belief/([^/]+)$")
 

@@ -36,12 +36,6 @@ def sequence_of(log: HistoryLog, when: Instant) -> int:
     return log.sequence_at(time)
 
 
-def refuse_dropped(log: HistoryLog, sequence: int) -> None:
-    """For the end of reading: what was dropped while it was read, would be missing in silence."""
-    if sequence < log.floor:
-        raise HistoryError(f"#{sequence} is no longer kept; the past begins at #{log.floor}")
-
-
 def duration(text: str) -> float:
     """Seconds of ``30d``, ``12h``, ``90m``, ``45s``, ``2w`` or ``1y``; HistoryError otherwise."""
     match = re.fullmatch(r"(\d+(?:\.\d+)?)([smhdwy])", text.strip().lower())

@@ -11,6 +11,7 @@ from typing import Any, Protocol
 
 from pyoxigraph import BlankNode, DefaultGraph, Literal, NamedNode, Quad, Triple
 
+Term = NamedNode | BlankNode | Literal | Triple
 Subject = NamedNode | BlankNode | Triple | None
 Object = NamedNode | BlankNode | Literal | Triple | None
 Functions = dict[NamedNode, Callable[..., NamedNode | BlankNode | Literal | Triple | None]]

@@ -22,7 +22,6 @@ from kg.history.reports.explanation import explain_fact
 from kg.history.reports.prov_export import provenance
 from kg.history.reports.text_report import difference_text, log_text, reasons_text
 from kg.history.storage.log import HistoryLog
-from kg.history.timestamps import refuse_dropped
 
 JSON: Final = "application/json"
 TEXT: Final = "text/plain"
@@ -53,7 +52,7 @@ def _log(store: Store, log: HistoryLog, request: Mapping[str, Any]) -> str:
 
 def _diff(store: Store, log: HistoryLog, request: Mapping[str, Any]) -> str:
     before, after = int(request["before"]), int(request["after"])
-    refuse_dropped(log, min(before, after))
+    log.check_kept(min(before, after))
     found = difference(log, before, after)
     if request["media_type"] == TEXT:
         return difference_text(found, request["base"])

@@ -1,21 +1,12 @@
-"""Ontology and common sense as they were: as they are, with what was changed since undone."""
+"""Ontology and common sense as they were: the present ones with later changes undone."""
 
 from __future__ import annotations
 
-import json
-
 from pyoxigraph import Quad
 
+from kg.history.storage.change_lines import quads_of
 from kg.history.storage.log import BACKGROUND, HistoryLog
-from kg.history.storage.row_codec import decode_delta
 from kg.rdf.quad_store import QuadStore
-
-# CROSS: the few nodes first, or SQLite scans all changes
-_SINCE = (
-    "SELECT node, data FROM node CROSS JOIN change ON change.node = node.id "
-    "WHERE graph IN (SELECT value FROM json_each(?)) AND sequence > ? AND sequence <= ? "
-    "ORDER BY sequence"
-)
 
 
 def background_at(log: HistoryLog, engine: QuadStore, sequence: int) -> set[Quad]:
@@ -37,11 +28,8 @@ def changed_since(log: HistoryLog, sequence: int) -> dict[Quad, bool]:
     engine has applied.
     """
     held: dict[Quad, bool] = {}
-    with log.lock:
-        known = [log.terms.find(graph) for graph in BACKGROUND]
-        rows = log.db.execute(_SINCE, (json.dumps(known), sequence, log.last)).fetchall()
-        for node, data in rows:
-            for side, before in zip(decode_delta(data), (True, False), strict=True):
-                for quad in log.terms.quads(node, side):
-                    held.setdefault(quad, before)
+    for change in log.change_lines(sequence, log.last, background=True):
+        for side, before in zip(change, (True, False), strict=True):
+            for quad in quads_of(side):
+                held.setdefault(quad, before)
     return held

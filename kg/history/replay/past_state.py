@@ -1,8 +1,8 @@
 """Past states: the map right after a transaction, replayed from the log into a store in memory.
 
-All changes are replayed in columns (`kg.history.replay.batch_replay`) and all facts are loaded: for
-a map of a thousand objects with a million observations that takes about a tenth of a second. The
-last states are cached; the state after a transaction is immutable.
+All facts of that moment are loaded: for a map of a thousand objects with a million observations
+that takes about a tenth of a second. The last states are cached; the state after a transaction is
+immutable.
 """
 
 from __future__ import annotations
@@ -12,14 +12,11 @@ from collections import OrderedDict
 from collections.abc import Callable
 from typing import Final
 
-import numpy as np
-from pyoxigraph import Store
+from pyoxigraph import RdfFormat, Store
 
-from kg.history.replay.batch_replay import AT_ONCE, NodeTable, foreground, states_at
-from kg.history.replay.bulk_loading import Columns, load_facts
 from kg.history.replay.ontology_replay import background_at
+from kg.history.storage.change_lines import quads_of
 from kg.history.storage.log import HistoryLog
-from kg.history.timestamps import refuse_dropped
 from kg.rdf.quad_store import QuadStore
 from kg.store.transactional import TransactionalStore, sequence_quad, stored_sequence
 
@@ -33,31 +30,22 @@ def replay(log: HistoryLog, present: QuadStore, sequence: int) -> Store:
     read from it, with later changes undone. Raises HistoryError where the moment is not kept, also
     where it is dropped meanwhile.
     """
-    refuse_dropped(log, sequence)
-    store = Store()
-    nodes = foreground(log)
-    for first in range(0, len(nodes.node), AT_ONCE):
-        _load(
-            store, log, NodeTable(*(column[first : first + AT_ONCE] for column in nodes)), sequence
-        )
+    store, text = Store(), b"\n".join(log.facts(sequence))
+    if b"_:" in text:  # loading in bulk gives blank nodes other names
+        store.bulk_extend(quads_of(text.splitlines()))
+    else:
+        store.bulk_load(text, RdfFormat.N_QUADS, lenient=True)
     store.bulk_extend(background_at(log, present, sequence))
     if sequence:
         store.add(sequence_quad(sequence))
-    refuse_dropped(log, sequence)
+    log.check_kept(sequence)
     return store
-
-
-def _load(store: Store, log: HistoryLog, nodes: NodeTable, sequence: int) -> None:
-    states = states_at(log, nodes.node.tolist(), sequence)
-    at = np.searchsorted(nodes.node, states.node)
-    facts = Columns(nodes.subject[at], states.predicate, states.kind, states.value, nodes.graph[at])
-    load_facts(store, facts, states.texts, log)
 
 
 class PastStates:
     """Cache of past states of one map: the most recently used. Safe from several threads.
 
-    `capacity` is how many facts its states have together at the most; the last one is kept always.
+    `capacity` is the maximum number of facts of its states together; the last one is always kept.
     """
 
     def __init__(self, capacity: int = CACHED) -> None:
@@ -67,7 +55,7 @@ class PastStates:
 
     def at(self, log: HistoryLog, present: QuadStore, sequence: int) -> Store:
         """The state right after `sequence`, cached or replayed; raises as `replay`."""
-        refuse_dropped(log, sequence)
+        log.check_kept(sequence)
         with self._lock:  # who waits finds it made
             cached = self._states.pop(sequence, None)
             if cached is None:

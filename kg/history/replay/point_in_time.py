@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Final
 
 from pyoxigraph import NamedNode, Quad
 
 from kg.errors import HistoryError
 from kg.history.curies import short, word
-from kg.history.storage.log import BACKGROUND, HistoryLog
-from kg.history.storage.row_codec import Coded, decode_delta
-from kg.history.timestamps import refuse_dropped
+from kg.history.storage.change_lines import net, quads_of
+from kg.history.storage.log import HistoryLog
+
+NEAR: Final = 200  # transactions between two moments that are read one by one
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,29 +43,27 @@ class Difference:
 
 def state_of(log: HistoryLog, iri: str, sequence: int) -> tuple[Quad, ...]:
     """All quads about `iri` after `sequence`, but for ontology and common sense."""
-    with log.lock:
-        nodes = log.terms.nodes_of(named(iri))
-        return tuple(sorted(_quads(log, nodes, sequence), key=str))
+    return tuple(sorted(quads_of(log.facts(sequence, subject_line(iri))), key=str))
 
 
 def difference(log: HistoryLog, before: int, after: int) -> Difference:
-    """What changed between two transactions, whatever went back and forth in between."""
+    """The net change between two transactions; facts that went and came back do not count."""
     if before > after:
         turned = difference(log, after, before)
         return Difference(before, after, turned.removed, turned.added)
-    added: list[Quad] = []
-    removed: list[Quad] = []
-    for node in sorted(log.touched(before, after)):
-        with log.lock:
-            if log.terms.pair(node)[0] in BACKGROUND:
-                dropped, introduced = _net(log, node, before, after)
-            else:
-                old, new = log.facts(node, before), log.facts(node, after)
-                dropped, introduced = old - new, new - old
-            added += log.terms.quads(node, sorted(introduced))
-            removed += log.terms.quads(node, sorted(dropped))
-    refuse_dropped(log, before)
-    return Difference(before, after, tuple(added), tuple(removed))
+    background = net(log.change_lines(before, after, background=True))
+    if after - before <= NEAR:
+        removed, added = net(log.change_lines(before, after))
+    else:
+        old, new = log.facts(before), log.facts(after)
+        removed, added = sorted(old - new), sorted(new - old)
+    log.check_kept(before)
+    return Difference(
+        before,
+        after,
+        tuple(quads_of(background.added + added)),
+        tuple(quads_of(background.removed + removed)),
+    )
 
 
 def _listed(values: list[str]) -> str:
@@ -76,29 +75,9 @@ def _natural(text: str) -> tuple[str, int, str]:
     return (head, int(number), "") if number.isascii() and number.isdigit() else (text, 0, text)
 
 
-def _quads(log: HistoryLog, nodes: Iterable[int], sequence: int) -> Iterable[Quad]:
-    for node in nodes:
-        with log.lock:
-            yield from log.terms.quads(node, log.facts(node, sequence))
-
-
-def _net(log: HistoryLog, node: int, before: int, after: int) -> tuple[set[Coded], set[Coded]]:
-    """The facts removed and added, of a node whose state at `before` is not kept."""
-    dropped: set[Coded] = set()
-    introduced: set[Coded] = set()
-    for sequence, data in log.history(node):
-        if before < sequence <= after:
-            delta = decode_delta(data)
-            for coded in delta.removed:
-                introduced.remove(coded) if coded in introduced else dropped.add(coded)
-            for coded in delta.added:
-                dropped.remove(coded) if coded in dropped else introduced.add(coded)
-    return dropped, introduced
-
-
-def named(iri: str) -> NamedNode:
-    """The node with that IRI; HistoryError for what is no absolute IRI."""
+def subject_line(iri: str) -> bytes:
+    """The IRI as N-Quads writes it; HistoryError for what is no absolute IRI."""
     try:
-        return NamedNode(iri)
+        return str(NamedNode(iri)).encode()
     except ValueError:
         raise HistoryError(f"needs an absolute IRI, got {iri!r}") from None

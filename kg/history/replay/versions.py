@@ -1,35 +1,14 @@
 """Versions of a thing: the transactions that changed the facts about it.
 
-Ontology and common sense have no versions here: nothing is kept of how they began.
+Ontology and common sense have no versions here: the log does not keep how they began.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import groupby
-from typing import Final
 
-from kg.history.replay.point_in_time import named
-from kg.history.storage.log import BACKGROUND, HistoryLog
-from kg.history.storage.row_codec import Coded, decode_delta
-
-_PAGE: Final = """
-SELECT DISTINCT sequence FROM change
-WHERE node IN (SELECT value FROM json_each(?)) AND sequence > ? AND sequence <= ?
-ORDER BY sequence DESC LIMIT ?
-"""
-_ROWS: Final = """
-SELECT sequence, node, data FROM change
-WHERE node IN (SELECT value FROM json_each(?)) AND sequence >= ? AND sequence <= ?
-ORDER BY sequence
-"""
-_TIMES: Final = """
-SELECT sequence, time FROM commits WHERE sequence IN (SELECT value FROM json_each(?))
-"""
-_FIRST: Final = """
-SELECT min(sequence) FROM change
-WHERE node IN (SELECT value FROM json_each(?)) AND sequence > ?
-"""
+from kg.history.replay.point_in_time import subject_line
+from kg.history.storage.log import HistoryLog
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,12 +28,8 @@ def version_at(log: HistoryLog, iri: str, sequence: int) -> Version | None:
 
 def first_version(log: HistoryLog, iri: str) -> Version | None:
     """The oldest version that is kept, and not empty."""
-    with log.lock:
-        nodes = _nodes(log, iri)
-        if any(log.facts(node, log.floor) for node in nodes):
-            return Version(log.floor, log.floor_time)
-        (first,) = log.db.execute(_FIRST, (_json(nodes), log.floor)).fetchone()
-    return None if first is None else version_at(log, iri, int(first))
+    found = [version for version in versions(log, iri, most=-1) if not version.empty]
+    return found[-1] if found else None
 
 
 def versions(
@@ -64,37 +39,16 @@ def versions(
 
     Raises HistoryError for what is no absolute IRI.
     """
-    until = log.last if until is None else until
+    subject, found = subject_line(iri), list[Version]()
     with log.lock:
-        nodes = _nodes(log, iri)
-        page = (_json(nodes), log.floor, until, most)
-        changed = [row[0] for row in log.db.execute(_PAGE, page)]
-        found = _versions_of(log, nodes, changed) if changed else []
-        if len(changed) < most and any(log.facts(node, log.floor) for node in nodes):
+        changes = log.history(subject, until, most)
+        facts = log.facts(changes[0][0] - 1 if changes else log.floor, subject)
+        if facts and len(changes) != most:
             found.append(Version(log.floor, log.floor_time))
-    return found
-
-
-def _versions_of(log: HistoryLog, nodes: list[int], changed: list[int]) -> list[Version]:
-    """A version for each of the transactions, which are the latest first."""
-    oldest, newest = changed[-1], changed[0]
-    facts: dict[int, set[Coded]] = {node: log.facts(node, oldest - 1) for node in nodes}
-    rows = log.db.execute(_ROWS, (_json(nodes), oldest, newest)).fetchall()
-    times = dict(log.db.execute(_TIMES, (_json(changed),)))
-    found = []
-    for sequence, some in groupby(rows, key=lambda row: int(row[0])):
-        for _, node, data in some:
-            delta = decode_delta(data)
-            facts[node].difference_update(delta.removed)
-            facts[node].update(delta.added)
-        found.append(Version(sequence, times[sequence], not any(facts.values())))
+        for sequence, change in changes:
+            commit = log.commit(sequence)
+            facts.difference_update(change.removed)
+            facts.update(change.added)
+            if commit is not None:
+                found.append(Version(sequence, commit.time, not facts))
     return found[::-1]
-
-
-def _nodes(log: HistoryLog, iri: str) -> list[int]:
-    nodes = log.terms.nodes_of(named(iri))
-    return [node for node in nodes if log.terms.pair(node)[0] not in BACKGROUND]
-
-
-def _json(nodes: list[int]) -> str:
-    return f"[{', '.join(map(str, nodes))}]"

@@ -4,46 +4,52 @@ from __future__ import annotations
 
 from pyoxigraph import Literal, NamedNode, Quad
 
+from kg.history.storage.change_lines import ChangeLines, lines_of, quads_of
 from kg.history.storage.log import Commit, HistoryLog
-from kg.history.storage.row_codec import Term, decode_delta
+from kg.rdf.quad_store import Term
 
 
-def sequence_of(log: HistoryLog, quad: Quad) -> int:
-    """The number of the transaction that made `quad` so; the floor where it is older."""
-    with log.lock:
-        coded = log.terms.find_code(quad.predicate, quad.object)
-        nodes = [
-            node
-            for node in log.terms.nodes_of(quad.subject)
-            if log.terms.pair(node)[0] == quad.graph_name
-        ]
-    for node in nodes:
-        for sequence, data in reversed([*log.history(node)]):
-            if coded in decode_delta(data).added:
-                return sequence
-    return log.floor
+class FactChanges:
+    """The changes of facts, by their subject; each subject is read once."""
 
+    def __init__(self, log: HistoryLog) -> None:
+        self._log = log
+        self._read: dict[Term, list[tuple[int, ChangeLines]]] = {}
 
-def changes_of(
-    log: HistoryLog,
-    subject: NamedNode,
-    predicate: str,
-    *,
-    removed: bool = False,
-    value: Term | None = None,
-) -> list[Commit]:
-    """The transactions that added (or removed) such a fact of `subject`, oldest first."""
-    with log.lock:
-        number = log.terms.find(NamedNode(predicate))
+    def sequence_of(self, quad: Quad) -> int:
+        """The number of the transaction that added `quad`; the floor where it is older."""
+        (line,) = lines_of([quad])
+        changes = reversed(self._history(quad.subject))
+        made = (sequence for sequence, change in changes if line in change.added)
+        return next(made, self._log.floor)
+
+    def changes_of(
+        self,
+        subject: NamedNode,
+        predicate: str,
+        *,
+        removed: bool = False,
+        value: Term | None = None,
+    ) -> list[Commit]:
+        """The transactions that added (or removed) such a fact of `subject`, oldest first."""
+        start = f"{subject} <{predicate}> ".encode()
         found = [
             sequence
-            for node in log.terms.nodes_of(subject)
-            for sequence, data in log.history(node)
-            for coded in decode_delta(data)[0 if removed else 1]
-            if coded.predicate == number and (value is None or same(log.terms.value(coded), value))
+            for sequence, change in self._history(subject)
+            if any(
+                value is None or same(quad.object, value)
+                for quad in quads_of(
+                    line for line in change[0 if removed else 1] if line.startswith(start)
+                )
+            )
         ]
-    commits = (log.commit(sequence) for sequence in sorted(set(found)))
-    return [commit for commit in commits if commit is not None]
+        commits = (self._log.commit(sequence) for sequence in dict.fromkeys(found))
+        return [commit for commit in commits if commit is not None]
+
+    def _history(self, subject: Term) -> list[tuple[int, ChangeLines]]:
+        if subject not in self._read:
+            self._read[subject] = self._log.whole_history(str(subject).encode())
+        return self._read[subject]
 
 
 def same(one: Term, other: Term) -> bool:

@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from pyoxigraph import Literal, NamedNode
+from pyoxigraph import Literal, NamedNode, Quad
 
 from kg import vocabulary as v
 from kg.errors import QueryParameterError
 from kg.history.curies import short, word
+from kg.history.replay.point_in_time import subject_line
+from kg.history.storage.change_lines import ChangeLines, quads_of
 from kg.history.storage.log import HistoryLog
-from kg.history.storage.row_codec import Coded, Delta, Term, decode_delta
 from kg.iris import observation_iri
+from kg.rdf.quad_store import Term
 from kg.transactions import Cause
 
 _TYPE = NamedNode(v.RDF_TYPE)
@@ -39,42 +41,38 @@ def history_events(log: HistoryLog, iri: NamedNode, base: str) -> Iterator[Histo
 
     Raises QueryParameterError for an IRI that the history does not contain.
     """
-    with log.lock:
-        nodes = [
-            *log.terms.nodes_of(iri),
-            *log.terms.nodes_of(NamedNode(observation_iri(base, iri.value))),
-            *log.terms.nodes_under(iri.value + "/belief/"),
-            *log.terms.nodes_under(iri.value + "/relation/"),
-        ]
-    if not nodes:
+    subjects = [
+        *(subject_line(one) for one in (iri.value, observation_iri(base, iri.value))),
+        *log.subjects_under(iri.value + "/belief/"),
+        *log.subjects_under(iri.value + "/relation/"),
+    ]
+    found: dict[int, list[ChangeLines]] = {}
+    for subject in subjects:
+        for sequence, change in log.whole_history(subject):
+            found.setdefault(sequence, []).append(change)
+    if not found and not log.facts(log.floor, subjects[0]):
         raise QueryParameterError(
             f"the history knows nothing of {short(iri, base)}; "
             "`hereabouts ask MAP objects` lists what there is"
         )
-    by_sequence: dict[int, list[tuple[int, bytes]]] = {}
-    for node in nodes:
-        for sequence, data in log.history(node):
-            by_sequence.setdefault(sequence, []).append((node, data))
-    for commit in log.commits(min(by_sequence, default=0) - 1, max(by_sequence, default=-1)):
-        rows = by_sequence.get(commit.sequence)
-        if rows:
-            lines = [
-                text for node, data in rows for text in _words(log, node, decode_delta(data), base)
-            ]
-            yield HistoryEvent(commit.sequence, commit.time, commit.cause, tuple(lines))
+    for sequence, changes in sorted(found.items()):
+        commit = log.commit(sequence)
+        if commit is not None:
+            lines = tuple(text for change in changes for text in _words(change, base))
+            yield HistoryEvent(sequence, commit.time, commit.cause, lines)
 
 
-def _words(log: HistoryLog, node: int, delta: Delta, base: str) -> Iterator[str]:
-    with log.lock:
-        about = _about(log.terms.pair(node)[1], base)
-        removed, added = _by_predicate(log, delta.removed), _by_predicate(log, delta.added)
-        if _TYPE in removed and _TYPE not in added:
-            yield f"{about}: removed" if about else "removed"
-            return
-        if _TYPE in removed and _DEPARTED in added.get(_TYPE, ()):
-            yield "left where it stood"
-            return
-        lines = list(_steps(removed, added, base))
+def _words(change: ChangeLines, base: str) -> Iterator[str]:
+    gone, come = (quads_of(side) for side in change)
+    about = _about((gone + come)[0].subject, base)
+    removed, added = _by_predicate(gone), _by_predicate(come)
+    if _TYPE in removed and _TYPE not in added:
+        yield f"{about}: removed" if about else "removed"
+        return
+    if _TYPE in removed and _DEPARTED in added.get(_TYPE, ()):
+        yield "left where it stood"
+        return
+    lines = _steps(removed, added, base)
     if about:
         yield f"{about}: {'; '.join(lines)}"
     else:
@@ -118,8 +116,8 @@ def _about(subject: Term, base: str) -> str:
     return "best observation" if "observation" in text else ""
 
 
-def _by_predicate(log: HistoryLog, facts: Iterable[Coded]) -> dict[Term, list[Term]]:
+def _by_predicate(quads: Iterable[Quad]) -> dict[Term, list[Term]]:
     found: dict[Term, list[Term]] = {}
-    for coded in sorted(facts):
-        found.setdefault(log.terms.term(coded.predicate), []).append(log.terms.value(coded))
+    for quad in quads:
+        found.setdefault(quad.predicate, []).append(quad.object)
     return found

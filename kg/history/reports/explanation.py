@@ -16,14 +16,14 @@ from pyoxigraph import Literal, NamedNode, Quad
 from kg import vocabulary as v
 from kg.errors import QueryParameterError
 from kg.history.curies import short, statement
-from kg.history.reports.changes_of_facts import changes_of, same, sequence_of
+from kg.history.replay.point_in_time import state_of
+from kg.history.reports.changes_of_facts import FactChanges, same
 from kg.history.reports.explanation_rules import BELIEF_OF_PLACE, EVIDENT, REMOVAL, RULES, rule_of
 from kg.history.storage.log import BACKGROUND, HistoryLog
-from kg.history.storage.row_codec import Term
 from kg.history.timestamps import iso
 from kg.iris import agent_iri, agent_name
 from kg.rdf.datetimes import seconds
-from kg.rdf.quad_store import QuadStore
+from kg.rdf.quad_store import QuadStore, Term
 
 Kind = (
     Choice["thing", "fact", "was", "observation", "pose", "model", "rule"]
@@ -76,6 +76,7 @@ class Explainer:
     ) -> None:
         self._engine, self._log, self._base = engine, log, base
         self._recorded = recorded
+        self._changes = FactChanges(log)
 
     def thing(self, iri: NamedNode) -> Explanation:
         """Why this thing is in the map, or no longer; QueryParameterError where it never was."""
@@ -122,7 +123,7 @@ class Explainer:
         if quad.graph_name in BACKGROUND:
             yield from self._known(quad)
             return
-        sequence = sequence_of(self._log, quad)
+        sequence = self._changes.sequence_of(quad)
         commit = self._log.commit(sequence)
         mapped = commit is None or commit.cause.kind in ("frame", "recovery", "search")
         if commit is None and (held := self._assertion_behind(quad)):
@@ -191,7 +192,7 @@ class Explainer:
             return
         sources = [*self._sources(quad.subject)]
         yield from sources or [Explanation("source", "the ontology", v.ONTOLOGY_GRAPH)]
-        if sequence_of(self._log, quad) > self._log.floor:
+        if self._changes.sequence_of(quad) > self._log.floor:
             yield self._made(quad)
 
     def _observation(self, thing: NamedNode) -> Iterator[Explanation]:
@@ -205,17 +206,13 @@ class Explainer:
         text = f"seen in {frame} of {recording} at {when}: box {box} px, score {score}"
         behind = [Explanation("model", f"detector {model}")]
         for shown in self._quads(node, v.FRAME)[:1]:
-            sequence = sequence_of(self._log, shown)
+            sequence = self._changes.sequence_of(shown)
             behind += [*self._pose(sequence), self._commit(sequence)]
         yield Explanation("observation", text, node.value, tuple(behind))
 
     def _pose(self, sequence: int) -> Iterator[Explanation]:
         """Where the camera was at the transaction `sequence`."""
-        with self._log.lock:
-            nodes = self._log.terms.nodes_of(NamedNode(self._base + "robot"))
-            quads = [
-                q for n in nodes for q in self._log.terms.quads(n, self._log.facts(n, sequence))
-            ]
+        quads = state_of(self._log, self._base + "robot", sequence)
         held = {q.predicate.value: short(q.object, self._base) for q in quads}
         if v.X in held and sequence > self._log.floor:
             where = ", ".join(held.get(axis, "?") for axis in (v.X, v.Y, v.Z))
@@ -245,7 +242,7 @@ class Explainer:
 
     def _views(self, node: NamedNode) -> Iterator[Explanation]:
         place = NamedNode(node.value.partition("/belief/")[0])
-        frames = changes_of(self._log, place, v.VIEW_COUNT)
+        frames = self._changes.changes_of(place, v.VIEW_COUNT)
         count = self._text(place, v.VIEW_COUNT)
         latest = ", ".join(c.cause.note for c in frames[-VIEWS:] if c.cause.note)
         models = {
@@ -278,7 +275,7 @@ class Explainer:
         return self._removed(iri)
 
     def _removed(self, iri: NamedNode) -> Explanation:
-        removals = changes_of(self._log, iri, v.RDF_TYPE, removed=True)
+        removals = self._changes.changes_of(iri, v.RDF_TYPE, removed=True)
         if not removals:
             raise QueryParameterError(
                 f"the map holds nothing about {short(iri, self._base)}, and never did in its "
@@ -304,7 +301,7 @@ class Explainer:
     def _was(
         self, subject: NamedNode, predicate: NamedNode, value: Term | None, held: list[Quad]
     ) -> Explanation:
-        removals = changes_of(self._log, subject, predicate.value, removed=True, value=value)
+        removals = self._changes.changes_of(subject, predicate.value, removed=True, value=value)
         text = " ".join(short(x, self._base) for x in (subject, predicate, value) if x is not None)
         if not removals:
             now = ", ".join(short(q.object, self._base) for q in held) or "nothing"
@@ -317,13 +314,13 @@ class Explainer:
 
     def _last(self, facts: list[Quad]) -> Iterator[Explanation]:
         """The latest of the transactions behind `facts`, where there are several."""
-        made = {sequence_of(self._log, quad) for quad in facts}
+        made = {self._changes.sequence_of(quad) for quad in facts}
         if len(made) > 1:
             last = self._commit(max(made))
             yield replace(last, kind="change")
 
     def _made(self, quad: Quad) -> Explanation:
-        return self._commit(sequence_of(self._log, quad))
+        return self._commit(self._changes.sequence_of(quad))
 
     def _commit(self, sequence: int) -> Explanation:
         commit = self._log.commit(sequence)

@@ -53,7 +53,7 @@ def _triples(reason: Explanation, path: str) -> Iterator[Triple]:
     if reason.fact is not None:
         parts = zip((v.RDF_SUBJECT, v.RDF_PREDICATE, v.RDF_OBJECT), reason.fact, strict=True)
         for predicate, term in parts:
-            yield Triple(node, NamedNode(predicate), term)  # type: ignore[arg-type]
+            yield Triple(node, NamedNode(predicate), term)
     if reason.time is not None:
         when = Literal(iso(reason.time), datatype=NamedNode(v.XSD + "dateTime"))
         yield Triple(node, NamedNode(v.PROV_ENDED_AT), when)

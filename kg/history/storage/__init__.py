@@ -1,1 +1,1 @@
-"""The log on disk: SQLite schema, row codec, term dictionary, compaction, recovery."""
+"""The log on disk: SQLite schema, compressed change sets, compaction, recovery."""

@@ -1,49 +1,50 @@
 """The log: every transaction in one SQLite file beside the store, written before the store is.
 
-A row of ``change`` is what one transaction changed about one subject; every `KEYFRAME` of them a
-row of ``state`` holds all facts about it at that moment, so that replay is short. Both
-lie by subject, since the past is queried by subject; ``commits`` names the subjects of each
-transaction, for those who read it in order. What held before the first recorded transaction, the
-floor, is a row of ``state`` too. Ontology and common sense have no floor: they are large, hardly
-ever change, and are replayed backwards from their present state.
+A row of ``change`` is one transaction as compressed lines of N-Quads
+(`kg.history.storage.change_lines`); ``touched`` lists the transactions that changed each subject.
+Every so often the rows of ``state`` hold all facts at one moment, a key frame, so that replay is
+short. The facts that held before the first recorded transaction, the floor, are a key frame too.
+Changes of the ontology and of common sense are rows of ``background``. Those graphs have no key
+frames, since they are large and hardly ever change: their past is their present state with later
+changes undone.
 """
 
 from __future__ import annotations
 
+import json
 import sqlite3
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import groupby
+from itertools import groupby, islice
 from pathlib import Path
-from typing import Final, Protocol, Self
-from weakref import WeakSet
+from typing import Any, Final, Self
 
 from pyoxigraph import NamedNode, Quad
 
 from kg import vocabulary as v
 from kg.errors import GraphError, HistoryError, InvalidFactError
-from kg.history.replay.subject_replay import changes_since_state, facts_at, present_facts
-from kg.history.storage.row_codec import (
-    Coded,
-    Delta,
-    Term,
-    decode_delta,
-    decode_numbers,
-    encode_delta,
-    encode_numbers,
+from kg.history.storage.change_lines import (
+    ChangeLines,
+    LineCodec,
+    dictionary_for,
+    lines_of,
+    quads_of,
+    subject_of,
 )
 from kg.history.storage.schema import SCHEMA, connect, is_empty
-from kg.history.storage.term_dictionary import TermDictionary
+from kg.store.writer_priority import yield_to_writer
 from kg.transactions import Cause, ChangeSet
 
-KEYFRAME: Final = 16  # changes of one subject between two of its full states
 BACKGROUND: Final = (NamedNode(v.ONTOLOGY_GRAPH), NamedNode(v.COMMONSENSE_GRAPH))
-_FORMAT = 1
-_COUNTED = 50_000  # subjects whose changes since their last full state are held in memory
-_ROWS = 300  # a statement; SQLite takes 999 values at least
-_TYPE = NamedNode(v.RDF_TYPE)
+KEY_FRAME_AFTER: Final = 5  # times the size of the last key frame, in changes written since
+STATE_LINES: Final = 500  # in a row of a key frame, or more where one subject has more
+_FORMAT = 2
+_PAGE = 64  # transactions read at once
+_QUADS = 50_000  # serialised at once
+
+_TOUCHED = "sequence IN (SELECT sequence FROM touched JOIN subject ON id = subject WHERE text = ?)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,12 +56,6 @@ class Commit:
     cause: Cause
 
 
-class Watcher(Protocol):
-    """Receives node and number of each row that is written."""
-
-    written: set[tuple[int, int]]
-
-
 class HistoryLog:
     """An open log; safe to use from several threads.
 
@@ -69,13 +64,12 @@ class HistoryLog:
 
     def __init__(self, connection: sqlite3.Connection, base: str, file: Path | None) -> None:
         self.lock = threading.RLock()
+        self.upkeep = threading.Lock()  # held while key frames are written or transactions dropped
         self.file = file
+        self.base = base
         self.db = connection
-        self.terms = TermDictionary(connection, base)
-        self._since: dict[int, int] = {}  # changes of a node since its last full state
-        self._causes: dict[tuple[str, str | None, str], int] = {}
+        self.codec = LineCodec(b"")
         self.on_flush: Callable[[], None] | None = None
-        self.watchers: WeakSet[Watcher] = WeakSet()  # searches for unused terms
         self.floor = self.last = 0
         self.floor_time = self.last_time = 0.0
 
@@ -91,15 +85,13 @@ class HistoryLog:
         try:
             connection = connect(file, read_only=read_only, power_safe=power_safe)
             log = cls(connection, base, file)
-            fresh = not read_only and is_empty(connection)
-            if fresh:
+            if not read_only and is_empty(connection):
                 connection.executescript("BEGIN;" + SCHEMA)
-                connection.executemany(
-                    "INSERT INTO meta VALUES (?, ?)", (("format", _FORMAT), ("base", base))
-                )
-                log.terms.begin()
+                meta = {"format": _FORMAT, "base": base, "dictionary": dictionary_for(base)}
+                connection.executemany("INSERT INTO meta VALUES (?, ?)", meta.items())
                 connection.execute("COMMIT")
             log._check(base)
+            log.codec = LineCodec(log._meta("dictionary"))
             log.refresh()
         except sqlite3.Error as error:
             raise HistoryError(f"cannot read the history at {file}: {error}") from error
@@ -113,60 +105,52 @@ class HistoryLog:
     def begin(self, sequence: int, time: float, quads: Iterable[Quad]) -> None:
         """Set the floor: the state of the map at `sequence`, as of `time` [s].
 
-        Best one subject of a graph after the other, as an engine lists them: the facts about a
-        million objects is not held in memory.
+        The quads are sorted on disk, so that a map of any size needs little memory.
         """
-        highest = 0
+        rest = iter(quads)
         with self.transaction():
-            for (graph, subject), about in groupby(quads, key=_graph_and_subject):
-                node = self.terms.node(graph, subject)
-                facts = {self.terms.code(quad.predicate, quad.object) for quad in about}
-                if node <= highest:  # numbers are given out in order: there were quads of it before
-                    facts |= self.facts(node, sequence)
-                highest = max(highest, node)
-                self.put_state(node, sequence, facts)
+            self.db.execute("CREATE TEMP TABLE line (text BLOB)")
+            while some := [*islice(rest, _QUADS)]:
+                self.db.executemany("INSERT INTO line VALUES (?)", zip(lines_of(some), strict=True))
+            lines = self.db.execute("SELECT text FROM line ORDER BY text")
+            self._insert_state(self.state_rows(sequence, (line for (line,) in lines)))
+            self.db.execute("DROP TABLE line")
             self.set_floor(sequence, time)
         self.refresh()
 
     def append(self, change: ChangeSet) -> None:
         """Record a transaction that is about to be applied.
 
-        What the log holds of that number and later ones gives way. Raises GraphError where the file
+        Transactions of that number and later ones are replaced. Raises GraphError where the file
         cannot be written, InvalidFactError for a name that is no Unicode; nothing is recorded then.
         """
         if self.last >= change.sequence:
             self.withdraw(change.sequence)
+        rows = self._rows_of(change)
         try:
             with self.transaction():
-                self._append(change)
+                self._insert(change, rows)
         except sqlite3.Error as error:
             raise self._unwritable(error) from error
         except UnicodeEncodeError as error:
             raise InvalidFactError(f"who writes must have a name in Unicode: {error}") from error
         self.last, self.last_time = change.sequence, change.time
+        if self.file is None and not change.sequence % _PAGE:  # nobody flushes it
+            self.write_key_frame()
 
     def withdraw(self, sequence: int) -> None:
-        """Forget transactions from `sequence` on: the store refused them.
+        """Remove transactions from `sequence` on: the store refused them.
 
         Raises GraphError where the file cannot be written.
         """
         try:
-            self._withdraw(sequence)
+            with self.transaction():
+                self.delete(sequence, self.last)
+                unbegun = "DELETE FROM state WHERE sequence >= ? AND sequence > ?"
+                self.db.execute(unbegun, (sequence, self.floor))
+            self.refresh()
         except sqlite3.Error as error:
             raise self._unwritable(error) from error
-
-    def _unwritable(self, error: sqlite3.Error) -> GraphError:
-        return GraphError(f"cannot write the history at {self.file}: {error}")
-
-    def _withdraw(self, sequence: int) -> None:
-        with self.transaction():
-            select = "SELECT sequence, nodes FROM commits WHERE sequence >= ?"
-            for number, nodes in self.db.execute(select, (sequence,)).fetchall():
-                keys = [(node, number) for node in decode_numbers(nodes)]
-                self.db.executemany("DELETE FROM change WHERE node = ? AND sequence = ?", keys)
-                self.db.executemany("DELETE FROM state WHERE node = ? AND sequence = ?", keys)
-            self.db.execute("DELETE FROM commits WHERE sequence >= ?", (sequence,))
-        self.refresh()
 
     def commit(self, sequence: int) -> Commit | None:
         """The transaction of that number, where the log holds it."""
@@ -174,13 +158,23 @@ class HistoryLog:
 
     def commits(self, after: int, until: int) -> Iterator[Commit]:
         """Transactions numbered above `after`, up to `until`, in order."""
-        for sequence, time, cause, _ in self._rows(after, until):
-            yield Commit(sequence, time, cause)
+        select = (
+            "SELECT sequence, time, kind, by, note FROM commits "
+            f"WHERE sequence > ? AND sequence <= ? ORDER BY sequence LIMIT {_PAGE}"
+        )
+        while True:
+            with self.lock:
+                rows = self.db.execute(select, (after, until)).fetchall()
+            for sequence, time, kind, by, note in rows:
+                yield Commit(sequence, time, Cause(kind, by, note))
+                after = sequence
+            if not rows:
+                return
 
     def has_author(self, name: str) -> bool:
         """Whether a transaction that is kept was made by `name`."""
-        select = "SELECT 1 FROM commits JOIN cause ON cause.id = commits.cause WHERE by = ? LIMIT 1"
         with self.lock:
+            select = "SELECT 1 FROM commits WHERE by = ? LIMIT 1"
             return self.db.execute(select, (name,)).fetchone() is not None
 
     def changes(self, after: int, until: int | None = None) -> Iterator[ChangeSet]:
@@ -188,63 +182,113 @@ class HistoryLog:
 
         Raises HistoryError for one that is dropped meanwhile.
         """
-        until = self.last if until is None else until
-        for sequence, time, cause, nodes in self._rows(after, until):
-            removed: list[Quad] = []
-            added: list[Quad] = []
+        for commit in self.commits(after, self.last if until is None else until):
             with self.lock:
-                for node in nodes:
-                    select = "SELECT data FROM change WHERE node = ? AND sequence = ?"
-                    row = self.db.execute(select, (node, sequence)).fetchone()
-                    if row is None:
-                        raise HistoryError(f"#{sequence} is no longer kept")
-                    delta = decode_delta(row[0])
-                    removed += self.terms.quads(node, delta.removed)
-                    added += self.terms.quads(node, delta.added)
-            yield ChangeSet(sequence, time, cause, tuple(added), tuple(removed))
+                self.check_kept(commit.sequence - 1)
+                bounds = commit.sequence - 1, commit.sequence
+                parts = self.change_lines(*bounds) + self.change_lines(*bounds, background=True)
+            removed, added = (
+                tuple(quad for part in parts for quad in quads_of(part[side])) for side in (0, 1)
+            )
+            yield ChangeSet(commit.sequence, commit.time, commit.cause, added, removed)
 
-    def touched(self, after: int, until: int) -> set[int]:
-        """The nodes that transactions above `after`, up to `until`, changed."""
+    def change_lines(
+        self, after: int, until: int, *, background: bool = False
+    ) -> list[ChangeLines]:
+        """The changes numbered above `after`, up to `until`, in order.
+
+        Without ontology and common sense; with `background` of these alone.
+        """
+        table = "background" if background else "change"
+        select = f"SELECT data FROM {table} WHERE sequence > ? AND sequence <= ? ORDER BY sequence"
         with self.lock:
-            select = "SELECT nodes FROM commits WHERE sequence > ? AND sequence <= ?"
             rows = self.db.execute(select, (after, until)).fetchall()
-        return {node for (nodes,) in rows for node in decode_numbers(nodes)}
+        return [self.codec.change(data) for (data,) in rows]
 
-    def history(self, node: int) -> Iterator[tuple[int, bytes]]:
-        """Sequence number and row of each change of a node, oldest first."""
-        select = "SELECT sequence, data FROM change WHERE node = ? ORDER BY sequence"
-        with self.lock:
-            rows = self.db.execute(select, (node,)).fetchall()
-        yield from rows
+    def facts(self, sequence: int, subject: bytes | None = None) -> set[bytes]:
+        """The lines of all facts, or of those about `subject`, right after transaction `sequence`.
 
-    def facts(self, node: int, sequence: int) -> set[Coded]:
-        """All facts about a node right after the transaction `sequence`."""
+        Without ontology and common sense. Raises HistoryError where that moment is not kept.
+        """
+        of_subject = " AND first <= ? ORDER BY first DESC LIMIT 1" if subject else ""
+        touched = f" AND {_TOUCHED}" if subject else ""
+        about = [subject.decode()] if subject else []
+        yield_to_writer()
         with self.lock:
-            return facts_at(self.db, node, sequence)
+            self.check_kept(sequence)
+            select = "SELECT max(sequence) FROM state WHERE sequence <= ?"
+            (start,) = self.db.execute(select, (sequence,)).fetchone()
+            select = f"SELECT data FROM state WHERE sequence = ?{of_subject}"
+            states = self.db.execute(select, (start, *about)).fetchall()
+            select = f"SELECT data FROM change WHERE sequence > ? AND sequence <= ?{touched}"
+            changes = self.db.execute(
+                f"{select} ORDER BY sequence", (start, sequence, *about)
+            ).fetchall()
+        facts = {line for (data,) in states for line in self.codec.state(data)}
+        if subject:
+            facts = {line for line in facts if subject_of(line) == subject}
+        for (data,) in changes:
+            codec = self.codec
+            change = codec.change_about(data, subject) if subject else codec.change(data)
+            facts.difference_update(change.removed)
+            facts.update(change.added)
+        return facts
 
-    def nodes(self) -> list[int]:
-        """Every subject of every graph there ever was."""
+    def history(
+        self, subject: bytes, until: int | None = None, most: int = -1
+    ) -> list[tuple[int, ChangeLines]]:
+        """The last changes of a subject up to transaction `until`, at most that many, in order.
+
+        Without ontology and common sense. Each with the number of its transaction.
+        """
+        until = self.last if until is None else until
+        select = (
+            f"SELECT sequence, data FROM change WHERE sequence > ? AND sequence <= ? AND {_TOUCHED}"
+            " ORDER BY sequence DESC LIMIT ?"
+        )
         with self.lock:
-            return [row[0] for row in self.db.execute("SELECT id FROM node ORDER BY id")]
+            bounds = self.floor, until, subject.decode(), most
+            rows = self.db.execute(select, bounds).fetchall()
+        return [(number, self.codec.change_about(data, subject)) for number, data in rows[::-1]]
+
+    def whole_history(self, subject: bytes) -> list[tuple[int, ChangeLines]]:
+        """All changes of a subject that are kept, also in ontology and common sense, in order."""
+        with self.lock:
+            select = "SELECT sequence, data FROM background WHERE sequence > ?"
+            rows = self.db.execute(select, (self.floor,)).fetchall()
+            found = self.history(subject)
+        about = ((number, self.codec.change_about(data, subject)) for number, data in rows)
+        found += [(number, change) for number, change in about if any(change)]
+        return sorted(found, key=lambda change: change[0])
+
+    def subjects_under(self, prefix: str) -> list[bytes]:
+        """The subjects whose IRI begins with `prefix`, of all changes that are kept."""
+        start = f"<{prefix}"
+        select = "SELECT text FROM subject WHERE text >= ? AND text < ? ORDER BY text"
+        with self.lock:
+            rows = self.db.execute(select, (start, start + "\U0010ffff")).fetchall()
+        return [text.encode() for (text,) in rows]
+
+    def check_kept(self, sequence: int) -> None:
+        """Raises HistoryError where the state after transaction `sequence` is not kept."""
+        if sequence < self.floor:
+            raise HistoryError(f"#{sequence} is no longer kept; the past begins at #{self.floor}")
 
     def sequence_at(self, time: float) -> int:
-        """The number of the last transaction at or before `time` [s]."""
-        select = "SELECT sequence, time FROM commits WHERE sequence >= ? LIMIT 1"
+        """The number of the last transaction at or before `time` [s]; no less than the floor."""
+        select = "SELECT sequence FROM commits WHERE time <= ? ORDER BY time DESC, sequence DESC"
         with self.lock:
-            low, high = self.floor, self.last
-            while low < high:
-                middle = (low + high + 1) // 2
-                row = self.db.execute(select, (middle,)).fetchone()
-                if row[1] <= time:
-                    low = row[0]
-                else:
-                    high = middle - 1
-            return low
+            row = self.db.execute(f"{select} LIMIT 1", (time,)).fetchone()
+            return max(row[0], self.floor) if row else self.floor
 
     def flush(self) -> None:
-        """Move what was written into the file proper, while others may write."""
+        """Write a key frame where one is due, and the changes into the file proper.
+
+        Others may write meanwhile.
+        """
         if self.on_flush is not None:
             self.on_flush()
+        self.write_key_frame()
         if self.file is not None:
             connection = sqlite3.connect(self.file)
             try:
@@ -253,6 +297,35 @@ class HistoryLog:
                 pass  # the next flush will do
             finally:
                 connection.close()
+
+    def write_key_frame(self) -> None:
+        """Write a key frame, where the changes since the last one are many."""
+        with self.upkeep:
+            sequence = self.last - 1  # the last one may still be withdrawn
+            if self._is_key_frame_due(sequence):
+                rows = [*self.state_rows(sequence, sorted(self.facts(sequence)))]
+                with self.transaction():
+                    self._insert_state(rows)
+
+    def state_rows(self, sequence: int, lines: Iterable[bytes]) -> Iterator[tuple[int, str, bytes]]:
+        """The rows of a key frame with those sorted lines."""
+        first, some = b"", list[bytes]()
+        for subject, about in groupby(lines, key=subject_of):
+            if len(some) >= STATE_LINES:
+                yield sequence, first.decode(), self.codec.encode(some)
+                first, some = subject, []
+            some += about
+        yield sequence, first.decode(), self.codec.encode(some)
+
+    def raise_floor(self, commit: Commit) -> None:
+        """Have the past begin after a transaction; older ones are still stored, but not read."""
+        rows = [*self.state_rows(commit.sequence, sorted(self.facts(commit.sequence)))]
+        with self.lock:
+            with self.transaction():
+                self._insert_state(rows)
+                self.db.execute("DELETE FROM state WHERE sequence < ?", (commit.sequence,))
+                self.set_floor(commit.sequence, commit.time)
+            self.refresh()
 
     def close(self) -> None:
         """Close the file; idempotent."""
@@ -270,134 +343,99 @@ class HistoryLog:
             except BaseException:
                 if self.db.in_transaction:
                     self.db.execute("ROLLBACK")
-                self.forget()
                 raise
 
-    def forget(self) -> None:
-        """Drop what is held in memory of the file."""
-        self.terms.forget()
-        self._since.clear()
-        self._causes.clear()
-
     def refresh(self) -> None:
-        """Reload the number of the last transaction."""
-        self.forget()
-        self.floor = int(str(self._meta("floor") or 0))
-        self.floor_time = float(str(self._meta("floor time") or 0.0))
-        select = "SELECT sequence, time FROM commits ORDER BY sequence DESC LIMIT 1"
-        row = self.db.execute(select).fetchone()
-        self.last, self.last_time = row or (self.floor, self.floor_time)
+        """Reload the numbers of the first and the last transaction."""
+        with self.lock:
+            self.floor = self._meta("floor") or 0
+            self.floor_time = self._meta("floor time") or 0.0
+            select = "SELECT sequence, time FROM commits WHERE sequence > ? ORDER BY 1 DESC LIMIT 1"
+            row = self.db.execute(select, (self.floor,)).fetchone()
+            self.last, self.last_time = row or (self.floor, self.floor_time)
 
     def set_floor(self, sequence: int, time: float) -> None:
         """Record the first transaction that the log covers; within a transaction."""
         rows = ("floor", sequence), ("floor time", time)
         self.db.executemany("INSERT OR REPLACE INTO meta VALUES (?, ?)", rows)
 
-    def put_state(self, node: int, sequence: int, facts: Iterable[Coded]) -> None:
-        """Write all facts about a node at `sequence`; within a transaction."""
-        row = node, sequence, encode_delta((), facts)
-        self.db.execute("INSERT OR REPLACE INTO state VALUES (?, ?, ?)", row)
-
-    def _append(self, change: ChangeSet) -> None:
-        touched: dict[int, Delta] = {}
-        node, code = self.terms.node, self.terms.code
-        for side, quads in enumerate((change.removed, change.added)):
-            about = None
-            for subject, predicate, value, graph in quads:
-                if about != (subject, graph):
-                    about = subject, graph
-                    sides = touched.setdefault(node(graph, subject), Delta([], []))
-                sides[side].append(code(predicate, value))
-        rows: list[int | bytes] = []
-        for watcher in self.watchers:
-            watcher.written.update((number, change.sequence) for number in touched)
-        for number, (removed, added) in touched.items():
-            rows += (number, change.sequence, encode_delta(removed, added))
-        self._put_states(self._due(touched), touched, change.sequence)
-        self._insert_changes(rows)
-        stem, note = _split(change.cause)
-        row = change.sequence, change.time, self._cause(change.cause, stem), note
-        numbers = encode_numbers(touched)
-        self.db.execute("INSERT INTO commits VALUES (?, ?, ?, ?, ?)", (*row, numbers))
-
-    def _insert_changes(self, values: list[int | bytes]) -> None:
-        # many rows a statement: between two statements another thread may take the lock
-        for start in range(0, len(values), 3 * _ROWS):
-            some = values[start : start + 3 * _ROWS]
-            places = ", ".join(["(?, ?, ?)"] * (len(some) // 3))
-            self.db.execute(f"INSERT INTO change VALUES {places}", some)
-
-    def _due(self, nodes: Iterable[int]) -> list[int]:
-        """Count one more change of each node; those of which a full state is due."""
-        unknown = [node for node in nodes if node not in self._since]
-        if len(self._since) + len(unknown) > _COUNTED:
-            self._since = {node: self._since[node] for node in nodes if node in self._since}
-        self._since.update(changes_since_state(self.db, unknown))
-        due = []
-        for node in nodes:
-            self._since[node] += 1
-            if self._since[node] >= KEYFRAME:
-                self._since[node] = 0
-                due.append(node)
-        return due
-
-    def _put_states(self, nodes: list[int], deltas: Mapping[int, Delta], sequence: int) -> None:
-        for node, facts in present_facts(self.db, nodes).items():
-            removed, added = deltas[node]
-            self.put_state(node, sequence, facts.difference(removed).union(added))
-
-    def _cause(self, cause: Cause, stem: str) -> int:
-        key = cause.kind, cause.by, stem
-        if key not in self._causes:
-            select = "SELECT id FROM cause WHERE kind = ? AND by IS ? AND stem = ?"
-            row = self.db.execute(select, key).fetchone()
-            if row is None:
-                insert = "INSERT INTO cause (kind, by, stem) VALUES (?, ?, ?)"
-                row = (int(self.db.execute(insert, key).lastrowid or 0),)
-            self._causes[key] = row[0]
-        return self._causes[key]
-
-    def _rows(self, after: int, until: int) -> Iterator[tuple[int, float, Cause, list[int]]]:
-        select = (
-            "SELECT sequence, time, kind, by, stem, note, nodes FROM commits "
-            "JOIN cause ON cause.id = commits.cause WHERE sequence > ? AND sequence <= ? "
-            "ORDER BY sequence LIMIT 256"
+    def delete(self, first: int, last: int) -> None:
+        """Delete the transactions from `first` to `last`; within a transaction."""
+        changes = self.change_lines(first - 1, last)
+        found = {subject_of(line) for change in changes for side in change for line in side}
+        subjects = json.dumps([subject.decode() for subject in found])
+        for table in ("commits", "change", "background"):
+            self.db.execute(f"DELETE FROM {table} WHERE sequence BETWEEN ? AND ?", (first, last))
+        these = "(SELECT subject.id FROM json_each(?) CROSS JOIN subject ON text = value)"
+        self.db.execute(
+            f"DELETE FROM touched WHERE subject IN {these} AND sequence BETWEEN ? AND ?",
+            (subjects, first, last),
         )
-        while True:
-            with self.lock:
-                rows = self.db.execute(select, (after, until)).fetchall()
-            for sequence, time, kind, by, stem, note, nodes in rows:
-                yield sequence, time, Cause(kind, by, stem + note), decode_numbers(nodes)
-                after = sequence
-            if not rows:
-                return
+        self.db.execute(
+            f"DELETE FROM subject WHERE id IN {these} "
+            "AND NOT EXISTS (SELECT 1 FROM touched WHERE touched.subject = id)",
+            (subjects,),
+        )
 
-    def _meta(self, name: str) -> object:
+    def _rows_of(self, change: ChangeSet) -> dict[str, list[list[bytes]]]:
+        """Lines removed and added, by the table they belong to."""
+        rows: dict[str, list[list[bytes]]] = {}
+        for table, is_background in (("change", False), ("background", True)):
+            sides = [
+                lines_of(quad for quad in quads if (quad.graph_name in BACKGROUND) == is_background)
+                for quads in (change.removed, change.added)
+            ]
+            if any(sides):
+                rows[table] = sides
+        return rows
+
+    def _insert(self, change: ChangeSet, rows: dict[str, list[list[bytes]]]) -> None:
+        cause = change.cause
+        row = change.sequence, change.time, cause.kind, cause.by, cause.note
+        self.db.execute("INSERT INTO commits VALUES (?, ?, ?, ?, ?)", row)
+        for table, sides in rows.items():
+            data = self.codec.encode(*sides)
+            self.db.execute(f"INSERT INTO {table} VALUES (?, ?)", (change.sequence, data))
+        found = {subject_of(line) for side in rows.get("change", ()) for line in side}
+        subjects = json.dumps([subject.decode() for subject in sorted(found)])
+        # one statement for all: between two of them another thread may take the lock
+        self.db.execute(
+            "INSERT OR IGNORE INTO subject (text) SELECT value FROM json_each(?)", (subjects,)
+        )
+        self.db.execute(
+            "INSERT INTO touched SELECT subject.id, ? FROM json_each(?) "
+            "CROSS JOIN subject ON text = value",
+            (change.sequence, subjects),
+        )
+
+    def _insert_state(self, rows: Iterable[tuple[int, str, bytes]]) -> None:
+        self.db.executemany("INSERT OR REPLACE INTO state VALUES (?, ?, ?)", rows)
+
+    def _is_key_frame_due(self, sequence: int) -> bool:
+        with self.lock:
+            select = "SELECT sequence, sum(length(data)) FROM state GROUP BY 1 ORDER BY 1 DESC"
+            start, size = self.db.execute(f"{select} LIMIT 1").fetchone() or (sequence, 0)
+            select = "SELECT sum(length(data)) FROM change WHERE sequence > ? AND sequence <= ?"
+            (written,) = self.db.execute(select, (start, sequence)).fetchone()
+        return (written or 0) > KEY_FRAME_AFTER * size
+
+    def _meta(self, name: str) -> Any:
         with self.lock:
             select = "SELECT value FROM meta WHERE name = ?"
             row = self.db.execute(select, (name,)).fetchone()
         return row[0] if row else None
 
+    def _unwritable(self, error: sqlite3.Error) -> GraphError:
+        return GraphError(f"cannot write the history at {self.file}: {error}")
+
     def _check(self, base: str) -> None:
         if self._meta("format") != _FORMAT:
             raise HistoryError(
                 f"the history at {self.file} is of format {self._meta('format')}, this version "
-                f"reads {_FORMAT}; move the file away to begin a new one"
+                f"reads {_FORMAT}; move the file away to begin a new one: the map itself stays"
             )
         if self._meta("base") != base:
             raise HistoryError(
                 f"the history at {self.file} is that of {self._meta('base')}, the map is {base}; "
                 "put the right file there, or move it away to begin a new one"
             )
-
-
-def _graph_and_subject(quad: Quad) -> tuple[Term, Term]:
-    return quad.graph_name, quad.subject
-
-
-def _split(cause: Cause) -> tuple[str, str]:
-    """A frame's recording, which recurs, and the rest of its note."""
-    if cause.kind != "frame":
-        return "", cause.note
-    recording, slash, frame = cause.note.rpartition("/")
-    return recording + slash, frame

@@ -17,6 +17,7 @@ from pathlib import Path
 from pyoxigraph import DefaultGraph, NamedNode, Quad, Store
 
 from kg import vocabulary as v
+from kg.history.storage.change_lines import quads_of
 from kg.history.storage.log import BACKGROUND, HistoryLog
 from kg.rdf.datetimes import transaction_time
 from kg.store.transactional import TransactionalStore
@@ -93,10 +94,7 @@ def _difference(
     store: TransactionalStore, log: HistoryLog, sequence: int, cause: Cause
 ) -> ChangeSet:
     """What leads from the log's last state to the store's, but for the background graphs."""
-    recorded = {
-        quad for node in log.nodes() for quad in log.terms.quads(node, log.facts(node, log.last))
-    }
-    recorded = {quad for quad in recorded if quad.graph_name not in BACKGROUND}
+    recorded = {*quads_of(log.facts(log.last))}
     stored = {*_recorded(store.native)}
     added, removed = tuple(stored - recorded), tuple(recorded - stored)
     return ChangeSet(sequence, transaction_time(), cause, added, removed)

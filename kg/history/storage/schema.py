@@ -12,21 +12,19 @@ from kg.errors import HistoryError
 
 SCHEMA: Final = """
 CREATE TABLE meta (name TEXT PRIMARY KEY, value) WITHOUT ROWID;
-CREATE TABLE term (id INTEGER PRIMARY KEY, text TEXT NOT NULL UNIQUE);
-CREATE TABLE node (
-    id INTEGER PRIMARY KEY, subject INTEGER NOT NULL, graph INTEGER NOT NULL,
-    UNIQUE (subject, graph)
-);
-CREATE TABLE cause (id INTEGER PRIMARY KEY, kind TEXT, by TEXT, stem TEXT);
 CREATE TABLE commits (
-    sequence INTEGER PRIMARY KEY, time REAL NOT NULL, cause INTEGER NOT NULL,
-    note TEXT NOT NULL, nodes BLOB NOT NULL
+    sequence INTEGER PRIMARY KEY, time REAL NOT NULL, kind TEXT NOT NULL, by TEXT,
+    note TEXT NOT NULL
 );
-CREATE TABLE change (
-    node INTEGER, sequence INTEGER, data BLOB NOT NULL, PRIMARY KEY (node, sequence)
-) WITHOUT ROWID;
+CREATE INDEX commit_time ON commits (time);
+CREATE TABLE change (sequence INTEGER PRIMARY KEY, data BLOB NOT NULL);
+CREATE TABLE background (sequence INTEGER PRIMARY KEY, data BLOB NOT NULL);
 CREATE TABLE state (
-    node INTEGER, sequence INTEGER, data BLOB NOT NULL, PRIMARY KEY (node, sequence)
+    sequence INTEGER, first TEXT, data BLOB NOT NULL, PRIMARY KEY (sequence, first)
+) WITHOUT ROWID;
+CREATE TABLE subject (id INTEGER PRIMARY KEY, text TEXT NOT NULL UNIQUE);
+CREATE TABLE touched (
+    subject INTEGER, sequence INTEGER, PRIMARY KEY (subject, sequence)
 ) WITHOUT ROWID;
 """
 

@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import random
+import signal
+import subprocess
+import sys
+import threading
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,11 +18,28 @@ import pytest
 from kg import vocabulary as v
 from kg.errors import GraphError, HistoryError
 from kg.history.storage import compaction
+from kg.history.storage import log as log_module
 from kg.maps.semantic_map import SemanticMap
 from kg.opening import open_map
 from kg.records import Evidence, MapUpdate, ObjectRecord, RecordingRecord, RobotRecord
 
+ROOT = Path(__file__).resolve().parents[3]
 Written = Callable[[int], SemanticMap]
+
+# things come and go, and the past is dropped, for ever
+_CHURN = """
+import sys
+from kg.opening import open_map
+semantic_map = open_map(sys.argv[1])
+n = semantic_map.sequence
+while True:
+    thing = f"<thing/{n}>"
+    semantic_map.update(f"INSERT DATA {{ {thing} a here:Cup ; here:x 1 ; here:y 1 }}")
+    semantic_map.update(f"DELETE WHERE {{ {thing} ?p ?o }}")
+    semantic_map.compact(keep=0.0)
+    print(semantic_map.sequence, flush=True)
+    n += 1
+"""
 
 
 def test_the_past_before_the_edge_goes_and_the_rest_stays(
@@ -164,3 +188,66 @@ def test_what_is_kept_cannot_be_less_than_nothing(written: Written) -> None:
         pytest.raises(GraphError, match="reading only"),
     ):
         reader.retain(60)
+
+
+def test_subjects_without_changes_leave_the_history(written: Written) -> None:
+    with written(1) as semantic_map:
+        for number in range(20):
+            semantic_map.update(f"INSERT DATA {{ <thing/{number}> rdfs:label 'cup' }}")
+            semantic_map.update(f"DELETE WHERE {{ <thing/{number}> ?p ?o }}")
+        log = semantic_map.history
+        assert len(log.subjects_under(semantic_map.base + "thing/")) == 20
+        semantic_map.compact(keep=0.0)
+        assert log.subjects_under(semantic_map.base) == []
+        semantic_map.update("INSERT DATA { <thing/3> rdfs:label 'pot' }")
+        entries = semantic_map.log(f"<{semantic_map.base}thing/3>")
+        assert [entry.words for entry in entries] == ["label pot"]
+
+
+def test_killed_at_any_moment_a_map_that_forgets_loses_nothing_else(
+    written: Written, tmp_path: Path
+) -> None:
+    written(1).close()
+    path, rng = tmp_path / "flat.map", random.Random(11)
+    for _ in range(3):
+        process = subprocess.Popen(
+            [sys.executable, "-c", _CHURN, str(path)],
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        assert process.stdout is not None and process.stderr is not None
+        acknowledged = int(process.stdout.readline())
+        time.sleep(rng.uniform(0.0, 0.1))
+        process.kill()
+        acknowledged = max([acknowledged, *map(int, process.stdout.read().split("\n")[:-1])])
+        assert process.wait() == -signal.SIGKILL, process.stderr.read()
+        process.stdout.close()
+        process.stderr.close()
+        with open_map(path) as semantic_map:
+            assert semantic_map.sequence >= acknowledged
+            with semantic_map.at(semantic_map.sequence) as now:
+                assert set(now.engine) == set(semantic_map.engine)
+
+
+def test_several_that_flush_at_once_while_the_map_is_written(
+    written: Written, frame: Callable[..., MapUpdate], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(log_module, "KEY_FRAME_AFTER", 0)
+    with written(5) as semantic_map:
+        semantic_map.retain(0.05)
+
+        def flush() -> None:
+            for _ in range(10):
+                semantic_map.store.flush()
+
+        threads = [threading.Thread(target=flush) for _ in range(4)]
+        for thread in threads:
+            thread.start()
+        for number in range(5, 60):
+            semantic_map.apply(frame(number))
+            with semantic_map.at(semantic_map.sequence) as now:
+                assert set(now.engine) == set(semantic_map.engine)
+        for thread in threads:
+            thread.join()

@@ -209,6 +209,20 @@ def test_another_maps_log_is_refused(written: Written, tmp_path: Path) -> None:
         open_map(tmp_path / "flat.map")
 
 
+def test_a_log_of_another_format_is_refused_and_the_map_opens_without_it(
+    written: Written, tmp_path: Path
+) -> None:
+    path = tmp_path / "flat.map"
+    with written(3) as semantic_map:
+        semantic_map.history.db.execute("UPDATE meta SET value = 1 WHERE name = 'format'")
+    with pytest.raises(HistoryError, match=r"format 1.*move the file away.*the map itself stays"):
+        open_map(path)
+    (path / FILE).rename(tmp_path / FILE)
+    with open_map(path) as semantic_map:
+        assert len(semantic_map.objects()) == 2
+        assert semantic_map.history.floor == 3
+
+
 @pytest.mark.parametrize("read_only", [False, True])
 def test_a_log_that_is_none_is_refused(written: Written, tmp_path: Path, read_only: bool) -> None:
     written(1).close()

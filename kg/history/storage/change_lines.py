@@ -1,0 +1,141 @@
+"""Compressed lines of N-Quads: how the log writes change sets and states.
+
+A change set is two blocks of sorted lines with an empty line between them: the quads it removed,
+and the quads it added. A line that begins with a space has the subject of the line before it. The
+text is compressed with zlib and a preset dictionary, so that the names of the vocabulary cost
+little in a change of a few quads.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterable, Sequence
+from itertools import takewhile
+from typing import Final, NamedTuple
+
+from pyoxigraph import Quad, RdfFormat, parse, serialize
+
+from kg import vocabulary as v
+
+_LEVEL: Final = 9
+_MEMORY: Final = 9  # of zlib's deflate, its highest
+_SPACE: Final = ord(" ")
+_DOUBLES: Final = (v.Y_MIN, v.X_MAX, v.X_MIN, v.BELIEF, v.HEADING, v.SCORE, v.Z, v.Y, v.X)
+_INTEGERS: Final = (v.NEXT_OBJECT, v.VIEW_COUNT, v.FRAMES_APPLIED, v.OBSERVATION_COUNT)
+_TIMES: Final = (v.SOSA_RESULT_TIME, v.FIRST_SEEN, v.LAST_SEEN)
+_TEXTS: Final = (v.BOX, v.FRAME, v.MODEL, v.LAST_FRAME, v.RDFS_LABEL)
+_NODES: Final = (
+    *(v.SOSA_FEATURE, v.FROM_RECORDING, v.EXPLAINED_BY, v.HAS_BELIEF, v.OF_CATEGORY),
+    *(v.IN_PLACE, v.RDF_TYPE),
+)
+
+
+class ChangeLines(NamedTuple):
+    """One change set, or the part of it about one subject."""
+
+    removed: list[bytes]
+    added: list[bytes]
+
+
+class LineCodec:
+    """Compresses and decompresses blocks of lines with a preset dictionary."""
+
+    def __init__(self, dictionary: bytes) -> None:
+        self._dictionary = dictionary
+
+    def encode(self, *blocks: Iterable[bytes]) -> bytes:
+        """Blocks of lines, compressed; each is sorted first."""
+        deflate = zlib.compressobj(
+            _LEVEL, zlib.DEFLATED, -zlib.MAX_WBITS, _MEMORY, zdict=self._dictionary
+        )
+        text = b"\n\n".join(_packed(block) for block in blocks)
+        return deflate.compress(text) + deflate.flush()
+
+    def state(self, data: bytes) -> list[bytes]:
+        """The lines of a single block."""
+        return _unpacked(self._text(data))
+
+    def change(self, data: bytes) -> ChangeLines:
+        """The lines of a change set."""
+        removed, _, added = self._text(data).partition(b"\n\n")
+        return ChangeLines(_unpacked(removed), _unpacked(added))
+
+    def change_about(self, data: bytes, subject: bytes) -> ChangeLines:
+        """The lines of a change set whose subject is `subject`, as N-Quads writes it."""
+        removed, _, added = self._text(data).partition(b"\n\n")
+        return ChangeLines(_about(removed, subject), _about(added, subject))
+
+    def _text(self, data: bytes) -> bytes:
+        return zlib.decompressobj(-zlib.MAX_WBITS, zdict=self._dictionary).decompress(data)
+
+
+def dictionary_for(base: str) -> bytes:
+    """The preset dictionary of a map's log: lines as they recur in it, the most frequent last."""
+    graph, thing = f"<{v.MAP_GRAPH}> .\n", f"<{base}object/1>"
+    lines = [
+        *(f"{thing} <{name}> <{base}place/1> {graph}" for name in _NODES),
+        *(f'{thing} <{name}> "frame-0000" {graph}' for name in _TEXTS),
+        *(f'{thing} <{name}> "2026-01-01T00:00:00Z"^^<{v.XSD}dateTime> {graph}' for name in _TIMES),
+        *(f'{thing} <{name}> "1"^^<{v.XSD}integer> {graph}' for name in _INTEGERS),
+        f"{thing} <{v.IN_CELL}> <{v.CELL}1_1> {graph}",
+        *(f'{thing} <{name}> "0.1"^^<{v.XSD_DOUBLE}> {graph}' for name in _DOUBLES),
+        f'{thing} <{v.CONFIDENCE}> "0.1"^^<{v.XSD_DOUBLE}> {graph}',
+        f'{thing} <{v.EXISTENCE}> "0.1"^^<{v.XSD_DOUBLE}> {graph}',
+    ]
+    return "".join(lines).encode()
+
+
+def lines_of(quads: Iterable[Quad]) -> list[bytes]:
+    """A line of N-Quads for each quad."""
+    return (serialize(quads, format=RdfFormat.N_QUADS) or b"").splitlines()
+
+
+def quads_of(lines: Iterable[bytes]) -> list[Quad]:
+    """The quads of lines; blank nodes keep their names."""
+    return [*parse(b"\n".join(lines), format=RdfFormat.N_QUADS, lenient=True)]
+
+
+def subject_of(line: bytes) -> bytes:
+    """The subject of a line, as N-Quads writes it."""
+    return line.partition(b" ")[0]
+
+
+def net(changes: Sequence[ChangeLines]) -> ChangeLines:
+    """The lines that consecutive changes removed and added together."""
+    gone: set[bytes] = set()
+    come: set[bytes] = set()
+    for removed, added in changes:
+        for line in removed:
+            come.remove(line) if line in come else gone.add(line)
+        for line in added:
+            gone.remove(line) if line in gone else come.add(line)
+    return ChangeLines(sorted(gone), sorted(come))
+
+
+def _packed(lines: Iterable[bytes]) -> bytes:
+    packed, last = [], b""
+    for line in sorted(lines):
+        subject, _, rest = line.partition(b" ")
+        packed.append(b" " + rest if subject == last else line)
+        last = subject
+    return b"\n".join(packed)
+
+
+def _unpacked(block: bytes) -> list[bytes]:
+    lines, subject = [], b""
+    for line in block.splitlines():
+        if line[0] == _SPACE:
+            lines.append(subject + line)
+        else:
+            lines.append(line)
+            subject = line[: line.index(b" ")]
+    return lines
+
+
+def _about(block: bytes, subject: bytes) -> list[bytes]:
+    # the lines of a subject follow each other, since a block is sorted
+    start = (b"\n" + block).find(b"\n" + subject + b" ")
+    if start < 0:
+        return []
+    first, *rest = block[start:].splitlines()
+    return [first, *(subject + line for line in takewhile(lambda x: x[0] == _SPACE, rest))]

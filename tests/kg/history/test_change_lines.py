@@ -1,0 +1,84 @@
+"""Change sets as compressed lines: every term comes back to the letter."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+from hypothesis import given
+from hypothesis import strategies as st
+from pyoxigraph import BlankNode, Literal, NamedNode, Quad
+
+from kg import vocabulary as v
+from kg.history.storage.change_lines import (
+    LineCodec,
+    dictionary_for,
+    lines_of,
+    net,
+    quads_of,
+    subject_of,
+)
+
+_CODEC = LineCodec(dictionary_for("https://example.org/flat/"))
+_TEXT = st.text(
+    st.characters(blacklist_categories=("Cs",), blacklist_characters="\x00"), max_size=12
+)
+_DATATYPES = st.sampled_from(
+    [v.XSD + name for name in ("double", "integer", "dateTime", "decimal", "boolean", "string")]
+)
+objects = st.one_of(
+    st.builds(Literal, st.floats()),
+    st.builds(Literal, _TEXT),
+    st.builds(lambda text: Literal(text, language="en"), _TEXT),
+    st.builds(lambda text, kind: Literal(text, datatype=NamedNode(kind)), _TEXT, _DATATYPES),
+    st.sampled_from([NamedNode(v.HERE + "Chair"), BlankNode("b0")]),
+)
+subjects = st.sampled_from(
+    [NamedNode(f"https://example.org/flat/{n}") for n in ("1", "1/belief/x", "10", "ä")]
+    + [BlankNode("b"), BlankNode("b0")]
+)
+quads = st.builds(
+    Quad,
+    subjects,
+    st.sampled_from([NamedNode(v.X), NamedNode(v.RDF_TYPE)]),
+    objects,
+    st.sampled_from([NamedNode(v.MAP_GRAPH), NamedNode(v.ASSERTIONS_GRAPH)]),
+)
+sets = st.sets(quads, max_size=12)
+
+
+@given(sets, sets)
+def test_a_change_comes_back_from_its_bytes(removed: set[Quad], added: set[Quad]) -> None:
+    data = _CODEC.encode(lines_of(removed), lines_of(added))
+    change = _CODEC.change(data)
+    assert (set(quads_of(change.removed)), set(quads_of(change.added))) == (removed, added)
+
+
+@given(sets, sets, subjects)
+def test_one_subject_is_picked_from_a_change(
+    removed: set[Quad], added: set[Quad], subject: NamedNode | BlankNode
+) -> None:
+    name = str(subject).encode()
+    whole, part = (lines_of(removed), lines_of(added)), _CODEC.encode
+    picked = _CODEC.change_about(part(*whole), name)
+    for lines, side in zip(picked, whole, strict=True):
+        assert sorted(lines) == sorted(line for line in side if subject_of(line) == name)
+
+
+@given(st.lists(sets, max_size=6))
+def test_net_changes_lead_from_the_first_state_to_the_last(states: list[set[Quad]]) -> None:
+    lines = [set(lines_of(state)) for state in (states or [set()])]
+    changes = [
+        _CODEC.change(_CODEC.encode(before - after, after - before))
+        for before, after in pairwise(lines)
+    ]
+    removed, added = net(changes)
+    assert (set(removed), set(added)) == (lines[0] - lines[-1], lines[-1] - lines[0])
+
+
+def test_names_cost_little_in_a_small_change() -> None:
+    thing, graph = NamedNode("https://example.org/flat/object/7"), NamedNode(v.MAP_GRAPH)
+    before, after = (
+        lines_of([Quad(thing, NamedNode(v.X), Literal(x), graph)]) for x in (1.25, 1.5)
+    )
+    assert len(before[0]) > 100
+    assert len(_CODEC.encode(before, after)) < 40
