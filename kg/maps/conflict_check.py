@@ -24,6 +24,7 @@ _NUMBER: Final = r"(?:0|[1-9][0-9]{0,14})"
 _NAMES: Final = {
     "object": "object/N",
     "place": "place/N",
+    "door": "door/N-N",
     "search": "search/N",
     "look": "search/N/look/N",
     "obstacle": "search/N/obstacle/N",
@@ -93,30 +94,39 @@ def _touched(semantic_map: SemanticMap, known_sequence: int, own: Collection[int
 
 
 def _refuse_strange(semantic_map: SemanticMap, update: MapUpdate) -> None:
-    """Refuse records of things that are no objects, places or searches of this map."""
+    """Refuse records of things that are no objects, places, doors or searches of this map."""
     base = semantic_map.base
     most = semantic_map.next_object + _AHEAD
-    strange = {(iri, kind) for iri, kind in _things(update) if not _is_own(base, iri, kind, most)}
+    strange = {
+        (iri, kind) for iri, kind in _things(update, base) if not _is_own(base, iri, kind, most)
+    }
     if not strange:
         return
     # things that people added may have other names
     known = {(record.iri, "object") for record in semantic_map.perceived_objects()}
     known |= {(record.iri, "place") for record in semantic_map.perceived_places()}
+    known |= {(record.iri, "door") for record in semantic_map.doors()}
     for iri, kind in sorted(strange - known):
         raise InvalidFactError(
             f"{iri[:200]!r} is no {kind} of this map; a new one is called {base}{_NAMES[kind]}"
         )
 
 
-def _things(update: MapUpdate) -> Iterator[tuple[str, str]]:
+def _things(update: MapUpdate, base: str) -> Iterator[tuple[str, str]]:
     yield from ((record.iri, "object") for record in update.objects)
-    yield from ((iri, "object") for iri in update.removed)
+    yield from ((iri, _removed_kind(iri, base)) for iri in update.removed)
     yield from ((place.iri, "place") for place in update.places)
     if update.search is not None:
         yield update.search.iri, "search"
     for kind, records in (("look", update.looks), ("obstacle", update.obstacles)):
         yield from ((record.iri, kind) for record in records)
         yield from ((record.search, "search") for record in records)
+
+
+def _removed_kind(iri: str, base: str) -> str:
+    """Kind of a thing that leaves the map: an object, a place or a door."""
+    first = iri.removeprefix(base).partition("/")[0]
+    return first if first in ("place", "door") else "object"
 
 
 def _is_own(base: str, iri: str, kind: str, most: int) -> bool:

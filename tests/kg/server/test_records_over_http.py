@@ -28,10 +28,12 @@ from kg.maps.semantic_map import SemanticMap
 from kg.opening import open_map
 from kg.records import (
     DepartedRecord,
+    DoorRecord,
     FloorTile,
     LookRecord,
     MapUpdate,
     ObjectRecord,
+    PlaceRecord,
     RecordingRecord,
     RobotRecord,
     SearchRecord,
@@ -100,6 +102,20 @@ def test_only_a_search_is_its_own_account(
         change = far.apply(cup_at(far, 2.5), Cause(kind, by))
     assert change is not None
     assert change.cause.by == account
+
+
+def test_places_and_doors_that_left_are_removed_from_afar(served: Served) -> None:
+    rooms = [PlaceRecord(f"{BASE}place/{n}", f"room {n}", n, n + 1.0, 0.0, 1.0) for n in (901, 902)]
+    ends = rooms[0].iri, rooms[1].iri
+    doors = [DoorRecord(f"{BASE}door/901-902{end}", 1.0, 0.5, 0.8, ends) for end in ("", "-2")]
+    with open_far(served) as far:
+        far.apply(MapUpdate(places=tuple(rooms), doors=tuple(doors)))
+        assert len(served.map.doors()) == 2
+        far.apply(MapUpdate(removed=(rooms[0].iri, *(door.iri for door in doors))))
+        assert served.map.doors() == ()
+        assert rooms[0].iri not in {place.iri for place in served.map.places()}
+        with pytest.raises(InvalidFactError, match="is no door of this map"):
+            far.apply(MapUpdate(removed=(f"{BASE}door/of-nobody",)))
 
 
 def test_what_people_said_outranks_what_is_seen_from_afar(served: Served) -> None:
