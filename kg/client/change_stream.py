@@ -20,8 +20,8 @@ from kg.store.http_session import HttpSession
 from kg.store.sparql_client import without_secrets
 from kg.transactions import ChangeSet
 
-SILENCE: Final = 60.0  # [s] without any event or heartbeat after which a connection is closed
-PAUSES: Final = (0.1, 0.5, 2.0, 5.0)  # [s] before the 1st, 2nd, ... try after one that failed
+SILENCE: Final = 60.0  # [s] without event or heartbeat until a connection is closed
+PAUSES: Final = (0.1, 0.5, 2.0, 5.0)  # [s] before the 1st, 2nd, ... attempt after a failed one
 
 _BUSY: Final = (429, 502, 503, 504)
 _BROKEN: Final = (OSError, HTTPError, EOFError)
@@ -29,10 +29,10 @@ _CHUNK: Final = 1 << 16
 
 
 class ChangeStream:
-    """Iterates over the change sets numbered above `since`, waiting for those to come.
+    """Iterates over the change sets numbered above `since`, and waits for later ones.
 
-    It ends when `close` is called, from any thread. Raises HistoryError where the server no longer
-    keeps the next one, RemoteError where the server refuses the stream.
+    `close`, from any thread, ends it. Raises HistoryError if the server does not keep the next one
+    any more, RemoteError if it refuses the stream.
     """
 
     def __init__(self, root: str, since: int) -> None:
@@ -108,7 +108,7 @@ def _data(reply: requests.Response) -> Iterator[str]:
 
 
 def _lines(reply: requests.Response) -> Iterator[str]:
-    """The whole lines of a reply, each as soon as it is there."""
+    """The lines of a reply, each as soon as it is complete."""
     rest = b""
     while part := reply.raw.read1(_CHUNK):
         *lines, rest = (rest + part).split(b"\n")

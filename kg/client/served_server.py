@@ -57,15 +57,15 @@ _JSON: Final = "application/json"
 _UPDATE: Final = "application/sparql-update"
 _CHUNK: Final = 1 << 16
 _N_TRIPLES: Final = "application/n-triples"
-#: has an answer to a write hold the change set (RFC 7240)
+#: asks for the change set in the response to a write (RFC 7240)
 _WHOLE: Final = {"Prefer": "return=representation"}
 T = TypeVar("T")
 
 
 class ServedClient:
-    """The server at `root`; writes with the token in the environment. Raises RemoteError.
+    """Client of the server at `root`; writes with the token in the environment.
 
-    A refusal raises the same error as in the server: HistoryError, InvalidFactError, ...
+    Raises RemoteError, and for a refusal the error of the server: HistoryError, ...
     """
 
     def __init__(self, root: str) -> None:
@@ -75,7 +75,7 @@ class ServedClient:
 
     @classmethod
     def at(cls, root: str) -> ServedClient | None:
-        """The server whose paths lie under `root`; None where another kind of server answers."""
+        """The client of the `hereabouts serve` at `root`; None if another server answers."""
         served = cls(root)
         try:
             content = served._request("GET", "health")
@@ -130,7 +130,7 @@ class ServedClient:
         """Apply records in one transaction; returns once it is durable.
 
         The writer has read the transactions up to `known_sequence`, and made those of `own` itself.
-        Raises ConflictError where others changed since then what is to be written.
+        Raises ConflictError if others have since changed the same things.
         """
         body = {
             "update": update_to_json(update),
@@ -152,7 +152,7 @@ class ServedClient:
     def changes(self, since: int) -> Iterator[ChangeSet]:
         """Change sets numbered above `since` up to now, in order, requested page by page.
 
-        Raises HistoryError where the server does not keep them.
+        Raises HistoryError if the server does not keep them.
         """
         more = True
         while more:
@@ -255,7 +255,7 @@ class ServedClient:
         body: bytes,
         seconds: float,
     ) -> Iterator[requests.Response]:
-        """The reply, to be read within the block; UnreachableError where the connection breaks."""
+        """The reply, to be read within the block; UnreachableError if the connection breaks."""
         try:
             with self._http.send(
                 method,
@@ -274,7 +274,7 @@ class ServedClient:
 
 
 def served_at(store: TransactionalStore) -> ServedClient | None:
-    """The client of the `hereabouts serve` behind a store; None where it is another server."""
+    """The client of the `hereabouts serve` behind a store; None if it is another server."""
     engine = store.engine
     if not isinstance(engine, SparqlBackend) or not engine.query_url.endswith("/sparql"):
         return None
@@ -336,7 +336,7 @@ def _change(data: Json) -> ChangeSet | None:
 
 
 def _refusal(where: str, status: int, data: Any) -> HereaboutsError:
-    """The error that a refusal names; else RemoteError."""
+    """The error in a refusal, or RemoteError."""
     data = data if isinstance(data, dict) else {}
     detail = str(data.get("detail", f"it answered {status}"))
     kind = getattr(errors, str(data.get("error", "")), None)

@@ -1,1 +1,1 @@
-"""Ontologies of maps as people edit them: sources to compare, reloading, one file for an editor."""
+"""Editing of ontologies of maps: sources to compare, reloading, one file for an editor."""

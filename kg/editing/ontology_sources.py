@@ -1,4 +1,4 @@
-"""Sources of ontologies to compare: files, a map's folder, a server with a map."""
+"""Sources of ontologies: files, the folder of a map, a server with a map."""
 
 from __future__ import annotations
 

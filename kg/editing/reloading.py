@@ -1,4 +1,4 @@
-"""Reload of an edited ontology into a map in a folder, on a store's server or being served."""
+"""Reload of an edited ontology into a map in a folder or on a server."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Reloaded:
     """Result of a reload: the changes, the triples, and the transaction's number."""
 
     changes: tuple[OntologyChange, ...]
-    kept: tuple[str, ...] = ()  # relations kept as people wrote them into the map
+    kept: tuple[str, ...] = ()  # relations that people edited in the map, which stay
     warnings: tuple[Finding, ...] = ()
     sequence: int = 0
     added: int = 0
@@ -43,11 +43,11 @@ def reload(
     reason: bool = False,
     dry: bool = False,
 ) -> Reloaded:
-    """Check what lies at `source` and make it the ontology of the map at `address`.
+    """Validate the ontology at `source` and make it that of the map at `address`.
 
     `address` is a map's folder, a SPARQL server with a map, or a running `hereabouts serve`, which
-    then uses the new ontology. A file must bring, or import, all that the map's ontology is made
-    of, unless it is `whole`; `reason` runs HermiT too; `dry` changes nothing. Raises OntologyError
+    then uses the new ontology. Unless it is `whole`, a file must contain or import all ontologies
+    of the map. `reason` runs HermiT too; `dry` changes nothing. Raises OntologyError
     for what is refused (the map is untouched then), GraphError, RemoteError.
     """
     with IsolatedParser() as parse:

@@ -1,4 +1,4 @@
-"""A map's ontology as one file that OWL editors open."""
+"""Export of the ontology of a map as one file for OWL editors."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _FORMATS: Final = {
 
 
 def export_ontology(semantic_map: SemanticMap, path: Path) -> int:
-    """Write the map's ontology to `path`, imports included; returns how many triples.
+    """Write the ontology of the map to `path`, imports included; returns the number of triples.
 
     OWL wants one header a file: that of the map's ontology, named after the map. Raises
     OntologyError where the ending is not .ttl, .owl, .rdf or .nt; GraphError where it cannot be

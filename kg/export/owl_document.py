@@ -18,11 +18,11 @@ from kg import vocabulary as v
 from kg.ontology.import_closure import headers_of
 
 _TYPE: Final = NamedNode(v.RDF_TYPE)
-_KEPT: Final = {v.DCT_LICENSE, v.OWL_VERSION_INFO}  # of the headers that became one
+_KEPT: Final = {v.DCT_LICENSE, v.OWL_VERSION_INFO}  # of the merged headers
 _BUILT_IN: Final = tuple(v.PREFIXES[name] for name in ("rdf", "rdfs", "owl", "xsd"))
 _CLASSES: Final = {v.OWL_CLASS, v.RDFS_DATATYPE}
 _PROPERTIES: Final = {v.OWL_OBJECT_PROPERTY, v.OWL_DATATYPE_PROPERTY, v.OWL_ANNOTATION_PROPERTY}
-#: datatypes of OWL 2 (Structural Specification, section 4) that reasoners compute with
+#: datatypes of OWL 2 (Structural Specification, section 4) that reasoners support
 _DATATYPES: Final = {v.PREFIXES["rdf"] + "PlainLiteral", v.PREFIXES["rdf"] + "langString"} | {
     v.XSD + name
     for name in (
@@ -39,7 +39,7 @@ def owl_document(triples: Iterable[Triple], iri: str, label: str) -> list[Triple
 
 
 def with_one_header(triples: Iterable[Triple], iri: str, label: str) -> list[Triple]:
-    """The triples with one owl:Ontology, `iri`, in place of those they have, and no imports."""
+    """The triples with one owl:Ontology, `iri`, instead of theirs, and without imports."""
     triples = tuple(triples)
     parts = headers_of(triples)
     own = NamedNode(iri)
@@ -59,7 +59,7 @@ def with_one_header(triples: Iterable[Triple], iri: str, label: str) -> list[Tri
 
 
 def _in_hexadecimal(triple: Triple) -> Triple:
-    """The triple with xsd:hexBinary in place of xsd:base64Binary, the datatype's name included."""
+    """The triple with xsd:hexBinary instead of xsd:base64Binary, as datatype and as term."""
     value = triple.object
     if isinstance(value, NamedNode) and value.value == v.XSD_BASE64:
         return Triple(triple.subject, triple.predicate, NamedNode(v.XSD_HEX))
@@ -73,7 +73,7 @@ def _in_hexadecimal(triple: Triple) -> Triple:
 
 
 def _declarations(triples: list[Triple]) -> Iterator[Triple]:
-    """A type for each class, property and datatype that is used and not declared."""
+    """Declarations of the classes, properties and datatypes that have none."""
     declared: dict[str, set[str]] = defaultdict(set)
     values: dict[str, list[object]] = defaultdict(list)
     for triple in triples:
@@ -93,7 +93,7 @@ def _declarations(triples: list[Triple]) -> Iterator[Triple]:
 
 
 def _kind(values: Iterable[object], declared: dict[str, set[str]]) -> str:
-    """What kind of property has such values; one of annotations where reasoners would fail."""
+    """Kind of a property with such values; annotation if reasoners do not support them."""
     values = tuple(values)
     if all(isinstance(value, Literal) and value.datatype.value in _DATATYPES for value in values):
         return v.OWL_DATATYPE_PROPERTY

@@ -88,7 +88,7 @@ class _Names:
         return iri.removeprefix(self._base)
 
     def number(self, iri: str) -> int | None:
-        """The number of place/7; None for places that people call otherwise."""
+        """The number of place/7; None for places with other IRIs."""
         last = self.short(iri).removeprefix("place/")
         return int(last) if last.isascii() and last.isdigit() else None
 
@@ -165,7 +165,7 @@ def _feature(
 
 
 def _closed(ring: Ring) -> list[list[float]]:
-    """A linear ring: its first corner again at the end."""
+    """A linear ring, whose last corner is its first."""
     return [[float(x), float(y)] for x, y in (*ring, ring[0])]
 
 

@@ -1,7 +1,7 @@
 """Serialisation of maps for other tools: Turtle, TriG, N-Quads, N-Triples, JSON-LD, RDF/XML.
 
-An export has the map and dataset graphs, the assertions, the ontology unless it is left out, and
-derived triples in standard vocabularies (`kg.facts.standard_terms`, `kg.facts.wkt`). TriG
+An export has the map and dataset graphs, the assertions, optionally the ontology, and derived
+triples in standard vocabularies (`kg.facts.standard_terms`, `kg.facts.wkt`). TriG
 and N-Quads keep the graphs and ontologies apart; the other formats hold one graph, with the
 ontology an OWL 2 DL document without imports. The same map gives the same text.
 """
@@ -86,7 +86,7 @@ def export_text(semantic_map: SemanticMap, format: str, *, ontology: bool = True
 
 
 def export_quads(semantic_map: SemanticMap, *, ontology: bool = True) -> list[Quad]:
-    """Quads of an export in the order they are written, geometries included."""
+    """Quads of an export in their order, geometries included."""
     graphs = (*_GRAPHS, v.ONTOLOGY_GRAPH) if ontology else _GRAPHS
     engine = semantic_map.engine
     quads = {
@@ -109,7 +109,7 @@ def export_quads(semantic_map: SemanticMap, *, ontology: bool = True) -> list[Qu
 def _statements(
     semantic_map: SemanticMap, quads: list[Quad], form: str, *, ontology: bool
 ) -> list[Quad]:
-    """What a file of that format holds: all graphs, or one OWL 2 document, or one graph."""
+    """Statements of a file in that format: all graphs, an OWL 2 document, or one graph."""
     if _known(form) in _WITH_GRAPHS:
         return quads
     triples = list(dict.fromkeys(quad.triple for quad in quads))
@@ -133,7 +133,7 @@ def _text(quads: list[Quad], form: str, prefixes: _Prefixes) -> str:
 
 
 def is_format(form: str) -> bool:
-    """Whether `export_map` has a format of that name, or of that name in other tools."""
+    """Whether `export_map` has a format of that name or alias."""
     return _ALIASES.get(form.lower(), form.lower()) in FORMATS
 
 
@@ -176,7 +176,7 @@ def _tidy(
 ) -> str:
     """Prefixes in order, one empty line between subjects; strings never span lines here."""
     text = with_full_iris(_native(statements, form, prefixes), prefixes)
-    # not splitlines: strings may hold what it takes for the end of a line, such as U+2028
+    # not splitlines, which splits strings at U+2028 and others
     lines = text.replace("\t", "    ").split("\n")
     declared = sorted(line for line in lines if line.startswith("@prefix"))
     body = [line for line in lines if not line.startswith("@prefix")]
@@ -185,7 +185,7 @@ def _tidy(
 
 
 def _with_exponent(quad: Quad) -> Quad:
-    """Doubles as 1.23e0, which Turtle writes bare; the engine keeps them without an exponent."""
+    """Doubles as 1.23e0, which Turtle needs no quotes for; the engine drops the exponent."""
     term = quad.object
     if not isinstance(term, Literal) or term.datatype != _DOUBLE:
         return quad

@@ -26,7 +26,7 @@ from kg.records import MapUpdate, ObjectRecord, PlaceRecord
 from kg.store.atomic_file import write_atomically
 from kg.transactions import Cause
 
-NU: Final = 3.0  # most confidence an object can have, eq. 3.1
+NU: Final = 3.0  # greatest confidence of an object, eq. 3.1
 MAX_VIEWS: Final = 50  # counter of a loaded belief, so that new views still count
 
 T = TypeVar("T")
@@ -96,7 +96,7 @@ def _sides(place: PlaceRecord) -> tuple[object, ...]:
 def _reject_repeated_import(
     path: Path | str | None, new: Iterable[object], known: Iterable[object]
 ) -> None:
-    """Refuse a file that this map holds already: a second import would double everything."""
+    """Raises InvalidFactError if the map holds all of the file already."""
     fresh = set(new)
     if fresh and fresh.issubset(known):
         raise InvalidFactError(f"all of {path} is in this map already; another map would take it")

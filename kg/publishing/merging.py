@@ -1,4 +1,4 @@
-"""Merge of several maps into one store in memory: one query over all of them, with real joins."""
+"""Merge of several maps into one store in memory, so that a query can join over all of them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from kg.store.transactional import TransactionalStore
 
 
 def merged(addresses: Sequence[str]) -> SemanticMap:
-    """The maps at `addresses`, folders or servers, as one that is only read.
+    """The maps at `addresses`, folders or servers, as one read-only map.
 
     IRIs are unique to each map, so their facts stay apart in the same graphs; relative IRIs of a
     query are those of the first map. Raises GraphError where two are the same map, or one cannot

@@ -1,4 +1,4 @@
-"""Publisher: mirrors one map into a target, from a snapshot or from where it was left.
+"""Publisher: mirrors one map into a target, from a snapshot or from the last transaction.
 
 Each transaction is one update of the target. Where the target does not acknowledge one, whether it
 was applied is read from the target itself before anything else is sent; so a publisher continues
@@ -21,7 +21,7 @@ from kg.publishing.target import PublishTarget
 from kg.transactions import ChangeSet
 
 PAUSES: Final = (0.2, 0.5, 1.0, 2.0)  # [s] before the 1st, 2nd, ... attempt after a failed one
-ATTEMPTS: Final = 5  # in a row, with a server that answers and refuses
+ATTEMPTS: Final = 5  # in a row that a server refuses
 
 
 class Publisher:
@@ -40,7 +40,7 @@ class Publisher:
         self._map: SemanticMap | None = None
 
     def publish(self) -> int:
-        """Publish the map as it is now; the number of its last transaction.
+        """Publish the current state; returns the number of its last transaction.
 
         Raises RemoteError where one of the servers fails, MapBusyError for a folder in use.
         """
@@ -49,7 +49,7 @@ class Publisher:
         return self.acknowledged
 
     def follow(self) -> None:
-        """Publish the map, then each transaction as it comes, until `stop`.
+        """Publish the map, then each further transaction, until `stop`.
 
         Waits for servers that do not answer. A folder is published once, since nobody writes it
         while it is open here. Raises RemoteError where a server keeps refusing.
@@ -71,7 +71,7 @@ class Publisher:
             except UnreachableError as error:
                 self._report(f"{self.address} waits: {error}")
             except HistoryError:
-                continue  # what came next is not kept any more: synchronised at the next attempt
+                continue  # the next transactions are not kept: the next attempt compares all
             except RemoteError as error:
                 refused = 0 if self.acknowledged > before else refused
                 if refused + 1 >= ATTEMPTS:
@@ -105,7 +105,7 @@ class Publisher:
                 self._apply_all(semantic_map, known)
                 return
             except HistoryError:
-                pass  # the past since then is not kept: compared as a whole
+                pass  # the transactions since are not kept: compares all
         self._synchronise(semantic_map)
 
     def _synchronise(self, semantic_map: SemanticMap) -> None:

@@ -1,4 +1,4 @@
-"""Source of a copy: all quads of a map, of one state, from its folder or its server."""
+"""Source of a copy: all quads of one state of a map, from its folder or its server."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from kg.client.remote_map import RemoteMap
 from kg.maps.semantic_map import SemanticMap
 from kg.rdf.skolem import named
 
-DUMP_WITHIN: Final = 600.0  # [s] to read a served map whole
+DUMP_WITHIN: Final = 600.0  # [s] to read a served map
 MAX_DUMP: Final = 8 << 30  # [bytes]
 
 
 @dataclass(frozen=True, slots=True)
 class SourceSnapshot:
-    """A map's quads after transaction `sequence`, without blank nodes and that number itself."""
+    """Quads of a map after transaction `sequence`, without blank nodes and the number."""
 
     sequence: int
     quads: tuple[Quad, ...]
 
 
 def snapshot_of(semantic_map: SemanticMap) -> SourceSnapshot:
-    """All of a map as it is now; raises RemoteError where its server breaks off."""
+    """The current state of a map; raises RemoteError if its server breaks off."""
     sequence, quads = 0, []
     for quad in _stored(semantic_map):
         if quad.predicate.value == v.SEQUENCE and isinstance(quad.object, Literal):

@@ -43,11 +43,11 @@ class PublishTarget:
         self.where = self._endpoint.where
 
     def acknowledged(self, base: str) -> int | None:
-        """The last transaction of the map `base` that is published; None where none is."""
+        """The last published transaction of the map `base`; None if there is none."""
         return self._marks().get(base)
 
     def synchronise(self, base: str, snapshot: SourceSnapshot) -> int:
-        """Make what is published of a map equal to a snapshot; the number of quads written.
+        """Make the published copy equal to a snapshot; returns the number of quads written.
 
         Takes several requests where it is large; that it is complete is written with the last one.
         Raises GraphError where the IRI of another published map contains that of this one.
@@ -78,12 +78,12 @@ class PublishTarget:
         found: dict[str, int] = {}
         for row in self._select("?map ?number", pattern).rows:
             base, number = row["map"].value, int(row["number"].value)
-            # of two, where a server does not apply updates whole, the earlier is safe
+            # a server that applies updates in part may have two: the earlier one is safe
             found[base] = min(number, found.get(base, number))
         return found
 
     def _stored(self, base: str) -> Iterator[Quad]:
-        """What the target holds of a map, but for ontology and common sense."""
+        """Published quads of a map, except ontology and common sense."""
         others = ", ".join(map(str, (*BACKGROUND, _PUBLISHED)))
         facts = f"GRAPH ?g {{ ?s ?p ?o }} FILTER(?g NOT IN ({others}))"
         yield from self._quads(f"{facts} FILTER(STRSTARTS(STR(?s), {Literal(base)}))")
@@ -146,7 +146,7 @@ def _mark(base: str, sequence: int) -> Quad:
 
 
 def _parts(base: str, quads: Iterable[Quad]) -> dict[Quad, None]:
-    """That things with IRIs of their own are parts of the map."""
+    """Quads that mark resources with other IRIs as parts of the map."""
     return {
         Quad(NamedNode(base), _PART, quad.subject, _PUBLISHED): None
         for quad in quads

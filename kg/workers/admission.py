@@ -1,8 +1,8 @@
 """Fair queueing (Nagle, RFC 970): clients take turns for the workers of a pool.
 
-Each client has a queue of its own, and a short one: a client that sends too much waits for
-itself, and alone is refused. The last free worker is kept for a query about the present of a client
-that has none running. So a client with few requests finds a worker, whatever one other client does.
+Each client has a short queue of its own, so that a client with too many queries delays, and is
+refused, only its own. The last free worker is reserved for a query about the present of a client
+without a running query. So a client with few requests finds a worker, whatever another one sends.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from typing import Final, Literal
 
 from kg.errors import GraphError, PoolBusyError
 
-#: queries about the present; about the past, which may take seconds; and those of subscriptions
+#: queries about the present, about the past (which may take seconds), and of subscriptions
 Lane = Literal["present", "past", "standing"]
 
-SHARES: Final = 8  # full queues of clients that may wait; beyond, each client's becomes shorter
-OVERDUE: Final = 5.0  # [s] after which a standing query no longer waits behind the others
+SHARES: Final = 8  # full queues of clients; with more clients each queue becomes shorter
+OVERDUE: Final = 5.0  # [s] after which the query of a subscription has no lower priority any more
 
 
 @dataclass(eq=False, slots=True)
 class Turn:
-    """One query's place in the queue; `granted` is done once it may have a worker."""
+    """Place of a query in the queue; `granted` is done once it may use a worker."""
 
     client: str
     lane: Lane
@@ -35,9 +35,9 @@ class Turn:
 
 
 class FairQueue:
-    """Grants `workers` turns at once; `queue` bounds how many a client may have waiting.
+    """Grants up to `workers` turns at once; a client may have `queue` turns waiting.
 
-    Half of that for the past. Safe from any thread.
+    Up to half of them may be about the past. Safe from any thread.
     """
 
     def __init__(self, workers: int, queue: int) -> None:
@@ -48,9 +48,9 @@ class FairQueue:
         self._closed = False
 
     def enter(self, client: str, lane: Lane) -> Turn:
-        """A turn, granted now or later; end it with `leave`, granted or not.
+        """A turn, granted now or later; the caller ends it with `leave`.
 
-        Raises PoolBusyError where too many of this client wait, GraphError once closed.
+        Raises PoolBusyError if too many of this client wait, GraphError once closed.
         """
         with self._guard:
             if self._closed:
@@ -65,14 +65,14 @@ class FairQueue:
             return turn
 
     def leave(self, turn: Turn) -> None:
-        """End a turn, whether it was granted or still waits."""
+        """End a turn, granted or waiting."""
         with self._guard:
             self._running.discard(turn)
             self._remove(turn)
             self._grant_next()
 
     def close(self) -> None:
-        """End all that wait with GraphError."""
+        """End all waiting turns with GraphError."""
         with self._guard:
             self._closed = True
             for turn in [t for turns in self._waiting.values() for t in turns]:
@@ -82,7 +82,7 @@ class FairQueue:
 
     @property
     def waiting(self) -> int:
-        """How many turns are not granted yet."""
+        """Number of turns that are not granted yet."""
         with self._guard:
             return sum(map(len, self._waiting.values()))
 
@@ -104,7 +104,7 @@ class FairQueue:
             self._grant(turn)
 
     def _next(self) -> Turn | None:
-        """Of those that may run: interactive ones first, then the client with fewest running."""
+        """The next turn: subscriptions last, then by the fewest running turns of the client."""
         running = Counter(turn.client for turn in self._running)
         found = list(self._first_of_each())
         # `min` keeps the first of equals: the client that was served longest ago

@@ -34,10 +34,10 @@ GRAPH_TYPES = (
 
 
 def choose_format(accept: str | None, form: Form) -> str:
-    """The media type for the answer of a query of that form, by an Accept header's q-values.
+    """The media type for the answer to a query of a form, by the q-values of an Accept header.
 
-    The most specific range that names a type gives its quality; of the best the first offered
-    wins. Raises NotAcceptableError where all are refused.
+    The most specific range that matches a type gives its quality; among equals the first offer
+    wins. Raises NotAcceptableError if no offer is acceptable.
     """
     offered = RESULT_TYPES if form in ("select", "ask") else GRAPH_TYPES
     return negotiate(accept, offered)

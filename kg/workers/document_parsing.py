@@ -1,4 +1,4 @@
-"""RDF files parsed in an isolated worker, which dies in place of this process."""
+"""Parser of RDF files in an isolated worker, whose crash does not end this process."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ _LINE: Final = re.compile(r"at line (\d+)")
 
 
 class IsolatedParser:
-    """Parses documents one after the other; a `kg.rdf.parsing.Parse`, and a context manager."""
+    """Parses one document at a time; a `kg.rdf.parsing.Parse` and a context manager."""
 
     def __init__(self) -> None:
         self._worker: WorkerProcess | None = None
 
     def __call__(self, data: bytes, form: RdfFormat) -> Iterable[Quad]:
-        """The quads; raises SyntaxError with the line, OntologyError where the worker ends."""
+        """The quads; raises SyntaxError with the line, OntologyError if the worker ends."""
         if self._worker is None or not self._worker.alive:
             self.close()
             self._worker = WorkerProcess(settings_of(MEMORY, ()))

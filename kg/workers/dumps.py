@@ -1,4 +1,4 @@
-"""Dumps of a map: written by a process of their own from a snapshot, and streamed as they come."""
+"""Dumps of a map, written from a snapshot by a separate process and streamed."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import Any, Final
 from kg.workers.process import WorkerProcess
 from kg.workers.snapshots import Snapshot, Snapshots
 
-NO_LIMIT: Final = 1 << 62  # [bytes]: a dump is as large as its map
+NO_LIMIT: Final = 1 << 62  # [bytes]
 
 
 class Dump:
-    """One dump under way: `read` until it is empty, then `close`. Raises as `WorkerProcess.ask`.
+    """A dump in progress: `read` until it is empty, then `close`. Raises as `WorkerProcess.ask`.
 
-    It begins with the first `read`, so that a failure then can still be reported as such.
+    It begins with the first `read`, whose failure can still be sent as an error response.
     """
 
     def __init__(

@@ -1,8 +1,8 @@
 """Evaluation process: reads requests from stdin and answers on stdout, until stdin ends.
 
-Before it reads anything the kernel denies it the network (`kg.workers.network_isolation`). It is
-meant to be killed, and to kill itself: an alarm of the kernel ends it at its time limit even where
-its parent has ended, and its address space, files and processor time are limited. Messages in both
+Before it reads anything the kernel denies it the network (`kg.workers.network_isolation`). Its
+parent may kill it, and an alarm of the kernel ends it at its time limit even if the parent has
+ended. Its address space, files and processor time are limited. Messages in both
 directions are a type byte, a length (4 bytes, little endian) and that many bytes:
 
     >  S  the settings (JSON), first       <  R  done with S or O; of S how the network is denied
@@ -61,7 +61,7 @@ Request = dict[str, Any]
 
 
 class Evaluator:
-    """One snapshot, and the queries evaluated on it."""
+    """Evaluates requests on one snapshot at a time."""
 
     def __init__(self, settings: Request, out: BinaryIO, *, denied: bool) -> None:
         self._settings = settings
@@ -73,7 +73,7 @@ class Evaluator:
         self._past: PastStates | None = None  # made by the first query about the past
 
     def open(self, folder: str) -> None:
-        """Read from that snapshot from now on."""
+        """Open another snapshot."""
         if folder == self._folder:
             return
         store = Store.read_only(folder)
@@ -110,7 +110,7 @@ class Evaluator:
             self._fail("QueryError", self._reason(request, error))
 
     def _reason(self, request: Request, error: Exception) -> str:
-        """Why it cannot be answered; what an endpoint replied is not quoted."""
+        """Message of an error; it does not quote replies of SERVICE endpoints."""
         if has_allowed_service(request.get("sparql", ""), self._settings["services"]):
             return "the query cannot be answered: an endpoint of SERVICE gave no usable answer"
         return f"the query cannot be answered: {error}"
@@ -210,7 +210,7 @@ class Evaluator:
         self._send(b"E", json.dumps({"error": name, "message": line}).encode())
 
     def ready(self, **state: object) -> None:
-        """Acknowledge the last message that has no answer."""
+        """Acknowledge a message without an answer."""
         self._send(b"R", json.dumps(state).encode())
 
     def _send(self, kind: bytes, payload: bytes | bytearray) -> None:
@@ -218,7 +218,7 @@ class Evaluator:
         self._out.flush()
 
 
-#: requests about a snapshot that are no queries
+#: requests about a snapshot, except queries
 _OF_SNAPSHOT: Final[dict[bytes, Callable[[Evaluator, Request], None]]] = {
     b"T": Evaluator._report_history,
     b"P": Evaluator._prepare_past,
@@ -228,7 +228,7 @@ _OF_SNAPSHOT: Final[dict[bytes, Callable[[Evaluator, Request], None]]] = {
 
 
 class _Sink:
-    """What the engine writes an answer into: sent on in chunks, refused beyond the limit."""
+    """Output of the engine: sent in chunks; raises QueryTooLargeError beyond the limit."""
 
     def __init__(
         self, send: Callable[[bytes, bytes], None], limit: int, *, xml: bool = False
@@ -251,7 +251,7 @@ class _Sink:
         return len(data)
 
     def end(self) -> None:
-        """Send on what is left."""
+        """Send the rest."""
         if self._pieces is not None:
             self._chunk += self._pieces.rest()
         self.flush()
@@ -263,7 +263,7 @@ class _Sink:
 
 
 def _dataset(request: Request) -> dict[str, Any]:
-    """Which graphs to query: those of the request, else those of FROM, else the union of all."""
+    """Dataset of a query: graphs of the request, else of FROM, else the union of all."""
     default, named = request["default_graphs"], request["named_graphs"]
     if default or named:
         return {
@@ -274,7 +274,7 @@ def _dataset(request: Request) -> dict[str, Any]:
 
 
 def _limit_process(memory: int) -> None:
-    """No core dump, no growing file, and `memory` bytes more of addresses than now."""
+    """Limit this process to `memory` more bytes of address space; no core dump, no files."""
     with contextlib.suppress(FileNotFoundError):  # only Linux has it and enforces it
         now = int(Path("/proc/self/statm").read_text("ascii").split()[0])
         most = now * os.sysconf("SC_PAGE_SIZE") + memory
@@ -284,7 +284,7 @@ def _limit_process(memory: int) -> None:
 
 
 def _limit_files(size: int) -> None:
-    """How long a file may become that this process writes."""
+    """Limit the size of the files that this process writes."""
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
 
 
@@ -305,7 +305,7 @@ def _read(stream: BinaryIO) -> tuple[bytes, Request] | None:
 
 
 def main() -> None:
-    """Serve requests until stdin ends; with the argument ``--network`` not denied the network."""
+    """Serve requests until stdin ends; ``--network`` allows the network."""
     network = "allowed" if "--network" in sys.argv else deny_network()
     requests, answers = sys.stdin.buffer, sys.stdout.buffer
     first = _read(requests)

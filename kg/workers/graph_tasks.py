@@ -1,4 +1,4 @@
-"""Serialisation of a snapshot's graphs, in a worker: dumps, and single graphs."""
+"""Serialisation of graphs of a snapshot in a worker: dumps and single graphs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from kg.rdf.skolem import anonymous_triple
 
 
 def write_graphs(store: Store, request: Mapping[str, Any], sink: object) -> None:
-    """Write what the request is for to `sink`: all named graphs, or the triples of one.
+    """Write to `sink` all named graphs, or the triples of one.
 
     ``whole`` selects every quad; else ``graph`` names one graph, or is None for their union.
     """

@@ -14,7 +14,7 @@ from kg.workers.snapshots import make_home, remove_home
 
 
 class HistoryFile:
-    """A map's own history file; of a history in memory a copy. Safe from several threads."""
+    """The history file of a map, or a copy of a history in memory; safe from any thread."""
 
     def __init__(self, log: HistoryLog, base: str) -> None:
         self._log, self._base = log, base
@@ -24,7 +24,7 @@ class HistoryFile:
         self._remove: weakref.finalize[..., HistoryFile] | None = None
 
     def request(self) -> dict[str, str]:
-        """Where workers find the history, and whose it is, as a part of a request."""
+        """Path of the history and base of the map, as a part of a request."""
         return {"log": str(self._path()), "base": self._base}
 
     def close(self) -> None:
@@ -45,6 +45,6 @@ class HistoryFile:
                 fresh = self._copy.with_name(f"{uuid.uuid4()}.sqlite")
                 with closing(sqlite3.connect(fresh)) as copy:
                     self._log.db.backup(copy)
-                fresh.replace(self._copy)  # who reads the one before continues with it
+                fresh.replace(self._copy)  # readers of the old file keep it open
                 self._copied = self._log.last
             return self._copy

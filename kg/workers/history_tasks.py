@@ -77,7 +77,7 @@ _TELLERS: Final[dict[str, Callable[[Store, HistoryLog, Mapping[str, Any]], str]]
 
 @contextmanager
 def _frozen(request: Mapping[str, Any]) -> Iterator[HistoryLog]:
-    """The history as it is now, whatever is written to it and dropped from it meanwhile."""
+    """The history in one read transaction, unchanged by concurrent writes and pruning."""
     with closing(HistoryLog.open(Path(request["log"]), request["base"], read_only=True)) as log:
         log.db.execute("PRAGMA temp_store = MEMORY")  # a worker writes no files
         log.db.execute("BEGIN")

@@ -1,4 +1,4 @@
-"""Updates and RDF documents from outside, evaluated and parsed in a worker.
+"""Ingestion: updates and RDF documents of clients, evaluated and parsed in a worker.
 
 What comes back to the writer is ground: quads in N-Quads, with limited size, and without triple
 terms.
@@ -27,7 +27,7 @@ Request = dict[str, Any]
 
 
 class SnapshotView:
-    """A snapshot as the dataset of an update; it must be of the state that the request names."""
+    """A snapshot as the dataset of an update; it must have the state of the request."""
 
     def __init__(self, store: Store, folder: str, sequence: int, request: Request) -> None:
         self._store, self._folder, self._sequence = store, folder, sequence
@@ -35,7 +35,7 @@ class SnapshotView:
 
     @property
     def native(self) -> Store:
-        """The quads; raises ConflictError where the map has moved on since the snapshot."""
+        """The quads; raises ConflictError if the map has changed since the snapshot."""
         if self._sequence < self._least:
             raise ConflictError(f"the snapshot is of transaction {self._sequence}")
         return self._store
@@ -54,7 +54,7 @@ class SnapshotView:
 
 
 def evaluate_update(view: SnapshotView, request: Request) -> tuple[dict[str, Any], bytes]:
-    """The update as `kg.update.ground_update.GroundUpdate.encode` writes it."""
+    """The evaluated update, encoded by `kg.update.ground_update.GroundUpdate.encode`."""
     sparql = with_graphs(request["sparql"], request["default_graphs"], request["named_graphs"])
     if request.get("total_order"):
         sparql = with_total_order(sparql)

@@ -1,4 +1,4 @@
-"""Queries of strangers on any open map, within limits: in isolated workers, or on its server."""
+"""Untrusted queries on any open map, within limits: in isolated workers or on its server."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class LimitedQueries:
         self._guard = threading.Lock()
 
     def ask(self, sparql: str) -> Table:
-        """The answer to a query that reads.
+        """The answer to a query.
 
         Raises QueryError for what does not parse, QueryRefusedError for what writes or reaches out,
         QueryTimeoutError, QueryTooLargeError, PoolBusyError, and RemoteError of a server.

@@ -38,7 +38,7 @@ def query_isolated(
     *,
     at: Instant | None = None,
 ) -> Table:
-    """The answer to a query on a map in a folder, as believed at an instant where one is given.
+    """The answer to a query on a map in a folder, at present or at a past instant.
 
     Raises as `SemanticMap.query`, and QueryTimeoutError, QueryTooLargeError or EngineFailureError
     where the worker ends.

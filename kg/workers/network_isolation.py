@@ -51,7 +51,7 @@ class _Program(ctypes.Structure):
 
 
 def deny_network() -> Mechanism:
-    """Deny this process the network for good, and verify it; "none" where the kernel cannot.
+    """Deny this process the network permanently, and verify it; "none" if the kernel cannot.
 
     Must be called while the process has one thread. File descriptors that were open before remain:
     the caller starts the process with its pipes alone.
@@ -68,7 +68,7 @@ def deny_network() -> Mechanism:
 
 
 def is_denied() -> bool:
-    """Whether the kernel refuses this process the loopback, and so any, network.
+    """Whether the kernel denies this process the loopback, and so any, network.
 
     Sends nothing: a UDP socket is connected at most, which only looks up a route.
     """
@@ -86,7 +86,7 @@ def is_denied() -> bool:
 
 
 def _filter_system_calls() -> None:
-    """Install the filter in all threads; raises OSError where the kernel has none."""
+    """Install the filter in all threads; raises OSError if the kernel has no filters."""
     abi = _ABIS.get(platform.machine())
     if abi is None or ctypes.sizeof(ctypes.c_void_p) != 8:
         raise OSError(errno.ENOSYS, "no system call table for this machine")
@@ -98,7 +98,7 @@ def _filter_system_calls() -> None:
 
 
 def _bpf(abi: _Abi) -> bytes:
-    """The filter program: a foreign architecture kills, refused calls fail with EACCES."""
+    """The filter program: kills other architectures, fails refused calls with EACCES."""
     refusals = len(abi.refused)
     steps = [
         (_LOAD, 0, 0, 4),  # seccomp_data.arch

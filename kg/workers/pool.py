@@ -1,4 +1,4 @@
-"""Untrusted queries, evaluated side by side in killable processes on snapshots of a live map."""
+"""Query pool: evaluates untrusted queries in worker processes on snapshots of a live map."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ from kg.workers.snapshots import Snapshots
 from kg.workers.worker_set import WorkerSet, all_busy
 
 DUMPS = 2  # at once
-DUMP_SECONDS = 600.0  # that one may wait, and take
-_WARM = 10.0  # [s] without a query until the snapshot is no longer kept fresh ahead of questions
-_TICK = 0.05  # [s] between checks whether the snapshot is due, at the least
+DUMP_SECONDS = 600.0  # of waiting for one, and of writing it
+_WARM = 10.0  # [s] without a query after which the snapshot is not refreshed in advance
+_TICK = 0.05  # [s] at least between checks whether the snapshot is due
 
 
 class QueryPool:
@@ -82,22 +82,22 @@ class QueryPool:
 
     @property
     def pids(self) -> tuple[int, ...]:
-        """The worker processes there are now."""
+        """Process ids of the workers."""
         return self._workers.pids
 
     @property
     def busy(self) -> int:
-        """How many of them are not waiting for a query."""
+        """Number of workers with a query."""
         return self._workers.busy
 
     @property
     def waiting(self) -> int:
-        """How many queries wait for a worker."""
+        """Number of queries that wait for a worker."""
         return self._queue.waiting
 
     @property
     def isolation(self) -> str:
-        """How the kernel denies the workers the network: "seccomp", "namespace", or "none".
+        """Isolation of the workers from the network: "seccomp", "namespace", or "none".
 
         Waits until a worker has started. Raises QueryError where none starts.
         """
@@ -115,7 +115,7 @@ class QueryPool:
         at: int | None = None,
         asker: Asker = ANYONE,
     ) -> Answer:
-        """The answer to a request of any kind (`kg.workers.evaluator` has them).
+        """The answer to a request of any kind (see `kg.workers.evaluator`).
 
         Raises as `run`.
         """
@@ -195,7 +195,7 @@ class QueryPool:
             self._queue.leave(turn)
 
     async def dump_async(self, request: dict[str, Any], asker: Asker = ANYONE) -> Dump:
-        """A dump (`kg.workers.graph_tasks`), begun when its turn comes; the caller closes it.
+        """A dump (`kg.workers.graph_tasks`), once its turn comes; the caller closes it.
 
         Few are made at once, and one for a client. Raises PoolBusyError where too many wait.
         """
@@ -243,7 +243,7 @@ class QueryPool:
             return await asyncio.wrap_future(future)
         except asyncio.CancelledError:
             call.cancel()
-            if future.cancelled():  # it never began
+            if future.cancelled():  # it had not begun
                 self._queue.leave(turn)
             raise
 
@@ -267,7 +267,7 @@ class QueryPool:
         self.close()
 
     def freshen(self) -> None:
-        """Take a new snapshot if one is due, and have idle workers open it ahead of questions.
+        """Take a new snapshot if one is due, and have idle workers open it in advance.
 
         One worker after the other: the rest answers from the snapshot before meanwhile.
         """
@@ -292,7 +292,7 @@ class QueryPool:
         try:
             return self._run_somewhere(call)
         except EngineFailureError:
-            # its sort fails on mixed values: once more, with keys that have a total order
+            # ORDER BY over mixed values failed: a second attempt sorts by a total order
             if call.kind not in b"QU" or call.request.get("total_order"):
                 raise
             call.request |= {"total_order": True}
@@ -302,15 +302,15 @@ class QueryPool:
         for _ in range(self._workers.size):
             try:
                 return self._try(call)
-            except WorkerDiedError:  # ended by somebody else: once more, on another worker
+            except WorkerDiedError:  # killed from outside: a second attempt on another worker
                 if call.cancelled:
                     raise
-        # all there were may have been killed together, before the request: this one is new
+        # the other workers may have been killed too; this one is new
         return self._try(call)
 
     @property
     def _patience(self) -> float:
-        """[s] to wait for a worker: one that runs into its limit is outlasted."""
+        """[s] to wait for a worker; longer than the time limit of a query."""
         return 2 * self.timeout
 
     def _try(self, call: QueryCall) -> Answer:
@@ -344,12 +344,12 @@ class QueryPool:
 
 
 def _keep_fresh(reference: weakref.ref[QueryPool], closed: threading.Event, refresh: float) -> None:
-    # a weak reference, so that an unreferenced pool is released although never closed
+    # a weak reference, so that an unreferenced pool is released without `close`
     while not closed.wait(refresh):
         pool = reference()
         if pool is None:
             return
-        with contextlib.suppress(GraphError, QueryError):  # the next question reports it
+        with contextlib.suppress(GraphError, QueryError):  # the next query reports it
             pool.freshen()
         del pool
 
@@ -362,7 +362,7 @@ def _history_of(semantic_map: SemanticMap) -> HistoryFile | None:
 
 
 def _answer_of(worker: WorkerProcess, call: QueryCall, request: dict[str, Any]) -> Answer:
-    """The worker's answer; a past state is made first, within a time limit of its own."""
+    """The answer of a worker; a past state is made first, within a time limit of its own."""
     if call.at is not None:
         worker.ask(request | {"max_bytes": 0}, call.timeout, b"P")
         worker.past = call.at

@@ -1,4 +1,4 @@
-"""Worker process as its pool uses it: start, request and answer, kill, cause of death."""
+"""Worker process: start, request and answer, kill, cause of its end."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ _PATHS = list(
     )
 )
 _READ = 1 << 20
-_NICE = 5  # so that the writer has priority where processors are short
-SLOW_AFTER = 0.5  # [s] of one request after which the process gives way to those with short ones
-# a third of the processor beside a short query: less would let a busy machine starve honest ones
+_NICE = 5  # so that the writer has priority on a busy machine
+SLOW_AFTER = 0.5  # [s] of one request after which the process gets a lower priority
+# a third of the processor beside a short query; less would starve long queries on a busy machine
 _SLOW_NICE, _SLOW_GROUP_NICE = 10, 5
 START_WITHIN = 60.0  # [s] that a worker has to start, or to open a snapshot
 
@@ -53,15 +53,15 @@ class Answer:
     media_type: str
     body: bytes
     sequence: int  # the last transaction of the map that the answer saw
-    details: Mapping[str, Any] = field(default_factory=dict)  # what else a kind of request returns
+    details: Mapping[str, Any] = field(default_factory=dict)  # further results, by kind of request
 
 
 class WorkerDiedError(QueryError):
-    """A worker was ended by something else than its own limits."""
+    """A worker was ended by something other than its limits."""
 
 
 class WorkerProcess:
-    """A process that answers one request at a time; `alive` is false once it was killed or died.
+    """A process that answers one request at a time; `alive` is false after its end.
 
     Not safe for use by several threads at once, except `kill`. Unless `network` is allowed the
     kernel denies it; `isolation` is how, once the process is ready ("none": it cannot).
@@ -70,11 +70,11 @@ class WorkerProcess:
     def __init__(self, settings: dict[str, Any], *, network: bool = False) -> None:
         self._settings = settings
         self._killed = False
-        self.slow = False  # whether its priority was lowered; no unprivileged process raises it
+        self.slow = False  # whether its priority was lowered, which needs privileges to undo
         self.isolation = ""
-        self.snapshot: Snapshot | None = None  # what it reads, or was sent to open
-        self.past: int | None = None  # the transaction whose state it made last
-        # isolated, without site and without this process's environment: quick, and no secrets
+        self.snapshot: Snapshot | None = None  # that it reads, or was asked to open
+        self.past: int | None = None  # transaction of the last past state that it made
+        # without site packages and environment: it starts fast and holds no secrets
         option = ["--network" if network else "--no-network"]
         environment = {k: v for k, v in os.environ.items() if k == "LD_LIBRARY_PATH"}
         try:
@@ -85,7 +85,7 @@ class WorkerProcess:
                 stderr=subprocess.PIPE,
                 bufsize=0,
                 cwd="/",
-                # unused threads for linear algebra would take of its memory
+                # threads of linear algebra libraries would use its memory
                 env=environment | {"MALLOC_ARENA_MAX": "2", "OPENBLAS_NUM_THREADS": "1"},
                 start_new_session=True,
             )
@@ -100,14 +100,14 @@ class WorkerProcess:
         os.set_blocking(self._complaints, False)
         self._received = bytearray()
         self._head: dict[str, Any] = {}  # of the last answer
-        self._unready = 0  # messages it has not acknowledged
+        self._unready = 0  # number of messages that it has not acknowledged
         self._slow_at = time.monotonic() + START_WITHIN
         _set_nice(self.pid, _NICE)
         self._notify(b"S", settings)
 
     @property
     def pid(self) -> int:
-        """Of the process."""
+        """Process id."""
         return self._process.pid
 
     @property
@@ -116,13 +116,13 @@ class WorkerProcess:
         return not self._killed and self._process.poll() is None
 
     def prepare(self, snapshot: Snapshot, timeout: float) -> None:
-        """Have it open a snapshot ahead of requests; a failure is raised by the next one."""
+        """Have it open a snapshot in advance; the next request raises a failure."""
         request = {"folder": str(snapshot.folder), "timeout": timeout}
         with contextlib.suppress(QueryError):
             self._notify(b"O", request)
 
     def ask(self, request: dict[str, Any], timeout: float, kind: bytes = b"Q") -> Answer:
-        """The answer to one request (`kg.workers.evaluator` has the kinds).
+        """The answer to a request (kinds: see `kg.workers.evaluator`).
 
         `timeout` counts from when the process is ready for it.
 
@@ -136,7 +136,7 @@ class WorkerProcess:
         return Answer(head["media_type"], bytes(body), head["sequence"], head)
 
     def stream(self, request: dict[str, Any], timeout: float, kind: bytes) -> Iterator[bytes]:
-        """The parts of an answer as they come; raises as `ask`, also after some of them."""
+        """The parts of an answer as they arrive; raises as `ask`, also between parts."""
         self.wait_ready()
         deadline = time.monotonic() + timeout
         self._slow_at = time.monotonic() + SLOW_AFTER
@@ -153,7 +153,7 @@ class WorkerProcess:
                 return
 
     def kill(self) -> None:
-        """End the process at once, whatever it does; safe from any thread."""
+        """Kill the process; safe from any thread."""
         self._killed = True
         self._process.kill()
 
@@ -171,7 +171,7 @@ class WorkerProcess:
 
     def wait_ready(self) -> None:
         """Wait until it has started, or has opened its snapshot."""
-        # or a slow start of the process would be taken off the time of the first query
+        # otherwise a slow start would reduce the time of the first query
         deadline = time.monotonic() + START_WITHIN
         self._slow_at = deadline
         while self._unready:
@@ -221,11 +221,11 @@ class WorkerProcess:
             raise _too_slow()
 
     def lower_priority(self) -> None:
-        """Have it give way to other processes, for good."""
+        """Lower its priority permanently."""
         self.slow = True
         if self.alive:
             _set_nice(self.pid, _SLOW_NICE)
-            # Linux may schedule sessions as groups, and then niceness within one counts for nothing
+            # Linux may schedule sessions as groups, which ignores niceness between them
             with contextlib.suppress(OSError):
                 Path(f"/proc/{self.pid}/autogroup").write_text(str(_SLOW_GROUP_NICE), "ascii")
 
@@ -240,11 +240,11 @@ class WorkerProcess:
         return WorkerDiedError(f"the query's worker was ended from outside ({code}); retry")
 
     def _cause_of_abort(self) -> QueryError:
-        """Memory exhaustion and a failure of the engine both abort; stderr has which it was."""
+        """The error of an aborted process; stderr tells lack of memory from an engine failure."""
         complaint = b""
         with contextlib.suppress(BlockingIOError):
             complaint = os.read(self._complaints, _READ)
-        # "memory allocation of N bytes failed" is no panic; a panic may follow from it all the same
+        # "memory allocation of N bytes failed" may be followed by a panic
         if b"panicked at" in complaint and b"memory allocation of" not in complaint:
             return EngineFailureError(
                 "the query engine failed on this request: a defect of the engine, not of the map; "

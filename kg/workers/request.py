@@ -1,4 +1,4 @@
-"""One query on its way through the pool, from the calling thread to a worker."""
+"""Requests to the query pool: the asker, and the call from its thread to a worker."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from kg.workers.process import WorkerProcess
 
 @dataclass(frozen=True, slots=True)
 class Asker:
-    """Whose query it is: those of one `client` share what the pool has with other clients.
+    """The author of a query; all queries of one `client` have one share of the pool.
 
     A `standing` query (of a subscription) runs behind those that a client waits for.
     """
@@ -29,7 +29,7 @@ ANYONE: Final = Asker()
 
 
 class QueryCall:
-    """One query on its way through the pool, which another thread may cancel."""
+    """A request in the pool, which another thread may cancel."""
 
     def __init__(
         self,
@@ -48,30 +48,30 @@ class QueryCall:
 
     @property
     def is_of_past(self) -> bool:
-        """Whether it is about what was: a state of the past, or the history."""
+        """Whether it is about a past state or the history."""
         return self.at is not None or self.kind == b"T"
 
     @property
     def lane(self) -> Lane:
-        """In which it waits: a state of the past, or the history, may take seconds to be made."""
+        """Its lane of the queue; requests about the past may take seconds."""
         if self.asker.standing:
             return "standing"
         return "past" if self.is_of_past else "present"
 
     def begin(self, worker: WorkerProcess) -> None:
-        """It is `worker`'s now. Raises QueryError where it was cancelled before."""
+        """Assign it to `worker`; raises QueryError if it was cancelled before."""
         with self._guard:
             if self.cancelled:
                 raise QueryError("the query was cancelled")
             self._worker = worker
 
     def end(self) -> None:
-        """No worker has it any more."""
+        """Take it from its worker."""
         with self._guard:
             self._worker = None
 
     def cancel(self) -> None:
-        """Have it end at once, its worker too."""
+        """Cancel it, and kill its worker."""
         with self._guard:
             self.cancelled = True
             if self._worker is not None:
@@ -85,7 +85,7 @@ def request_of(
     named_graphs: Sequence[str],
     base: str | None,
 ) -> dict[str, Any]:
-    """A query as a worker takes it.
+    """A query as a request to a worker.
 
     Raises QueryRefusedError for text that is no Unicode, NotAcceptableError where no answer of any
     form has a format that is accepted.

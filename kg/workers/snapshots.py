@@ -1,4 +1,4 @@
-"""Snapshots of a live map that other processes may read: hard links beside it, or a small copy.
+"""Snapshots of a live map for other processes: hard links beside it, or a small copy.
 
 Reading Oxigraph's folder while another process writes it is undefined; a backup of it is a folder
 of its own without a writer. Backups share their files with the map, so they cost links, not
@@ -29,16 +29,16 @@ from kg.store.transactional import TransactionalStore
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Snapshot:
-    """One frozen state of the map."""
+    """A frozen state of the map."""
 
     folder: Path  # an Oxigraph store, opened read-only by its readers
-    sequence: int  # of the map when it was begun; it may already hold a later transaction
+    sequence: int  # of the map at its beginning; it may hold later transactions
     made: float  # [s] on the monotonic clock
-    owned: bool  # whether the folder is ours to remove
+    owned: bool  # whether the folder is to be removed
 
 
 class Snapshots:
-    """The snapshots of one map; the newest, and those that somebody still reads.
+    """The snapshots of one map: the newest, and those with readers.
 
     Raises GraphError where no folder can be made beside the map.
     """
@@ -47,7 +47,7 @@ class Snapshots:
         self._store = store
         self._refresh = refresh
         self._guard = threading.Lock()
-        self._making = threading.Lock()  # held by the one thread that makes a snapshot
+        self._making = threading.Lock()  # held by the thread that makes a snapshot
         self._readers: dict[Snapshot, int] = {}
         self._current: Snapshot | None = None
         self._home: Path | None = None
@@ -57,7 +57,7 @@ class Snapshots:
             self._closed = weakref.finalize(self, remove_home, self._home, lock)
 
     def lease(self, at_least: int = 0, held: Snapshot | None = None) -> Snapshot:
-        """The newest snapshot there is, kept until `release`.
+        """The newest snapshot, kept until `release`.
 
         `held`, which the caller has open, is as good while it is not due to be refreshed. A new one
         is made first where the newest holds less than transaction `at_least`, or where the map has
@@ -76,7 +76,7 @@ class Snapshots:
             refreshed = True
 
     def refresh(self, at_least: int | None = None) -> None:
-        """Make a new snapshot where the map has moved; readers have the one before meanwhile.
+        """Make a new snapshot if the map has changed; readers use the old one meanwhile.
 
         With `at_least`: where the newest holds less than that transaction, or is too old.
         """
@@ -90,7 +90,7 @@ class Snapshots:
                 self._remove_unread()
 
     def is_newest(self, snapshot: Snapshot | None) -> bool:
-        """Whether there is no newer one."""
+        """Whether a snapshot is the newest."""
         with self._guard:
             return snapshot is self._current
 
@@ -140,7 +140,7 @@ class Snapshots:
         return held in self._readers and held.sequence >= at_least and not self._is_old(held)
 
     def _make(self) -> Snapshot:
-        # read before the backup: a transaction in between is in the snapshot, never missing from it
+        # read before the backup, so that the snapshot holds at least this transaction
         sequence, made = self._store.sequence, time.monotonic()
         if self._home is None:
             # workers have another working directory
@@ -162,7 +162,7 @@ class Snapshots:
 
 
 def copy_store(store: TransactionalStore, folder: Path) -> None:
-    """The map as it is now, in a folder of its own: by hard links where it lies on disk."""
+    """Copy the map to a folder, by hard links if it is on disk."""
     if store.path is not None:
         store.native.backup(str(folder))
         return
@@ -181,7 +181,7 @@ def make_home(path: Path | None) -> tuple[Path, int]:
         making.mkdir(mode=0o700)
         lock = os.open(making / "lock", os.O_RDWR | os.O_CREAT, 0o600)
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        making.rename(home)  # no process finds it unlocked, and removes it as abandoned
+        making.rename(home)  # once it is locked, so that no process removes it as abandoned
     except OSError as error:
         raise GraphError(
             f"cannot make {home} for snapshots: {error.strerror}; queries of others are answered "

@@ -1,4 +1,4 @@
-"""Updates and documents from outside: evaluated in a worker, applied by the writer.
+"""Updates and documents of clients: evaluated in a worker, applied by the writer.
 
 The worker evaluates on a snapshot. Where the result depends on the state of the map, it is applied
 only if there was no write since that state; else it is evaluated again (optimistic concurrency
@@ -21,13 +21,13 @@ from kg.transactions import ChangeSet
 from kg.update.ground_update import GroundUpdate
 from kg.workers.pool import QueryPool
 
-ATTEMPTS: Final = 3  # evaluations during which others may write
-HELD: Final = 2.0  # [s] for an evaluation while they may not
+ATTEMPTS: Final = 3  # evaluations without a lock
+HELD: Final = 2.0  # [s] of an evaluation with the lock of the writer
 
 
 @dataclass(frozen=True, slots=True)
 class UpdateRequest:
-    """SPARQL Update as a client sends it; the graphs are those of the protocol's parameters."""
+    """A SPARQL Update of a client; the graphs are parameters of the protocol."""
 
     sparql: str
     using: Sequence[str] = ()  # using-graph-uri
@@ -43,7 +43,7 @@ def update_map(
     check: Callable[[], None] | None = None,
     confirmed: bool = False,
 ) -> ChangeSet | None:
-    """Evaluate an update in a worker and apply it as one transaction; None where nothing changes.
+    """Evaluate an update in a worker and apply it as one transaction; None without changes.
 
     `check` may refuse it right before it is applied, while no one else writes. Raises as
     `SemanticMap.update`, and QueryTimeoutError or QueryTooLargeError at the limits of the pool.
@@ -65,7 +65,7 @@ def update_map(
 def _evaluated(
     pool: QueryPool, semantic_map: SemanticMap, request: UpdateRequest, timeout: float | None
 ) -> tuple[GroundUpdate, int]:
-    """The update, and the transaction whose state it was evaluated on."""
+    """The evaluated update, and the transaction of the state it was evaluated on."""
     least = semantic_map.sequence
     body: dict[str, Any] = {
         "name": "update",
@@ -76,7 +76,7 @@ def _evaluated(
         "least": least,
     }
     try:
-        # data alone needs no state of the map, and so no new snapshot
+        # an update of data alone needs no new snapshot
         answer = pool.request(b"U", body, timeout=timeout)
     except ConflictError:
         answer = pool.request(b"U", body, timeout=timeout, at_least=least)

@@ -1,4 +1,4 @@
-"""Worker set: the processes of a query pool, those that are idle, and the snapshots they read."""
+"""Worker set: the processes of a query pool and the snapshots that they read."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from kg.workers.snapshots import Snapshot, Snapshots
 class WorkerSet:
     """`size` worker processes, each replaced when it dies; safe to use from several threads.
 
-    `timeout` [s] is what a worker gets to open a snapshot ahead of queries.
+    `timeout` [s] limits the time to open a snapshot in advance.
     """
 
     def __init__(
@@ -34,21 +34,21 @@ class WorkerSet:
 
     @property
     def pids(self) -> tuple[int, ...]:
-        """The processes there are now."""
+        """Process ids of the workers."""
         with self._changed:
             return tuple(sorted(worker.pid for worker in self._all))
 
     @property
     def busy(self) -> int:
-        """How many of them are not idle."""
+        """Number of workers that are lent."""
         with self._changed:
             return len(self._all) - len(self._idle)
 
     @contextlib.contextmanager
     def lent(self, patience: float, at: int | None = None) -> Iterator[WorkerProcess]:
-        """A worker, for the block; one that has the past state `at` in memory where there is one.
+        """Lend a worker for a block, if possible one with the past state `at` in memory.
 
-        Raises PoolBusyError where none is free within `patience` seconds, GraphError once killed.
+        Raises PoolBusyError if none is free within `patience` seconds, GraphError after `kill`.
         """
         worker = self._take(patience, at)
         try:
@@ -57,13 +57,13 @@ class WorkerSet:
             self._give_back(worker)
 
     def assign(self, worker: WorkerProcess, at_least: int) -> Snapshot:
-        """Have a lent worker read a snapshot that has seen transaction `at_least`."""
+        """Have a lent worker open a snapshot with transaction `at_least`."""
         snapshot = self._snapshots.lease(at_least, worker.snapshot)
         self._reads(worker, snapshot)
         return snapshot
 
     def refresh(self) -> None:
-        """Take a new snapshot if one is due, and have idle workers open it, one after the other."""
+        """Take a new snapshot if one is due, and have the idle workers open it."""
         self._snapshots.refresh()
         for worker in self._idle_now():
             if not self._snapshots.is_newest(worker.snapshot) and self._borrow(worker):
@@ -74,14 +74,14 @@ class WorkerSet:
                     self._give_back(worker)
 
     def replace_slow(self) -> None:
-        """Start workers anew whose priority was lowered: no unprivileged process raises it."""
+        """Replace workers with a lowered priority, which needs privileges to undo."""
         for worker in self._idle_now():
             if worker.slow and self._borrow(worker):
                 worker.kill()
                 self._give_back(worker)
 
     def kill(self) -> None:
-        """Kill the processes and start no more."""
+        """Kill the processes, and start no more."""
         with self._changed:
             self._killed = True
             for worker in self._all:
@@ -102,7 +102,7 @@ class WorkerSet:
             return tuple(self._idle)
 
     def _borrow(self, worker: WorkerProcess) -> bool:
-        """Take a worker that idles; False where somebody else has it by now."""
+        """Take an idle worker; False if it was taken meanwhile."""
         with self._changed:
             if worker not in self._idle or self._killed:
                 return False
@@ -117,10 +117,10 @@ class WorkerSet:
                 return self._new_worker()
             if worker.alive:
                 return worker
-            self._give_back(worker)  # it died while idle: have it replaced
+            self._give_back(worker)  # it died while idle and is replaced
 
     def _next(self, deadline: float, at: int | None) -> WorkerProcess | None:
-        """An idle worker, dead or alive; None where a new one may be started.
+        """An idle worker, dead or alive; None if a new one may be started.
 
         Best one whose last past state was that `at` a transaction: it has it in memory.
         """
@@ -140,7 +140,7 @@ class WorkerSet:
     def _give_back(self, worker: WorkerProcess) -> None:
         if not worker.alive:
             self._bury(worker)
-            with contextlib.suppress(GraphError):  # the next question tries again, and reports it
+            with contextlib.suppress(GraphError):  # the next query tries again and reports it
                 self._start_worker()
             return
         with self._changed:
@@ -156,7 +156,7 @@ class WorkerSet:
             self._changed.notify_all()
 
     def _start_worker(self) -> None:
-        """Have one more idle worker, where one is missing."""
+        """Start an idle worker if one is missing."""
         with self._changed:
             if self._killed or len(self._all) + self._starting >= self.size:
                 return
@@ -198,11 +198,11 @@ class WorkerSet:
 
 
 def _readiness(worker: WorkerProcess, at: int | None) -> tuple[bool, bool, int]:
-    """How well an idle worker is placed: priority, the past state it has, the snapshot it has."""
+    """Rank of an idle worker: priority, its past state, its snapshot."""
     opened = worker.snapshot.sequence if worker.snapshot else -1
     return not worker.slow, worker.past == at, opened
 
 
 def all_busy() -> PoolBusyError:
-    """The error where no worker becomes free in time."""
+    """The error if no worker becomes free in time."""
     return PoolBusyError("all query workers are busy; ask again later")
