@@ -40,7 +40,7 @@ from planner.simulation.houses.furniture import OBJECTS
 from planner.simulation.houses.house import House, HouseRoom
 from planner.simulation.houses.random_house import random_house
 from planner.simulation.recording.house_changes import changed_house
-from planner.simulation.recording.object_truth import LEAST_FRAMES, VisibilityRecord, object_truth
+from planner.simulation.recording.object_truth import MIN_FRAMES, VisibilityRecord, object_truth
 from planner.simulation.recording.simulated_recording import DAY
 from planner.simulation.robot.mapping_tour import START, SimulatedTour
 from planner.simulation.sensing.camera import CameraModel, SimulatedCamera, View
@@ -151,7 +151,7 @@ class HouseTruth:
             there = self.now.get(name, {}).get("position") == self.known[name]["position"]
             if frames and not there:
                 gone = self.known.pop(name)
-                self.doubtful += [gone] if frames < LEAST_FRAMES else []
+                self.doubtful += [gone] if frames < MIN_FRAMES else []
         for name, entry in self.now.items():
             if not entry["ignore"]:
                 self.known[name] = entry

@@ -21,8 +21,8 @@ from planner.execution.viewpoint_adapter import NextView, ViewpointAdapter
 from planner.goals.candidate_queries import map_time
 from planner.goals.targets import resolve
 
-MOST: Final = 8  # searches kept, the latest used ones
-MOST_REPORTS: Final = 500  # of one search
+MAX_SEARCHES: Final = 8  # searches kept, the latest used ones
+MAX_REPORTS: Final = 500  # of one search
 
 
 class OpenSearch:
@@ -58,7 +58,7 @@ class OpenSearch:
         if sequence != self._sequence:
             self._adapter.rebuild(self._looks, self._obstacles, tuple(self._found.items()))
             self._sequence = sequence
-        over = not self.wanted or len(self._looks) + len(self._obstacles) >= MOST_REPORTS
+        over = not self.wanted or len(self._looks) + len(self._obstacles) >= MAX_REPORTS
         self.proposed = None if over else self._adapter.next(pose)
         return self.proposed
 
@@ -114,7 +114,7 @@ class OpenSearch:
 class OpenSearches:
     """The latest searches by name; the least recently used one goes where there are too many."""
 
-    def __init__(self, most: int = MOST) -> None:
+    def __init__(self, most: int = MAX_SEARCHES) -> None:
         self._most = most
         self._searches: OrderedDict[str, OpenSearch] = OrderedDict()
 

@@ -102,7 +102,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = sys.argv[1:] if argv is None else argv
     arguments = build_parser(_modules_for(words)).parse_args(join_signed(words))
     try:
-        _refuse_output_in_a_map(arguments)
+        _check_outputs(arguments)
         return int(arguments.run(arguments))
     except HereaboutsError as error:
         text = printable(" ".join(str(error).split()))
@@ -117,7 +117,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 130
 
 
-def _refuse_output_in_a_map(arguments: argparse.Namespace) -> None:
+def _check_outputs(arguments: argparse.Namespace) -> None:
     """Refuse to write a file, a picture or a folder into the folder of a map."""
     for name in _OUTPUTS:
         given = getattr(arguments, name, None)

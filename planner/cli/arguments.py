@@ -13,8 +13,8 @@ from kg.errors import QueryParameterError
 
 MAP_HELP = "folder of the map, e.g. kitchen.map, or the address of a SPARQL server that holds it"
 #: [m] no map is larger than the Earth
-FARTHEST = 1e7
-_SLOWEST, _FASTEST = 1e-3, 100.0  # [m/s] as the line protocol has it
+MAX_DISTANCE = 1e7
+_MIN_SPEED, _MAX_SPEED = 1e-3, 100.0  # [m/s] as the line protocol has it
 # options whose value may begin with a minus sign, and what such a value looks like
 _SIGNED = ("--from", "--up")
 _NEGATIVE = re.compile(r"-(\.?\d.*|[xyz])", re.IGNORECASE)
@@ -52,6 +52,34 @@ def add_json(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
 
 
+def add_author(parser: argparse.ArgumentParser) -> None:
+    """The `--by` of commands that write."""
+    parser.add_argument("--by", metavar="NAME", help="author (a server takes the token's holder)")
+
+
+def add_at(parser: argparse.ArgumentParser) -> None:
+    """The `--at` of commands that read a past state."""
+    parser.add_argument(
+        "--at", metavar="TIME", help="read the map of that time: ISO 8601, or #42 (transaction)"
+    )
+
+
+def add_start(parser: argparse.ArgumentParser) -> None:
+    """The `--from` of commands that plan a search."""
+    parser.add_argument(
+        "--from",
+        dest="start",
+        type=start_pose,
+        metavar="X,Y[,DEG]",
+        help="where the search starts [m], and its heading [degrees] (default: the robot's pose)",
+    )
+
+
+def end_on_signal(number: int, frame: object) -> None:
+    """Exit so that everything is closed; the default of the signal does not wait for that."""
+    raise SystemExit(0)
+
+
 def add_device(parser: argparse._ActionsContainer) -> None:
     """The `--device` of commands that run networks."""
     parser.add_argument(
@@ -71,8 +99,8 @@ def start_pose(text: str) -> tuple[float, float, float]:
         facing = [math.nan, math.nan]
     if len(facing) > 1 or not all(math.isfinite(value) for value in facing):
         raise argparse.ArgumentTypeError(f"needs X,Y in metres or X,Y,DEGREES, got {text!r}")
-    if not (abs(x) <= FARTHEST and abs(y) <= FARTHEST):
-        raise argparse.ArgumentTypeError(f"needs X,Y within {FARTHEST:g} m, got {text!r}")
+    if not (abs(x) <= MAX_DISTANCE and abs(y) <= MAX_DISTANCE):
+        raise argparse.ArgumentTypeError(f"needs X,Y within {MAX_DISTANCE:g} m, got {text!r}")
     return x, y, math.radians(facing[0]) if facing else 0.0
 
 
@@ -101,8 +129,10 @@ def positive(text: str) -> float:
 def speed(text: str) -> float:
     """Metres a second that a robot may drive."""
     value = positive(text)
-    if not _SLOWEST <= value <= _FASTEST:
-        raise argparse.ArgumentTypeError(f"needs {_SLOWEST:g} to {_FASTEST:g} m/s, got {text!r}")
+    if not _MIN_SPEED <= value <= _MAX_SPEED:
+        raise argparse.ArgumentTypeError(
+            f"needs {_MIN_SPEED:g} to {_MAX_SPEED:g} m/s, got {text!r}"
+        )
     return value
 
 

@@ -12,8 +12,8 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
-from planner.cli.arguments import MAP_HELP, name_value, plain_value
-from planner.cli.console import note, print_table, write
+from planner.cli.arguments import MAP_HELP, add_at, name_value, plain_value
+from planner.cli.console import counted, note, print_table, write
 
 if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
@@ -59,9 +59,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--json", action="store_const", const="json", dest="format", help="as --format json"
     )
-    parser.add_argument(
-        "--at", metavar="TIME", help="ask the map as believed then: ISO 8601, or #42 (transaction)"
-    )
+    add_at(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -129,4 +127,4 @@ def _print(answer: Table, form: str) -> None:
         write(answer.serialise(form))
         return
     print_table(answer.columns, answer.rows)
-    note(f"{len(answer.rows)} row{'' if len(answer.rows) == 1 else 's'}")
+    note(counted(len(answer.rows), "row"))

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import argparse
 
-from planner.cli.arguments import add_json, add_map
+from planner.cli.arguments import add_author, add_json, add_map
 from planner.cli.console import note, write_json
 
 
@@ -26,7 +26,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         help="a category's name or IRI; X Y Z in metres; present or absent; a label; another "
         "object, as in object/3, or nothing",
     )
-    parser.add_argument("--by", metavar="NAME", help="author (a server takes the token's holder)")
+    add_author(parser)
     add_json(parser)
 
 

@@ -6,12 +6,11 @@ from kg.errors import GraphError, UnknownCategoryError
 from kg.maps.semantic_map import SemanticMap
 from mapping.detection_files import NAME, read_report
 from mapping.detection_report import CategoryFates, DetectionReport, DoubtedThing, Fate
-from planner.cli.console import heading, note, print_table, write, write_json
+from planner.cli.console import counted, heading, note, print_table, write, write_json
 from planner.cli.doubted_things import (
     ROWS,
     advice,
     category_lines,
-    counted,
     fate_table,
     legend,
     short,

@@ -8,10 +8,11 @@ example: hereabouts check kitchen.map
 from __future__ import annotations
 
 import argparse
+from dataclasses import asdict
 from pathlib import Path
 
 from planner.cli.arguments import MAP_HELP, add_json
-from planner.cli.console import note, print_table, write_json
+from planner.cli.console import counted, note, print_table, write_json
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -35,22 +36,11 @@ def run(arguments: argparse.Namespace) -> int:
             if semantic_map.description.licence is None:
                 note(f"no licence: hereabouts describe {arguments.map} --licence IRI sets one")
     if arguments.json:
-        write_json(
-            [
-                {
-                    "focus": f.focus,
-                    "message": f.message,
-                    "path": f.path,
-                    "value": f.value,
-                    "severity": f.severity,
-                }
-                for f in findings
-            ]
-        )
+        write_json([asdict(finding) for finding in findings])
     elif findings:
         print_table(
             ("what", "property", "value", "is wrong"),
             [(f.focus, f.path, f.value, f.message) for f in findings],
         )
-    note(f"{len(findings)} finding{'' if len(findings) == 1 else 's'}" if findings else "all well")
+    note(counted(len(findings), "finding"))
     return 1 if findings else 0

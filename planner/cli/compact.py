@@ -8,6 +8,7 @@ example: hereabouts compact kitchen.map --keep 30d
 from __future__ import annotations
 
 import argparse
+from dataclasses import asdict
 
 from planner.cli.arguments import add_json, add_keep, add_map, keep_seconds
 from planner.cli.console import note, write_json
@@ -28,14 +29,7 @@ def run(arguments: argparse.Namespace) -> int:
     with open_map(arguments.map) as semantic_map:
         done = semantic_map.compact(keep)
     if arguments.json:
-        write_json(
-            {
-                "floor": done.floor,
-                "dropped": done.dropped,
-                "bytes_before": done.bytes_before,
-                "bytes_after": done.bytes_after,
-            }
-        )
+        write_json(asdict(done))
         return 0
     note(
         f"{done.dropped} transactions dropped; the past begins at #{done.floor}; "

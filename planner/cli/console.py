@@ -104,6 +104,19 @@ def print_table(
     write(f"\n{text}\n")
 
 
+def print_rows(columns: Sequence[str], rows: Sequence[Sequence[object]], *, as_json: bool) -> None:
+    """The rows of a table, as a list of JSON objects or as a table."""
+    if as_json:
+        write_json([dict(zip(columns, row, strict=True)) for row in rows])
+    else:
+        print_table(columns, rows)
+
+
+def counted(count: int, noun: str) -> str:
+    """``1 detection``, ``2 detections``, ``1,000 detections``."""
+    return f"{count:,} {noun}{'s' * (count != 1)}"
+
+
 def progress(description: str = "[progress.description]{task.description}") -> Progress:
     """A progress bar on stderr; silent where stderr is not a terminal."""
     from rich.progress import (
@@ -167,6 +180,8 @@ def _cell(value: object) -> str:
         return ""
     if isinstance(value, float):
         return f"{value:.2f}"
+    if isinstance(value, list):
+        return ", ".join(map(_cell, value))
     if isinstance(value, datetime):
         return value.strftime("%Y-%m-%d %H:%M:%S")
     if isinstance(value, bool):

@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import asdict
 
-from planner.cli.arguments import add_json, add_map
+from planner.cli.arguments import add_author, add_json, add_map
 from planner.cli.console import note, write, write_json
 
 
@@ -21,7 +21,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     add_map(parser)
     parser.add_argument("--title", metavar="TEXT", help="name of the map")
     parser.add_argument("--licence", metavar="IRI", help="licence that the map's data are under")
-    parser.add_argument("--by", metavar="NAME", help="author (a server takes the token's holder)")
+    add_author(parser)
     add_json(parser)
 
 

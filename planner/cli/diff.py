@@ -12,7 +12,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from planner.cli.arguments import add_json, add_map
-from planner.cli.console import note, print_table, write_json
+from planner.cli.console import note, print_rows
 
 if TYPE_CHECKING:
     from kg.history.replay.point_in_time import Difference
@@ -41,12 +41,8 @@ def run(arguments: argparse.Namespace) -> int:
             return _moved(semantic_map, arguments)
         found = semantic_map.diff(arguments.before, arguments.after)
         base = semantic_map.base
-    if arguments.json:
-        rows = found.rows(base)
-        names = ("change", "subject", "predicate", "before", "after")
-        write_json([dict(zip(names, row, strict=True)) for row in rows])
-        return 0
-    print_table(("", "thing", "what", "before", "after"), found.rows(base))
+    names = ("change", "subject", "predicate", "before", "after")
+    print_rows(names, found.rows(base), as_json=arguments.json)
     note(_summary(found))
     return 0
 
@@ -65,15 +61,8 @@ def _moved(semantic_map: SemanticMap, arguments: argparse.Namespace) -> int:
         )
         for one in found
     ]
-    if arguments.json:
-        write_json([dict(zip(_MOVED, row, strict=True)) for row in rows])
-    else:
-        print_table(_MOVED, [(*row[:2], *(_point(p) for p in row[2:4]), row[4]) for row in rows])
+    print_rows(_MOVED, rows, as_json=arguments.json)
     return 0
-
-
-def _point(p_map: list[float]) -> str:
-    return ", ".join(f"{value:.2f}" for value in p_map)
 
 
 def _summary(found: Difference) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Final
 
 from mapping.detection_report import Fate
+from planner.cli.console import counted
 
 if TYPE_CHECKING:
     from mapping.detection_report import CategoryFates, DetectionReport, DoubtedThing
@@ -102,11 +103,6 @@ def advice(of: CategoryFates) -> str:
     lost = {fate: count for fate, count in of.fates.items() if fate in _ADVICE}
     most = max(lost, key=lambda fate: lost[fate], default=None)
     return _ADVICE[most] if most is not None and 2 * lost[most] > of.detections else ""
-
-
-def counted(count: int, noun: str) -> str:
-    """``1 detection``, ``2 detections``."""
-    return f"{count} {noun}{'s' * (count != 1)}"
 
 
 def short(iri: str) -> str:

@@ -14,9 +14,9 @@ from planner.cli.console import note, print_table, write_json
 from planner.cli.evaluate_networks import add_detector, add_scene
 from planner.cli.evaluated_maps import EvaluatedMap, Run, check_usage, evaluated_maps
 from planner.cli.evaluation_pictures import (
+    check_pictures,
     draw_reliability,
     draw_truth,
-    refuse_impossible_pictures,
 )
 from planner.cli.mapping_options import MODES, add_all_arguments
 
@@ -116,9 +116,9 @@ def run_map(arguments: argparse.Namespace) -> int:
     """Map where needed, score, print."""
     check_usage(arguments)
     truths = [_load(Path(path)) for path in arguments.truth]
-    refuse_impossible_pictures(arguments, truths)
+    check_pictures(arguments, truths)
     if arguments.sessions > 1:
-        _refuse_sessions_by_class(arguments, truths)
+        _check_sessions(arguments, truths)
     scored = []
     for evaluated in evaluated_maps(arguments):
         scored.append(_score(evaluated, truths[evaluated.number], arguments.near))
@@ -179,7 +179,7 @@ def _pooled(scored: Sequence[_Scored]) -> dict[str, MapScores]:
     }
 
 
-def _refuse_sessions_by_class(arguments: argparse.Namespace, truths: Sequence[AnyTruth]) -> None:
+def _check_sessions(arguments: argparse.Namespace, truths: Sequence[AnyTruth]) -> None:
     for truth, path in zip(truths, arguments.truth, strict=True):
         if not isinstance(truth, tuple):
             arguments.usage_error(

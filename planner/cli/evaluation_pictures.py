@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from mapping.evaluation.map_evaluation import MapEvaluation, MapScores
 
 
-def refuse_impossible_pictures(arguments: argparse.Namespace, truths: Sequence[object]) -> None:
+def check_pictures(arguments: argparse.Namespace, truths: Sequence[object]) -> None:
     """Raise PictureError for a picture that cannot be drawn, before anything is mapped."""
     from planner.visualization.picture_file import checked_ending
 

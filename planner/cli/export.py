@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Final
 
 from kg.errors import GraphError, QueryParameterError, did_you_mean
 from kg.extensions import EXPORTERS, extensions, load_extension
-from planner.cli.arguments import add_map, start_pose, whole
+from planner.cli.arguments import add_at, add_map, add_start, whole
 from planner.cli.console import note
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         "own saved_objects.json and saved_places.json",
     )
     parser.add_argument("-o", "--output", required=True, metavar="FILE", help="file to write")
-    parser.add_argument("--at", metavar="TIME", help="the map of then: ISO 8601 or a number #N")
+    add_at(parser)
     parser.add_argument(
         "--no-ontology", action="store_true", help="leave the ontology out: only the map's facts"
     )
@@ -55,13 +55,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--find", metavar="OBJECT", help="mcap, rrd, bag: the search for this object as well"
     )
-    parser.add_argument(
-        "--from",
-        dest="start",
-        type=start_pose,
-        metavar="X,Y[,DEG]",
-        help="where that search starts",
-    )
+    add_start(parser)
     parser.add_argument(
         "--past",
         type=whole,

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kg.errors import QueryParameterError
-from planner.cli.arguments import add_json, add_map, positive, share, speed, start_pose
+from planner.cli.arguments import add_json, add_map, add_start, positive, share, speed
 from planner.cli.console import heading, note, print_looks, print_plan, write, write_json
 
 if TYPE_CHECKING:
@@ -36,14 +36,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add_map(parser)
     parser.add_argument("object", metavar="OBJECT", nargs="+", help="what to find, e.g. banana")
-    parser.add_argument(
-        "--from",
-        dest="start",
-        type=start_pose,
-        metavar="X,Y[,DEG]",
-        help="where the search starts [m], and which way it faces [degrees] "
-        "(default: where the robot is)",
-    )
+    add_start(parser)
     parser.add_argument(
         "--budget", type=_seconds, metavar="TIME", help="longest search, e.g. 300, 90s or 10min"
     )

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kg.errors import LayoutError
-from planner.cli.arguments import add_json, add_map, count
+from planner.cli.arguments import add_at, add_json, add_map, count
 from planner.cli.console import note, write_json
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="which storey, from 0 in the order they were met (default: the robot's)",
     )
-    parser.add_argument("--at", metavar="TIME", help="the floor of then: ISO 8601 or a number #N")
+    add_at(parser)
     add_json(parser)
 
 

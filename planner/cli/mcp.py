@@ -16,7 +16,7 @@ import signal
 from typing import TYPE_CHECKING
 
 from kg.errors import RemoteError, ServerError
-from planner.cli.arguments import add_map
+from planner.cli.arguments import add_map, end_on_signal
 from planner.cli.console import note
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Serve the tools until stdin ends, or until interrupted."""
-    _refuse_nonsense(arguments)
+    _check_options(arguments)
     if importlib.util.find_spec("mcp") is None:
         raise ServerError("this needs the package mcp: pip install 'hereabouts[mcp]'")
     return _serve(arguments)
@@ -90,14 +90,9 @@ def _serve(arguments: argparse.Namespace) -> int:
             server = ToolHttpServer(context, queries, settings)
             url = server.url.rstrip("/") + PATH
             note(f"tools of {semantic_map.description.title} at {url} ({access}); Ctrl+C ends")
-            signal.signal(signal.SIGTERM, _end)
+            signal.signal(signal.SIGTERM, end_on_signal)
             server.run()
     return 0
-
-
-def _end(number: int, frame: object) -> None:
-    # so that everything is closed on the way out, which the signal's default is not waiting for
-    raise SystemExit(0)
 
 
 def _end_on_signals(queries: LimitedQueries, semantic_map: SemanticMap) -> None:
@@ -112,7 +107,7 @@ def _end_on_signals(queries: LimitedQueries, semantic_map: SemanticMap) -> None:
         signal.signal(number, end)
 
 
-def _refuse_nonsense(arguments: argparse.Namespace) -> None:
+def _check_options(arguments: argparse.Namespace) -> None:
     from kg.store.sparql_client import is_url
 
     over_http = arguments.http is not None

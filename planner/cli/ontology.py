@@ -11,7 +11,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from planner.cli.arguments import MAP_HELP, add_json
+from planner.cli.arguments import MAP_HELP, add_author, add_json
 from planner.cli.console import note, print_table, write, write_json
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def _add_reload(parts: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
     help_text = f"{MAP_HELP}, or the address of a running hereabouts serve"
     parser.add_argument("map", metavar="MAP", help=help_text)
     parser.add_argument("source", metavar="FILE|FOLDER", help=_SOURCE_HELP)
-    parser.add_argument("--by", metavar="NAME", help="author (a server takes the token's holder)")
+    add_author(parser)
     parser.add_argument(
         "--whole", action="store_true", help="remove what the file neither holds nor imports"
     )

@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 
 from planner.cli.arguments import add_json, add_map
-from planner.cli.console import note, print_table, write_json
+from planner.cli.console import counted, note, print_rows
 
 _COLUMNS = ("place", "label", "area m2", "adjacent")
 
@@ -45,9 +45,6 @@ def run(arguments: argparse.Namespace) -> int:
             for place in semantic_map.places()
         ]
         doors = len(semantic_map.doors())
-    if arguments.json:
-        write_json([dict(zip(_COLUMNS, row, strict=True)) for row in rows])
-    else:
-        print_table(_COLUMNS, rows)
-        note(f"{len(rows)} place{'s' * (len(rows) != 1)}, {doors} door{'s' * (doors != 1)}")
+    print_rows(_COLUMNS, rows, as_json=arguments.json)
+    note(f"{counted(len(rows), 'place')}, {counted(doors, 'door')}")
     return 0

@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from planner.cli.arguments import add_map, start_pose
+from planner.cli.arguments import add_map, add_start
 from planner.cli.console import note
 
 
@@ -25,14 +25,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         metavar="OBJECT",
         help="draw the plan of `hereabouts find` as well: the way, the looks, why and how long",
     )
-    parser.add_argument(
-        "--from",
-        dest="start",
-        type=start_pose,
-        metavar="X,Y[,DEG]",
-        help="where that search starts [m], and which way it faces [degrees] "
-        "(default: where the robot is)",
-    )
+    add_start(parser)
     parser.add_argument(
         "--legend",
         choices=("class", "place"),

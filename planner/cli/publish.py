@@ -15,7 +15,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from planner.cli.arguments import add_json
+from planner.cli.arguments import add_json, end_on_signal
 from planner.cli.console import note, write_json
 
 
@@ -42,7 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
     token = _token(arguments.token_file) if arguments.token_file else None
     target = PublishTarget(arguments.to, token)
     publishers = [Publisher(address, target, note) for address in dict.fromkeys(arguments.maps)]
-    signal.signal(signal.SIGTERM, _end)
+    signal.signal(signal.SIGTERM, end_on_signal)
     with ThreadPoolExecutor(len(publishers)) as pool:
         try:
             runs = [p.publish if arguments.once else p.follow for p in publishers]
@@ -77,7 +77,3 @@ def _token(file: str) -> str:
     if not token or len(token.split()) != 1 or not token.isascii():
         raise ServerError(f"the token file {file} must hold one token alone")
     return token
-
-
-def _end(number: int, frame: object) -> None:
-    raise SystemExit(0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import asdict
 
 from planner.cli.arguments import add_json
 from planner.cli.console import print_table, write_json
@@ -24,10 +25,7 @@ def run(arguments: argparse.Namespace) -> int:
                 {
                     "name": question.name,
                     "summary": question.summary,
-                    "parameters": [
-                        {"name": p.name, "type": p.type, "default": p.default, "about": p.about}
-                        for p in question.parameters
-                    ],
+                    "parameters": [asdict(parameter) for parameter in question.parameters],
                     "columns": list(question.columns),
                 }
                 for question in questions
@@ -39,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
             question.name,
             question.summary,
             ", ".join(
-                f"{p.name}" if p.default is None else f"{p.name}={p.default}"
+                p.name if p.default is None else f"{p.name}={p.default}"
                 for p in question.parameters
             ),
         )

@@ -13,7 +13,7 @@ import argparse
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from planner.cli.arguments import add_json, add_map
+from planner.cli.arguments import add_author, add_json, add_map
 from planner.cli.console import note, write_json
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         metavar="WHAT",
         help="objects, places, assertions, ontology, or one thing by IRI (again for more)",
     )
-    parser.add_argument("--by", metavar="NAME", help="author (a server takes the token's holder)")
+    add_author(parser)
     parser.add_argument(
         "--yes", action="store_true", help="confirm that a large share of the map is deleted"
     )

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import argparse
 
-from planner.cli.arguments import add_json, add_map
+from planner.cli.arguments import add_author, add_json, add_map
 from planner.cli.assert_ import add_what
 from planner.cli.console import note, write_json
 
@@ -18,7 +18,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add_map(parser)
     add_what(parser)
-    parser.add_argument("--by", metavar="NAME", help="author (a server takes the token's holder)")
+    add_author(parser)
     add_json(parser)
 
 

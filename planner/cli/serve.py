@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kg.errors import HereaboutsError
-from planner.cli.arguments import add_keep, add_map, keep_seconds, positive
+from planner.cli.arguments import add_keep, add_map, end_on_signal, keep_seconds, positive
 from planner.cli.console import note
 from planner.cli.map_recording import check_unmapped, fitted
 from planner.cli.mapping_options import Inputs, add_all_arguments, open_inputs
@@ -101,13 +101,8 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.usage_error("--keep is for a map that is written: --token-file or --recording")
     if arguments.foxglove is not None and arguments.read_token_file:
         arguments.usage_error("--foxglove would show a private map to anybody on this machine")
-    signal.signal(signal.SIGTERM, _end)
+    signal.signal(signal.SIGTERM, end_on_signal)
     return _serve(arguments)
-
-
-def _end(number: int, frame: object) -> None:
-    # so that everything is closed on the way out, which the signal's default is not waiting for
-    raise SystemExit(0)
 
 
 def _serve(arguments: argparse.Namespace) -> int:

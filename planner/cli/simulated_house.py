@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from kg.errors import LayoutError, did_you_mean
-from planner.cli.arguments import FARTHEST
+from planner.cli.arguments import MAX_DISTANCE
 
 if TYPE_CHECKING:
     from planner.simulation.houses.house import House, Item
@@ -44,7 +44,7 @@ def _item(text: str) -> Item:
         x, y, z = (float(part) for part in where.split(","))
     except ValueError:
         x = y = z = math.nan
-    if not all(abs(value) <= FARTHEST for value in (x, y, z)):
+    if not all(abs(value) <= MAX_DISTANCE for value in (x, y, z)):
         raise LayoutError(
             f"--hide needs LABEL@X,Y,Z in metres, e.g. {label or 'apple'}@7,8.3,0.85, got {text!r}"
         )

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 Item = TypeVar("Item")
 
-_MOST: Final = 40  # images of a place from a recording or a folder, evenly spaced
+_MAX_IMAGES: Final = 40  # images of a place from a recording or a folder, evenly spaced
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -169,6 +169,6 @@ def _photographs(folder: Path) -> Iterator[NDArray[np.uint8]]:
 
 
 def _spaced(items: list[Item]) -> list[Item]:
-    """At most _MOST of them, evenly spaced."""
-    step = max(len(items) / _MOST, 1.0)
-    return [items[int(i * step)] for i in range(min(len(items), _MOST))]
+    """At most _MAX_IMAGES of them, evenly spaced."""
+    step = max(len(items) / _MAX_IMAGES, 1.0)
+    return [items[int(i * step)] for i in range(min(len(items), _MAX_IMAGES))]

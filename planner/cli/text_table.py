@@ -6,7 +6,7 @@ import unicodedata
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-_LEAST: Final = 3  # columns of a terminal that a folded cell keeps
+_MIN_WIDTH: Final = 3  # columns of a terminal that a folded cell keeps
 _RULE: Final = "─"
 _DIRECTIONS: Final = "\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"
 
@@ -63,7 +63,7 @@ def _row(
 
 def _fitted(widths: list[int], total: int) -> list[int]:
     """The widths of columns, the widest made narrower until all fit into `total`."""
-    while sum(widths) > total and max(widths) > _LEAST:
+    while sum(widths) > total and max(widths) > _MIN_WIDTH:
         widths[widths.index(max(widths))] -= 1
     return widths
 

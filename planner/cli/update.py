@@ -14,7 +14,7 @@ import argparse
 from functools import partial
 from pathlib import Path
 
-from planner.cli.arguments import add_json, add_map
+from planner.cli.arguments import add_author, add_json, add_map
 from planner.cli.console import note, write_json
 
 
@@ -23,7 +23,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     add_map(parser)
     parser.add_argument("file", nargs="?", metavar="FILE.ru", help="file with the update")
     parser.add_argument("-e", "--execute", metavar="SPARQL", help="the update itself instead")
-    parser.add_argument("--by", metavar="NAME", help="author (a server takes the token's holder)")
+    add_author(parser)
     parser.add_argument(
         "--yes", action="store_true", help="confirm that a large share of the map is deleted"
     )

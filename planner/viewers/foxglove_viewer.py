@@ -22,7 +22,7 @@ from perception.frames import Detections, Frame
 from perception.recordings.bag_file import message_types
 from planner.viewers.ros_messages import LIVE_TOPICS, TOPICS, RosMessages, nanoseconds_of
 from planner.viewers.scene import Point, Scene
-from planner.viewers.viewer import FLUSHED, ROUNDING, refuse_unusable, refusing
+from planner.viewers.viewer import FLUSHED, ROUNDING, check_new_file, picture_errors
 
 _STEP: Final = 0.1  # [m] between points of the trail
 _MAX_POINTS: Final = 500  # of the trail; of a longer one every second is left out
@@ -125,7 +125,7 @@ class McapFile(FoxgloveViewer):
     def __init__(self, path: Path) -> None:
         """Raises PictureError where no new file can be made at `path`."""
         super().__init__()
-        refuse_unusable(path)
+        check_new_file(path)
         self._path, self._flushed = path, time.monotonic()
         self._writer: foxglove.MCAPWriter | None = None
 
@@ -133,11 +133,11 @@ class McapFile(FoxgloveViewer):
         """Write the summary by which players jump to a moment."""
         writer, self._writer = self._writer, None
         if writer is not None:
-            with refusing(self._path):
+            with picture_errors(self._path):
                 writer.close()
 
     def _log(self, topic: str, message: object, stamp: float) -> None:
-        with refusing(self._path):
+        with picture_errors(self._path):
             if self._writer is None:
                 self._writer = foxglove.open_mcap(
                     self._path, context=self.context, writer_options=_ROS2

@@ -34,9 +34,9 @@ from planner.viewers.viewer import (
     ROUNDING,
     SURFACE,
     TINT,
+    check_new_file,
     heading_quaternion,
-    refuse_unusable,
-    refusing,
+    picture_errors,
 )
 from planner.visualization.palette import FURNITURE, INK, ROUTE, WALL
 
@@ -192,7 +192,7 @@ class RerunFile(RerunViewer):
     def __init__(self, title: str, path: Path) -> None:
         """Raises PictureError where no new file can be made at `path`."""
         super().__init__(title)
-        refuse_unusable(path)
+        check_new_file(path)
         self._path, self._begun = path, False
         self._flushed = time.monotonic()
 
@@ -204,7 +204,7 @@ class RerunFile(RerunViewer):
     def _at(self, stamp: float) -> None:
         if not self._begun:
             self._begun = True
-            with refusing(self._path):
+            with picture_errors(self._path):
                 self._path.touch(exist_ok=False)
                 self._log.save(self._path)
         elif time.monotonic() - self._flushed > FLUSHED:
@@ -214,7 +214,7 @@ class RerunFile(RerunViewer):
     def _flush(self) -> None:
         # a disk that is full shows in that alone: the writing thread has ended
         try:
-            with refusing(self._path):
+            with picture_errors(self._path):
                 self._log.flush(timeout_sec=_PATIENCE)
         except PictureError:
             # and whoever destroys the stream would wait for that thread for ever

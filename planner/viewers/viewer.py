@@ -99,7 +99,7 @@ def require(module: str, extra: str) -> None:
         raise PictureError(f"this needs the package {module}: pip install 'hereabouts[{extra}]'")
 
 
-def refuse_unusable(path: Path) -> None:
+def check_new_file(path: Path) -> None:
     """Raise PictureError where no new file can be made at `path`."""
     if path.exists() or path.is_symlink():
         raise PictureError(f"{path} exists; the name of a new file would work")
@@ -110,7 +110,7 @@ def refuse_unusable(path: Path) -> None:
 
 
 @contextmanager
-def refusing(path: Path) -> Iterator[None]:
+def picture_errors(path: Path) -> Iterator[None]:
     """Raise PictureError for what the operating system or a writer of `path` raises meanwhile."""
     try:
         yield

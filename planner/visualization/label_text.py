@@ -11,11 +11,11 @@ from matplotlib.text import Text
 from planner.execution.protocol import cleaned
 from planner.visualization.label_placement import Box
 
-LONGEST: Final = 40  # letters of a label
+MAX_LETTERS: Final = 40  # letters of a label
 _CUT: Final = "…"
 
 
-def drawable(text: object, longest: int = LONGEST) -> str:
+def drawable(text: object, longest: int = MAX_LETTERS) -> str:
     """Anybody's text as one line of at most `longest` letters."""
     line = cleaned(text)
     return line if len(line) <= longest else line[: longest - 1].rstrip() + _CUT

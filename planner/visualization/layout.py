@@ -22,9 +22,9 @@ from planner.visualization.palette import FAINT, INK, OUTLINE, ROUTE
 
 DPI: Final = 160
 LONGER_SIDE: Final = (10.5, 20.0)  # [inch] of the drawing: usually, and where it is crowded
-LARGEST: Final = 2.2  # [inch/m]
+MAX_SCALE: Final = 2.2  # [inch/m]
 ROOM: Final = 0.45  # [inch^2] an object and its label would like to have
-LEAST_EXTENT: Final = 3.0  # [m] around a lone object
+MIN_EXTENT: Final = 3.0  # [m] around a lone object
 FLATTEST: Final = 0.14  # shorter side over longer side
 TALL: Final = 1.25  # height over width from which on legend and listing stand beside the drawing
 
@@ -63,7 +63,7 @@ class Extent(Rectangle):
         lo, hi = points.min(axis=0), points.max(axis=0)
         margin = max(0.25, 0.03 * float((hi - lo).max()))
         lo, hi = lo - margin, hi + margin
-        least = max(LEAST_EXTENT, FLATTEST * float((hi - lo).max()))
+        least = max(MIN_EXTENT, FLATTEST * float((hi - lo).max()))
         lack = np.maximum(least - (hi - lo), 0) / 2
         lo, hi = lo - lack, hi + lack
         return cls(float(lo[0]), float(hi[0]), float(lo[1]), float(hi[1]))
@@ -302,7 +302,7 @@ def _height(listing: Listing | None, columns: int) -> float:
 def _scale(extent: Extent, spots: NDArray[np.float64]) -> float:
     """[inch/m]; larger where `spots` (n, 2) [m] crowd, so that their labels find room."""
     longer = max(extent.width, extent.height)
-    usual, most = (min(side / longer, LARGEST) for side in LONGER_SIDE)
+    usual, most = (min(side / longer, MAX_SCALE) for side in LONGER_SIDE)
     if len(spots) < 2:
         return usual
     low, high = np.percentile(spots, [10, 90], axis=0)

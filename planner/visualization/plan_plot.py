@@ -21,7 +21,7 @@ from planner.visualization.layout import Item, Listing
 from planner.visualization.map_plot import Legend, SearchDrawing, plot_map
 
 _SEEN: Final = "#f08c00"
-_DARKEST: Final = 0.32
+_MAX_SHADE: Final = 0.32
 _LISTED: Final = 12  # looks that are put in words
 _REASON: Final = 160  # letters of a reason
 SAME: Final = 0.2  # [m] looks from nearer to each other share a disc or a text
@@ -128,5 +128,5 @@ def _shade(state: PlanningState, steps: tuple[ViewStep, ...]) -> Shade:
         inside = angle_between(bearing, step.heading) <= step.extent / 2 + 1e-9
         chance = np.where(inside, sensor.chance(np.hypot(offset[:, 0], offset[:, 1])), 0.0)
         missed[cells] *= 1.0 - chance
-    strength = _DARKEST * (1.0 - missed).reshape(space.shape)
+    strength = _MAX_SHADE * (1.0 - missed).reshape(space.shape)
     return Shade("seen by the looks", _SEEN, strength, space.origin, space.cell)

@@ -16,9 +16,9 @@ import numpy as np
 
 DOOR: Final = 9  # [dm] width of a doorway
 JAMB: Final = 2  # [dm] wall kept beside a doorway, at least
-LEAST_SIDE: Final = 24  # [dm] of a room
-LARGEST_ROOM: Final = 2400  # [dm^2] what is larger is split
-LEAST_CATEGORIES: Final = 4  # of rooms in a house
+MIN_SIDE: Final = 24  # [dm] of a room
+MAX_ROOM: Final = 2400  # [dm^2] what is larger is split
+MIN_CATEGORIES: Final = 4  # of rooms in a house
 OPEN_PLAN: Final = frozenset({"living room", "dining room", "kitchen"})
 #: What the rooms of a house are for, the most needed first.
 PURPOSES: Final = (
@@ -72,7 +72,7 @@ def draw_floor_plan(rng: np.random.Generator) -> FloorPlan:
         rooms = _turned(LAYOUTS[layout](rng), rng)
         rooms = _with_purposes(_with_l_shape(rooms, rng), rng)
         doorways = _doorways(rooms, rng)
-        if doorways is not None and len({r.category for r in rooms}) >= LEAST_CATEGORIES:
+        if doorways is not None and len({r.category for r in rooms}) >= MIN_CATEGORIES:
             return FloorPlan(layout, tuple(rooms), tuple(doorways))
 
 
@@ -175,9 +175,9 @@ def _row(
     length = xmax - xmin
     count = _between(rng, max(2, -(-length // 50)), max(2, length // 30))
     while True:
-        cuts = np.sort(rng.integers(LEAST_SIDE, length - LEAST_SIDE + 1, count - 1))
+        cuts = np.sort(rng.integers(MIN_SIDE, length - MIN_SIDE + 1, count - 1))
         edges = [0, *(int(cut) for cut in cuts), length]
-        if min(np.diff(edges)) >= LEAST_SIDE and max(np.diff(edges)) <= 58:
+        if min(np.diff(edges)) >= MIN_SIDE and max(np.diff(edges)) <= 58:
             break
     return [PlanRectangle(xmin + a, xmin + b, ymin, ymax) for a, b in pairwise(edges)]
 
@@ -186,10 +186,10 @@ def _split(rng: np.random.Generator, room: PlanRectangle) -> list[PlanRectangle]
     """`room` cut across its longer side again and again, until the parts have a room's size."""
     width, height = room.xmax - room.xmin, room.ymax - room.ymin
     longer = max(width, height)
-    small = room.area < LARGEST_ROOM and longer < 58
-    if longer < 2 * LEAST_SIDE + 4 or (small and (room.area < 1400 or rng.random() < 0.6)):
+    small = room.area < MAX_ROOM and longer < 58
+    if longer < 2 * MIN_SIDE + 4 or (small and (room.area < 1400 or rng.random() < 0.6)):
         return [room]
-    cut = _between(rng, LEAST_SIDE + 2, longer - LEAST_SIDE - 2)
+    cut = _between(rng, MIN_SIDE + 2, longer - MIN_SIDE - 2)
     if width >= height:
         parts = replace(room, xmax=room.xmin + cut), replace(room, xmin=room.xmin + cut)
     else:
@@ -234,7 +234,7 @@ def _with_l_shape(rooms: list[PlanRectangle], rng: np.random.Generator) -> list[
 def _joins_to_l(a: PlanRectangle, b: PlanRectangle) -> bool:
     """Whether the shared wall is all of one room's side and not all of the other's."""
     wall = _shared_wall(a, b)
-    if wall is None or a.area + b.area > 1.6 * LARGEST_ROOM:
+    if wall is None or a.area + b.area > 1.6 * MAX_ROOM:
         return False
     across_x, _, low, high = wall
     sides = [(r.ymax - r.ymin) if across_x else (r.xmax - r.xmin) for r in (a, b)]

@@ -20,7 +20,7 @@ ROOM_TO_LOOK: Final = 0.5  # [m] clearance of a viewpoint, where there is so muc
 WELL_SEEN: Final = (0.9, 2.6)  # [m] from a viewpoint to a small thing that it is for
 FAR_APART: Final = 1.0  # [m] between viewpoints of one room, at least
 VIEWS: Final = 2  # viewpoints that a small thing is seen from, where there is room
-MOST_VIEWPOINTS: Final = 4
+MAX_VIEWPOINTS: Final = 4
 
 _FACINGS: Final[tuple[Facing, ...]] = ("north", "west", "south", "east")
 _Box = tuple[NDArray[np.float64], NDArray[np.float64]]  # lower and upper corner (3,) [m]
@@ -81,7 +81,7 @@ class RoomFurnisher:
         near = (away > WELL_SEEN[0]) & (away < WELL_SEEN[1])  # (places, targets)
         central = np.linalg.norm(standing - self.room.centre, axis=1)
         chosen, views = list[int](), np.zeros(near.shape[1], np.int64)
-        while len(chosen) < MOST_VIEWPOINTS:
+        while len(chosen) < MAX_VIEWPOINTS:
             gain = near[:, views < VIEWS].sum(axis=1)
             for other in chosen:
                 gain[np.linalg.norm(standing - standing[other], axis=1) < FAR_APART] = 0

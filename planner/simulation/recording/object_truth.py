@@ -12,9 +12,9 @@ from planner.simulation.houses.small_things import SurfaceSampler
 from planner.simulation.recording.house_changes import HouseChange
 from planner.simulation.sensing.camera import CameraModel, View
 
-LEAST_FRAMES: Final = 3  # things seen well in fewer count neither way
-LEAST_PIXELS: Final = 120.0  # of a thing seen well, in an image 320 wide
-LEAST_SHARE: Final = 0.5  # of it in view, nothing in front and not cut by the border
+MIN_FRAMES: Final = 3  # things seen well in fewer count neither way
+MIN_PIXELS: Final = 120.0  # of a thing seen well, in an image 320 wide
+MIN_SHARE: Final = 0.5  # of it in view, nothing in front and not cut by the border
 
 #: Labels of COCO that are right for furnishings, too.
 ALSO: Final[Mapping[str, tuple[str, ...]]] = {
@@ -33,7 +33,7 @@ class VisibilityRecord:
     def __init__(self, house: House, model: CameraModel) -> None:
         self.frames: dict[str, list[str]] = {item.name: [] for item in house.objects}
         self._house = house
-        self._least = LEAST_PIXELS * (model.width / 320) ** 2
+        self._least = MIN_PIXELS * (model.width / 320) ** 2
 
     def add(self, frame_id: str, view: View) -> None:
         """Count one frame."""
@@ -42,7 +42,7 @@ class VisibilityRecord:
             if i < 0 or visible < self._least:
                 continue
             share = min(visible / max(view.silhouette[i], 1.0), 1.0) * view.inside[i]
-            if share >= LEAST_SHARE:
+            if share >= MIN_SHARE:
                 self.frames[self._house.objects[i].name].append(frame_id)
 
 
@@ -63,7 +63,7 @@ def object_truth(
     truth: dict[str, Any] = {
         "frame": "world = the house: x east, y north, z up [m], floor at z = 0",
         "up": [0.0, 0.0, 1.0],
-        "note": f"simulated; things seen well in fewer than {LEAST_FRAMES} frames are ignored, "
+        "note": f"simulated; things seen well in fewer than {MIN_FRAMES} frames are ignored, "
         "furnishings without a COCO name too; positions are middles of bounding boxes",
         "complete_for": list(complete_for),
         "incomplete_for": [],
@@ -82,7 +82,7 @@ def _object(item: Item, house: House, frames: Sequence[str]) -> dict[str, Any]:
     return {
         "cls": item.label,
         "also": ["couch"] if wide_chair else [],
-        "ignore": len(frames) < LEAST_FRAMES,
+        "ignore": len(frames) < MIN_FRAMES,
         **_where(item, house),
         "frames": list(frames),
     }

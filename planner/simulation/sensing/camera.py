@@ -21,7 +21,7 @@ from planner.simulation.sensing.shading import Shader
 
 NOTHING = -1  # instance of walls, floor and furnishings
 KEPT_VIEWS: Final = 8  # as many as frames may be between reading and mapping
-NEAREST = 0.05  # [m] depth of the plane that cuts what reaches behind the camera
+NEAR_PLANE = 0.05  # [m] depth of the plane that cuts what reaches behind the camera
 _CORNERS = np.array(np.meshgrid([False, True], [False, True], [False, True])).reshape(3, 8).T
 #: pairs of corners that an edge of a box joins
 _EDGES = np.array(
@@ -169,25 +169,25 @@ class SimulatedCamera:
         p_cam = (corners - T_map_cam[:3, 3]) @ T_map_cam[:3, :3]
         z = p_cam[..., 2]
         nearest, furthest = z.min(axis=1), z.max(axis=1)
-        cut = (nearest < NEAREST) & (furthest > NEAREST)
-        before = np.maximum(z, NEAREST)[..., None]
+        cut = (nearest < NEAR_PLANE) & (furthest > NEAR_PLANE)
+        before = np.maximum(z, NEAR_PLANE)[..., None]
         uv = p_cam[..., :2] / before * m.focal + m.K[:2, 2]
         lo, hi = uv.min(axis=1), uv.max(axis=1)
         if cut.any():
             ends = self._cut_edges(p_cam[cut])
-            uv_cut = np.where(z[cut][..., None] < NEAREST, np.nan, uv[cut])
+            uv_cut = np.where(z[cut][..., None] < NEAR_PLANE, np.nan, uv[cut])
             both = np.concatenate([uv_cut, ends], axis=1)
             lo[cut], hi[cut] = np.nanmin(both, axis=1), np.nanmax(both, axis=1)
         return _Boxes(np.floor(lo), np.ceil(hi) + 1, nearest, furthest, cut)
 
     def _cut_edges(self, p_cam: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n, 12, 2) [px] where edges of boxes (n, 8, 3) [m] meet the plane NEAREST, else nan."""
+        """(n, 12, 2) [px] where edges of boxes (n, 8, 3) [m] meet NEAR_PLANE, else nan."""
         a, b = p_cam[:, _EDGES[:, 0]], p_cam[:, _EDGES[:, 1]]
-        crossing = (a[..., 2] < NEAREST) != (b[..., 2] < NEAREST)
+        crossing = (a[..., 2] < NEAR_PLANE) != (b[..., 2] < NEAR_PLANE)
         rise = np.where(crossing, b[..., 2] - a[..., 2], np.nan)
-        share = (NEAREST - a[..., 2]) / rise
+        share = (NEAR_PLANE - a[..., 2]) / rise
         point = a + share[..., None] * (b - a)
-        return np.asarray(point[..., :2] / NEAREST * self.model.focal + self.model.K[:2, 2])
+        return np.asarray(point[..., :2] / NEAR_PLANE * self.model.focal + self.model.K[:2, 2])
 
     def _inside(self, boxes: _Boxes, instance: int) -> float:
         own = np.flatnonzero(self._instance[:-1] == instance)
@@ -202,7 +202,7 @@ class SimulatedCamera:
         """(solid, pixels it may fill, least depth) of what the frustum touches, nearest first."""
         size = self.model.width, self.model.height
         lo, hi = np.maximum(boxes.lo, 0), np.minimum(boxes.hi, size)
-        seen = (boxes.furthest > NEAREST) & (lo < hi).all(axis=1)
+        seen = (boxes.furthest > NEAR_PLANE) & (lo < hi).all(axis=1)
         order = np.flatnonzero(seen)[np.argsort(boxes.nearest[seen], kind="stable")]
         return [
             (
