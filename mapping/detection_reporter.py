@@ -1,10 +1,12 @@
-"""Detection reporter: makes the report of what became of detections, and keeps it in the map."""
+"""Detection reporter: makes the report of the fates of detections, and keeps it in the map."""
 
 from __future__ import annotations
 
 import time
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, Final
 
 from kg.errors import GraphError
@@ -20,45 +22,41 @@ from mapping.detection_report import (
     DoubtedThing,
     Fate,
 )
-from mapping.objects.bayes_mapper import BayesObjectMapper
 from mapping.objects.detection_fates import DetectionFates, ThingFates
 from mapping.objects.object_mapper import ObjectMapper
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.tracks import Track
 
-PAUSE: Final = 30.0  # [s] between two times that it is written
+WRITE_INTERVAL: Final = 30.0  # [s] of the report in the map's folder
 
 
 class DetectionReporter:
-    """Reports what became of the detections of a map, of earlier runs too.
+    """Reports the fates of a map's detections, those of earlier runs included.
 
-    It is kept in the map's folder, where there is one; a folder that cannot be written ends the
-    keeping, not the mapping. The thesis' objects have no candidates and no fates.
+    The report is kept in the map's folder, where there is one. Where the folder cannot be written,
+    mapping continues without. The thesis' object mapper has no candidates and no fates.
     """
 
     def __init__(
         self,
         semantic_map: SemanticMap,
-        objects: BayesObjectMapper | ObjectMapper,
+        objects: ObjectMapper,
         settings: ObjectSettings | None = None,
     ) -> None:
         self._map, self._objects = semantic_map, objects
         self._settings = settings or ObjectSettings()
         self._earlier: tuple[DoubtedThing, ...] = ()  # candidates that other runs left
-        self._folder = None
-        if isinstance(objects, BayesObjectMapper):
-            self._folder = semantic_map.store.path
-            self._go_on(objects.fates)
+        self._folder = None if objects.fates is None else semantic_map.store.path
+        if self._folder is not None and objects.fates is not None:
+            self._resume(self._folder, objects.fates)
         self._written = time.monotonic()
 
     def report(self) -> DetectionReport:
-        """What became of all detections until now."""
-        objects, s = self._objects, self._settings
-        fates, tracks = DetectionFates(), list[Track]()
-        if isinstance(objects, BayesObjectMapper):
-            fates, tracks = objects.fates, list(objects.tracks)
-            fates.settle()
-            fates.sweep(tracks)
+        """Report of all detections until now."""
+        s, tracks = self._settings, self._objects.tracks
+        fates = self._objects.fates or DetectionFates()
+        fates.settle()
+        fates.sweep(tracks)
         things = [*self._doubted_objects(tracks, fates), *self._candidates(tracks, fates)]
         forgotten = [self._forgotten(one) for one in fates.forgotten if one.track.log_odds]
         known = {_view(one) for one in (*things, *forgotten)}
@@ -75,10 +73,10 @@ class DetectionReporter:
         )
 
     def keep(self) -> None:
-        """Settle what the last frame added; now and then write the report."""
-        if isinstance(self._objects, BayesObjectMapper):
+        """Settle the last frame's fates; write the report every WRITE_INTERVAL."""
+        if self._objects.fates is not None:
             self._objects.fates.settle()
-        if self._folder is not None and time.monotonic() - self._written > PAUSE:
+        if self._folder is not None and time.monotonic() - self._written > WRITE_INTERVAL:
             self.finish()
 
     def finish(self) -> None:
@@ -91,10 +89,10 @@ class DetectionReporter:
             self._folder = None
         self._written = time.monotonic()
 
-    def _go_on(self, fates: DetectionFates) -> None:
-        """Count on from what earlier runs found; what cannot be read is begun anew."""
+    def _resume(self, folder: Path, fates: DetectionFates) -> None:
+        """Add the counts of earlier runs; those of an unreadable report are lost."""
         try:
-            report = None if self._folder is None else read_report(self._folder)
+            report = read_report(folder)
         except GraphError:
             return
         if report is None:
@@ -108,7 +106,9 @@ class DetectionReporter:
             fates.merged[name] = of.merged
         self._earlier = tuple(_as_forgotten(one) for one in report.things if not one.iri)
 
-    def _doubted_objects(self, tracks: list[Track], fates: DetectionFates) -> list[DoubtedThing]:
+    def _doubted_objects(
+        self, tracks: Sequence[Track], fates: DetectionFates
+    ) -> list[DoubtedThing]:
         held = {track.iri: track for track in tracks if track.iri is not None}
         return [
             self._object(record, held.get(record.iri), fates)
@@ -129,7 +129,7 @@ class DetectionReporter:
             **_best(record.evidence),
         )
 
-    def _candidates(self, tracks: list[Track], fates: DetectionFates) -> list[DoubtedThing]:
+    def _candidates(self, tracks: Sequence[Track], fates: DetectionFates) -> list[DoubtedThing]:
         return [
             self._candidate(track, track.existence, _from_one_side(track, fates))
             for track in tracks
@@ -200,7 +200,7 @@ def _position(x: float, y: float, z: float) -> tuple[float, float, float]:
 
 
 def _best(view: Evidence | None) -> dict[str, Any]:
-    """What a thing has of its best view."""
+    """Fields of a thing that describe its best view."""
     if view is None:
         return {}
     return {

@@ -21,7 +21,7 @@ from mapping.label_resolver import LabelResolver
 from mapping.mapper_lease import MapperLease
 from mapping.mapping_options import DEFAULT_OPTIONS, MappingOptions
 from mapping.objects.bayes_mapper import BayesObjectMapper
-from mapping.objects.object_mapper import ObjectChanges, ObjectMapper
+from mapping.objects.object_mapper import ObjectChanges, ObjectMapper, ReferenceObjectMapper
 from mapping.occupancy.occupancy_map import OccupancyMap
 from mapping.picture_keeper import PictureKeeper
 from mapping.places.evidence_from_objects import ObjectEvidence
@@ -91,26 +91,9 @@ class Mapper:
         self._place_mapper = PlaceMapper(
             semantic_map, self._places, s, model=scene_model, labels=options.labels
         )
-        self._objects: ObjectMapper | BayesObjectMapper
-        if options.mode == "reference":
-            self._objects = ObjectMapper(
-                semantic_map,
-                s,
-                self._places,
-                recording=recording,
-                model=detector,
-                labels=options.labels,
-            )
-        else:
-            self._objects = BayesObjectMapper(
-                semantic_map,
-                options.objects,
-                self._places,
-                recording=recording,
-                model=detector,
-                labels=options.labels,
-                unknown_labels=s.unknown_labels,
-            )
+        self._objects = _object_mapper(
+            semantic_map, options, self._places, recording=recording, model=detector
+        )
         self._relations = RelationMapper(semantic_map, self._objects.cache)
         self._occupancy = OccupancyMap(semantic_map) if options.occupancy else None
         evidence = ObjectEvidence(semantic_map, self._places, s) if s.places_from_objects else None
@@ -349,8 +332,33 @@ class Mapper:
             self._occupancy.undo(update.floor)
 
 
+def _object_mapper(
+    semantic_map: SemanticMap,
+    options: MappingOptions,
+    places: PlaceRegistry,
+    *,
+    recording: str,
+    model: str,
+) -> ObjectMapper:
+    """The object mapper of the options' mode."""
+    reference, labels = options.reference, options.labels
+    if options.mode == "reference":
+        return ReferenceObjectMapper(
+            semantic_map, reference, places, recording=recording, model=model, labels=labels
+        )
+    return BayesObjectMapper(
+        semantic_map,
+        options.objects,
+        places,
+        recording=recording,
+        model=model,
+        labels=labels,
+        unknown_labels=reference.unknown_labels,
+    )
+
+
 def robot_at(frame: Frame) -> RobotRecord:
-    """Robot pose from a camera's: its position, and heading [rad] of its axis seen from above."""
+    """Robot pose of a camera: its position, and the heading [rad] of its axis seen from above."""
     T = frame.T_map_cam
     heading = math.atan2(float(T[1, 2]), float(T[0, 2]))
     return RobotRecord(p_map=T[:3, 3].copy(), heading=heading, stamp=frame.stamp)

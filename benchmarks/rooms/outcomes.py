@@ -18,7 +18,7 @@ from mapping.evaluation.map_evaluation import MapEvaluation, mapped_objects, poo
 from mapping.evaluation.relation_scores import RelationOutcomes
 from mapping.evaluation.truth_matching import TruthMatcher
 from mapping.objects.bayes_mapper import BayesObjectMapper
-from mapping.objects.object_mapper import ObjectMapper
+from mapping.objects.object_mapper import ReferenceObjectMapper
 from mapping.objects.settings import ObjectSettings
 from mapping.reference.settings import ReferenceSettings
 from perception.frames import Frame
@@ -27,9 +27,9 @@ from perception.inference.recorded_detections import RecordedDetector
 DEFAULT, REFERENCE = "default", "reference"
 MAPPERS: Final = (DEFAULT, REFERENCE)
 _LEAST_SCORE: Final = {DEFAULT: ObjectSettings().min_score, REFERENCE: 0.25}
-_MAKE: Final[dict[str, Callable[[SemanticMap, str], BayesObjectMapper | ObjectMapper]]] = {
+_MAKE: Final[dict[str, Callable[[SemanticMap, str], BayesObjectMapper | ReferenceObjectMapper]]] = {
     DEFAULT: lambda semantic_map, model: BayesObjectMapper(semantic_map, model=model),
-    REFERENCE: lambda semantic_map, model: ObjectMapper(
+    REFERENCE: lambda semantic_map, model: ReferenceObjectMapper(
         semantic_map, ReferenceSettings(), model=model
     ),
 }

@@ -51,8 +51,8 @@ _NEARBY = 6.0  # [m] tracks farther from every sighting are not looked at
 class BayesObjectMapper:
     """Turns detections into changes of the map's objects; writes nothing itself.
 
-    Arguments and methods are those of `ObjectMapper`, the thesis' one, but for `settings`. What
-    others write is read again, and the track of a changed object starts anew from its record.
+    An `ObjectMapper`. It reads again what others write, and the track of a changed object starts
+    anew from its record.
     """
 
     def __init__(

@@ -1,9 +1,10 @@
-"""Object mapper: association, confidence and negative evidence, frame by frame (section 3.3.1)."""
+"""Object mappers: the protocol of both, and the thesis' own mapper (section 3.3.1)."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +13,10 @@ from kg.maps.semantic_map import SemanticMap
 from kg.records import DepartedRecord, Evidence, ObjectRecord
 from mapping.label_resolver import LabelResolver
 from mapping.label_table import LabelTable
+from mapping.objects.detection_fates import DetectionFates
 from mapping.objects.detection_localiser import DetectionLocaliser
 from mapping.objects.object_cache import ObjectCache
+from mapping.objects.tracks import Track
 from mapping.places.place_registry import PlaceRegistry
 from mapping.reference.confidence import decayed, existence
 from mapping.reference.nearest_association import Association, associate, most_confident
@@ -58,8 +61,56 @@ class _Source:
     frame: str  # id
 
 
-class ObjectMapper:
-    """Object mapper: turns detections into changes of the map's objects; writes nothing itself.
+class ObjectMapper(Protocol):
+    """Turns detections into changes of the map's objects; writes nothing to the map itself."""
+
+    labels: LabelResolver
+
+    @property
+    def cache(self) -> ObjectCache:
+        """The objects as perceived, and the assertions about them."""
+
+    @property
+    def fates(self) -> DetectionFates | None:
+        """Fates of all detections; None where the mapper does not count them."""
+
+    @property
+    def tracks(self) -> Sequence[Track]:
+        """Objects and candidates that the mapper follows."""
+
+    @property
+    def unplaced(self) -> int:
+        """Detections so far without usable depth."""
+
+    @property
+    def looked_from(self) -> dict[str, NDArray[np.float64]]:
+        """Pose (4, 4) of the last frame that each detector, by name, ran on."""
+
+    def objects(self) -> tuple[ObjectRecord, ...]:
+        """All objects, with assertions applied."""
+
+    def add(self, frame: Frame, detections: Detections) -> ObjectChanges:
+        """Process one frame."""
+
+    def add_sightings(
+        self,
+        sightings: Sequence[Sighting],
+        stamp: float,
+        *,
+        frame: str = "",
+        robot: NDArray[np.float64] | None = None,
+    ) -> ObjectChanges:
+        """Process detections that have positions already, taken at `stamp` [s since 1970]."""
+
+    def save(self, sequence: int) -> None:
+        """Store the mapper's own state beside the map, before its transaction of that number."""
+
+    def undo(self, changes: ObjectChanges) -> None:
+        """Discard changes that could not be written; their objects are read again."""
+
+
+class ReferenceObjectMapper:
+    """The thesis' object mapper: association, confidence and negative evidence, frame by frame.
 
     Its state is a cache of the map: loaded when made, ahead of the map by rounding only, and read
     again where others wrote since. It holds what perception believes; assertions decide which
@@ -153,8 +204,18 @@ class ObjectMapper:
 
     @property
     def looked_from(self) -> dict[str, NDArray[np.float64]]:
-        """Nothing is known of where each detector looked from."""
+        """Empty: the poses of each detector's last frame are not kept."""
         return {}
+
+    @property
+    def fates(self) -> None:
+        """None: fates of detections are not counted."""
+        return
+
+    @property
+    def tracks(self) -> Sequence[Track]:
+        """Empty: there are no candidates."""
+        return ()
 
     def undo(self, changes: ObjectChanges) -> None:
         """Discard changes that could not be written; their objects are read again."""

@@ -19,7 +19,7 @@ from urllib.parse import urlsplit
 from kg.errors import RecordingError
 from perception.live.connection import Inbox, Retry, full_name, largest
 from perception.live.ros1_api import CALLER, FAILURES, PATIENCE, ask
-from perception.live.tcpros import Wire
+from perception.live.tcpros import TcprosConnection
 from perception.recordings.bag_file import RawMessage
 
 PORT: Final = 11311
@@ -134,8 +134,8 @@ class _Subscription:
         if protocol[0] != "TCPROS":
             raise RecordingError(f"no TCPROS, but {str(protocol)[:80]}")
         with socket.create_connection((str(protocol[1]), int(protocol[2])), PATIENCE) as connected:
-            wire = Wire(connected, self._topic, self._ended)
-            wire.send_fields(
+            connection = TcprosConnection(connected, self._topic, self._ended)
+            connection.send_fields(
                 {
                     "callerid": caller,
                     "topic": self._topic,
@@ -144,12 +144,12 @@ class _Subscription:
                     "tcp_nodelay": "1",
                 }
             )
-            fields = wire.fields()
+            fields = connection.fields()
             if "error" in fields:
                 raise RecordingError(f"{self._topic}: refused: {fields['error']}")
             if fields.get("type") != self._type:
                 was = f"{fields.get('type')}, not {self._type}"
                 raise RecordingError(f"{self._topic} has messages of {was}")
             bound = largest(full_name(self._type))
-            while (data := wire.block(bound)) is not None:
+            while (data := connection.block(bound)) is not None:
                 yield data

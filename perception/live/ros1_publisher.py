@@ -20,7 +20,7 @@ from typing import Any, Final
 from perception.live.connection import Retry
 from perception.live.ros1 import Ros1Master
 from perception.live.ros1_api import CALLER, FAILURES, PATIENCE
-from perception.live.tcpros import Wire, block
+from perception.live.tcpros import TcprosConnection, block
 from perception.recordings.bag_file import message_types
 
 CHECKED: Final = 1.0  # [s] between two looks whether the master still knows the node
@@ -145,8 +145,8 @@ class Ros1Publisher:
     def _greet(self, connected: socket.socket) -> None:
         """Make a subscriber of whoever connects and names a topic, until it leaves."""
         try:
-            wire = Wire(connected, self.name, self._ended)
-            topic = self._agreed(wire, wire.fields())
+            connection = TcprosConnection(connected, self.name, self._ended)
+            topic = self._agreed(connection, connection.fields())
             if topic is not None:
                 connected.settimeout(PATIENCE)
                 with self._lock:
@@ -172,18 +172,18 @@ class Ros1Publisher:
         with self._lock, contextlib.suppress(ValueError):
             self._subscribers[topic].remove(connected)
 
-    def _agreed(self, wire: Wire, asked: Mapping[str, str]) -> str | None:
+    def _agreed(self, connection: TcprosConnection, asked: Mapping[str, str]) -> str | None:
         """The topic that `asked` names, answered with our header; None where it cannot be had."""
         topic = asked.get("topic", "")
         if topic not in self._types:
-            wire.send_fields({"error": f"{self.name} publishes no {topic[:200]}"})
+            connection.send_fields({"error": f"{self.name} publishes no {topic[:200]}"})
             return None
         type_ = self._types[topic]
         definition, md5sum = message_types(True).generate_msgdef(type_, ros_version=1)
         if asked.get("md5sum") not in ("*", md5sum):
-            wire.send_fields({"error": f"{topic} has the md5sum {md5sum}"})
+            connection.send_fields({"error": f"{topic} has the md5sum {md5sum}"})
             return None
-        wire.send_fields(
+        connection.send_fields(
             {
                 "callerid": self.name,
                 "topic": topic,

@@ -22,7 +22,7 @@ LARGEST_HEADER: Final = 1 << 20  # [bytes]; it has the message's definition
 
 
 @dataclass(frozen=True, slots=True)
-class Wire:
+class TcprosConnection:
     """One end of a connection; reading ends once `ended` is set."""
 
     connected: socket.socket

@@ -11,7 +11,7 @@ from kg.ontology.catalogue import Catalogue
 from kg.ontology.loading import load_ontologies
 from mapping.label_table import LabelTable, load_label_table
 from mapping.mapping_options import MappingOptions
-from mapping.objects.object_mapper import ObjectMapper
+from mapping.objects.object_mapper import ReferenceObjectMapper
 from mapping.places.place_mapper import PlaceMapper
 from mapping.places.place_registry import PlaceRegistry
 from mapping.recording_mapper import map_recording
@@ -104,7 +104,7 @@ def test_an_unknown_object_is_mapped_as_what_the_detector_calls_it(
 
 
 def test_a_faint_detection_makes_no_category(semantic_map, make_frame, make_detections):
-    mapper = ObjectMapper(
+    mapper = ReferenceObjectMapper(
         semantic_map, ReferenceSettings(min_score=0.5, unknown_labels="provisional")
     )
     mapper.add(make_frame(2.0), make_detections(("warp core", 0.4, MIDDLE)))
@@ -136,7 +136,7 @@ def test_a_table_decides_what_labels_mean_and_which_mean_nothing(
     semantic_map, make_frame, make_detections, table
 ):
     labels = table("label,category\n# ours\nEspresso machine,toaster\ncup,-\n")
-    mapper = ObjectMapper(semantic_map, SETTINGS, labels=labels)
+    mapper = ReferenceObjectMapper(semantic_map, SETTINGS, labels=labels)
     seen = make_detections(("espresso_machine", 0.9, MIDDLE), ("cup", 0.9, (5.0, 5.0, 9.0, 9.0)))
     mapper.add(make_frame(2.0), seen)
     (record,) = mapper.objects()

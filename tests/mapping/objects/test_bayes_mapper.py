@@ -410,16 +410,16 @@ def test_what_another_writes_between_frames_is_respected(room):
 def test_a_frame_that_conflicts_counts_once(room, step_back, views, monkeypatch):
     for _ in range(views):
         room.see(CUP)
-    write, refused = room.map.write, 2
+    apply, refused = room.map.apply, 2
 
     def contested(update: MapUpdate, cause: Cause | None = None) -> ChangeSet | None:
         nonlocal refused
         if refused:
             refused -= 1
             raise ConflictError("others were faster")
-        return write(update, cause)
+        return apply(update, cause)
 
-    monkeypatch.setattr(room.map, "write", contested)
+    monkeypatch.setattr(room.map, "apply", contested)
     room.see(CUP)
     monkeypatch.undo()
     assert room.one.observations == views + 1

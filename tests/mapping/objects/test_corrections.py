@@ -18,7 +18,7 @@ from kg.records import MapUpdate, PlaceRecord
 from kg.server import BearerTokens, MapServer, Settings
 from kg.transactions import Cause, ChangeSet
 from mapping.mapper import MAX_ATTEMPTS
-from mapping.objects.object_mapper import ObjectMapper
+from mapping.objects.object_mapper import ReferenceObjectMapper
 from mapping.places.place_registry import PlaceRegistry
 from mapping.reference.settings import ReferenceSettings
 from perception.frames import Frame
@@ -156,7 +156,7 @@ def test_the_mapper_hears_of_what_another_program_moves_removes_and_adds(
         create_map(sparql_server, base=BASE) as semantic_map,
         open_map(sparql_server) as other,
     ):
-        mapper = ObjectMapper(semantic_map, ReferenceSettings())
+        mapper = ReferenceObjectMapper(semantic_map, ReferenceSettings())
         book = PlaceRegistry(semantic_map, ROOM)
         stage = Stage(["see cup left", "see cup right"], Acts(other), make_frame)
         for frame, detections, _ in stage.shots():

@@ -7,7 +7,7 @@ from pyoxigraph import Literal, NamedNode, Quad
 
 from kg import vocabulary as v
 from kg.areas import Rectangle
-from mapping.objects.object_mapper import ObjectMapper
+from mapping.objects.object_mapper import ReferenceObjectMapper
 from mapping.places.layout import Layout, LayoutPlace
 from mapping.places.place_mapper import PlaceMapper
 from mapping.places.place_registry import PlaceRegistry
@@ -31,7 +31,7 @@ def learn(semantic_map, name, above, label):
 def test_an_object_category_learnt_meanwhile_is_mapped_from_the_next_frame_on(
     semantic_map, make_frame, make_detections
 ):
-    mapper = ObjectMapper(semantic_map, SETTINGS)
+    mapper = ReferenceObjectMapper(semantic_map, SETTINGS)
     seen = make_detections(("flux capacitor", 0.9, MIDDLE))
     mapper.add(make_frame(2.0), seen)
     assert mapper.objects() == ()

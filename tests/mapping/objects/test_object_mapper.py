@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from kg.areas import Rectangle
 from kg.opening import in_memory_map
 from kg.records import MapUpdate
-from mapping.objects.object_mapper import ObjectMapper
+from mapping.objects.object_mapper import ReferenceObjectMapper
 from mapping.places.layout import Layout, LayoutPlace
 from mapping.places.place_registry import PlaceRegistry
 from mapping.reference.settings import ReferenceSettings
@@ -24,7 +24,7 @@ def only(mapper):
 
 
 def test_new_object_is_registered_where_it_was_seen(semantic_map, make_frame, make_detections):
-    mapper = ObjectMapper(semantic_map, SETTINGS, recording="room", model="net")
+    mapper = ReferenceObjectMapper(semantic_map, SETTINGS, recording="room", model="net")
     changes = mapper.add(make_frame(2.0), make_detections(("cup", 0.5, MIDDLE)))
     record = only(mapper)
     assert (changes.new, changes.seen, changes.missed) == (1, 0, 0)
@@ -37,7 +37,7 @@ def test_new_object_is_registered_where_it_was_seen(semantic_map, make_frame, ma
 
 
 def test_seen_again_moves_to_the_mean_and_grows_surer(semantic_map, make_frame, make_detections):
-    mapper = ObjectMapper(semantic_map, SETTINGS)
+    mapper = ReferenceObjectMapper(semantic_map, SETTINGS)
     mapper.add(make_frame(2.0, stamp=10.0), make_detections(("cup", 0.5, MIDDLE)))
     mapper.add(make_frame(2.4, stamp=11.0), make_detections(("cup", 0.75, MIDDLE)))
     mapper.add(make_frame(2.2, stamp=12.0), make_detections(("cup", 0.25, MIDDLE)))
@@ -49,7 +49,7 @@ def test_seen_again_moves_to_the_mean_and_grows_surer(semantic_map, make_frame, 
 
 
 def test_object_that_is_gone_fades_and_leaves(semantic_map, make_frame, make_detections):
-    mapper = ObjectMapper(semantic_map, SETTINGS)
+    mapper = ReferenceObjectMapper(semantic_map, SETTINGS)
     mapper.add(make_frame(2.0), make_detections(("cup", 1.0, MIDDLE)))  # C = 0.8
     first = mapper.add(make_frame(3.0), make_detections())
     assert first.missed == 1 and only(mapper).confidence == pytest.approx(0.35)
@@ -61,14 +61,14 @@ def test_object_that_is_gone_fades_and_leaves(semantic_map, make_frame, make_det
 
 
 def test_confidence_of_nothing_at_all_is_gone(semantic_map, make_frame, make_detections):
-    mapper = ObjectMapper(semantic_map, ReferenceSettings(phi=1.0, xi=0.5))
+    mapper = ReferenceObjectMapper(semantic_map, ReferenceSettings(phi=1.0, xi=0.5))
     mapper.add(make_frame(2.0), make_detections(("cup", 0.5, MIDDLE)))
     mapper.add(make_frame(3.0), make_detections())
     assert mapper.objects() == ()
 
 
 def test_hidden_object_does_not_fade(semantic_map, make_frame, make_detections):
-    mapper = ObjectMapper(semantic_map, SETTINGS)
+    mapper = ReferenceObjectMapper(semantic_map, SETTINGS)
     mapper.add(make_frame(2.0), make_detections(("cup", 1.0, MIDDLE)))
     for _ in range(5):
         mapper.add(make_frame(1.0), make_detections())
@@ -79,7 +79,7 @@ def test_hidden_object_does_not_fade(semantic_map, make_frame, make_detections):
 def test_out_of_the_sensors_good_range_nothing_is_registered(
     semantic_map, make_frame, make_detections, depth
 ):
-    mapper = ObjectMapper(semantic_map, SETTINGS)
+    mapper = ReferenceObjectMapper(semantic_map, SETTINGS)
     mapper.add(make_frame(depth), make_detections(("cup", 0.9, MIDDLE)))
     assert mapper.objects() == ()
 
@@ -87,14 +87,14 @@ def test_out_of_the_sensors_good_range_nothing_is_registered(
 def test_out_of_the_good_range_a_registered_object_still_grows_surer(
     semantic_map, make_frame, make_detections
 ):
-    mapper = ObjectMapper(semantic_map, SETTINGS)
+    mapper = ReferenceObjectMapper(semantic_map, SETTINGS)
     mapper.add(make_frame(4.5), make_detections(("cup", 0.5, MIDDLE)))
     mapper.add(make_frame(4.9), make_detections(("cup", 0.5, MIDDLE)))
     assert only(mapper).confidence == pytest.approx(0.8)
 
 
 def test_one_chair_detected_twice_is_one_chair(semantic_map, make_frame, make_detections):
-    mapper = ObjectMapper(semantic_map, SETTINGS)
+    mapper = ReferenceObjectMapper(semantic_map, SETTINGS)
     twice = make_detections(("chair", 0.9, MIDDLE), ("chair", 0.6, (33, 22, 37, 26)))
     mapper.add(make_frame(2.0), twice)
     assert only(mapper).confidence == pytest.approx(0.72)
@@ -105,7 +105,7 @@ def test_one_chair_detected_twice_is_one_chair(semantic_map, make_frame, make_de
 def test_unknown_labels_and_boxes_without_depth_are_counted_not_mapped(
     semantic_map, make_frame, make_detections
 ):
-    mapper = ObjectMapper(semantic_map, SETTINGS)
+    mapper = ReferenceObjectMapper(semantic_map, SETTINGS)
     mapper.add(make_frame(2.0), make_detections(("flux capacitor", 0.9, MIDDLE)))
     mapper.add(make_frame(np.nan), make_detections(("cup", 0.9, MIDDLE)))
     assert mapper.objects() == ()
@@ -114,7 +114,7 @@ def test_unknown_labels_and_boxes_without_depth_are_counted_not_mapped(
 
 
 def test_place_labels_are_no_objects(semantic_map, make_frame, make_detections):
-    mapper = ObjectMapper(semantic_map, SETTINGS)
+    mapper = ReferenceObjectMapper(semantic_map, SETTINGS)
     mapper.add(make_frame(2.0), make_detections(("kitchen", 0.9, MIDDLE)))
     assert mapper.objects() == ()
 
@@ -126,16 +126,16 @@ def test_object_stands_in_the_place_around_it(semantic_map, make_frame, make_det
             LayoutPlace(2, "east", Rectangle(1, 5, -5, 5)),
         )
     )
-    mapper = ObjectMapper(semantic_map, SETTINGS, PlaceRegistry(semantic_map, layout))
+    mapper = ReferenceObjectMapper(semantic_map, SETTINGS, PlaceRegistry(semantic_map, layout))
     mapper.add(make_frame(2.0), make_detections(("cup", 0.9, MIDDLE)))
     assert only(mapper).place == semantic_map.place_iri(2)
 
 
 def test_mapper_goes_on_from_the_graph(semantic_map, make_frame, make_detections):
-    first = ObjectMapper(semantic_map, SETTINGS)
+    first = ReferenceObjectMapper(semantic_map, SETTINGS)
     changes = first.add(make_frame(2.0), make_detections(("cup", 0.5, MIDDLE)))
     semantic_map.apply(MapUpdate(objects=changes.updated))
-    second = ObjectMapper(semantic_map, SETTINGS)
+    second = ReferenceObjectMapper(semantic_map, SETTINGS)
     second.add(make_frame(2.0), make_detections(("cup", 0.5, MIDDLE)))
     assert only(second).iri == only(first).iri
     assert only(second).confidence == pytest.approx(0.8)
@@ -165,7 +165,7 @@ def test_whatever_is_seen_the_map_stays_sane(looks):
     T = np.array([[0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 1], [0, 0, 0, 1]], dtype=float)
     K = np.array([[50.0, 0, 32], [0, 50.0, 24], [0, 0, 1]])
     with in_memory_map() as semantic_map:
-        mapper = ObjectMapper(semantic_map, SETTINGS)
+        mapper = ReferenceObjectMapper(semantic_map, SETTINGS)
         for n, (depth, found) in enumerate(looks):
             image = np.full((49, 65), depth, dtype=np.float32)
             frame = Frame(str(n), np.zeros((49, 65, 3), np.uint8), image, K, T, 100.0 + n)
@@ -187,7 +187,7 @@ def test_detection_too_far_to_register_does_not_suppress_one_that_is_near_enough
     depth = np.full((49, 65), 4.5)
     depth[:, 33:] = 4.7
     seen = make_detections(("cup", 0.5, (28, 22, 32, 26)), ("cup", 0.9, (33, 22, 37, 26)))
-    mapper = ObjectMapper(semantic_map, SETTINGS)
+    mapper = ReferenceObjectMapper(semantic_map, SETTINGS)
     mapper.add(make_frame(depth), seen)
     assert only(mapper).confidence == pytest.approx(0.4)
     assert only(mapper).p_map[0] == pytest.approx(4.5)

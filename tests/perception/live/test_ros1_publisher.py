@@ -18,7 +18,7 @@ pytest.importorskip("rosbags")
 from perception.live import connection, ros1, ros1_publisher, tcpros
 from perception.live.ros1_api import ask
 from perception.live.ros1_publisher import Ros1Publisher
-from perception.live.tcpros import Wire
+from perception.live.tcpros import TcprosConnection
 from perception.recordings.bag_file import RawMessage, decoded, message_types
 from tests.perception.live.ros1_master import FakeMaster, fake_master
 
@@ -94,9 +94,9 @@ def tcpros_address(master: FakeMaster) -> tuple[str, int]:
 
 def answered(master: FakeMaster, **fields: str) -> dict[str, str]:
     with socket.create_connection(tcpros_address(master)) as connected:
-        wire = Wire(connected, "test", threading.Event())
-        wire.send_fields({"callerid": "/test", "topic": TOPIC, "md5sum": "*", **fields})
-        return wire.fields()
+        connection = TcprosConnection(connected, "test", threading.Event())
+        connection.send_fields({"callerid": "/test", "topic": TOPIC, "md5sum": "*", **fields})
+        return connection.fields()
 
 
 def test_what_is_published_is_heard_and_latched_for_who_comes_later(master: FakeMaster) -> None:

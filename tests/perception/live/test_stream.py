@@ -111,6 +111,48 @@ def test_a_pose_beyond_the_last_transform_is_waited_for(messages: Messages) -> N
     assert made.next_frame(5) is not None
 
 
+def test_a_nearer_depth_image_is_waited_for(messages: Messages) -> None:
+    first, second, *_ = by_frame(messages(".bag"))
+    made = offered(FrameStream("peer"), first)
+    assert made.next_frame(5) is not None
+    colour, depth = (next(r for r in second if r.topic == topic) for topic in (COLOUR, DEPTH))
+    offered(made, [raw for raw in second if raw.topic not in (COLOUR, DEPTH)])
+    offered(made, [moved(depth, milliseconds=-15), colour])
+    assert made._newest() is None  # a nearer one may come
+    offered(made, [moved(depth, milliseconds=5)])
+    assert made._newest() is None  # and a colour image that is nearer to that one
+    offered(made, [moved(colour, milliseconds=40)])
+    entry = made._newest()
+    assert entry is not None
+    assert entry.depth.seconds == pytest.approx(entry.stamp + 0.005)
+
+
+def test_a_nearer_depth_image_is_not_waited_for_without_end(
+    messages: Messages, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, second, *_ = by_frame(messages(".bag"))
+    made = offered(FrameStream("peer"), first)
+    assert made.next_frame(5) is not None
+    colour, depth = (next(r for r in second if r.topic == topic) for topic in (COLOUR, DEPTH))
+    offered(made, [raw for raw in second if raw.topic not in (COLOUR, DEPTH)])
+    offered(made, [moved(depth, milliseconds=-15), colour])
+    monkeypatch.setattr(stream, "PATIENCE", 0.0)
+    entry = made._newest()
+    assert entry is not None
+    assert entry.depth.seconds == pytest.approx(entry.stamp - 0.015)
+
+
+def test_a_depth_image_makes_one_frame(messages: Messages) -> None:
+    first, second, *_ = by_frame(messages(".bag"))
+    made = offered(FrameStream("peer"), first)
+    assert made.next_frame(5) is not None
+    colour = next(raw for raw in second if raw.topic == COLOUR)
+    offered(made, [*second, moved(colour, milliseconds=10), moved(colour, milliseconds=500)])
+    assert made.next_frame(5) is not None
+    assert made.next_frame(1) is None
+    assert made.counts.taken == 2
+
+
 def test_topics_are_those_of_the_options(messages: Messages) -> None:
     raws = messages(".bag")
     other = [replace(raw, topic="/rear/color") for raw in raws if raw.topic == COLOUR]
@@ -170,13 +212,18 @@ def test_time_that_goes_back_begins_anew(messages: Messages) -> None:
     assert frame.id.startswith("0.")
 
 
-def moved(raw: RawMessage, seconds: int) -> RawMessage:
-    """The message, some seconds later."""
+def moved(raw: RawMessage, seconds: int = 0, milliseconds: int = 0) -> RawMessage:
+    """The message, so much later."""
     types = message_types(True)
     message = types.deserialize_ros1(raw.data, raw.type)
     headers = [t.header for t in message.transforms] if raw.topic == "/tf" else [message.header]
     for header in headers:
-        header.stamp = replace(header.stamp, sec=header.stamp.sec + seconds)
+        passed = header.stamp.nanosec + milliseconds * 1_000_000
+        header.stamp = replace(
+            header.stamp,
+            sec=header.stamp.sec + seconds + passed // 10**9,
+            nanosec=passed % 10**9,
+        )
     return replace(raw, data=bytes(types.serialize_ros1(message, raw.type)))
 
 
