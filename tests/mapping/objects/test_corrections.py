@@ -136,7 +136,7 @@ def test_a_frame_that_somebody_gets_in_the_way_of_is_mapped_anew(
                 Acts(semantic_map).do("move", ["1", f"{2.1 + 0.05 * left}", "0"])
             return write(update, cause)
 
-        monkeypatch.setattr(far, "write", contested)
+        monkeypatch.setattr(far, "apply", contested)
         if times == MAX_ATTEMPTS:
             with pytest.raises(ConflictError, match=r"others have changed object/1 since #\d+"):
                 play(far, ["blind", "see cup"], make_frame)
