@@ -8,7 +8,7 @@ independent: each lies in some of the cells, or is not on the floor.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,14 +22,14 @@ from planner.settings import BeliefSettings
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CellBelief:
-    """Probability that what is searched for lies in each cell, and that it lies in none.
+    """Probability that the target is in each cell, and that it is on no cell.
 
     `weight` sums to 1 - `absent`. Raises ValueError for negative or missing mass.
     """
 
     cells: Cells  # (c,)
     weight: NDArray[np.float64]  # (c,)
-    absent: float  # probability that it is nowhere on this floor
+    absent: float  # probability that the target is not on this floor
 
     def __post_init__(self) -> None:
         total = float(self.weight.sum()) + self.absent
@@ -46,22 +46,6 @@ class CellBelief:
         return float(self.weight[space.room.reshape(-1)[self.cells] == room].sum())
 
 
-def room_weights(
-    space: FreeSpace, cells: Cells, probabilities: Mapping[int, float] | ArrayLike
-) -> NDArray[np.float64]:
-    """(c,) each room's probability spread evenly over its cells."""
-    rooms = space.room.reshape(-1)[cells]
-    counts = np.bincount(rooms, minlength=int(rooms.max()) + 1)
-    p = np.zeros(len(counts))
-    if isinstance(probabilities, Mapping):
-        for room, value in probabilities.items():
-            p[room] = value
-    else:
-        given = np.asarray(probabilities, np.float64)
-        p[: len(given)] = given[: len(counts)]
-    return p[rooms] / counts[rooms]
-
-
 def site_weights(
     space: FreeSpace, cells: Cells, p_map: ArrayLike, sigma: float
 ) -> NDArray[np.float64]:
@@ -75,20 +59,6 @@ def site_weights(
     return np.asarray(weight / weight.sum(), np.float64)
 
 
-def belief_from(
-    cells: Cells, weights: ArrayLike, absent: float, *, everywhere: float = 0.02
-) -> CellBelief:
-    """A belief of `weights` (c,) in any scale, of which `everywhere` is spread over all cells.
-
-    The even share is what keeps a wrong prior from hiding anything for good.
-    """
-    raw = np.asarray(weights, np.float64)
-    even = np.full(len(raw), 1.0 / len(raw))
-    total = float(raw.sum())
-    shaped = even if total <= 0 else (1 - everywhere) * raw / total + everywhere * even
-    return CellBelief(cells, shaped * (1 - absent), absent)
-
-
 Weights = NDArray[np.float64]
 
 _MAX_KNOWN: int = 150  # remembered objects that are instances of their own
@@ -97,7 +67,7 @@ _MAX_NEARBY: int = 100
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Contribution:
-    """What of one instance's weight is there on account of one candidate."""
+    """Part of an instance's weight that comes from one candidate."""
 
     candidate: Candidate
     row: int  # of `TargetBelief.weight`
@@ -106,10 +76,10 @@ class Contribution:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TargetBelief:
-    """k instances that targets may be found as.
+    """Belief of k instances of the targets.
 
-    `unseen` (c,) is, for all its methods, the chance that a thing in each cell would have been
-    missed by all looks so far.
+    In all methods, `unseen` (c,) is the probability that all views so far would have missed an
+    object in each cell.
     """
 
     cells: Cells  # (c,)
@@ -118,26 +88,26 @@ class TargetBelief:
     parts: tuple[Contribution, ...]
 
     def missed(self, unseen: Weights) -> Weights:
-        """(k,) chance that each instance has not been seen."""
+        """(k,) probability that each instance has not been seen."""
         return np.maximum(1.0 - self.weight @ (1.0 - unseen), 1e-12)
 
     def still_missing(self, unseen: Weights, targets: int) -> Weights:
-        """(targets,) chance that no instance of each target has been seen."""
+        """(targets,) probability that no instance of each target has been seen."""
         log = np.bincount(self.target, np.log(self.missed(unseen)), minlength=targets)
         return np.exp(log)
 
     def expected(self, unseen: Weights, of: Weights) -> Weights:
-        """(c,) instances expected in each cell after looks in vain, target j's times `of[j]`."""
+        """(c,) instances expected in each cell after failed views; target j counts `of[j]` times."""
         return np.asarray((of[self.target] / self.missed(unseen)) @ self.weight * unseen)
 
     def left(self, unseen: Weights, wanted: Sequence[int]) -> float:
-        """Probability that any of the `wanted` targets is on this floor after looks in vain."""
+        """Probability that any of the `wanted` targets is on this floor after failed views."""
         rows = np.isin(self.target, wanted)
         nowhere = np.clip(1.0 - self.weight.sum(axis=1), 0.0, 1.0) / self.missed(unseen)
         return float(1.0 - np.prod(np.minimum(nowhere[rows], 1.0)))
 
     def belief(self, unseen: Weights, wanted: Sequence[int], targets: int) -> CellBelief:
-        """All `wanted` targets as one belief: where the next one is, or nowhere."""
+        """Belief about the next instance of all `wanted` targets together."""
         of = np.zeros(targets)
         of[list(wanted)] = 1.0
         weight = self.expected(unseen, of)
@@ -150,7 +120,7 @@ class TargetBelief:
 def build_target_belief(
     ground: PlanningMap, cells: Cells, candidates: Sequence[Candidate], settings: BeliefSettings
 ) -> TargetBelief:
-    """The instances that `candidates` speak of."""
+    """Belief of the instances that `candidates` stand for."""
     rows: list[tuple[int, Weights]] = []
     parts: list[Contribution] = []
     for target in sorted({candidate.target for candidate in candidates}):
@@ -203,12 +173,12 @@ class _Instances:
         return np.asarray(inside / max(int(inside.sum()), 1))
 
     def _overlooked(self, room: int, noticed: float) -> Weights:
-        """As `_all_over`, less where it was seen and would have been noticed."""
+        """As `_all_over`, with less weight on seen cells, where it would have been noticed."""
         weight = (self._room == room) * (1.0 - noticed * self._seen)
         return np.asarray(weight / max(float(weight.sum()), 1e-12))
 
     def _mixed(self, weight: Weights) -> Weights:
-        """`weight` with a share of it spread over the whole floor, where nothing is ruled out."""
+        """`weight` with a share of it spread over the whole floor, so that no cell is ruled out."""
         share = self._settings.uniform_share
         return (1 - share) * weight + share * float(weight.sum()) * self._uniform
 
@@ -224,7 +194,7 @@ class _Instances:
 
     @property
     def _anywhere(self) -> Weights:
-        """Where things of this kind are at large."""
+        """(c,) distribution over all places by their probability to hold the target."""
         total = sum(c.probability for c in self._places.values())
         if total <= 0:
             return self._uniform
@@ -233,7 +203,7 @@ class _Instances:
         )
 
     def _of_room(self, room: int) -> _Made:
-        """What a room holds that nobody remembers; part of it around what it is found near."""
+        """Instance in a room that was not observed; partly around objects it is found near."""
         place, near = self._places.get(room), self._nearby.get(room, [])
         here = [*near, *([] if place is None else [place])]
         p = max((c.probability for c in here), default=0.0)

@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from benchmarks.search.ground_truth import HiddenObject
 from benchmarks.search.home_space import HomeSpace
+from benchmarks.search.room_beliefs import room_weights
 from benchmarks.search.view_policy import PRESENT, Ablation, initial_state
-from planner.belief import room_weights
 from planner.freespace.grid import Cells, FreeSpace
 from planner.plans.view_plan import plan
 from planner.viewpoints.next_best_view import RobotState

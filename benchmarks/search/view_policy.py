@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from benchmarks.search.ground_truth import HiddenObject
 from benchmarks.search.home_space import HomeSpace
 from benchmarks.search.robot import TrialOutcome
-from planner.belief import TargetBelief, belief_from, room_weights
+from benchmarks.search.room_beliefs import belief_from, room_weights
+from planner.belief import TargetBelief
 from planner.freespace.planning_map import PlanningMap
 from planner.goals.targets import Target
 from planner.plans.search_state import PlanningState

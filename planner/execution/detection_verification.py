@@ -1,4 +1,4 @@
-"""When a detection is believed: when it, or with a second that agrees, makes the object likely."""
+"""Detection verification: whether a detection of a target is certain or needs a second view."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from planner.execution.protocol import Detected
 from planner.goals.status import PRESENT
 from planner.goals.targets import Target
 
-#: A score from which one detection may be enough.
+#: Score from which a single detection can be certain.
 SURE: Final = 0.6
-#: Looks straight at one spot that may hold a target.
+#: Views taken to verify one spot.
 MAX_VERIFICATIONS: Final = 3
 #: [m] between detections that agree.
 SAME_SPOT: Final = ReferenceSettings().kappa
-#: Existence from which on what a look did not show again is looked for once more ...
+#: Existence from which a detection that a second view missed is verified once more ...
 POSSIBLE: Final = 0.2
-#: [rad] ... from so far aside, as something may stand before it.
+#: [rad] ... from this far aside, since something may occlude it.
 ASIDE: Final = 0.6
 
 Spot = tuple[str, int, int]  # category's IRI, and a square metre of the floor
@@ -31,7 +31,7 @@ Spot = tuple[str, int, int]  # category's IRI, and a square metre of the floor
 
 @dataclass(frozen=True, slots=True)
 class TargetDetection:
-    """Something that may be a target."""
+    """Detection that may be a target."""
 
     target: Target
     category: str  # IRI
@@ -45,7 +45,7 @@ class TargetDetection:
         return np.array([self.thing.x, self.thing.y, self.thing.z])
 
     def shows(self, other: TargetDetection) -> bool:
-        """Whether both show one thing: one object, or one spot while it is none yet."""
+        """Whether both show the same object, or the same spot while there is no object yet."""
         if self.object is not None and self.object == other.object:
             return True
         distance = float(np.linalg.norm(self.p_map - other.p_map))
@@ -53,19 +53,19 @@ class TargetDetection:
 
     @property
     def spot(self) -> Spot:
-        """About where it is: an object that is doubted away and detected anew has another IRI."""
+        """Category and rough position; IRIs differ when an object is removed and detected again."""
         return self.category, round(self.thing.x), round(self.thing.y)
 
 
 class DetectionVerifier:
-    """All that might have been a target so far; remembers what did not convince."""
+    """Judges detections of targets, and remembers those that were not certain."""
 
     def __init__(self) -> None:
         self._seen: list[tuple[str, NDArray[np.float64]]] = []
         self._looks: Counter[Spot] = Counter()
 
     def judge(self, target: Target, detection: AssociatedDetection) -> TargetDetection:
-        """Whether `detection` is believed to be there: what is found is an object, and likely."""
+        """Judge a detection: certain if its object is likely and seen again or with a high score."""
         thing, category = detection.thing, detection.category
         p_map = np.array([thing.x, thing.y, thing.z])
         again = any(
@@ -78,13 +78,13 @@ class DetectionVerifier:
         return TargetDetection(target, category, thing, detection.iri, certain)
 
     def open(self, detection: TargetDetection) -> bool:
-        """Whether another look straight at it is worth while."""
+        """Whether another view of it is worth while."""
         return self._looks[detection.spot] < MAX_VERIFICATIONS
 
     def aside(self, detection: TargetDetection) -> float:
-        """[rad] from how far aside the next look at it is taken: straight at first."""
+        """[rad] how far aside the next view of it is taken; the first is straight."""
         return ASIDE if self._looks[detection.spot] else 0.0
 
     def note_look(self, detection: TargetDetection) -> None:
-        """A look straight at it is taken."""
+        """Count a view taken to verify it."""
         self._looks[detection.spot] += 1

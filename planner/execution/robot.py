@@ -21,7 +21,7 @@ MAX_MALFORMED: Final = 20
 
 
 class Robot(Protocol):
-    """What carries out a search. Every method may raise RobotError."""
+    """Interface of a robot that carries out a search. Every method may raise RobotError."""
 
     name: str  # for people
 

@@ -72,7 +72,7 @@ class SearchLog:
         record: SearchRecord,
         clock: Callable[[], float] = time.time,
     ) -> SearchLog:
-        """A search that was begun before and did not find all it was for."""
+        """Log of an unfinished search, continued."""
         diary = cls(semantic_map, replace(record, state="running", ended=None), clock)
         diary._write("resumed", MapUpdate(search=diary.record))
         return diary
@@ -83,7 +83,7 @@ class SearchLog:
         return self.record.iri.removeprefix(self._map.base)
 
     def note_progress(self, *, left: float, seconds: float) -> None:
-        """How far the search is; written with whatever is written next."""
+        """Set the progress; it is written with the next update."""
         left = min(max(left, 0.0), 1.0)
         self.record = replace(self.record, left=left, seconds=seconds)
 
@@ -100,10 +100,10 @@ class SearchLog:
         glimpses: Sequence[tuple[float, float, float]] = (),
         viewed: Sequence[FloorView] = (),
     ) -> LookRecord:
-        """Write a look: what it was for, the IRIs it found, all that it changed, and floor.
+        """Write a view with its targets, the IRIs found, and all changes.
 
-        `shown` are the IRIs of the objects that it showed.
-        Floor `viewed` and what that makes of places is written once it has changed enough, or ends.
+        `shown` are the IRIs of objects in the view. Viewed floor and the view counts of places are
+        written once enough has changed, or at the end.
         """
         number = max((look.number for look in self.looks), default=0) + 1
         record = LookRecord(
@@ -144,13 +144,13 @@ class SearchLog:
         shown: Collection[str],
         found: Sequence[str] = (),
     ) -> None:
-        """Write what a picture on the way changed; `shown` are the objects that it showed."""
+        """Write the changes by a picture on the way; `shown` are the objects in it."""
         self._found(found)
         update = replace(_update(changes), robot=self._robot(pose), search=self.record)
         self._write("found on the way" if found else "seen on the way", update, shown)
 
     def obstacle(self, pose: RobotPose, x: float, y: float, reason: str) -> ObstacleRecord:
-        """Write where the robot, now at `pose`, could not go on."""
+        """Write an obstacle at (x, y) [m] that stopped the robot, which is at `pose`."""
         number = len(self.obstacles) + 1
         iri = f"{self.record.iri}/obstacle/{number}"
         record = ObstacleRecord(iri, self.record.iri, number, self._clock(), (x, y), reason)
@@ -160,7 +160,7 @@ class SearchLog:
         return record
 
     def change(self, note: str, changes: ObjectChanges) -> None:
-        """Write objects that a look has put in doubt, and drop those it has done away with."""
+        """Write objects whose existence a view has lowered, and remove those that are gone."""
         self._write(note, replace(_update(changes), search=self.record))
 
     def end(
@@ -169,7 +169,7 @@ class SearchLog:
         pose: RobotPose | None,
         changes: ObjectChanges | None = None,
     ) -> None:
-        """Write how the search, or this run of it, ended, and `changes` that its looks lead to."""
+        """Write the end of this run with its final `changes`."""
         self.record = replace(self.record, state=state, ended=self._clock())
         robot = None if pose is None else self._robot(pose)
         floor, places = self._floor.take_rest()
@@ -190,10 +190,10 @@ class SearchLog:
         return RobotRecord(p_map, math.remainder(pose.heading, 2 * math.pi), self._clock())
 
     def _write(self, note: str, update: MapUpdate, shown: Collection[str] = ()) -> None:
-        """Apply `update`; where others changed its objects meanwhile, the later word counts.
+        """Apply `update`; resolve conflicts with objects that others changed meanwhile.
 
-        That is the robot's of the objects that were `shown` to it, else the others'. Floor and
-        places are worked out anew for the next look.
+        For objects that were `shown` the robot's state is written, else that of the others is
+        kept. Floor and places are computed again for the next view.
         """
         for _ in range(TRIES):
             try:
@@ -225,10 +225,10 @@ def _without(update: MapUpdate, things: Collection[str]) -> MapUpdate:
 def recent_obstacles(
     semantic_map: SemanticMap, search: str, now: float
 ) -> tuple[ObstacleRecord, ...]:
-    """What stood in the way of other searches than `search` within `SHUT` of `now` [s].
+    """Obstacles of other searches than `search` within `SHUT` of `now` [s].
 
-    After it too, as clocks of robots differ and stamps are rounded. Searches that ended before are
-    not asked for: each is a question, and there may be many.
+    Later ones count too, since clocks of robots differ and stamps are rounded. Searches that ended
+    before that time are skipped, since each takes a query.
     """
     return tuple(
         obstacle
@@ -240,7 +240,7 @@ def recent_obstacles(
 
 
 def to_resume(semantic_map: SemanticMap, words: Sequence[str]) -> SearchRecord:
-    """The latest search for `words` (any, where there are none) that has not found it all.
+    """The latest unfinished search for `words`, or for anything if there are none.
 
     Raises GraphError where there is none.
     """

@@ -1,8 +1,8 @@
-"""Search loop: plan a view, drive there, look, update the belief, record it, plan again.
+"""Search loop: plan a view, drive there, take it, update the belief, record it, plan again.
 
-Every look and every surprise is followed by a new plan: something in the way, a robot that ends up
-elsewhere, a thing on the way that what is wanted is usually near. Nothing is kept between looks
-that the graph does not hold, so that a killed search resumes where its last look ended.
+A new plan follows every view and every surprise: an obstacle, a robot that ends up elsewhere, an
+object on the way that the target is usually near. All state between views is in the graph, so that
+a killed search resumes after its last view.
 """
 
 from __future__ import annotations
@@ -121,7 +121,7 @@ class _Run:
         self._reporter = Reporter(options.on_event, lambda: self._before + session.seconds)
 
     def run(self) -> SearchOutcome:
-        """Search until all is found, nothing is worth a look, or it is stopped."""
+        """Search until all targets are found, no view is worth its way, or it is stopped."""
         self._restore()
         state: SearchState = "stopped"
         try:
@@ -140,7 +140,7 @@ class _Run:
         return outcome
 
     def _restore(self) -> None:
-        """Restore what earlier runs of this search found."""
+        """Restore the targets that earlier runs of this search found."""
         record = self._log.record
         objects = {o.iri: o for o in self._map.objects()}
         for iri in record.found:
@@ -169,7 +169,7 @@ class _Run:
         return "found", "all that was wanted is found"
 
     def _retry_obstacles(self) -> bool:
-        """Whether ways that were shut to earlier searches are to be tried before giving up."""
+        """Whether ways that were blocked in earlier searches are tried before giving up."""
         if not self._old_obstacles or not self._adapter.uncertain:
             return False
         self._old_obstacles = ()
@@ -181,7 +181,7 @@ class _Run:
         return tuple(t for t in self._targets if t.text not in self._found)
 
     def _drive(self, goal: NextView) -> Literal["arrived", "else"]:
-        """Drive to where the look is to begin; "else": what happened calls for a new plan."""
+        """Drive to the viewpoint; "else" if an event calls for a new plan."""
         number = self._robot.next_id()
         self._robot.send(GoTo(number, goal.x, goal.y, goal.heading))
         self._passing_views = PassingViews()
@@ -212,7 +212,7 @@ class _Run:
         return "arrived"
 
     def _look(self, goal: NextView) -> None:
-        """Look, record it, update the belief; verify doubtful detections by a second look."""
+        """Take the view, record it, update the belief; verify doubtful detections by another."""
         answer = self._look_around(goal.turn, goal.extent)
         if answer is None:
             self._goal_failed(goal, "the look failed")
@@ -236,7 +236,7 @@ class _Run:
     def _after_look(
         self, pose: RobotPose, heading: float, extent: float, answer: DetectionsMessage
     ) -> list[TargetDetection]:
-        """Write a look and what it showed; returns what might be a target."""
+        """Write a view and its changes; returns detections that may be a target."""
         wanted = self._wanted()
         sightings, update = self._add_detections(answer, pose)
         found = self._confirm(sightings)
@@ -264,7 +264,7 @@ class _Run:
         return sightings
 
     def _doubtful(self, sightings: Sequence[TargetDetection]) -> list[TargetDetection]:
-        """Those that may be a target and are worth another look, each spot once."""
+        """Detections that may be a target and are worth another view, one for each spot."""
         return list(
             {
                 s.spot: s
@@ -274,7 +274,7 @@ class _Run:
         )
 
     def _on_the_way(self, message: DetectionsMessage, goal: NextView) -> bool:
-        """Apply a picture taken while driving; whether it changes the plan."""
+        """Apply a picture taken while driving; returns whether it changes the plan."""
         sightings, found, changes = self._apply_passing(message)
         if not sightings:
             self._passing_views.add(message.pose or self._robot.pose, goal)
@@ -289,7 +289,7 @@ class _Run:
     def _apply_passing(
         self, message: DetectionsMessage
     ) -> tuple[list[TargetDetection], tuple[str, ...], ObjectChanges]:
-        """Write a picture taken while driving; what may be a target, what was found, changes."""
+        """Write a picture taken while driving; returns possible targets, IRIs found, changes."""
         sightings, update = self._add_detections(message, message.pose or self._robot.pose)
         found, changes = self._confirm(sightings), update.changes
         if changes.updated or changes.removed:
@@ -329,7 +329,7 @@ class _Run:
         return sighting.target.text in self._found
 
     def _verify(self, sighting: TargetDetection) -> None:
-        """Look at what may be a target until it is found, or neither shown again nor possible."""
+        """View a possible target until it is found, or is neither shown again nor possible."""
         while not self._is_found(sighting) and self._verifier.open(sighting):
             again = self._shown_again(sighting)
             self._verifier.note_look(sighting)
@@ -337,9 +337,9 @@ class _Run:
                 return
 
     def _shown_again(self, sighting: TargetDetection) -> bool:
-        """Whether a look from another point of view shows what may be a target; else it is doubted.
+        """Whether a view from another viewpoint shows a possible target; else it is doubted.
 
-        What is seen again from one spot says little.
+        A second view from the same viewpoint would prove little, since its errors are the same.
         """
         thing, aside = sighting.thing, self._verifier.aside(sighting)
         x, y = self._adapter.another_view(self._robot.pose, sighting.p_map, aside)
@@ -365,7 +365,7 @@ class _Run:
         return shown
 
     def _decay(self, sighting: TargetDetection) -> None:
-        """A second look did not show it: one missed frame's worth of evidence against it."""
+        """Lower the existence of an object that a second view missed, as one missed frame does."""
         if sighting.object is None:
             return
         changes = self._objects.decay(sighting.object, recall=self._adapter.recall)
@@ -393,7 +393,7 @@ class _Run:
         self._adapter.blocked(goal.x, goal.y, self._robot.pose)
 
     def _replan_for(self, records: Sequence[ObjectRecord]) -> bool:
-        """Plan afresh where something new was seen that what is wanted is usually near."""
+        """Plan again if a new object was seen that a target is usually near."""
         new = self._related.new_among(records, self._wanted()) if records else []
         if not new:
             return False

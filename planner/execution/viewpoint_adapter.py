@@ -24,10 +24,10 @@ from planner.settings import BELIEF
 from planner.viewpoints.candidate_views import floor_in_view
 from planner.viewpoints.sensor import Motion, Sensor, angle_between
 
-NEAR: float = 0.5  # [m] a look from this near to a planned one, and ...
-ALIKE: float = 0.35  # [rad] ... towards about the same, is that look
-STEP: float = 0.5  # [m] nearer to what is doubted
-BLOCKS: float = 0.6  # [m] around an obstacle that cannot be driven through: this closes a door
+NEAR: float = 0.5  # [m] a view taken this near to a planned viewpoint, and ...
+ALIKE: float = 0.35  # [rad] ... with about its heading, counts as the planned view
+STEP: float = 0.5  # [m] by which a second view is nearer
+BLOCKS: float = 0.6  # [m] around an obstacle that is blocked: enough to close a door
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,17 +38,17 @@ class NextView:
     y: float
     heading: float  # [rad] to arrive with: the beginning of the sweep
     turn: float  # [rad] to sweep from there, to the left
-    middle: float  # [rad] heading in the middle of what is seen
+    middle: float  # [rad] heading in the middle of the view
     extent: float  # [rad] seen in all
     place: str  # label of the place, "" where it is none
-    probability: float  # to find any of what is wanted
-    seconds: float  # [s] until the look is over
-    left: float  # probability that it is there to be found, if this look is in vain
+    probability: float  # to find any target
+    seconds: float  # [s] until the view is over
+    left: float  # probability that a target is on the floor if this view fails
     why: tuple[str, ...]  # the weightiest reasons first
 
 
 class ViewpointAdapter:
-    """Keeps a planning state consistent with what the robot does and what others write."""
+    """Keeps a planning state consistent with the robot and with changes by others."""
 
     def __init__(
         self,
@@ -64,30 +64,30 @@ class ViewpointAdapter:
         self._settings = replace(BELIEF, stop_below=give_up_at)
         self._sensor, self._motion = sensor_of(robot), motion_of(robot)
         self._state = self._prepared()
-        self._no_viewpoint = False  # whether no position is left to look from
+        self._no_viewpoint = False  # whether no viewpoint is left
 
     @property
     def left(self) -> float:
-        """Probability that any of what is still wanted is there to be found."""
+        """Probability that any target still wanted is on this floor."""
         return self._state.left
 
     @property
     def uncertain(self) -> bool:
-        """Whether the chance that a thing on this floor was missed exceeds the limit."""
+        """Whether all views so far may have missed a target with more than the limit."""
         return self._state.overlooked > self._settings.stop_below
 
     @property
     def field_of_view(self) -> float:
-        """[rad] what one picture shows, across."""
+        """[rad] horizontal field of view of one picture."""
         return self._sensor.field_of_view
 
     @property
     def recall(self) -> float:
-        """Chance that a picture shows what is in its view."""
+        """Probability to detect an object in view."""
         return self._sensor.recall
 
     def next(self, pose: RobotPose) -> NextView | None:
-        """The look to take next; None where none is worth the way."""
+        """The view to take next; None where none is worth the way."""
         state = self._state
         if self._no_viewpoint:
             return None
@@ -117,7 +117,7 @@ class ViewpointAdapter:
         )
 
     def missed(self, pose: RobotPose, heading: float, extent: float) -> None:
-        """Learn that a look showed nothing new of what is wanted."""
+        """Update the belief: a view showed no target."""
         view = self._view_like(pose, heading, extent)
         if view is not None:
             self._state.missed(view)
@@ -126,21 +126,21 @@ class ViewpointAdapter:
             self.missed_view(pose.x, pose.y, towards)
 
     def missed_view(self, x: float, y: float, heading: float) -> None:
-        """Learn that one picture showed nothing of what is wanted."""
+        """Update the belief: one picture showed no target."""
         self._state.missed_picture(self._state.space.nearest((x, y)), heading)
 
     def in_view(self, x: float, y: float, heading: float, extent: float) -> FloorView:
-        """The floor that a look shows."""
+        """The floor that a view shows."""
         space = self._state.space
         return floor_in_view(space, self._sensor, space.nearest((x, y)), heading, extent)
 
     def another_view(
         self, pose: RobotPose, p_map: np.ndarray, aside: float = 0.0
     ) -> tuple[float, float]:
-        """Floor (x, y) [m] from where what `pose` showed at `p_map` (3,) [m] is seen anew.
+        """Viewpoint (x, y) [m] for a second view of an object at `p_map` (3,) [m].
 
-        It lies nearer, unless that is too near to see; seen from the thing `aside` [rad] of `pose`,
-        to the side where there is floor.
+        It lies nearer to the object than `pose`, unless that is too near to see, and `aside` [rad]
+        around the object, to the side where there is floor.
         """
         near, far = self._sensor.near, self._sensor.far
         dx, dy = pose.x - p_map[0], pose.y - p_map[1]
@@ -156,13 +156,13 @@ class ViewpointAdapter:
         return x, y
 
     def found(self, target: str, p_map: np.ndarray) -> None:
-        """Learn where `target` (its text) is."""
+        """Update the belief: `target` (its text) is at `p_map`."""
         self._state.found(target, p_map)
 
     def blocked(self, x: float, y: float, pose: RobotPose | None) -> bool:
-        """Learn that one cannot drive through (x, y); whether that is any news.
+        """Block the floor around (x, y); returns whether that changes anything.
 
-        The floor the robot stands on stays floor.
+        The cell of the robot stays free.
         """
         space = self._state.space
         cells = set(space.within((x, y), BLOCKS).tolist())
@@ -175,12 +175,12 @@ class ViewpointAdapter:
             return True
         try:
             self._state.blocked(np.array(sorted(cells), np.intp))
-        except LayoutError:  # no floor would be left: better a floor that is not quite true
+        except LayoutError:  # no floor would be left: ignore the obstacle
             return False
         return True
 
     def shows(self, look: LookRecord, p_map: np.ndarray) -> bool:
-        """Whether `look` should have shown what lies at `p_map` (3,) [m], with fair certainty."""
+        """Whether `look` is likely to show an object at `p_map` (3,) [m]."""
         pose = RobotPose(*look.position, look.heading)
         number = self._view_like(pose, look.heading, look.extent)
         if number is None:
@@ -300,7 +300,7 @@ class FailedGoals:
         return self._of_goal[key] >= MAX_TRIES
 
     def looked(self) -> None:
-        """A look worked."""
+        """Reset the count of failures: a view succeeded."""
         self._in_a_row = 0
 
 

@@ -1,4 +1,4 @@
-"""Baselines of a view plan on the same belief: rooms in some order, each swept by views."""
+"""Baselines of a view plan on the same belief: rooms in a fixed order, each swept by views."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from planner.plans.orders import nearest_neighbour, room_order
 from planner.plans.rollout import PlanEvaluator, Rollout
 from planner.viewpoints.next_best_view import RobotState
 
-_SWEPT: float = 0.9  # share of what a room's looks can find that ends its sweep
-_A_ROOM: int = 12  # looks in a room, at most
+_SWEPT: float = 0.9  # share of all that a room's views can find at which its sweep ends
+_MAX_VIEWS: int = 12  # of a room
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Baseline:
-    """Another way to search and what it is expected to take."""
+    """Expected time of another way to search, beside that of the plan."""
 
     name: str
-    probability: float  # that it finds, as far as the plan does too: what the two are compared at
-    expected_seconds: float  # [s] given that it finds that much
-    plan_seconds: float  # [s] the same of the plan
+    probability: float  # to find the target that both reach; times are compared at it
+    expected_seconds: float  # [s] mean time of the finds up to that probability
+    plan_seconds: float  # [s] the same for the plan
     views: int
 
 
@@ -41,7 +41,7 @@ class RoomBaselines:
         self._sweeps = {room: self._sweep(room) for room in self.rooms}
 
     def _sweep(self, room: int) -> list[int]:
-        """Looks of one room from its middle on, always of the best rate, whole turns among them."""
+        """Views of one room by the ratio rule, from its middle on."""
         state = self._evaluator.state
         views, viewpoints = state.views, np.flatnonzero((self._room_of == room) & self._reached)
         among = np.flatnonzero(np.isin(views.viewpoint, viewpoints))
@@ -49,7 +49,7 @@ class RoomBaselines:
         left = np.where(inside, state.weights(state.unseen), 0.0)
         goal = (1 - _SWEPT) * float(left @ views.chance[among].max(axis=0))
         at, order = self._middle(viewpoints), list[int]()
-        while len(order) < _A_ROOM and len(among):
+        while len(order) < _MAX_VIEWS and len(among):
             gains = views.chance[among] @ left.astype(np.float32)
             view = int(among[np.argmax(gains / state.next_best_view.costs(at, among))])
             if float(gains.max()) <= 0 or float(left @ views.chance[among].max(axis=0)) <= goal:
@@ -67,7 +67,7 @@ class RoomBaselines:
         return RobotState(int(state.views.viewpoints[best]), 0.0, int(best))
 
     def nearest_first(self) -> list[int]:
-        """Rooms always on to the nearest that remains."""
+        """Rooms in nearest-neighbour order."""
         views = self._evaluator.state.views
         first = views.metres_from(self._evaluator.at.cell)
 
@@ -108,7 +108,7 @@ class RoomBaselines:
         return total
 
     def rollout(self, rooms: Sequence[int]) -> Rollout:
-        """What sweeping `rooms` in that order brings."""
+        """Rollout of sweeping `rooms` in that order."""
         return self._evaluator.play([view for room in rooms for view in self._sweeps[room]])
 
 
@@ -128,9 +128,9 @@ def room_baselines(evaluator: PlanEvaluator, chosen: Rollout) -> tuple[Baseline,
 
 
 def turns_at_stops(evaluator: PlanEvaluator, stops: Sequence[NDArray[np.float64]]) -> Rollout:
-    """A whole turn at each of `stops` ((2,) [m]) in their order: how the thesis' rule searches.
+    """Rollout of a whole turn at each of `stops` ((2,) [m]) in order, as the thesis' rule searches.
 
-    Each is taken from the position nearest to it in its room, if there is one there.
+    Each turn is taken from the nearest viewpoint, one of the same room if there is any.
     """
     views, space = evaluator.state.views, evaluator.state.space
     whole = np.flatnonzero(views.extent >= 2 * np.pi - 1e-9)
@@ -144,6 +144,6 @@ def turns_at_stops(evaluator: PlanEvaluator, stops: Sequence[NDArray[np.float64]
 
 
 def rated(name: str, rollout: Rollout, chosen: Rollout) -> Baseline:
-    """`rollout` beside `chosen`, both as far as they find the same."""
+    """Baseline of `rollout`, compared with `chosen` as far as both find the same."""
     common = min(float(rollout.gains.sum()), float(chosen.gains.sum()))
     return Baseline(name, common, rollout.until(common), chosen.until(common), len(rollout.views))

@@ -1,4 +1,4 @@
-"""Rollout of a sequence of views in a planning state, exact; and local search for better ones."""
+"""Rollout of a sequence of views in a planning state, and local search for better sequences."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rollout:
-    """Views in order, with times and gains while all before were in vain."""
+    """Views in order, with times and gains given that all earlier views failed."""
 
     views: tuple[int, ...]
-    arrivals: Floats  # (n,) [s] when each look is over
+    arrivals: Floats  # (n,) [s] when each view is over
     metres: Floats  # (n,) [m] driven until then
-    gains: Floats  # (n,) targets first found at each look, expected; of one target a probability
-    unseen: Floats  # (n + 1, c) chance that a thing in a cell was missed, before look i
+    gains: Floats  # (n,) expected number of targets first found at each view
+    unseen: Floats  # (n + 1, c) probability that an object in a cell was missed before view i
 
     @property
     def expected_seconds(self) -> float:
@@ -32,7 +32,7 @@ class Rollout:
         return float(self.arrivals @ self.gains) / total if total > 0 else 0.0
 
     def until(self, found: float) -> float:
-        """[s] expected of the first `found` of all that the looks find."""
+        """[s] mean time of the first `found` of all that the views find."""
         before = np.concatenate([[0.0], np.cumsum(self.gains)[:-1]])
         counted = np.clip(found - before, 0.0, self.gains)
         total = float(counted.sum())
@@ -56,7 +56,7 @@ class PlanEvaluator:
         return np.where(self._wanted, 1.0 - np.minimum(missing, 1.0), 0.0)
 
     def play(self, order: Sequence[int]) -> Rollout:
-        """What `order` brings."""
+        """Rollout of the views `order`."""
         state, at, revisits = self.state, self.at, self.state.revisits.copy()
         seconds, metres = np.zeros(len(order)), np.zeros(len(order))
         unseen = np.empty((len(order) + 1, len(state.unseen)))
@@ -74,7 +74,7 @@ class PlanEvaluator:
         return Rollout(tuple(order), arrivals, np.cumsum(metres), gains, unseen)
 
     def cost(self, at: RobotState, view: int) -> float:
-        """[s] to drive, turn and look."""
+        """[s] to drive, to turn and to take the view."""
         return float(self.state.next_best_view.costs(at, np.array([view]))[0])
 
     def _way(self, at: RobotState, view: int) -> float:
@@ -100,9 +100,9 @@ class PlanEvaluator:
         return order
 
     def improve(self, order: list[int], trials: int, deadline: float, seed: int) -> list[int]:
-        """`order` after seeded trials: a look moved, a stretch reversed, two looks swapped.
+        """`order` after seeded trials: a view moved, a stretch reversed, two views swapped.
 
-        Another order must not find less nor take longer as a whole; `deadline` is of
+        A trial is kept if its expected time is lower; `deadline` is of
         `time.monotonic`.
         """
         if len(order) < 3:
@@ -118,7 +118,7 @@ class PlanEvaluator:
         return order
 
     def _score(self, rollout: Rollout) -> float:
-        """[s] expected, where what is not found costs all the looks."""
+        """[s] expected time; a target that is not found costs all views."""
         lost = float(self.most.sum() - rollout.gains.sum())
         return float(rollout.arrivals @ rollout.gains + lost * rollout.arrivals[-1])
 

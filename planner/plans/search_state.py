@@ -35,7 +35,7 @@ from planner.viewpoints.candidate_views import (
     CandidateViews,
     belief_cells,
     candidate_views,
-    picture,
+    picture_chance,
 )
 from planner.viewpoints.coverage import covering_viewpoints
 from planner.viewpoints.next_best_view import NextBestView, RevisitModel, RobotState
@@ -247,7 +247,7 @@ class PlanningState:
         Pictures from about the same position are correlated, so cells that an earlier picture or
         view showed count less.
         """
-        chance = picture(self.views, cell, heading)
+        chance = picture_chance(self.views, cell, heading)
         self.unseen = self.unseen * (1.0 - self.revisits.reduced(cell, chance))
         self.revisits.add_shown(cell, chance)
 

@@ -25,42 +25,42 @@ Start = tuple[float, float, float]  # x, y [m], heading [rad]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewStep:
-    """One look of a plan."""
+    """One view of a plan."""
 
     view: int  # number in the state's candidate views
     p_map: NDArray[np.float64]  # (2,) [m] viewpoint
-    heading: float  # [rad] the middle of what is looked at
+    heading: float  # [rad] the middle of the view
     extent: float  # [rad] seen in one sweep
     place: str  # IRI of the place it is in; "" for none
     place_name: str
     why: tuple[ViewReason, ...]  # the weightiest first
-    probability: float  # to find it here and not before; of several targets, finds expected here
-    seconds: float  # [s] since the start of the search when this look is over
+    probability: float  # to find it here and not before; of several targets, expected finds
+    seconds: float  # [s] since the start of the search when this view is over
     metres: float  # [m] driven until then
-    cost: float  # [s] this step takes: the way, the turn, the look
+    cost: float  # [s] of the way, the turn and the view
     left: float  # probability to be on this floor and not found by then; of several, finds left
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VisitedCandidate:
-    """A candidate, and when the plan gets to it."""
+    """A candidate, and when the plan shows it."""
 
     candidate: Candidate
-    metres: float | None  # [m] driven until then; None where no look of the plan shows it
+    metres: float | None  # [m] driven until then; None where no view of the plan shows it
     seconds: float | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewPlan:
-    """A search: looks in order with what each brings, and how good the order is."""
+    """View plan: views in order with their gains, and baselines."""
 
     targets: tuple[str, ...]
     start: NDArray[np.float64]  # (2,) [m]
     steps: tuple[ViewStep, ...]
     goals: tuple[VisitedCandidate, ...]  # in visiting order
     expected_seconds: float | None  # given that it is found; None where there is no step
-    probability: float  # to find it along the plan; of several targets, finds expected
-    present: float  # probability that any of it is on this floor, before the first look
+    probability: float  # to find it along the plan; of several targets, expected finds
+    present: float  # probability that any target is on this floor, before the first view
     baselines: tuple[Baseline, ...] = ()
 
 
@@ -75,12 +75,12 @@ def plan(
     trials: int = TRIALS,
     compare: bool = True,
 ) -> ViewPlan:
-    """Looks that find what `state` still wants in little expected time, from `start` on.
+    """Plan of views that find the targets of `state` in little expected time, from `start` on.
 
     `start` is a robot state, or a position (2,) [m] where it faces `heading` [rad]; from
     off the floor it drives to it in a straight line first. `budget` [s] ends the plan. Built by the
     ratio rule, then improved by seeded `trials`, as far as `time_limit` [s] lets them: infinite,
-    the plan is the same on every machine. With `compare` other ways to search are rated beside it.
+    the plan is the same on every machine. With `compare` it has baselines.
     `state` stays as it is.
     """
     begin, at, before = _begin(state, start, heading)
@@ -104,7 +104,7 @@ def plan(
 
 
 def _without_idle_looks(evaluator: PlanEvaluator, rollout: Rollout) -> Rollout:
-    """The rollout without looks that find next to nothing of what all looks find."""
+    """The rollout without views that find next to nothing."""
     worth = rollout.gains >= max(IDLE * float(rollout.gains.sum()), MIN_CHANCE)
     if bool(worth.all()) or not worth.any():
         return rollout
@@ -156,7 +156,7 @@ def _steps(state: PlanningState, rollout: Rollout, before: float) -> tuple[ViewS
 
 
 def _visited(state: PlanningState, steps: Iterable[ViewStep]) -> tuple[VisitedCandidate, ...]:
-    """Every candidate with some probability, in the order the steps get to see it."""
+    """Every candidate with some probability, in the order in which the steps show it."""
     wanted = set(state.wanted)
     open_ = [VisitedCandidate(c, None, None) for c in state.candidates if c.target in wanted]
     open_ = [v for v in open_ if v.candidate.probability > 0]

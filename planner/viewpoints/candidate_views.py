@@ -1,7 +1,7 @@
-"""Candidate views: viewpoints on the floor, headings, and what each would show.
+"""Candidate views: viewpoints on the floor, headings, and the cells that each view shows.
 
-A view is a sweep about a heading from a position. Its footprint holds, for each cell of the belief,
-the chance to detect what lies there; walls block it.
+A view is a sweep of the camera about a heading, from a viewpoint. Its footprint is the probability
+to detect an object in each cell of the belief; walls block it.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from planner.viewpoints.coverage import covering_viewpoints
 from planner.viewpoints.sensor import Motion, Sensor, angle_between
 
 HEADINGS: Final = 8
-#: [m] Views from one square of this size show much the same.
+#: [m] Side of a square; views from one square show much the same.
 SQUARE: Final = 1.0
-#: Sweeps from every position [rad]: one picture, a third of a turn, a whole turn.
+#: Sweeps from every viewpoint [rad]: one picture, a third of a turn, a whole turn.
 EXTENTS: Final = (0.0, 2 * np.pi / 3, 2 * np.pi)
 
 
 def belief_cells(space: FreeSpace, most: int = 3000) -> Cells:
-    """The cells that belief is kept on: all, or a regular sample of at most about `most`.
+    """Cells of the belief: all of the floor, or a regular sample of at most about `most`.
 
     Every room keeps at least one.
     """
@@ -59,14 +59,14 @@ class CandidateViews:
     sensor: Sensor
     motion: Motion
     cells: Cells  # (c,) the belief's cells
-    viewpoints: Cells  # (s,) positions
+    viewpoints: Cells  # (s,)
     viewpoint: NDArray[np.intp]  # (n,) which viewpoint each view is from
     heading: NDArray[np.float64]  # (n,) [rad] the middle of its sweep
     extent: NDArray[np.float64]  # (n,) [rad] seen in one sweep
     seconds: NDArray[np.float64]  # (n,) [s] it takes, without turning towards it
     chance: NDArray[np.float32]  # (n, c) chance to detect what lies in each cell
-    fields: NDArray[np.float32]  # (s, nx, ny) [m] shortest ways to each position
-    metres: NDArray[np.float64] = field(init=False)  # (s, s) [m] between positions
+    fields: NDArray[np.float32]  # (s, nx, ny) [m] shortest ways to each viewpoint
+    metres: NDArray[np.float64] = field(init=False)  # (s, s) [m] between viewpoints
 
     def __post_init__(self) -> None:
         between = self.fields.reshape(len(self.viewpoints), -1)[:, self.viewpoints].astype(
@@ -75,7 +75,7 @@ class CandidateViews:
         object.__setattr__(self, "metres", np.minimum(between, between.T))
 
     def metres_from(self, cell: int) -> NDArray[np.float64]:
-        """(s,) [m] the shortest way from `cell` to each position."""
+        """(s,) [m] the shortest way from `cell` to each viewpoint."""
         return self.fields.reshape(len(self.viewpoints), -1)[:, cell].astype(np.float64)
 
     def with_viewpoints(self, space: FreeSpace, viewpoints: Cells) -> CandidateViews:
@@ -215,7 +215,7 @@ def floor_in_view(
     return FloorView(space.centres(seen[shown]), metres[shown], space.cell)
 
 
-def picture(views: CandidateViews, cell: int, heading: float) -> NDArray[np.float32]:
+def picture_chance(views: CandidateViews, cell: int, heading: float) -> NDArray[np.float32]:
     """(c,) chance to detect in one picture from `cell` towards `heading`, e.g. on the way."""
     row = np.zeros((1, len(views.cells)), np.float32)
     kind = [(heading, views.sensor.field_of_view)]

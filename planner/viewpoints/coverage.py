@@ -1,4 +1,4 @@
-"""Viewpoint coverage: few positions that together see every room, and new ones after these."""
+"""Viewpoint coverage: few viewpoints that together see every room, by greedy set cover."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ def covering_viewpoints(
     covers: int = 2,
     besides: ArrayLike = (),
 ) -> Cells:
-    """Positions to look from that together see at least `cover` of every room, several times over.
+    """Viewpoints that together see at least `cover` of every room, `covers` times.
 
-    The `covers` covers of `room_viewpoints` have no position in common, with `besides` neither, so
-    that what one look missed can be looked at from elsewhere. Where they leave more of a room
-    unseen than that, a closet for example, any floor that sees it is a viewpoint too.
+    The covers of `room_viewpoints` have no viewpoint in common, nor with `besides`, so that an
+    object that one view missed can be seen from elsewhere. Where they leave too much of a room
+    unseen, a closet for example, any floor cell that sees it can be a viewpoint.
     """
     found = room_viewpoints(
         space, reach, near=near, spacing=spacing, cover=cover, covers=covers, besides=besides
@@ -49,10 +49,9 @@ def room_viewpoints(
 ) -> dict[int, Cells]:
     """For each room, cells from which whole turns see at least `cover` of it, `covers` times.
 
-    Candidates stand on a lattice of `spacing` metres, every room's middle among them. The ones that
-    see most of what is unseen are taken first (greedy cover): of the room's own, and where these do
-    not suffice, of its neighbours'. What is nearer than `near` metres is not seen. The positions
-    `besides` are not taken.
+    Candidates lie on a lattice of `spacing` metres, with the middle of every room. The one that
+    sees the most unseen cells is taken first (greedy set cover), from the room itself, then from
+    its neighbours. Cells nearer than `near` metres are not seen. `besides` are not taken.
     """
     lattice = {room: _lattice(space, space.floor(room), spacing) for room in _rooms(space)}
     every = np.concatenate(list(lattice.values()))

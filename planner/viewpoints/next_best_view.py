@@ -28,14 +28,14 @@ class RobotState:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Room:
-    """The looks from within one room, and the cells they show."""
+    """The views from within one room, and the cells they show."""
 
-    rows: NDArray[np.intp]  # (k,) numbers of looks
+    rows: NDArray[np.intp]  # (k,) numbers of views
     cells: NDArray[np.intp]  # (m,) which of the belief's cells
     chance: NDArray[np.float32]  # (k, m)
 
     def reduced(self, views: CandidateViews, revisits: RevisitModel) -> NDArray[np.float32]:
-        """(k, m) `chance` after all looks that were taken."""
+        """(k, m) `chance` after all views that were taken."""
         viewpoint, chance = views.viewpoint[self.rows], self.chance
         for one in np.unique(viewpoint):
             worth = revisits.remaining(int(one))
@@ -58,21 +58,21 @@ class NextBestView:
 
     @property
     def seeable(self) -> NDArray[np.bool_]:
-        """(c,) cells that some look shows."""
+        """(c,) cells that some view shows."""
         return np.asarray(self._shown.any(axis=0), np.bool_)
 
     def seeable_from(self, at: RobotState) -> NDArray[np.bool_]:
-        """(c,) cells that some look shows to which there is a way."""
+        """(c,) cells that some view from a reachable viewpoint shows."""
         there = np.isfinite(self.views.metres_from(at.cell))
         return np.asarray(self._shown[there].any(axis=0), np.bool_)
 
     def reached(self, at: RobotState) -> NDArray[np.bool_]:
-        """(n,) the looks to which there is a way."""
+        """(n,) views from reachable viewpoints."""
         there = np.isfinite(self.views.metres_from(at.cell))
         return np.asarray(there[self.views.viewpoint], np.bool_)
 
     def costs(self, at: RobotState, among: NDArray[np.intp]) -> NDArray[np.float64]:
-        """(k,) [s] to drive, turn and look, for each of the looks `among`."""
+        """(k,) [s] to drive, to turn and to take the view, for each of the views `among`."""
         views = self.views
         viewpoint = views.viewpoint[among]
         if at.viewpoint is None:
@@ -90,7 +90,7 @@ class NextBestView:
         return metres / motion.speed + turn / motion.turn_rate + views.seconds[among]
 
     def after(self, at: RobotState, view: int) -> RobotState:
-        """Where the robot is once `view` is over."""
+        """State of the robot after `view`."""
         views = self.views
         viewpoint = int(views.viewpoint[view])
         cell = int(views.viewpoints[viewpoint])
@@ -113,8 +113,8 @@ class NextBestView:
     ) -> int | None:
         """The view to take next, or None where no view can show anything.
 
-        `weight` (c,) is the belief that is left, in any scale; `gains` (n,) what the looks find of
-        it, where that is known, 0 for those that are not to be taken.
+        `weight` (c,) is the present belief in any scale. `gains` (n,) is the share of it that each
+        view finds, 0 for views that must not be taken; by default it is computed.
         """
         revisits = revisits or RevisitModel(self.views)
         if gains is None:
@@ -145,7 +145,7 @@ class NextBestView:
     ) -> float:
         """The rate of the best prefix of a greedy walk through one room that begins with `view`."""
         left, seconds, gained, worth = weight[room.cells], 0.0, 0.0, 0.0
-        # what was looked at from the same positions before is worth as little on the way as now
+        # cells that views from the same squares have shown count less on the way, too
         chance = room.reduced(self.views, revisits)
         for step in range(self._ahead + 1):
             seconds += float(self.costs(at, np.array([view]))[0])
@@ -172,8 +172,8 @@ Chances = NDArray[np.float32]
 class RevisitModel:
     """Revisit model: after n views from a square metre the next keeps (1 - rho)^n of its chance.
 
-    Misses of one viewpoint are correlated: what it does not show is hidden from there or not known
-    to the detector, also a step beside it.
+    Misses from one viewpoint are correlated: an object that one view missed is hidden from there or
+    unknown to the detector, also from a step aside.
     """
 
     def __init__(self, views: CandidateViews) -> None:
@@ -186,7 +186,7 @@ class RevisitModel:
             for at, viewpoints in self._viewpoints_of.items()
             for viewpoint in viewpoints
         }
-        self._worth: dict[int, Chances] = {}  # by square: (c,) what is left of a look
+        self._worth: dict[int, Chances] = {}  # by square: (c,) share of the chance that is left
 
     def add(self, view: int) -> None:
         """Add `view`, which was taken."""
@@ -201,20 +201,20 @@ class RevisitModel:
         self._worth[here] = np.where(chance > 0, worth * rest, worth)
 
     def chance(self, view: int) -> Chances:
-        """(c,) chance of `view` to detect what all looks before it have missed."""
+        """(c,) probability that `view` detects what all earlier views have missed."""
         return self.reduced(self._cell(view), self._views.chance[view])
 
     def remaining(self, viewpoint: int) -> Chances | None:
-        """(c,) share left of views from `viewpoint`; None where none was taken there."""
+        """(c,) share of the chance left to views from `viewpoint`; None without earlier ones."""
         return self._worth.get(self._squares[viewpoint])
 
     def reduced(self, cell: int, chance: Chances) -> Chances:
-        """`chance` (c,) of a picture from floor `cell`, after all looks before it."""
+        """`chance` (c,) of a picture from floor `cell`, after all earlier views."""
         worth = self._worth.get(square(self._views.space, cell))
         return np.array(chance) if worth is None else chance * worth
 
     def gains(self, weight: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n,) how much each look finds of `weight` (c,)."""
+        """(n,) share of `weight` (c,) that each view finds."""
         left = weight.astype(np.float32)
         gains = self._views.chance @ left
         for here, worth in self._worth.items():

@@ -12,19 +12,19 @@ from planner.settings import LOOK_AROUND, SPEED
 
 @dataclass(frozen=True, slots=True)
 class Sensor:
-    """An RGB-D camera with a detector behind it.
+    """Sensor model of an RGB-D camera with a detector.
 
-    A look misses with one minus `recall`; beyond `half_fade` the chance has halved. A second look
-    from where one looked before sees mostly what the first saw: of its chance only 1 - `rho` is
-    left. Raises ValueError for what no camera can be.
+    A view detects an object with the probability `recall`, and with half of it at the distance
+    `half_fade`. A second view from the same square keeps the share 1 - `rho` of its probability,
+    since misses are correlated. Raises ValueError for impossible values.
     """
 
     near: float = 0.8  # [m] depth gate, thesis section 3.2.2
     far: float = 4.6  # [m] depth gate, thesis section 3.2.2
     field_of_view: float = 1.0123  # [rad] 58 degrees, across
-    recall: float = 0.7  # chance to detect what a look shows from near
-    half_fade: float = np.inf  # [m] distance at which the chance has halved
-    rho: float = 0.8  # how much a repeated look depends on the one before
+    recall: float = 0.7  # probability to detect an object in view, from near
+    half_fade: float = np.inf  # [m]
+    rho: float = 0.8  # correlation of repeated views
 
     def __post_init__(self) -> None:
         if not 0 <= self.near < self.far or not 0 < self.field_of_view <= 2 * np.pi:
@@ -41,7 +41,7 @@ class Sensor:
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """What moving and looking cost. Defaults are those of the thesis' robot."""
+    """Time that moving and taking views cost. Defaults are those of the thesis' robot."""
 
     speed: float = SPEED  # [m/s]
     turn_rate: float = 2 * np.pi / LOOK_AROUND  # [rad/s]: a whole turn is the thesis' look

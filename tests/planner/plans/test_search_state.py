@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planner.belief import TargetBelief, room_weights, site_weights
+from benchmarks.search.room_beliefs import room_weights
+from planner.belief import TargetBelief, site_weights
 from planner.freespace.floor_plan import free_space
 from planner.freespace.grid import FreeSpace, Room, visible_cells
 from planner.freespace.planning_map import PlanningMap

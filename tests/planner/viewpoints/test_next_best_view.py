@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planner.belief import belief_from, room_weights
+from benchmarks.search.room_beliefs import belief_from, room_weights
 from planner.freespace.floor_plan import free_space
 from planner.freespace.grid import FreeSpace, Room, visible_cells
 from planner.viewpoints.candidate_views import CandidateViews, candidate_views, picture
