@@ -97,7 +97,7 @@ class TargetBelief:
         return np.exp(log)
 
     def expected(self, unseen: Weights, of: Weights) -> Weights:
-        """(c,) instances expected in each cell after failed views; target j counts `of[j]` times."""
+        """(c,) instances expected in each cell after failed views; target j times `of[j]`."""
         return np.asarray((of[self.target] / self.missed(unseen)) @ self.weight * unseen)
 
     def left(self, unseen: Weights, wanted: Sequence[int]) -> float:

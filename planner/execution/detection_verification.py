@@ -65,7 +65,7 @@ class DetectionVerifier:
         self._looks: Counter[Spot] = Counter()
 
     def judge(self, target: Target, detection: AssociatedDetection) -> TargetDetection:
-        """Judge a detection: certain if its object is likely and seen again or with a high score."""
+        """Judge a detection: certain if likely and seen again or with a high score."""
         thing, category = detection.thing, detection.category
         p_map = np.array([thing.x, thing.y, thing.z])
         again = any(

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from benchmarks.search.room_beliefs import belief_from, room_weights
 from planner.freespace.floor_plan import free_space
 from planner.freespace.grid import FreeSpace, Room, visible_cells
-from planner.viewpoints.candidate_views import CandidateViews, candidate_views, picture
+from planner.viewpoints.candidate_views import CandidateViews, candidate_views, picture_chance
 from planner.viewpoints.coverage import room_viewpoints
 from planner.viewpoints.next_best_view import NextBestView, RevisitModel, RobotState
 from planner.viewpoints.sensor import Motion, Sensor
@@ -51,7 +51,7 @@ def test_what_looks_show_is_in_range_in_view_and_behind_no_wall() -> None:
 
 def test_a_picture_on_the_way_is_a_look_from_there() -> None:
     viewpoint, kind = int(views().viewpoints[0]), int(np.flatnonzero(views().viewpoint == 0)[0])
-    told = picture(views(), viewpoint, float(views().heading[kind]))
+    told = picture_chance(views(), viewpoint, float(views().heading[kind]))
     assert np.array_equal(told, views().chance[kind])
 
 
