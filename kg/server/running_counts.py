@@ -34,7 +34,7 @@ class RunningCounts:
             self._changed: dict[NamedNode, int] = {}
             self._stale = False
             self._recount()
-            self._stop: Callable[[], None] | None = semantic_map.listen(self._hear)
+            self._stop: Callable[[], None] | None = semantic_map.listen(self._on_commit)
 
     @property
     def objects(self) -> int:
@@ -55,7 +55,7 @@ class RunningCounts:
             self._stop()
             self._stop = None
 
-    def _hear(self, change: ChangeSet) -> None:
+    def _on_commit(self, change: ChangeSet) -> None:
         quads = (*change.added, *change.removed)
         for graph in {quad.graph_name for quad in quads}:
             if isinstance(graph, NamedNode):

@@ -89,11 +89,11 @@ class FairQueue:
     def _check_share(self, turn: Turn) -> None:
         own = self._waiting.get(turn.client, [])
         clients = len(self._waiting) + (not own)
-        most = min(self._queue, max(1, SHARES * self._queue // clients))
-        if len(own) >= most:
+        allowed = min(self._queue, max(1, SHARES * self._queue // clients))
+        if len(own) >= allowed:
             raise PoolBusyError(f"{len(own)} queries of yours wait already; ask again later")
         past = sum(other.lane == "past" for other in own)
-        if turn.lane == "past" and past >= most // 2:
+        if turn.lane == "past" and past >= allowed // 2:
             raise PoolBusyError(
                 f"{past} questions of yours about the past wait already; ask again later"
             )
@@ -119,8 +119,8 @@ class FairQueue:
     def _is_eligible(self, turn: Turn) -> bool:
         free = self._workers - len(self._running)
         lanes = Counter(other.lane for other in self._running)
-        most = {"present": self._workers, "past": max(1, self._workers - 2), "standing": 1}
-        if free <= 0 or lanes[turn.lane] >= most[turn.lane]:
+        allowed = {"present": self._workers, "past": max(1, self._workers - 2), "standing": 1}
+        if free <= 0 or lanes[turn.lane] >= allowed[turn.lane]:
             return False
         return free > 1 or self._workers == 1 or self._is_newcomer(turn)
 

@@ -277,8 +277,8 @@ def _limit_process(memory: int) -> None:
     """Limit this process to `memory` more bytes of address space; no core dump, no files."""
     with contextlib.suppress(FileNotFoundError):  # only Linux has it and enforces it
         now = int(Path("/proc/self/statm").read_text("ascii").split()[0])
-        most = now * os.sysconf("SC_PAGE_SIZE") + memory
-        resource.setrlimit(resource.RLIMIT_AS, (most, most))
+        limit = now * os.sysconf("SC_PAGE_SIZE") + memory
+        resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     _limit_files(0)
 
@@ -292,8 +292,8 @@ def _limit_time(seconds: float) -> None:
     """Have the kernel end this process after so many seconds; 0 lifts the limit."""
     signal.setitimer(signal.ITIMER_REAL, seconds + GRACE if seconds else 0)
     used = resource.getrusage(resource.RUSAGE_SELF)
-    most = int(used.ru_utime + used.ru_stime + 2 * seconds + 2) if seconds else -1
-    resource.setrlimit(resource.RLIMIT_CPU, (most, resource.RLIM_INFINITY))
+    limit = int(used.ru_utime + used.ru_stime + 2 * seconds + 2) if seconds else -1
+    resource.setrlimit(resource.RLIMIT_CPU, (limit, resource.RLIM_INFINITY))
 
 
 def _read(stream: BinaryIO) -> tuple[bytes, Request] | None:

@@ -1,7 +1,7 @@
 """HTTP connections with time limits, for the head of a request and for a client that does not read.
 
 uvicorn has no such limits and accepts any number of clients, so a few hundred slow clients would
-occupy all connections. Up to `most` clients are served, half as many more get 503
+occupy all connections. Up to `max_clients` clients are served, half as many more get 503
 (`kg.server.http.middleware`), and further connections are closed.
 """
 
@@ -21,7 +21,7 @@ class PatientConnection(H11Protocol):
     """Closes if a head stays incomplete, or the client reads nothing, for `idle_seconds`."""
 
     idle_seconds = IDLE_SECONDS
-    most = 512
+    max_clients = 512
 
     def __init__(self, *arguments: Any, **named: Any) -> None:
         super().__init__(*arguments, **named)
@@ -37,7 +37,7 @@ class PatientConnection(H11Protocol):
         # would wait 40 ms for the client's delayed acknowledgement
         accepted = transport.get_extra_info("socket")
         accepted.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        if len(self.connections) > self.most + self.most // 2:
+        if len(self.connections) > self.max_clients + self.max_clients // 2:
             transport.abort()
             return
         self._head_timer = self.loop.call_later(self.idle_seconds, self._head_is_late)
@@ -73,8 +73,8 @@ class PatientConnection(H11Protocol):
 
     @property
     def crowded(self) -> bool:
-        """Whether there are more clients than `most`."""
-        return len(self.connections) > self.most
+        """Whether there are more clients than `max_clients`."""
+        return len(self.connections) > self.max_clients
 
     def abort(self) -> None:
         """Close the connection at once, without sending the rest."""

@@ -87,7 +87,7 @@ class _Uvicorn(uvicorn.Server):
 
 
 def _config(app: ASGIApp, limits: Limits) -> uvicorn.Config:
-    bounds = {"idle_seconds": limits.idle_seconds, "most": limits.connections}
+    bounds = {"idle_seconds": limits.idle_seconds, "max_clients": limits.connections}
     patient = type("Connection", (PatientConnection,), bounds)
     return uvicorn.Config(
         app,
