@@ -35,7 +35,7 @@ from kg.store.folder import (
     refuse_what_is_no_map,
     remove_abandoned,
 )
-from kg.store.heap_trimming import EVERY, give_back
+from kg.store.heap_trimming import TRIM_EVERY, trim_heap
 from kg.store.sparql_backend import SparqlBackend, graph_blocks, reading_ahead
 from kg.transactions import Cause, ChangeSet, Listener
 
@@ -357,7 +357,7 @@ class TransactionalStore:
 
 def _keep_flushing(reference: weakref.ref[TransactionalStore], stop: threading.Event) -> None:
     # a weak reference, so that an unreferenced map is freed although never closed
-    given_back, written = time.monotonic(), 0
+    trimmed, written = time.monotonic(), 0
     while not stop.wait(FLUSH_EVERY):
         store = reference()
         if store is None:
@@ -366,9 +366,9 @@ def _keep_flushing(reference: weakref.ref[TransactionalStore], stop: threading.E
             store.flush()
         sequence = store.sequence
         del store
-        if sequence != written and time.monotonic() - given_back > EVERY:
-            give_back()
-            given_back, written = time.monotonic(), sequence
+        if sequence != written and time.monotonic() - trimmed > TRIM_EVERY:
+            trim_heap()
+            trimmed, written = time.monotonic(), sequence
 
 
 def _refuse_blank_nodes(quads: Iterable[Quad]) -> None:

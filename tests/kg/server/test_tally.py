@@ -34,7 +34,7 @@ def test_a_scrape_asks_the_map_nothing(served: Served, monkeypatch: pytest.Monke
     def refuse(*_: object, **__: object) -> None:
         raise AssertionError("a scrape asked the map")
 
-    monkeypatch.setattr(SemanticMap, "answer", refuse)
+    monkeypatch.setattr(SemanticMap, "query", refuse)
     monkeypatch.setattr(served.server.serving.pool, "run", refuse)
     served.map.update("INSERT DATA { <object/9> a here:Cup ; here:x 1 ; here:y 1 }")
     assert scraped(served) == 3
