@@ -42,7 +42,7 @@ class FloorPoints:
 
 @dataclass(frozen=True, slots=True)
 class Match:
-    """How one floor lies on another."""
+    """Match of one floor laid on another."""
 
     score: float  # sum of the worth of all cells
     known: float  # sum of the worth of those where the map knows the floor
@@ -72,7 +72,7 @@ class Match:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FloorField:
-    """What each cell of a map's floor is worth to an obstacle, and to free floor, upon it."""
+    """Score that each cell of a map's floor gives to an obstacle, and to free floor, laid on it."""
 
     origin: Floats  # (2,) [m] corner of cell (0, 0)
     cell: float  # [m]
@@ -81,7 +81,7 @@ class FloorField:
     known: NDArray[np.bool_]  # (nx, ny) cells that are not unknown
 
     def match(self, points: FloorPoints) -> Match:
-        """How `points` lie upon it."""
+        """Match of `points` laid on this floor."""
         worth = self._at(self.obstacle, points.obstacles)
         known = self._at(self.known, points.obstacles) > 0
         near, through = int((known & (worth > 0)).sum()), int((worth < 0).sum())

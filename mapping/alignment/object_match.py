@@ -48,7 +48,7 @@ class ObjectMatcher:
         self._source, self._target = source, target
         same = np.array([[a == b for b in target.category] for a in source.category], bool)
         self._same = same.reshape(len(source), len(target))
-        # an object that shares its category with many says little
+        # an object of a frequent category is weak evidence
         self._weight = (
             self._same * np.sqrt(source.existence[:, None] * target.existence[None, :])
         ) / np.sqrt(np.maximum(self._same.sum(axis=1, keepdims=True), 1))

@@ -41,7 +41,7 @@ SAME_BOX: Final = 0.5  # IoU of two boxes of one frame that show one thing
 
 @dataclass(frozen=True, slots=True)
 class CorrectionReport:
-    """What a correction of poses changed."""
+    """Report of a correction of poses."""
 
     recording: str
     frames: int
@@ -149,7 +149,7 @@ class _Correction:
         )
 
     def report(self, update: MapUpdate, frames: int) -> CorrectionReport:
-        """What `update` changes."""
+        """Report of the changes in `update`."""
         return CorrectionReport(
             recording=self._recording.name,
             frames=frames,

@@ -36,7 +36,7 @@ CHECKED: Final = 24  # frames, spread evenly
 SEARCHED: Final = 80
 
 _WAYS: Final = (
-    "--align searches it, --transform FILE gives it, --same-frame says that it is the map's own"
+    "--align searches it, --transform FILE gives it, --same-frame takes poses as the map's own"
 )
 _log = logging.getLogger(__name__)
 
@@ -52,12 +52,12 @@ def check_fit(recording: Recording, semantic_map: SemanticMap, *, same_frame: bo
     if not isinstance(recording, FolderRecording) or not others or recording.name in others:
         return ""
     match = _floor_match(recording, semantic_map)
-    told = same_frame or recording.transform_given
+    is_given = same_frame or recording.transform_given
     if match is not None and match.enough():
         found = f"{match.share:.0%} of what stands on its floor lies on what stands in the map"
         if match.quality >= FITS:
             return f"{recording.name} fits the map: {found}"
-        if told and match.quality < CONTRADICTS:
+        if is_given and match.quality < CONTRADICTS:
             _log.warning(
                 "%s does not fit where it is said to be: only %s; --align would search its place",
                 recording.name,
@@ -68,7 +68,7 @@ def check_fit(recording: Recording, semantic_map: SemanticMap, *, same_frame: bo
             problem = "its floor fits the map's too loosely to tell"
     else:
         problem = "its floor and the map's hardly overlap as it is"
-    if told:
+    if is_given:
         return ""
     raise LayoutError(
         f"how the world of {recording.name!r} sits in this map, which holds {', '.join(others)}, "

@@ -22,7 +22,7 @@ States = NDArray[np.uint8]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MappedFloor:
-    """What is known of one storey, cell by cell."""
+    """Grid of the states of one storey's floor."""
 
     origin: NDArray[np.float64]  # (2,) [m] in the map frame: the corner of cell (0, 0)
     resolution: float  # [m] side of a cell

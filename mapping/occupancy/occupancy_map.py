@@ -158,7 +158,7 @@ class OccupancyMap:
         return next((tile.storey for tile in touching), None)
 
     def views(self, area: Area, storey: int, margin: float = 0.0) -> PlaceViews | None:
-        """How much of an area was viewed on a storey, by what is in memory or the graph.
+        """Share of an area on a storey that was viewed, by tiles in memory or in the graph.
 
         What is nearer than `margin` [m] to the area's border does not count.
         """

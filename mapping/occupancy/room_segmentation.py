@@ -38,10 +38,10 @@ class SegmentationSettings:
     narrowing: float = 0.75  # a door's width is at most this share of that of the smaller basin
     least: float = 1.5  # [m^2] smaller parts belong to the neighbour they open to most
     hole: float = 4.0  # [m^2] unseen floor that is enclosed, up to this size, is floor
-    pillar: float = 0.6  # [m] what is tall and no longer than this is furniture, not a wall
+    pillar: float = 0.6  # [m] tall parts up to this length are furniture, not walls
     gap: float = 0.5  # [m] unseen floor this near to seen floor is no wall
     walls: float = 0.3  # [m] rooms reach this far into walls, and what stands along them
-    noise: float = 0.15  # [m] of their outlines, which are simplified
+    noise: float = 0.15  # [m] tolerance of the simplification of their outlines
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +106,7 @@ def _without_pillars(states: NDArray[np.uint8], least: float) -> NDArray[np.uint
 
 
 def _floor(states: NDArray[np.uint8], hole: float) -> NDArray[np.bool_]:
-    """What is inside of rooms: free floor, low furniture, and small enclosed holes in it."""
+    """Cells inside of rooms: free floor, low furniture, and small enclosed holes."""
     inside = (states == FREE) | (states == LOW)
     unknown = states == UNKNOWN
     parts = connected_components(unknown)
@@ -116,7 +116,7 @@ def _floor(states: NDArray[np.uint8], hole: float) -> NDArray[np.bool_]:
 
 
 def _gaps(states: NDArray[np.uint8], inside: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
-    """Unknown cells up to `reach` cells from floor: what was not seen is no reason for a door."""
+    """Unknown cells up to `reach` cells from floor, which must not narrow it to a door."""
     if reach <= 0:
         return np.zeros_like(inside)
     near = distance_to_walls(~np.pad(inside, reach + 1), reach + 1)[
@@ -260,7 +260,7 @@ def _doors(
     origin: NDArray[np.float64],
     cell: float,
 ) -> Iterator[Door]:
-    """Where rooms touch: one door for each stretch, at its widest."""
+    """Doors: one for each stretch along which two rooms touch, at its widest point."""
     touching: dict[tuple[int, int], set[tuple[int, int]]] = {}
     for dx, dy in ((1, 0), (0, 1)):
         one, other = rooms[: rooms.shape[0] - dx, : rooms.shape[1] - dy], rooms[dx:, dy:]

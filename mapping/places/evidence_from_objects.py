@@ -75,7 +75,7 @@ class ObjectEvidence:
         return {c: p for c, p in posterior.items() if p >= self._settings.least_belief}
 
     def prior(self, views: Mapping[str, float]) -> dict[str, float]:
-        """What the views and the usual frequencies of rooms say, by IRI; adds up to 1.
+        """Prior probability of each category IRI from views and room frequencies; sums to 1.
 
         Without views the frequencies alone. With them, a share of the views' belief is left to the
         frequencies, since a network has few place categories, and the rest is weighed by them.

@@ -29,7 +29,7 @@ _COVERED: Final = 0.5  # share of a room in a given place that makes it part of 
 
 @dataclass(frozen=True, slots=True)
 class FoundChanges:
-    """What the rooms change in the map beside the places' own records."""
+    """Changes to the map by found rooms, beside the records of places."""
 
     doors: tuple[DoorRecord, ...] = ()
     removed: tuple[str, ...] = ()  # IRIs of places and doors
@@ -73,10 +73,10 @@ class FoundPlaces:
         changing = [place for place in before if place.from_floor or place.label in grown]
         given = [place.area for place in before if place not in changing]
         asserted = {assertion.subject for assertion in self._map.assertions()}
-        told = [place for place in changing if place.iri in asserted]
-        kept = _in_one_room(found.areas, told)
+        asserted_places = [place for place in changing if place.iri in asserted]
+        kept = _in_one_room(found.areas, asserted_places)
         changing = [place for place in changing if place.iri not in kept]
-        given += [place.area for place in told if place.iri in kept]
+        given += [place.area for place in asserted_places if place.iri in kept]
         rooms = [k for k, area in enumerate(found.areas) if not _is_covered(area, given)]
         shared = _shared_area([found.areas[k] for k in rooms], [p.area for p in changing])
         matched = _matches(shared, found, rooms, changing, asserted)
@@ -211,11 +211,11 @@ def _is_covered(room: Area, given: Sequence[Area]) -> bool:
     return sum(map(room.shared_area, given)) >= _COVERED * room.area
 
 
-def _in_one_room(rooms: Sequence[Area], told: Sequence[PlaceRecord]) -> set[str]:
-    """IRIs of places `told` of by people that lie in one room with another such place."""
-    shared = _shared_area(rooms, [place.area for place in told])
-    inside = shared > _SAME * np.array([place.area.area for place in told])
-    return {told[k].iri for row in inside if row.sum() > 1 for k in np.flatnonzero(row).tolist()}
+def _in_one_room(rooms: Sequence[Area], places: Sequence[PlaceRecord]) -> set[str]:
+    """IRIs of `places` that lie in one room with another one of them."""
+    shared = _shared_area(rooms, [place.area for place in places])
+    inside = shared > _SAME * np.array([place.area.area for place in places])
+    return {places[k].iri for row in inside if row.sum() > 1 for k in np.flatnonzero(row).tolist()}
 
 
 def _with_views_of(place: PlaceRecord, other: PlaceRecord) -> PlaceRecord:

@@ -45,7 +45,7 @@ class PlaceMapper:
         self._beliefs: dict[str, dict[str, float]] = {}  # unrounded, of this run's views
         self._kept: dict[str, Mapping[str, float]] = {}  # the same, as the registry has them
         self._history: dict[str, deque[NDArray[np.float64]]] = {}
-        # prior knowledge of which categories there are leaves no room for new ones
+        # prior knowledge of the categories leaves no room for new ones
         unknown = "ignore" if settings.indoor_prior else settings.unknown_labels
         self.labels = LabelResolver(
             semantic_map, "place", table=labels, unknown=unknown, model=model

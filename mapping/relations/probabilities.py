@@ -97,7 +97,7 @@ def beside_probabilities(boxes: Boxes, settings: RelationSettings) -> Floats:
 
 
 def truly_beside(boxes: Boxes, settings: RelationSettings) -> NDArray[np.bool_]:
-    """Which things (n, n) are beside one another, if their boxes are exact."""
+    """(n, n) whether two objects are beside each other, taking their boxes as exact."""
     gap, step, alike = _apart(boxes, settings)
     return np.asarray(alike & (gap <= settings.gap) & (step <= settings.step))
 

@@ -66,7 +66,7 @@ class MoveBase:
 
     @property
     def ready(self) -> bool:
-        """Whether somebody takes goals."""
+        """Whether a node subscribes to goals."""
         return self._publisher.subscribers(self._goal_topic) > 0
 
     def wanted(self, topics: Mapping[str, str]) -> set[str]:

@@ -143,7 +143,7 @@ def decay_missed(
     adapter: ViewpointAdapter,
     log: SearchLog,
 ) -> ObjectChanges:
-    """Changes to those of `records` that later looks of the search covered in vain."""
+    """Lower the existence of those `records` that later views of the search should have shown."""
     changes = ObjectChanges()
     for record in records:
         times = sum(

@@ -73,7 +73,7 @@ Command = Hello | GoTo | LookAround | StopCommand
 
 @dataclass(frozen=True, slots=True)
 class RobotPose:
-    """Where the robot is; sent as often as it likes while it drives."""
+    """Pose of the robot; sent at any rate while it drives."""
 
     x: float  # [m]
     y: float
@@ -122,7 +122,7 @@ class View:
 
 @dataclass(frozen=True, slots=True)
 class DetectionsMessage:
-    """What one picture on the way shows (no id), or all pictures of the `look` with that id.
+    """Detections of one picture on the way (no id), or of all pictures of the `look` with that id.
 
     As positions, or by a robot in this process as `views`, which count instead. `pose` is where
     the picture was taken; None: at the last pose.

@@ -33,7 +33,7 @@ class Reporter:
         )
 
     def plan(self, p: NextView) -> None:
-        """The next look, and why."""
+        """The next view and its reasons."""
         where = f"{p.place} " if p.place else ""
         first = p.why[0] if p.why else ""
         why = f": {first}" if first and first != self._reason else ""
@@ -54,7 +54,7 @@ class Reporter:
         )
 
     def look(self, look: LookRecord, things: Sequence[Detected], left: float) -> None:
-        """A look was taken."""
+        """A view was taken."""
         self._emit(
             "look",
             f"look {look.number}: "
@@ -66,7 +66,7 @@ class Reporter:
         )
 
     def found(self, sighting: TargetDetection, iri: str) -> None:
-        """Something wanted was found."""
+        """A target was found."""
         thing = sighting.thing
         self._emit(
             "found",
@@ -81,12 +81,12 @@ class Reporter:
         )
 
     def surprise(self, text: str, pose: RobotPose | None = None) -> None:
-        """Something did not go as planned: a new plan follows."""
+        """An event that calls for a new plan."""
         where = {} if pose is None else {"x": round(pose.x, 2), "y": round(pose.y, 2)}
         self._emit("surprise", text, **where)
 
     def note(self, text: str) -> None:
-        """Something worth knowing that changes nothing."""
+        """A note that changes nothing."""
         self._emit("note", text)
 
     def end(self, outcome: SearchOutcome) -> None:

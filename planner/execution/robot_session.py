@@ -34,7 +34,7 @@ _JUMP: Final = 600.0  # [s] a robot's clock that moves further between two poses
 
 
 class SearchStopped(Exception):  # noqa: N818 it is no error
-    """The run ends before the search does; the message says why."""
+    """The run was stopped before the search was over; the message has the reason."""
 
 
 class RobotSession:
@@ -87,7 +87,7 @@ class RobotSession:
         raise AssertionError("messages end by an exception alone")
 
     def next_id(self) -> int:
-        """A number for the next command."""
+        """Return the number of the next command."""
         return next(self._numbers)
 
     def send(self, command: Command) -> None:

@@ -48,7 +48,7 @@ _Step = Message | None  # None: nothing yet
 
 @dataclass(frozen=True, slots=True)
 class _Where:
-    """Where the robot is, in the map frame."""
+    """Pose of the robot in the map frame."""
 
     x: float  # [m] of its base
     y: float
@@ -59,7 +59,7 @@ class _Where:
 
 @dataclass(frozen=True, slots=True)
 class _Inboxes:
-    """What comes from the master goes to the camera's frames and to navigation."""
+    """Forward messages to the camera's frames and to navigation."""
 
     stream: FrameStream
     navigation: MoveBase
@@ -215,7 +215,7 @@ class Ros1Robot:
         return RobotPose(where.x, where.y, where.heading, where.stamp)
 
     def _pose_of(self, frame: Frame) -> RobotPose:
-        """Where a picture was taken from: the camera's own position and heading."""
+        """Position and heading of the camera of a picture."""
         x, y, _ = (float(c) for c in frame.T_map_cam[:3, 3])
         return RobotPose(x, y, _heading(frame.T_map_cam, _OPTICAL))
 

@@ -318,7 +318,7 @@ class PassingViews:
         return iter(self._poses)
 
     def add(self, pose: RobotPose, goal: NextView) -> None:
-        """Add a view in vain, unless it repeats the last one or the look planned at `goal`."""
+        """Add a failed view, unless it repeats the last one or the view planned at `goal`."""
         if math.hypot(pose.x - goal.x, pose.y - goal.y) < _APART:
             return
         if self._poses:

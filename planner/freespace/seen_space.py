@@ -125,8 +125,8 @@ def _without_islands(
 ) -> NDArray[np.int32]:
     """`room` without floor that is cut off, unless `least` of it was seen.
 
-    A rectangle drawn around a building holds what lies outside of its walls too. Of a room of which
-    nothing was seen such floor stays, if it is most of that room.
+    A rectangle around a building also covers floor outside of its walls, which is removed. In an
+    unseen room, cut-off floor stays if it is most of the room.
     """
     floor = (room != NO_ROOM) & ~low
     number = connected_components(floor)
@@ -201,7 +201,7 @@ def with_frontiers(seen: SeenSpace) -> tuple[SeenSpace, tuple[Frontier, ...]]:
 
 
 def _reached(start: Mask, through: Mask, steps: int) -> Mask:
-    """What of `through` is at most `steps` cells from `start`."""
+    """Cells of `through` that are at most `steps` cells from `start`."""
     reached = start
     for _ in range(steps - 1):
         reached = reached | (neighbours(reached) & through)

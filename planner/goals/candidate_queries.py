@@ -32,7 +32,7 @@ _STATEMENTS = ("listed", "stated", "weight")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidate:
-    """One reason to look somewhere."""
+    """One possible location of a target, with its probability and its chain of facts."""
 
     target: int  # number of the target
     kind: Kind
@@ -58,7 +58,7 @@ def map_time(semantic_map: SemanticMap) -> float:
 
 
 class CandidateQueries:
-    """Asks the graph for the candidates of one target after another."""
+    """Queries the graph for the candidates of each target."""
 
     def __init__(
         self,
@@ -73,7 +73,7 @@ class CandidateQueries:
         self._labels = {place.iri: place.label for place in places}
 
     def things(self, number_: int, target: Target) -> tuple[Candidate, ...]:
-        """Of one target: objects remembered, and objects it is found near."""
+        """Candidates at known objects: instances of the target, and objects it is found near."""
         known = self._remembered(target)
         life = self._half_lives(target, known)
         return (
@@ -82,7 +82,7 @@ class CandidateQueries:
         )
 
     def places(self, number_: int, target: Target, ground: PlanningMap) -> tuple[Candidate, ...]:
-        """Of one target: every place, and what lies beyond the frontiers of the ground."""
+        """Candidates in every place, and beyond the frontiers of the floor."""
         life = self._half_lives(target, self._remembered(target))
         rooms = _Rooms(self._table, target, self._expected(target))
         return (
@@ -203,7 +203,7 @@ class CandidateQueries:
     def _beyond(
         self, number_: int, target: Target, one: UnexploredArea, rooms: _Rooms
     ) -> Candidate:
-        """What a room beyond a frontier may hold, if there is one."""
+        """Candidate in a room that may lie beyond a frontier."""
         room, mean = self._settings.frontier, rooms.mean
         x, y = (float(c) for c in one.p_map)
         return Candidate(
@@ -228,7 +228,7 @@ class CandidateQueries:
 
 
 class _Rooms:
-    """p(target in a place) by what kind of place it is believed to be."""
+    """p(target in a place) by the categories that the place may have."""
 
     def __init__(self, table: PlacementTable, target: Target, expected: Iterable[Row]) -> None:
         self._table, self._target = table, target
@@ -247,7 +247,7 @@ class _Rooms:
         return self._of_kind[kind]
 
     def _worked_out(self, kind: str) -> float:
-        """By the table, or by what the graph states and the table has not weighed, if more."""
+        """Probability by the table, or by a statement that the table lacks, if greater."""
         queried = self._target.queried
         p = 1 - float(np.prod([1 - self._table.probability(iri, kind) for iri in queried]))
         row = self._rows.get(kind)
@@ -306,7 +306,7 @@ def _product(row: Row) -> float:
 
 
 def _each(rows: Iterable[Row]) -> Iterator[Row]:
-    """Rows with each object once, the surest reading of it."""
+    """Rows with each object once, by its most probable reading."""
     seen: set[Value] = set()
     for row in rows:
         if row["iri"] not in seen:
@@ -315,7 +315,7 @@ def _each(rows: Iterable[Row]) -> Iterator[Row]:
 
 
 def name(row: Row) -> str:
-    """What people call the thing of a row."""
+    """Label of the object of a row, else its category."""
     return str(row["label"] or row["category"])
 
 

@@ -94,7 +94,7 @@ def known_objects(
 
 
 def _kind(semantic_map: SemanticMap, place: PlaceRecord | None) -> str:
-    """What a place is believed to be, where its label does not say so."""
+    """Category of a place, unless it is its label."""
     if place is None:
         return ""
     top = max(place.beliefs, key=lambda iri: (place.beliefs[iri], iri), default="")

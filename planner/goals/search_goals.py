@@ -190,7 +190,7 @@ def _relation(row: Row, column: str) -> str:
 
 
 def seen(row: Row, place: str = "place") -> str:
-    """How often, when, in which frame and where (column `place`) the object of a row was seen."""
+    """Number, time, frame and place (column `place`) of the observations of a row's object."""
     reason = ""
     if row.get("observations") is not None:
         reason = f", seen {times(_number(row, 'observations'))}"

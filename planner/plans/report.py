@@ -120,32 +120,32 @@ _WINDS = ("east", "north-east", "north", "north-west", "west", "south-west", "so
 
 
 def direction(step: ViewStep) -> str:
-    """Which way a look goes: ``all around``, or a wind where x points east and y north."""
+    """Direction of a view: ``all around``, or a compass point where x is east and y north."""
     if step.extent >= 2 * math.pi - 1e-9:
         return "all around"
     return f"{_WINDS[round(step.heading / (math.pi / 4)) % 8]}"
 
 
 def purpose(candidate: Candidate) -> str:
-    """What a look is for, in a few words: the object, what it is near, the place."""
+    """Label of a candidate: the object, the object it is near, or the place."""
     if candidate.kind == "nearby":
         return f"near {candidate.label}"
     return "beyond seen floor" if candidate.kind == "frontier" else candidate.label
 
 
 def main_candidates(step: ViewStep) -> tuple[Candidate, ...]:
-    """What a look is mainly for: its weightiest reason, and a second of about the same weight."""
+    """Main candidates of a view: the weightiest, and a second of about the same weight."""
     least = _SAME_WEIGHT * step.why[0].probability if step.why else 0.0
     return tuple(reason.candidate for reason in step.why[:2] if reason.probability >= least)
 
 
 def step_purpose(step: ViewStep) -> str:
-    """What a look is mainly for, in a few words; "" where nothing is known of that."""
+    """Labels of the main candidates of a view; "" where there are none."""
     return ", ".join(dict.fromkeys(map(purpose, main_candidates(step))))
 
 
 def looks_table(steps: Sequence[ViewStep]) -> tuple[tuple[str, ...], list[tuple[object, ...]]]:
-    """Header and rows of a plan: where to stand, where to look, chance, time, what is left."""
+    """Header and rows of a plan: viewpoint, direction, probability, time, probability left."""
     header = ("", "stand at", "in", "look", "for", "chance", "by [s]", "left")
     return header, [
         (
@@ -163,13 +163,13 @@ def looks_table(steps: Sequence[ViewStep]) -> tuple[tuple[str, ...], list[tuple[
 
 
 def reason_lines(steps: Sequence[ViewStep]) -> list[str]:
-    """Each main reason of the looks once, with its chain of facts and without sources."""
+    """Each main candidate of the views once, with its chain of facts and without sources."""
     first = {one.iri: one for step in steps for one in main_candidates(step)}
     return [f"{purpose(one)}: {fact_chain(one.facts)}" for one in first.values()]
 
 
 def fact_chain(facts: Sequence[str]) -> str:
-    """Facts in brief, as far as they lead there; what they add up to is in the numbers."""
+    """Facts in brief, without those that only sum up others."""
     return "; ".join(without_sources(fact) for fact in takewhile(_leads, facts))
 
 
@@ -180,7 +180,7 @@ def _leads(fact: str) -> bool:
 def without_sources(fact: str) -> str:
     """A fact without its sources.
 
-    >>> brief("apple is found near banana (0.6, thesis 3.4.1; 42 of 70 rooms in HM3D homes)")
+    >>> without_sources("apple is found near banana (0.6, thesis 3.4.1; 42 of 70 rooms)")
     'apple is found near banana (0.6)'
     """
     return re.sub(r"\(([^(),]*),[^()]*\)", r"(\1)", fact)
@@ -215,7 +215,7 @@ def baseline_line(other: Baseline, targets: int = 1) -> str:
 
 
 def step_lines(number: int, step: ViewStep) -> list[str]:
-    """One step in full: where, the chains of facts, the cost, what a failure leaves."""
+    """One step in full: viewpoint, chains of facts, cost, probability left."""
     x, y = (float(value) for value in step.p_map)
     degrees = math.degrees(step.extent)
     lines = [
@@ -236,7 +236,7 @@ def step_lines(number: int, step: ViewStep) -> list[str]:
 
 
 def find_answer(semantic_map: SemanticMap, wanted: Sequence[str]) -> dict[str, object]:
-    """What `find --json` prints for `wanted`, by default settings from where the robot is.
+    """Answer of `find --json` for `wanted`, by default settings from where the robot is.
 
     Raises QueryParameterError for what is no object, UnknownCategoryError for an unknown word.
     """

@@ -75,7 +75,7 @@ def plan_search(
     """The reference plan for `target`: the graph's goals, nearest first.
 
     `start` is (2,) [m], by default where the robot is, or the map's origin while it is nowhere.
-    Without goals the plan is empty and its `explanation` says why. Raises UnknownCategoryError.
+    Without goals the plan is empty and `explanation` has the reason. Raises UnknownCategoryError.
     """
     if start is None:
         robot = semantic_map.robot()
@@ -96,7 +96,7 @@ def nearest_first(
     """Always on to the nearest goal that remains, by straight line (thesis section 3.4, Fig. 3.16).
 
     `start` is (2,) [m]. Of goals equally near the more probable comes first, then the smaller IRI.
-    `model` says how the goals' probabilities hang together (`planner.plans.thesis_rules`).
+    `model` is how the goals' probabilities depend on each other (`SearchModel`).
     """
     preferred = sorted(goals, key=lambda goal: (-goal.probability, goal.iri))
 
@@ -153,7 +153,7 @@ def in_order(
     return Plan(target, begin, steps, expected, "" if goals else f"nowhere to search for {target}")
 
 
-#: How the probabilities of the stops hang together.
+#: Dependence of the probabilities of the stops.
 #: ``single``: exactly one instance, in stop k with probability p[k] / sum(p).
 #: ``any``: instances independent between stops, any one will do.
 SearchModel = Literal["single", "any"]

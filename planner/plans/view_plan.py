@@ -226,7 +226,7 @@ def plan_from(
 
 
 def robot_start(semantic_map: SemanticMap) -> Start:
-    """Where the robot is; the map's origin while it is nowhere."""
+    """Pose of the robot; the map's origin while it has none."""
     robot = semantic_map.robot()
     if robot is None:
         return 0.0, 0.0, 0.0
