@@ -1,4 +1,4 @@
-"""What the tools answer with: typed, bounded, and with a mark on every text of the map.
+"""Answers of the tools: typed, bounded, and with a mark on every text of the map.
 
 Fields named ``untrusted_...`` hold what people, detectors or other programs wrote. Their types
 escape and cut it (`planner.agents.untrusted_text`), whoever fills them.
@@ -33,7 +33,7 @@ class _Record(BaseModel):
 
 
 class MapIdentity(_Record):
-    """Which map answered, in which state: `sequence` is the number of its last transaction."""
+    """The map that answered, and its state: `sequence` is the number of its last transaction."""
 
     untrusted_title: Label
     base: Iri
@@ -42,7 +42,7 @@ class MapIdentity(_Record):
 
 
 class Answer(_Record):
-    """What every answer has."""
+    """The fields of every answer."""
 
     map: MapIdentity
 
@@ -60,8 +60,10 @@ class Thing(_Record):
     untrusted_place: Label | None = None
     last_seen: Annotated[str | None, Field(description="ISO 8601, UTC")] = None
     observations: int | None = None
-    distance: Annotated[float | None, Field(description="metres from what was asked about")] = None
-    relation: Annotated[str | None, Field(description="on or inside what was asked about")] = None
+    distance: Annotated[float | None, Field(description="metres from the thing in the query")] = (
+        None
+    )
+    relation: Annotated[str | None, Field(description="on or inside the thing in the query")] = None
 
 
 class Alternative(_Record):
@@ -93,7 +95,7 @@ class Departed(_Record):
 
 
 class WhereIs(Answer):
-    """Objects that are what was asked for, the surest first; else what is known of its absence."""
+    """Objects that match the query, the surest first; without any, the evidence of absence."""
 
     things: list[KnownThing]
     left_out: LeftOut = 0
@@ -166,7 +168,7 @@ class Step(_Record):
 
 
 class WhyAnswer(Answer):
-    """What a thing or fact rests on: frames, rules, models, sources, people."""
+    """The provenance of a thing or fact: frames, rules, models, sources, people."""
 
     steps: list[Step]
     left_out: LeftOut = 0
@@ -241,7 +243,7 @@ class ProposedLook(_Record):
 
 
 class FoundThing(_Record):
-    """What a look showed of what is wanted, and where: metres in the map frame."""
+    """A wanted object that a look showed, and its position: metres in the map frame."""
 
     what: Annotated[str, Field(min_length=1, max_length=100, description="a word of the search")]
     x: Annotated[float, Field(ge=-1e7, le=1e7, allow_inf_nan=False)]
@@ -249,7 +251,7 @@ class FoundThing(_Record):
 
 
 class SearchProgress(Answer):
-    """How far a search is."""
+    """The progress of a search."""
 
     search: Annotated[str, Field(description="its name, for next_look and report_look")]
     state: Literal["searching", "found", "given up"]
@@ -265,7 +267,7 @@ class NextLook(SearchProgress):
 
 
 class CategoryCount(_Record):
-    """How many objects of a category there are."""
+    """The number of objects of a category."""
 
     untrusted_category: Label
     count: int
@@ -288,7 +290,7 @@ class PlaceSummary(_Record):
 
 
 class Pose(_Record):
-    """Where the robot is; metres, radians."""
+    """The pose of the robot; metres, radians."""
 
     x: float
     y: float
@@ -297,7 +299,7 @@ class Pose(_Record):
 
 
 class MapDescription(Answer):
-    """What the map is, what is in it, and what may be done with it."""
+    """Title and content of the map, and whether it may be changed."""
 
     created: Annotated[str | None, Field(description="ISO 8601, UTC")]
     licence: Iri | None
@@ -319,7 +321,7 @@ class Rows(Answer):
 
 
 class Written(Answer):
-    """What was asserted or retracted; `changed` is false where it was so before."""
+    """The assertion made or retracted; `changed` is false if nothing changed."""
 
     thing: Iri
     property: str

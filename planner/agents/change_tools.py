@@ -23,7 +23,7 @@ class ChangeTools:
         self._context = context
 
     def history(self, what: ThingName, last: Limit = 10) -> a.HistoryAnswer:
-        """How one thing (object/17, place/1) changed: its last transactions, when and by what."""
+        """The last changes of one thing (object/17, place/1): time, cause and author of each."""
         identity = self._context.identity()
         entries, count = deque[a.Event](maxlen=last), 0
         for entry in self._context.semantic_map.log(what):

@@ -1,4 +1,4 @@
-"""What all tools share: the open map, its identity, names of things, times."""
+"""The context that all tools share: the open map, its identity, names of things, times."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from planner.goals.candidate_queries import map_time
 
 @dataclass(frozen=True, slots=True)
 class MapContext:
-    """An open map and in whose name it is written; without `author` it is only read."""
+    """An open map and the author of changes; without an `author` it is only read."""
 
     semantic_map: SemanticMap
     author: Callable[[], str] | None = None

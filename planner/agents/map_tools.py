@@ -43,7 +43,7 @@ class MapTools:
         return self._context.semantic_map
 
     def describe_map(self) -> a.MapDescription:
-        """What this map is: title, categories with counts, places with beliefs, robot pose.
+        """Describe this map: title, categories with counts, places with beliefs, robot pose.
 
         Ask this first.
         """
@@ -79,7 +79,7 @@ class MapTools:
         )
 
     def where_is(self, what: Word, limit: Limit = 10) -> a.WhereIs:
-        """Where something is: a category (cup), a synonym, a need ("something to sit on"), or one
+        """Find things: a category (cup), a synonym, a need ("something to sit on"), or one
         thing (object/17). Surest first, with place, position, probability and when last seen.
 
         Where the map knows none, `status` says whether it is gone, hidden, or was never looked for;
@@ -104,7 +104,7 @@ class MapTools:
     def what_is_at(
         self, x: Metres, y: Metres, radius: Radius = 0.5, least: Least = 0.5, limit: Limit = 20
     ) -> a.AtPoint:
-        """What is at a point of the floor: the place it is in, and objects within `radius`."""
+        """The place that a point of the floor is in, and objects within `radius` of the point."""
         identity = self._context.identity()
         place = next((p for p in self._map.places() if p.area.contains(x, y)), None)
         rows = self._within(x, y, radius, least)

@@ -39,7 +39,7 @@ class OpenSearch:
 
     @property
     def wanted(self) -> list[str]:
-        """The words of what is not found yet."""
+        """The words of the objects that are not found yet."""
         return [target.text for target in self._targets if target.text not in self._found]
 
     @property
@@ -49,7 +49,7 @@ class OpenSearch:
 
     @property
     def looks(self) -> int:
-        """How many looks were reported."""
+        """The number of looks that were reported."""
         return len(self._looks)
 
     def next(self, pose: RobotPose) -> NextView | None:

@@ -109,7 +109,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"error: {text}{_swapped(arguments, error)}", file=sys.stderr)  # noqa: T201
         return 1
     except BrokenPipeError:
-        # the reader of our stdout left (| head): nobody to tell, and Python must not try to flush
+        # the reader of our stdout ended (| head); Python must not try to flush
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except KeyboardInterrupt:
@@ -133,7 +133,7 @@ def _check_outputs(arguments: argparse.Namespace) -> None:
 
 
 def _swapped(arguments: argparse.Namespace, error: HereaboutsError) -> str:
-    """A hint where the map was given after what is asked of it."""
+    """A hint if the map was not given as the first argument."""
     if not isinstance(error, MapNotFoundError):
         return ""
     values = (v if isinstance(v, list) else [v] for v in vars(arguments).values())
@@ -152,7 +152,7 @@ def _modules_for(words: Sequence[str]) -> Sequence[str]:
 
 
 class _Version(argparse.Action):
-    """Looks the version up when it is asked for: that takes longer than all other arguments."""
+    """Reads the version only for `--version`, since that takes longer than parsing."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
         print(f"hereabouts {_version()}")  # noqa: T201

@@ -21,7 +21,7 @@ _NEGATIVE = re.compile(r"-(\.?\d.*|[xyz])", re.IGNORECASE)
 
 
 def title_for(address: str) -> str:
-    """What a new map at that folder or address is called."""
+    """The title of a new map at that folder or address."""
     server = urlsplit(address).hostname
     return server or Path(address).stem
 
@@ -86,7 +86,7 @@ def add_device(parser: argparse._ActionsContainer) -> None:
         "--device",
         default="auto",
         metavar="auto|cpu|cuda|...",
-        help="what networks run on, of what onnxruntime was built for (default: the fastest)",
+        help="device for networks, one that onnxruntime supports (default: the fastest)",
     )
 
 

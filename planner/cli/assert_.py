@@ -46,7 +46,7 @@ def run(arguments: argparse.Namespace) -> int:
     from kg.store.sparql_client import is_url
 
     if arguments.by is None and not is_url(arguments.map):
-        arguments.usage_error("who says so? --by NAME")
+        arguments.usage_error("an assertion needs an author: --by NAME")
     value, by = " ".join(arguments.value), arguments.by or ""
     with open_map(arguments.map) as semantic_map:
         change = semantic_map.assert_(arguments.thing, arguments.property, value, by=by)

@@ -1,4 +1,4 @@
-"""`hereabouts why MAP --candidates`: what became of detections, and what is not believed."""
+"""`hereabouts why MAP --candidates`: fates of detections, and things that are not believed."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from planner.cli.text_table import printable
 
 
 def explain_detections(semantic_map: SemanticMap, category: str, *, json: bool) -> int:
-    """Print what became of the detections of `category`; of all where it is "".
+    """Print the fates of the detections of `category`, or of all if it is "".
 
     Raises GraphError where the map keeps no report, UnknownCategoryError for a word that neither
     the map nor a network knows.
@@ -39,7 +39,7 @@ def explain_detections(semantic_map: SemanticMap, category: str, *, json: bool) 
 
 
 def detections_in_vain(semantic_map: SemanticMap, label: str, address: str) -> str:
-    """A sentence on detections of a category of which the map has no object; "" without any."""
+    """A sentence on detections of a category without an object in the map; "" without any."""
     try:
         report = None if semantic_map.store.path is None else read_report(semantic_map.store.path)
     except GraphError:

@@ -1,4 +1,4 @@
-"""How commands print: tables and JSON on stdout, notes and progress bars on stderr."""
+"""Output of commands: tables and JSON on stdout, notes and progress bars on stderr."""
 
 from __future__ import annotations
 

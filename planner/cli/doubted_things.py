@@ -1,4 +1,4 @@
-"""What was seen but is not believed, and what became of detections, in words."""
+"""Things that were detected but are not believed, and fates of detections, in words."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _WORDS: Final[Mapping[Fate, str]] = {
     Fate.DOUBLE: "showed a thing that another box of the same frame shows",
 }
 
-#: what may help where most detections have this fate
+#: advice for when most detections have this fate
 _ADVICE: Final[Mapping[Fate, str]] = {
     Fate.WEAK: "a lower --threshold counts weak detections, and more mistakes with them; another "
     "--detector may be surer (hereabouts models list)",
@@ -60,7 +60,7 @@ def listed_things(things: Sequence[DoubtedThing]) -> str:
 
 
 def legend(report: DetectionReport, fates: Iterable[Fate]) -> list[str]:
-    """What each fate means, a line each."""
+    """The meaning of each fate, one line each."""
     return [f"{fate}: they {_words(report, fate)}" for fate in fates]
 
 
@@ -82,7 +82,7 @@ def shown_fates(report: DetectionReport) -> list[Fate]:
 def category_lines(
     report: DetectionReport, name: str, of: CategoryFates, objects: Mapping[str, str]
 ) -> list[str]:
-    """What became of the detections of one category; `objects` are those of the map, in words."""
+    """Fates of the detections of one category; `objects` are those of the map, in words."""
     lines = [f"{name}: {counted(of.detections, 'detection')} in {report.frames} frames"]
     for fate in _WORDS:
         if of.fates.get(fate):
@@ -99,7 +99,7 @@ def category_lines(
 
 
 def advice(of: CategoryFates) -> str:
-    """A sentence on what may help, where most detections came to nothing; "" elsewhere."""
+    """Advice if most detections were lost for one reason, else ""."""
     lost = {fate: count for fate, count in of.fates.items() if fate in _ADVICE}
     most = max(lost, key=lambda fate: lost[fate], default=None)
     return _ADVICE[most] if most is not None and 2 * lost[most] > of.detections else ""

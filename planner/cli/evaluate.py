@@ -37,7 +37,7 @@ _POOLED: Final = "all"  # in the column of names
 
 @dataclass(frozen=True, slots=True)
 class _Scored:
-    """Scores of one map, by whichever kind of truth it has."""
+    """Scores of one map, by the kind of its truth."""
 
     run: Run
     by_class: MapScore | None = None
@@ -229,7 +229,7 @@ def _print_by_class(run: Run, score: MapScore) -> None:
 
 
 def _print_complete(scored: Sequence[tuple[Run, MapScores]]) -> None:
-    """One table of scores at thresholds and one of what has no threshold, a block for each run."""
+    """A table of scores by threshold, and one of scores without a threshold."""
     modes = any(run.mode for run, _ in scored)
     names = ("map", "mode") if modes else ("map",)
     rows = [

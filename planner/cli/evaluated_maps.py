@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """How a map came to be."""
+    """The origin of a map: recording, mode and detector."""
 
     name: str  # of the recording or map
     mode: str = ""  # "" of a map that was given
@@ -68,7 +68,7 @@ def check_usage(arguments: argparse.Namespace) -> None:
     """End the program, as wrong usage, for options that do not fit together."""
     maps, recordings, truths = arguments.maps, arguments.recording, arguments.truth
     if not maps and not recordings:
-        arguments.usage_error("what is to be scored is missing: MAP or --recording DIR")
+        arguments.usage_error("give a MAP or --recording DIR to score")
     if maps and arguments.compare:
         arguments.usage_error("--compare maps recordings; it takes --recording DIR and no MAP")
     if maps and recordings and len(recordings) != len(maps):
@@ -105,7 +105,7 @@ def _given(
 def _transform(
     arguments: argparse.Namespace, address: str, semantic_map: SemanticMap, folder: str | None
 ) -> NDArray[np.float64]:
-    """How the world of a truth sits in a map: as the recording that it belongs to."""
+    """The transform from the world of a truth to the map: that of its recording."""
     import numpy as np
 
     from perception.recordings.recording import open_recording

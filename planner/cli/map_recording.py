@@ -162,7 +162,7 @@ def check_unmapped(inputs: Inputs, semantic_map: SemanticMap) -> None:
 
 
 def fitted(inputs: Inputs, semantic_map: SemanticMap, address: str) -> Inputs:
-    """Inputs for the map at `address`: with the rooms it was taught, and aligned where asked."""
+    """Inputs for the map at `address`: with its taught rooms, aligned with --align."""
     inputs = replace(inputs, networks=with_taught_rooms(inputs.networks, address))
     if not inputs.align:
         return inputs

@@ -56,7 +56,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         help="agents may assert and retract: in the name of --by, of the token's holder with "
         "--http, or of the holder of the served map's token",
     )
-    parser.add_argument("--by", metavar="NAME", help="in whose name agents write to a folder")
+    parser.add_argument("--by", metavar="NAME", help="author of what agents write to a folder")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -115,15 +115,17 @@ def _check_options(arguments: argparse.Namespace) -> None:
     if (arguments.token_file or arguments.public_host) and not over_http:
         arguments.usage_error("--token-file and --public-host are for --http")
     if arguments.by is not None and not (arguments.write and folder_on_stdio):
-        arguments.usage_error("--by is for --write to a folder by stdio; else tokens have names")
+        arguments.usage_error(
+            "--by is for --write to a folder over stdio; else tokens name authors"
+        )
     if arguments.write and over_http and not arguments.token_file:
-        arguments.usage_error("who may write over HTTP? --token-file FILE")
+        arguments.usage_error("--write with --http needs tokens: --token-file FILE")
     if arguments.write and folder_on_stdio and not (arguments.by or "").strip():
-        arguments.usage_error("in whose name do agents write? --by NAME")
+        arguments.usage_error("--write to a folder needs an author: --by NAME")
 
 
 def _author(arguments: argparse.Namespace) -> Callable[[], str] | None:
-    """Who writes; None where nobody does. Raises RemoteError without a served map's token."""
+    """The author of changes; None without --write. Raises RemoteError if a token is missing."""
     from kg.store.credentials import HINT, token_for
     from kg.store.sparql_client import is_url
     from planner.agents.tool_server import token_holder

@@ -20,13 +20,13 @@ def add(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add_map(parser)
     parser.add_argument(
-        "--find", action="store_true", help="make places of the rooms of the mapped floor"
+        "--find", action="store_true", help="make the rooms of the mapped floor places"
     )
     add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Find the places, where that is asked for, and list them."""
+    """Find places with --find, and list all."""
     from kg.opening import open_map
     from mapping.places.found_places import find_places
 

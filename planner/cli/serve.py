@@ -147,7 +147,7 @@ def _serve(arguments: argparse.Namespace) -> int:
 
 @contextmanager
 def _foxglove(semantic_map: SemanticMap, arguments: argparse.Namespace) -> Iterator[Viewer | None]:
-    """The Foxglove server, where it is asked for, fed with every change of the map."""
+    """The Foxglove server of `--foxglove`, fed with every change of the map."""
     if arguments.foxglove is None:
         yield None
         return
@@ -207,7 +207,7 @@ class _Mapper:
             self._thread.start()
 
     def status(self) -> Mapping[str, object]:
-        """How far each recording is, for `/health`."""
+        """The progress of each recording, for `/health`."""
         return {"mapping": dict(self._progress)} if self._inputs else {}
 
     def __enter__(self) -> _Mapper:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True)
 class MappedFrames:
-    """How far the runs have come, all together."""
+    """The frames mapped by all runs together."""
 
     count: int = 0
     opened: bool = False  # whether the map could be opened once
@@ -26,7 +26,7 @@ class MappedFrames:
         return None if limit is None else max(limit - self.count, 0)
 
     def counted(self, on_detections: OnDetections | None) -> OnDetections:
-        """What is called with each frame once it is in the map; it is counted as well."""
+        """A callback for each mapped frame: counts it, then calls `on_detections`."""
         self.opened = True
 
         def count(frame: Frame, detections: Detections, scene: SceneScores | None) -> None:

@@ -118,7 +118,7 @@ def _place(semantic_map: SemanticMap, name: str) -> PlaceRecord:
 
 
 def _label(semantic_map: SemanticMap, name: str, network: OnnxSceneClassifier) -> str:
-    """What the network's labels, else the ontology, call that category."""
+    """The network's label of a category, else the ontology's."""
     catalogue = semantic_map.catalogue
     category = catalogue.for_label(name, "place")
     if category is None:

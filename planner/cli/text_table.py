@@ -84,7 +84,7 @@ def _folded(text: str, width: int) -> list[str]:
 
 
 def _most(text: str, width: int) -> int:
-    """How many characters fit into `width`."""
+    """The number of characters that fit into `width`."""
     used = 0
     for number, character in enumerate(text):
         used += _columns(character)

@@ -28,7 +28,7 @@ def add_viewers(parser: argparse.ArgumentParser) -> None:
 
 @contextmanager
 def open_viewers(arguments: argparse.Namespace, title: str) -> Iterator[Viewer | None]:
-    """The viewers that are asked for, as one; None without any.
+    """The viewers that the options name, as one; None without any.
 
     Raises PictureError where a package is not installed, or a file exists or cannot be written;
     one that fails later does not stop what is drawn, and raises at the end.

@@ -133,7 +133,7 @@ class SearchFeed:
 
 
 class WatchedRobot:
-    """A robot whose poses are told to a feed as they come."""
+    """A robot whose poses are passed on to a feed as they arrive."""
 
     def __init__(self, robot: Robot, feed: SearchFeed) -> None:
         self._robot, self._feed, self.name = robot, feed, robot.name

@@ -48,7 +48,7 @@ TOPICS: Final = {
     "/hereabouts/robot": "geometry_msgs/msg/PoseStamped",
     "/hereabouts/plan": "nav_msgs/msg/Path",
 }
-#: topic -> type of what is written while it happens, beside those of `TOPICS`
+#: topic -> type of the live messages that `TOPICS` does not have
 LIVE_TOPICS: Final = {
     "/tf": "tf2_msgs/msg/TFMessage",
     "/camera/camera_info": "sensor_msgs/msg/CameraInfo",
@@ -56,7 +56,7 @@ LIVE_TOPICS: Final = {
     "/hereabouts/trail": "nav_msgs/msg/Path",
     "/rosout": "rcl_interfaces/msg/Log",
 }
-#: by UNKNOWN, FREE, LOW, TALL: what one looks over stops a robot all the same
+#: by UNKNOWN, FREE, LOW, TALL: low furniture is an obstacle too
 _OCCUPANCY: Final = np.zeros(4, np.int8)
 _OCCUPANCY[[UNKNOWN, FREE, LOW, TALL]] = (-1, 0, 100, 100)
 _LATEST: Final = 2**31 - 1  # [s]
@@ -80,7 +80,7 @@ class RosMessages(MessageMaker):
             yield "/hereabouts/plan", self.path(scene.plan, stamp)
 
     def marker_array(self, scene: Scene, stamp: float) -> Any:
-        """All of a scene but its floor; it replaces what was drawn before."""
+        """The scene without its floor; it replaces the markers that were drawn before."""
         header, height = self._header(stamp), scene.floor.height if scene.floor else 0.0
         markers = [self._marker(header, "", _CUBE, action=_DELETE_ALL)]
         for place in scene.places:

@@ -1,4 +1,4 @@
-"""Scene: what viewers draw of a map at one moment, in plain values.
+"""Scene: the content of a map that viewers draw at one moment, in plain values.
 
 Colours and choice are those of `hereabouts plot`: objects of existence 0.5 and above in their
 group's colour, places in that of their likeliest category. Each group has a shape as well, as in
@@ -45,7 +45,7 @@ class SceneObject:
 
     name: str  # object/17
     text: str  # its category
-    group: str  # what it shares colour and shape with
+    group: str  # objects of a group share colour and shape
     shape: Shape
     colour: Colour
     existence: float  # 0..1
@@ -77,7 +77,7 @@ class SceneRelation:
 
 @dataclass(frozen=True, slots=True)
 class SceneStop:
-    """Where a search plan stops to look."""
+    """A stop of a search plan, from which the robot looks."""
 
     p_map: tuple[float, float]  # [m]
     heading: float  # [rad] the middle of the look

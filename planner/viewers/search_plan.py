@@ -19,7 +19,7 @@ from planner.visualization.plan_plot import SAME, shown_steps
 def planned_search(
     semantic_map: SemanticMap, target: str, start: Start | None = None
 ) -> ScenePlan | None:
-    """The first looks for `target`, until nine tenths of what the plan finds are found.
+    """The first looks for `target`, which together have nine tenths of the plan's success.
 
     From `start`, or from where the robot is. None where there is no floor to search.
     Raises UnknownCategoryError for what is no target.

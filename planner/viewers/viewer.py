@@ -1,4 +1,4 @@
-"""Viewer: what takes scenes, camera frames, robot poses and remarks, and draws or keeps them."""
+"""Viewers take scenes, camera frames, robot poses and remarks, and draw or record them."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ TINT: Final = 0.55
 
 
 class Viewer(Protocol):
-    """What a map is drawn in. Stamps are [s] since 1970; every method may raise PictureError."""
+    """Draws or records a map. Stamps are [s] since 1970; every method may raise PictureError."""
 
     def show(self, scene: Scene, stamp: float) -> None:
         """Draw a scene; what did not change since the last one need not be written again."""

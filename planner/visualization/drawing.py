@@ -39,7 +39,7 @@ from planner.visualization.palette import (
     pale,
 )
 
-#: existence from which on objects are drawn as things; what is less is a ghost
+#: existence from which on objects are drawn as things; those below are ghosts
 SHOWN_EXISTENCE: Final = 0.5
 
 
@@ -56,7 +56,7 @@ def draw_place(axes: Axes, place: PlaceRecord, colour: str | None, *, filled: bo
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroundTruth:
-    """Ground truth beside a map: what really is where; all in metres of the map frame."""
+    """Ground truth that is drawn beside a map; lengths in metres of the map frame."""
 
     corners: NDArray[np.float64]  # (2, 2) lowest and highest x, y
     boxes: NDArray[np.float64]  # (k, 2, 3) lowest and highest x, y, z of furniture and objects
@@ -91,7 +91,7 @@ def draw_find(axes: Axes, p_map: NDArray[np.float64]) -> None:
 
 
 def draw_object(axes: Axes, record: ObjectRecord, group: Group, size: float = 6.2) -> None:
-    """A mark of `size` [pt] in its group's colour and shape; hollow where it hardly exists.
+    """A mark of `size` [pt] in its group's colour and shape; hollow for a low existence.
 
     Its box is outlined where its extent is known.
     """
@@ -133,9 +133,9 @@ def draw_shade(axes: Axes, shade: Shade) -> None:
 def draw_floor(
     axes: Axes, floor: MappedFloor, places: Sequence[tuple[PlaceRecord, str]] = ()
 ) -> None:
-    """What depth showed of the floor: free floor in the pale colours of `places`, furniture, walls.
+    """Draw the mapped floor: free cells in the pale colours of `places`, furniture, walls.
 
-    What was not seen stays white.
+    Cells that no depth image showed stay white.
     """
     states = floor.states
     ground = np.zeros((*states.shape, 4))

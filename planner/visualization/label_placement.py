@@ -1,4 +1,4 @@
-"""Where to write labels so that none covers another: greedy, best of a few rings around each point.
+"""Placement of labels without overlap: greedy, on a few rings around each point.
 
 All boxes are (xmin, ymin, xmax, ymax) in the same unit, pixels for a picture.
 """
@@ -45,10 +45,10 @@ def place_labels(
     rings: int = 5,
     covers: Covers | None = None,
 ) -> tuple[Label, ...]:
-    """Boxes for labels of `sizes` (n, 2) near `points` (n, 2); crowded ones that fit nowhere lack.
+    """Boxes for labels of `sizes` (n, 2) near `points` (n, 2); those without room are left out.
 
-    No box overlaps another one or one of `obstacles` (m, 4), nor leaves `bounds`, nor lies where
-    `covers` says so; points within half a `gap` of a box count as overlapped. Points with many
+    No box overlaps another box or one of `obstacles` (m, 4), leaves `bounds`, or is rejected by
+    `covers`; points within half a `gap` of a box count as overlapped. Points with many
     neighbours are served first, of those with as many the first.
     """
     xy = np.asarray(points, np.float64).reshape(-1, 2)

@@ -1,4 +1,4 @@
-"""Writing on a picture: text as it can be drawn, how large it is, and cut to a width."""
+"""Text on a picture: cleaned, measured, and cut to a width."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ _CUT: Final = "…"
 
 
 def drawable(text: object, longest: int = MAX_LETTERS) -> str:
-    """Anybody's text as one line of at most `longest` letters."""
+    """Text from any source as one line of at most `longest` letters."""
     line = cleaned(text)
     return line if len(line) <= longest else line[: longest - 1].rstrip() + _CUT
 
 
 class TextMeasure:
-    """How large writing is on a figure [px]."""
+    """Measures the size of text on a figure [px]."""
 
     def __init__(self, figure: Figure) -> None:
         self._figure = figure
@@ -41,7 +41,7 @@ class TextMeasure:
         return self._known[key]
 
     def box(self, text: Text) -> Box:
-        """Where a text is."""
+        """The bounding box of a text."""
         xmin, ymin, xmax, ymax = text.get_window_extent(self._renderer).extents
         return float(xmin), float(ymin), float(xmax), float(ymax)
 

@@ -30,7 +30,7 @@ TALL: Final = 1.25  # height over width from which on legend and listing stand b
 
 _LEFT, _RIGHT, _TOP, _BOTTOM = 0.35, 0.35, 0.88, 0.45  # [inch] around the drawing
 _GUTTER: Final = 0.4  # [inch] between the drawing and what stands beside it
-_BESIDE: Final = (1.9, 3.4)  # [inch] width of what stands beside: a legend, with a listing
+_BESIDE: Final = (1.9, 3.4)  # [inch] width of a legend beside the drawing, and with a listing
 _LONG: Final = 5  # items of a listing that stand in one column, at most
 _ROW: Final = 0.24  # [inch] of a line of the legend
 _ITEM: Final = (0.26, 0.40)  # [inch] of an item of the listing, without and with its detail
@@ -138,7 +138,7 @@ class Sheet:
         self._write_block(block, self._left + x, y)
 
     def _block(self, legend: Sequence[Line2D], listing: Listing | None) -> _Block:
-        """What stands below the drawing: rows of the legend beside the scale bar, the listing."""
+        """The part below the drawing: rows of the legend beside the scale bar, the listing."""
         width = self._extent.width * self._scale
         columns = 2 if listing and len(listing.items) > _LONG else 1
         rows = self._flowing(legend, width - _SCALE_BAR)
@@ -146,7 +146,7 @@ class Sheet:
 
     @staticmethod
     def _block_beside(legend: Sequence[Line2D], listing: Listing | None) -> _Block:
-        """What stands beside the drawing: one mark of the legend below the other, the listing."""
+        """The part beside the drawing: the marks of the legend in a column, the listing."""
         return _Block(_BESIDE[listing is not None], [[mark] for mark in legend], 0.0, listing, 1)
 
     def _write_block(self, block: _Block, x: float, y: float) -> None:

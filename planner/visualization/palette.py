@@ -42,7 +42,7 @@ _STRONG: Final = [
     "#7f3b08",
 ]
 _MARKERS: Final = ["o", "s", "^", "D", "v", "p", "P", "h"]
-#: Of categories of places: after Tol's muted scheme (2021).
+#: For categories of places: after Tol's muted scheme (2021).
 _OF_PLACES: Final = [
     "#44aa99",
     "#332288",

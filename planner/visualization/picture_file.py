@@ -17,7 +17,7 @@ FORMATS: Final = (".png", ".svg", ".pdf")
 #: fonts by preference; the later ones have writing that the first lacks, where they are installed
 _FONTS: Final = ("DejaVu Sans", "Noto Sans CJK JP", "Noto Sans Arabic", "Noto Emoji", "Symbola")
 
-#: What would make two drawings of one map differ is left out.
+#: Metadata that would differ between two drawings of one map is left out.
 _METADATA: Final[dict[str, dict[str, Any]]] = {
     ".png": {"Software": None},
     ".svg": {"Date": None},

@@ -1,4 +1,4 @@
-"""Where the name of a place goes: inside its area, off walls and other names, as large as fits."""
+"""Placement of place names: inside the area, clear of walls and other names, as large as fits."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _INSIDE: Final = np.array([(x, y) for x in (0.0, 0.5, 1.0) for y in (0.0, 0.5, 1
 
 @dataclass(frozen=True, slots=True)
 class NamedPlace:
-    """A place with what is to be written into it."""
+    """A place with the lines of text that are written into it."""
 
     area: Area  # [m]
     name: str

@@ -1,4 +1,4 @@
-"""A plan of looks drawn over its map: the way, the stops, and what of the floor each look shows."""
+"""A search plan drawn over its map: the path, the stops, and the floor that each look shows."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _MAX_SHADE: Final = 0.32
 _LISTED: Final = 12  # looks that are put in words
 _REASON: Final = 160  # letters of a reason
 SAME: Final = 0.2  # [m] looks from nearer to each other share a disc or a text
-_SHOWN: Final = 0.9  # share of what the plan finds whose looks are drawn; the rest would hide it
+_SHOWN: Final = 0.9  # share of the plan's success whose looks are drawn; more would hide the map
 
 
 def plot_plan(
@@ -39,8 +39,9 @@ def plot_plan(
 ) -> Path:
     """Draw `plan` over the map to `path` and return it; PNG, SVG or PDF by its ending.
 
-    Drawn are the first looks, until nine tenths of what the plan finds are found, in words the
-    first dozen of them; `least` and `legend` are those of `plot_map`. Raises PictureError as that.
+    The drawing has the first looks that together have nine tenths of the plan's success, and the
+    first dozen of them in words; `least` and `legend` are those of `plot_map`.
+    Raises PictureError as that.
     """
     what = " and ".join(plan.targets)
     return plot_map(
@@ -118,7 +119,7 @@ def _span(numbers: list[int]) -> str:
 
 
 def _shade(state: PlanningState, steps: tuple[ViewStep, ...]) -> Shade:
-    """What the looks show, the more the likelier it is to be seen."""
+    """The floor that the looks show, darker where an object is more likely to be seen."""
     space, sensor = state.space, state.views.sensor
     missed = np.ones(space.room.size)
     for step in steps:

@@ -21,7 +21,7 @@ _SIZES = (7.2, 6.4)  # [pt] of few labels, of many
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PointLabel:
-    """What is to be written beside a point."""
+    """The text beside a point."""
 
     p_map: NDArray[np.float64]  # (2,) or (3,) [m]
     text: str

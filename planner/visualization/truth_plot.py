@@ -27,7 +27,7 @@ from planner.visualization.point_labels import PointLabel, write_labels
 
 @dataclass(frozen=True, slots=True)
 class _Kind:
-    """How one group of objects is drawn."""
+    """The style of one group of objects."""
 
     name: str
     marker: str

@@ -1,4 +1,4 @@
-"""Where writing would lie over walls."""
+"""Test whether text would lie over walls."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class WallsBelow:
 def wall_cells(
     walls: NDArray[np.float64], corners: NDArray[np.float64], cell: float
 ) -> NDArray[np.bool_]:
-    """Which cells between two `corners` (2, 2) [m] pieces of wall (w, 2, 2) [m] run through."""
+    """The cells between two `corners` (2, 2) [m] that pieces of wall (w, 2, 2) [m] run through."""
     found = np.zeros(np.ceil((corners[1] - corners[0]) / cell).astype(int) + 1, np.bool_)
     for start, end in walls:
         count = int(np.ceil(np.linalg.norm(end - start) / cell)) + 1

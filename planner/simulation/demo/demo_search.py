@@ -26,7 +26,7 @@ from planner.simulation.robot.house_robot import SimulatedHouseRobot
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlannedSearch:
-    """What is planned before the robot leaves."""
+    """The plan before the robot leaves."""
 
     plan: ViewPlan
     thesis: Baseline  # the thesis' rule, rated on the same belief
@@ -35,7 +35,7 @@ class PlannedSearch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DrivenSearch:
-    """What came of it."""
+    """The outcome of the search."""
 
     outcome: SearchOutcome
     events: tuple[Event, ...]
@@ -54,7 +54,7 @@ class DrivenSearch:
 
     @property
     def in_vain(self) -> int:
-        """Looks that showed nothing of what was wanted."""
+        """Looks that did not show the target."""
         return sum(event.kind == "look" and not event.data["found"] for event in self.events)
 
     def to_json(self) -> dict[str, Any]:
@@ -70,7 +70,7 @@ class DrivenSearch:
 
 
 def plan_for(semantic_map: SemanticMap, target: str, robot: SimulatedHouseRobot) -> PlannedSearch:
-    """Where `hereabouts find` would have `robot` look for `target` from where the map has it.
+    """The plan of `hereabouts find` for `target`, from the pose of `robot` in the map.
 
     Raises LayoutError where the map has no robot or no floor.
     """

@@ -42,14 +42,14 @@ from planner.visualization.search_plot import plot_search
 
 TITLE: Final = "hereabouts demo house"
 TARGET: Final = "apple"
-#: What somebody brings home after the tour, when the robot does not look.
+#: A thing that somebody brings home after the tour, unseen by the robot.
 HIDDEN: Final = Item(TARGET, 7.05, 8.30, 0.85)
 STAGES: Final = ("map", "ask", "plan", "search", "export", "picture")
 
 
 @dataclass(frozen=True, slots=True)
 class DemoProgress:
-    """How far the demo is."""
+    """The progress of the demo."""
 
     stage: str  # one of STAGES
     done: int  # steps of this stage
@@ -224,7 +224,7 @@ def _made_by_demo(map_path: Path) -> bool:
 
 
 def layout_of(house: House) -> Layout:
-    """The rooms as places to be categorised; nothing is said about what kind they are."""
+    """The rooms as places without categories, which the demo has to recognise."""
     return Layout(
         tuple(
             LayoutPlace(
@@ -238,7 +238,7 @@ def layout_of(house: House) -> Layout:
 
 
 def score_house(semantic_map: SemanticMap, house: House) -> MapScore:
-    """How good the objects that the map shows are against what really stands in the house."""
+    """Scores of the map's objects against the objects in the house."""
     label = semantic_map.catalogue.label
     truth = Truth(
         names=tuple(f"{item.label} {number}" for number, item in enumerate(house.objects)),

@@ -20,7 +20,7 @@ MIN_SIDE: Final = 24  # [dm] of a room
 MAX_ROOM: Final = 2400  # [dm^2] what is larger is split
 MIN_CATEGORIES: Final = 4  # of rooms in a house
 OPEN_PLAN: Final = frozenset({"living room", "dining room", "kitchen"})
-#: What the rooms of a house are for, the most needed first.
+#: Categories of the rooms of a house, the most needed first.
 PURPOSES: Final = (
     *("living room", "kitchen", "shower", "bedroom", "dining room", "home office"),
     *("bedroom", "bedroom", "shower", "home office", "bedroom"),
@@ -143,7 +143,7 @@ def _u_outline(rng: np.random.Generator) -> list[PlanRectangle]:
 
 
 def _pinwheel(rng: np.random.Generator) -> list[PlanRectangle]:
-    """Four parts around a hall, each of which may be split."""
+    """Four parts around a hall; each may be split."""
     x0, y0 = _between(rng, 32, 44), _between(rng, 32, 44)
     x1, y1 = x0 + _between(rng, 22, 32), y0 + _between(rng, 22, 32)
     x2, y2 = x1 + _between(rng, 32, 44), y1 + _between(rng, 32, 44)
@@ -310,7 +310,7 @@ def _one_room(rooms: Sequence[PlanRectangle], a: int, b: int) -> bool:
 
 
 def _cost(rooms: Sequence[PlanRectangle], a: int, b: int) -> float:
-    """How unusual a door between two rooms is."""
+    """Penalty for a door between two rooms, higher for unusual pairs."""
     pair = {rooms[a].category, rooms[b].category}
     if "corridor" in pair:
         return 2.0

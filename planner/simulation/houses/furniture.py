@@ -1,4 +1,4 @@
-"""What things look like: each class as a few boxes, cylinders and ellipsoids.
+"""Shapes of things: each class as a few boxes, cylinders and ellipsoids.
 
 Local coordinates in metres: x to the right, y to the front, z up, origin in the middle of the
 footprint on whatever the thing stands on. Sizes are those of ordinary household things.

@@ -154,7 +154,7 @@ _BIN: Final = GroupChoice(_one("waste bin"), probability=0.5)
 _BOX: Final = GroupChoice(_one("cardboard box"), probability=0.35)
 _BASKET: Final = GroupChoice(_one("basket"), probability=0.35)
 
-#: What each category of room is furnished with, the largest first.
+#: Furniture of each category of room, the largest first.
 GROUPS: Final[Mapping[str, Sequence[GroupChoice]]] = {
     "living room": (
         GroupChoice(_sofa),

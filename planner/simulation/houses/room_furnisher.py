@@ -172,7 +172,7 @@ def _doors_of(room: HouseRoom, walls: Sequence[Wall]) -> list[_Door]:
 
 
 def _open_sides(room: HouseRoom, rooms: Sequence[HouseRoom]) -> list[_Door]:
-    """Where the other part of an L-shaped room begins."""
+    """Start of the other part of an L-shaped room."""
     doors = list[_Door]()
     for other in rooms:
         if other.name != room.part_of and other.part_of != room.name:

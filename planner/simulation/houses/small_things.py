@@ -35,7 +35,7 @@ SURFACES: Final[Mapping[str, tuple[tuple[float, float, float, float], ...]]] = {
 }
 FLOOR: Final = "floor"
 
-#: What a small thing usually stands on. FLOOR: along a wall.
+#: Furniture that a small thing usually stands on. FLOOR: along a wall.
 STANDS_ON: Final[Mapping[str, tuple[str, ...]]] = {
     "apple": ("counter", "dining table", "coffee table", "sideboard"),
     "backpack": (FLOOR,),
@@ -67,7 +67,7 @@ STANDS_ON: Final[Mapping[str, tuple[str, ...]]] = {
 }
 #: Small things a detector of COCO classes can name: what people move.
 MOVABLE: Final = frozenset(STANDS_ON) & frozenset(OBJECTS)
-#: Of what two often stand side by side.
+#: Things that often stand in pairs.
 IN_PAIRS: Final = frozenset({"apple", "book", "bottle", "bowl", "cup", "orange", "wine glass"})
 
 #: Mean number of each small thing in a room of a category.

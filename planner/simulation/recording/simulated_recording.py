@@ -36,7 +36,7 @@ DAY: Final = 86400.0  # [s] between two sessions
 
 @dataclass(frozen=True, slots=True)
 class SimulationOptions:
-    """What is simulated beside the house."""
+    """Options of the simulation."""
 
     size: tuple[int, int] = (640, 480)  # [px] width and height of the images
     senses: DetectorFaults = SENSES["demo"]
@@ -47,7 +47,7 @@ class SimulationOptions:
 
 @dataclass(frozen=True, slots=True)
 class SimulatedSession:
-    """What was written into one folder."""
+    """Counts of the data written into one folder."""
 
     folder: Path
     frames: int

@@ -52,7 +52,7 @@ class SimulatedHouseRobot:
 
     @property
     def driven(self) -> NDArray[np.float64]:
-        """(n, 2) [m] where it has been, the start first."""
+        """(n, 2) [m] positions so far, the start first."""
         return np.array(self._been)
 
     @property
@@ -62,7 +62,7 @@ class SimulatedHouseRobot:
 
     @property
     def hello(self) -> Hello:
-        """What it says of itself."""
+        """The robot's description of itself."""
         model = self._camera.model
         return Hello(
             name=self.name,
@@ -76,7 +76,7 @@ class SimulatedHouseRobot:
         )
 
     def send(self, command: Command) -> None:
-        """Begin with `command`; what was under way is dropped."""
+        """Begin with `command`; the one before is dropped."""
         if isinstance(command, Hello):
             self._under_way = self._greet()
         elif isinstance(command, GoTo):
@@ -87,7 +87,7 @@ class SimulatedHouseRobot:
             self._under_way = iter(())
 
     def receive(self, seconds: float) -> Message | None:
-        """What happens next, at once; None where nothing will."""
+        """The next message, without waiting; None if there is none."""
         return next(self._under_way, None)
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""How the simulated robot moves: straight stretches and turns on the spot, sampled as poses."""
+"""Motion of the simulated robot: straight lines and turns on the spot, sampled as poses."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class MotionLimits:
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """Where the robot is at a moment."""
+    """A pose of the robot, with its time."""
 
     x: float  # [m] map frame
     y: float

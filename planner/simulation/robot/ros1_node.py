@@ -39,7 +39,7 @@ BASE: Final = "base_link"
 STEP: Final = 0.05  # [s] between two poses
 PICTURE: Final = 0.25  # [s] between two pictures
 STATUS: Final = 0.2  # [s] between two messages of status
-REMEMBERED: Final = 5.0  # [s] that the outcome of a goal is told
+REMEMBERED: Final = 5.0  # [s] that the outcome of a goal is published
 NEAR: Final = 1.0  # [m] of a goal, within which there must be free floor
 _GOAL: Final = "move_base_msgs/msg/MoveBaseActionGoal"
 _CANCEL: Final = "actionlib_msgs/msg/GoalID"
@@ -61,7 +61,7 @@ class _Goal:
     ended: float = math.inf  # [s] of time.monotonic()
 
     def pose(self, seconds: float) -> Pose:
-        """Where the robot is on the way."""
+        """The pose of the robot on the way."""
         times = [pose.seconds for pose in self.way]
         x, y, heading = (
             float(np.interp(seconds, times, values))
@@ -115,7 +115,7 @@ class Ros1HouseNode:
         return since + self._rate * (time.monotonic() - monotonic)
 
     def wanted(self, topics: Mapping[str, str]) -> set[str]:
-        """Topics of goals and of what cancels them."""
+        """Topics of goals and of their cancellations."""
         known = {f"{self._navigation}/goal": _GOAL, f"{self._navigation}/cancel": _CANCEL}
         return {topic for topic, type_ in topics.items() if known.get(topic) == type_}
 

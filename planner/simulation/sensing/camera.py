@@ -21,7 +21,7 @@ from planner.simulation.sensing.shading import Shader
 
 NOTHING = -1  # instance of walls, floor and furnishings
 KEPT_VIEWS: Final = 8  # as many as frames may be between reading and mapping
-NEAR_PLANE = 0.05  # [m] depth of the plane that cuts what reaches behind the camera
+NEAR_PLANE = 0.05  # [m] depth of the near clipping plane
 _CORNERS = np.array(np.meshgrid([False, True], [False, True], [False, True])).reshape(3, 8).T
 #: pairs of corners that an edge of a box joins
 _EDGES = np.array(
@@ -59,7 +59,7 @@ class CameraModel:
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """What the camera truly sees: free of noise, and with the identity of every pixel."""
+    """The true view of the camera: without noise, with the identity of every pixel."""
 
     T_map_cam: NDArray[np.float64]  # (4, 4)
     depth: NDArray[np.float32]  # (H, W) [m] true
@@ -107,7 +107,7 @@ class SimulatedCamera:
         return Frame(frame_id, view.rgb, depth, self.model.K, T_map_cam.copy(), stamp)
 
     def view(self, T_map_cam: NDArray[np.float64], stamp: float = 0.0) -> View:
-        """What is truly seen from a pose; the last few are kept, for the senses look at them."""
+        """The true view from a pose; the latest ones are cached for the simulated senses."""
         return self._views(T_map_cam.tobytes(), stamp if self._carries else 0.0)
 
     def random(self, frame_id: str, purpose: str) -> np.random.Generator:
@@ -199,7 +199,7 @@ class SimulatedCamera:
         return float(np.prod(seen / np.maximum(hi - lo, 1)))
 
     def _in_sight(self, boxes: _Boxes) -> list[tuple[int, Window, float]]:
-        """(solid, pixels it may fill, least depth) of what the frustum touches, nearest first."""
+        """(solid, pixels it may fill, least depth) of solids in the frustum, nearest first."""
         size = self.model.width, self.model.height
         lo, hi = np.maximum(boxes.lo, 0), np.minimum(boxes.hi, size)
         seen = (boxes.furthest > NEAR_PLANE) & (lo < hi).all(axis=1)

@@ -18,7 +18,7 @@ EDGE: Final = 0.06  # relative step of depth between neighbouring pixels that ma
 
 @dataclass(frozen=True, slots=True)
 class DepthSensor:
-    """What a depth camera can measure."""
+    """A depth camera: its range, noise and gaps."""
 
     near: float = 0.5  # [m] no depth nearer
     far: float = 6.0  # [m] no depth beyond

@@ -1,4 +1,4 @@
-"""Where the rays of a pinhole camera meet boxes, upright cylinders and ellipsoids.
+"""Intersections of the rays of a pinhole camera with boxes, upright cylinders and ellipsoids.
 
 Rays are scaled so that their parameter t is the depth along the optical axis in metres.
 """
@@ -29,7 +29,7 @@ class Rays:
 
 @dataclass(frozen=True, slots=True)
 class Hits:
-    """Where a window of rays meets one solid."""
+    """Intersections of a window of rays with one solid."""
 
     t: Floats  # (h, w) [m] depth, FAR where the ray misses
     normal: Floats | None  # (3, h, w) outward; None for a box, whose `axis` tells

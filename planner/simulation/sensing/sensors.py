@@ -20,7 +20,7 @@ from perception.inference.heads.masks import MaskGrid
 from planner.simulation.houses.house import HouseRoom
 from planner.simulation.sensing.camera import NOTHING, SimulatedCamera, View
 
-#: What a detector of COCO classes takes a thing for when it errs.
+#: Confusions of a detector of COCO classes: true class -> wrong classes.
 MISTAKEN_FOR: Final[Mapping[str, tuple[str, ...]]] = {
     "apple": ("orange", "sports ball"),
     "backpack": ("handbag", "suitcase"),
@@ -63,7 +63,7 @@ MISTAKEN_FOR: Final[Mapping[str, tuple[str, ...]]] = {
     "wine glass": ("cup", "vase"),
 }
 
-#: What a detector of COCO classes takes furnishings for that have no name in COCO.
+#: Confusions of furnishings that have no class in COCO.
 CLUTTER_TAKEN_FOR: Final[Mapping[str, tuple[str, ...]]] = {
     "basket": ("vase", "potted plant", "bowl"),
     "bathtub": ("sink", "toilet"),
@@ -88,7 +88,7 @@ CLUTTER_TAKEN_FOR: Final[Mapping[str, tuple[str, ...]]] = {
     "window": ("tv", "refrigerator"),
 }
 
-#: What a scene network takes a room for when it errs (Places categories that look alike).
+#: Confusions of a scene network (Places categories that look alike).
 LOOKS_LIKE: Final[Mapping[str, tuple[str, ...]]] = {
     "bedroom": ("hotel room", "dorm room", "nursery"),
     "corridor": ("lobby", "staircase", "locker room"),
@@ -102,7 +102,7 @@ LOOKS_LIKE: Final[Mapping[str, tuple[str, ...]]] = {
 
 @dataclass(frozen=True, slots=True)
 class DetectorFaults:
-    """How far the simulated detector is from perfect.
+    """Error rates of the simulated detector.
 
     Pixels are those of an image 320 wide; larger images are scaled down for networks too. Scores
     are 0.25 + 0.7 times a draw from a Beta distribution, times, for things that are there, how
@@ -170,7 +170,7 @@ class SimulatedDetector:
         self._pixel = camera.model.width / 320  # [px] a pixel of DetectorFaults
 
     def detect(self, frame: Frame) -> Detections:
-        """What is seen in `frame`, best score first."""
+        """Detections in `frame`, best score first."""
         view = self._camera.view(frame.T_map_cam, frame.stamp)
         rng = self._camera.random(frame.id, "detector")
         found = [d for i in np.unique(view.instance) if (d := self._look(int(i), view, rng))]
@@ -188,7 +188,7 @@ class SimulatedDetector:
         )
 
     def chance(self, visible: float, silhouette: float, inside: float = 1.0) -> float:
-        """Recall for a thing of which `visible` pixels of `silhouette` are seen.
+        """Recall for a thing with `visible` pixels of its `silhouette` in view.
 
         `inside` is the share of it that the border of the image leaves.
         """
@@ -304,7 +304,7 @@ def _coarse_mask(
 
 @dataclass(frozen=True, slots=True)
 class SceneFaults:
-    """How far the simulated scene classifier is from perfect."""
+    """Error rates of the simulated scene classifier."""
 
     sure: float = 0.62  # mean probability given to the category it settles for
     confusion: float = 0.15  # share of frames in which it settles for one that looks alike

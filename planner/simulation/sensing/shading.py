@@ -27,7 +27,7 @@ class Canvas:
     solid: NDArray[np.int32]  # (H, W) index of the solid, FLOOR
 
     def put(self, window: Window, hits: Hits, solid: int) -> None:
-        """Draw what lies nearer than what is there."""
+        """Draw the pixels that are nearer than the surface drawn so far."""
         depth = self.depth[window]
         nearer = hits.t < depth
         depth[nearer] = hits.t[nearer]
@@ -69,7 +69,7 @@ class Shader:
         return np.asarray(np.clip(colour * light[..., None], 0, 1) * 255, np.uint8)
 
     def incidence(self, canvas: Canvas, rays: Rays) -> Floats:
-        """(H, W) cosine of the angle between each ray and the normal of what it meets, 0..1."""
+        """(H, W) cosine of the angle between each ray and the surface's normal, 0..1."""
         along = np.abs(np.sum(canvas.normal * rays.direction, axis=0))
         return np.asarray(along / np.linalg.norm(rays.direction, axis=0), np.float32)
 
