@@ -110,12 +110,12 @@ class RemoteMap(SemanticMap):
         self, iri: str, prop: str, value: object, *, by: str | None = None
     ) -> ChangeSet | None:
         """Assert a property, by the holder of the token; `by` is ignored."""
-        self._store.refuse_read_only()
+        self._store.check_writable()
         return self._served.assert_(iri, prop, value)
 
     def retract(self, iri: str, prop: str, *, by: str | None = None) -> ChangeSet | None:
         """Retract an assertion, by the holder of the token; `by` is ignored."""
-        self._store.refuse_read_only()
+        self._store.check_writable()
         return self._served.retract(iri, prop)
 
     def assertions(self, iri: str | None = None) -> tuple[Assertion, ...]:
@@ -138,7 +138,7 @@ class RemoteMap(SemanticMap):
         confirmed: bool = False,
     ) -> ChangeSet | None:
         """Apply a SPARQL 1.1 Update through the server, on the account of the token's holder."""
-        self._store.refuse_read_only()
+        self._store.check_writable()
         if allow:
             self._raise_not_remote("graphs that are usually not written")
         return self._served.update(sparql, confirmed=confirmed)
@@ -147,7 +147,7 @@ class RemoteMap(SemanticMap):
         self, *, title: str | None = None, licence: str | None = None, by: str | None = None
     ) -> ChangeSet | None:
         """As `SemanticMap.describe`, by the server and on the account of the token's holder."""
-        self._store.refuse_read_only()
+        self._store.check_writable()
         removed, added = changed_description(self.engine, self.base, title, licence)
         sparql = update_text(removed, added)
         return self._served.update(sparql) if removed or added else None
@@ -162,7 +162,7 @@ class RemoteMap(SemanticMap):
         dry_run: bool = False,
     ) -> Restored:
         """As `SemanticMap.restore`, by the server and on the account of the token's holder."""
-        self._store.refuse_read_only()
+        self._store.check_writable()
         return self._served.restore(text_of(when), only, confirmed=confirmed, dry_run=dry_run)
 
     @property
@@ -207,7 +207,7 @@ class RemoteMap(SemanticMap):
         the last `catch_up`: read it again, and write what follows from that.
         """
         with self._guard:
-            self._store.refuse_read_only()
+            self._store.check_writable()
             change = self._served.write(
                 update, cause or frame_cause(update), known_sequence=self._caught_up, own=self._own
             )
@@ -219,12 +219,12 @@ class RemoteMap(SemanticMap):
 
     def new_object_iri(self) -> str:
         """``<base>object/N`` with a number no object of the map has had or will have."""
-        self._store.refuse_read_only()
+        self._store.check_writable()
         return self._served.new_object_iri()
 
     def learn(self, labels: Iterable[str], kind: str, *, model: str) -> dict[str, str]:
         """A category for each label of a network, found or added by the server."""
-        self._store.refuse_read_only()
+        self._store.check_writable()
         found = self._served.learn(tuple(labels), kind, model)
         if any(self.catalogue.by_iri(iri) is None for iri in found.values()):
             self.reread_ontology()

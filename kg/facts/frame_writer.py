@@ -90,7 +90,7 @@ class FrameWriter:
 
     def new_object_iri(self) -> str:
         """A fresh IRI for a new object."""
-        self._store.refuse_read_only()
+        self._store.check_writable()
         number = self.next_number
         self._next = number + 1
         return f"{self._prefix}{number}"
@@ -105,7 +105,7 @@ class FrameWriter:
 
         Raises InvalidFactError, before anything is written, for a record that is not valid.
         """
-        self._store.refuse_read_only()
+        self._store.check_writable()
         _reject_duplicates(update)
         with writing(), reading_ahead(self._store.engine, self.subjects(update)):
             self._synchronise()

@@ -88,7 +88,7 @@ class MapWriter:
     ) -> ChangeSet | None:
         """Apply a SPARQL 1.1 Update as one transaction."""
         with self.guard:
-            self._store.refuse_read_only()
+            self._store.check_writable()
             update = evaluate_update(self._store, sparql, self._facts.base)
             return self.apply_ground(update, sparql, by=by, allow=allow, confirmed=confirmed)
 
@@ -103,7 +103,7 @@ class MapWriter:
     ) -> ChangeSet | None:
         """Validate and apply an evaluated update as one transaction."""
         with self.guard:
-            self._store.refuse_read_only()
+            self._store.check_writable()
             validator = self._validation()
             draft = ChangeDraft(self._store)
             draft.apply(update)
@@ -133,7 +133,7 @@ class MapWriter:
         from kg.update.restoration import Restoration
 
         with self.guard:
-            self._store.refuse_read_only()
+            self._store.check_writable()
             sequence = sequence_of(self._past.history, when)
             work = Restoration(
                 *(self._store, self._past.history, self._facts, self.assertions),
@@ -159,7 +159,7 @@ class MapWriter:
     ) -> ChangeSet | None:
         """Set title or licence as one transaction."""
         with self.guard:
-            self._store.refuse_read_only()
+            self._store.check_writable()
             removed, added = changed_description(
                 self._store.engine, self._facts.base, title, licence
             )
@@ -188,7 +188,7 @@ class MapWriter:
         """The category of each label of a network, provisional ones added."""
         names = {label: clean(label) for label in labels}
         with self.guard:
-            self._store.refuse_read_only()
+            self._store.check_writable()
             unknown = [n for n in names.values() if n and not self._categories().for_label(n, kind)]
             if (
                 add_provisional_classes(self._store, self._categories(), unknown, kind, model)

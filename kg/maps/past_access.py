@@ -80,14 +80,14 @@ class PastAccess:
         """Drop the past more than `keep` seconds back, and pack the file."""
         from kg.history.storage.compaction import compact
 
-        self._store.refuse_read_only()
+        self._store.check_writable()
         return compact(self.history, keep)
 
     def retain(self, keep: float) -> None:
         """Drop what is more than `keep` seconds back, now and while the map is open."""
         from kg.history.storage.compaction import retain
 
-        self._store.refuse_read_only()
+        self._store.check_writable()
         if not keep >= 0:
             raise HistoryError(f"what is kept must last 0 s or longer, got {keep:g}")
         retain(self.history, keep)

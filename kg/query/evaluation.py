@@ -33,7 +33,7 @@ from kg.sparql.extension_functions import FUNCTIONS
 from kg.sparql.order_by import with_total_order
 from kg.sparql.parameters import has_word
 from kg.sparql.syntax_errors import located
-from kg.sparql.vetting import refuse_service, refuse_update
+from kg.sparql.vetting import check_no_service, check_no_update
 from kg.store.sparql_client import Solutions, Triples
 from kg.store.writer_priority import yield_to_writer
 
@@ -121,8 +121,8 @@ def evaluate(
     position), writes, or reaches out.
     """
     yield_to_writer()
-    refuse_service(sparql)
-    refuse_update(sparql)
+    check_no_service(sparql)
+    check_no_update(sparql)
 
     def run(text: str) -> Table:
         results = engine.query(

@@ -57,8 +57,8 @@ def operations(sparql: str, prologue: str = "") -> Iterator[Operation]:
             yield replace(operation, text=sparql[start:end], start=start)
 
 
-def refuse_shared_labels(parts: Iterable[Operation]) -> None:
-    """Raises QueryError where two INSERT DATA share a blank node label (SPARQL 1.1, section 19.6).
+def check_blank_labels(parts: Iterable[Operation]) -> None:
+    """Raises QueryError if two INSERT DATA share a blank node label (SPARQL 1.1, section 19.6).
 
     The engine does not see it, since it parses the operations one by one.
     """

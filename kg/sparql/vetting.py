@@ -2,7 +2,7 @@
 
 Oxigraph evaluates every SERVICE clause, and its parser recurses: a few hundred nested brackets
 overflow the stack. The scanner refuses both in one line. It is no security boundary: the kernel
-denies the network (`kg.workers.network_isolation`); where the kernel cannot, `refuse_network_words`
+denies the network (`kg.workers.network_isolation`); where the kernel cannot, `check_network_words`
 errs on the side of refusing. For untrusted queries all of it runs inside the worker, so that a text
 made to be slow to vet uses up its own time limit only.
 """
@@ -32,8 +32,8 @@ _UPDATES = frozenset(
 )
 
 
-def refuse_surrogates(text: str) -> None:
-    """Raises QueryError where a text is no Unicode."""
+def check_unicode(text: str) -> None:
+    """Raises QueryError if a text is not valid Unicode."""
     try:
         text.encode()
     except UnicodeEncodeError as error:
@@ -42,8 +42,8 @@ def refuse_surrogates(text: str) -> None:
         ) from error
 
 
-def refuse_length(sparql: str, limit: int = MAX_LENGTH) -> None:
-    """Raises QueryRefusedError where the text is too long."""
+def check_length(sparql: str, limit: int = MAX_LENGTH) -> None:
+    """Raises QueryRefusedError if the text is too long."""
     if len(sparql) > limit:
         raise QueryRefusedError(
             f"a query may have {limit:,} characters, got {len(sparql):,}; split it"
@@ -56,15 +56,15 @@ def vet(
     services: Collection[str] = (),
     max_depth: int = MAX_DEPTH,
 ) -> None:
-    """Raises QueryRefusedError where the text writes, reaches outside of the map, or nests deeply.
+    """Raises QueryRefusedError if the text writes, reads beyond the map, or nests too deeply.
 
-    `services` are the IRIs that SERVICE may name. FROM needs no vetting: it chooses among the
-    graphs there are, and nothing is fetched.
+    `services` are the IRIs that SERVICE may name. FROM needs no check, since it only chooses among
+    the graphs of the map.
     """
     for text in _readings(sparql):
-        _refuse_update(text)
-        _refuse_depth(text, max_depth)
-        _refuse_services(text, services)
+        _check_no_update(text)
+        _check_nesting(text, max_depth)
+        _check_services(text, services)
 
 
 def reads_chosen_graphs(sparql: str) -> bool:
@@ -72,8 +72,8 @@ def reads_chosen_graphs(sparql: str) -> bool:
     return any("FROM" in keywords_of(text) for text in _readings(sparql))
 
 
-def refuse_service(sparql: str) -> None:
-    """Raises QueryRefusedError where the text has a SERVICE clause, before it is evaluated."""
+def check_no_service(sparql: str) -> None:
+    """Raises QueryRefusedError if the text has a SERVICE clause."""
     if any(_SERVICE.search(text) for text in _readings(sparql)):
         raise QueryRefusedError(
             "SERVICE is refused: a query reads this map alone; "
@@ -81,24 +81,24 @@ def refuse_service(sparql: str) -> None:
         )
 
 
-def refuse_load(sparql: str) -> None:
-    """Raises QueryRefusedError where the text has a LOAD operation, before it is evaluated."""
+def check_no_load(sparql: str) -> None:
+    """Raises QueryRefusedError if the text has a LOAD operation."""
     if any(_LOAD.search(text) for text in _readings(sparql)):
         raise QueryRefusedError(
             "LOAD is refused: an update cannot read other sources; write INSERT DATA"
         )
 
 
-def refuse_update(sparql: str) -> None:
-    """Raises QueryRefusedError where the text is SPARQL Update."""
+def check_no_update(sparql: str) -> None:
+    """Raises QueryRefusedError if the text is SPARQL Update."""
     for text in _readings(sparql):
-        _refuse_update(text, "; write through SemanticMap.update")
+        _check_no_update(text, "; write through SemanticMap.update")
 
 
-def refuse_depth(sparql: str, limit: int = MAX_DEPTH) -> None:
-    """Raises QueryRefusedError where brackets nest deeper than `limit`."""
+def check_nesting(sparql: str, limit: int = MAX_DEPTH) -> None:
+    """Raises QueryRefusedError if brackets nest deeper than `limit`."""
     for text in _readings(sparql):
-        _refuse_depth(text, limit)
+        _check_nesting(text, limit)
 
 
 def _readings(sparql: str) -> Iterable[str]:
@@ -106,7 +106,7 @@ def _readings(sparql: str) -> Iterable[str]:
     return dict.fromkeys((sparql, decode_escapes(sparql)))
 
 
-def _refuse_update(sparql: str, hint: str = "") -> None:
+def _check_no_update(sparql: str, hint: str = "") -> None:
     first = next((word for word in keywords_of(sparql) if word not in ("PREFIX", "BASE")), "")
     if first in _UPDATES:
         raise QueryRefusedError(
@@ -114,7 +114,7 @@ def _refuse_update(sparql: str, hint: str = "") -> None:
         )
 
 
-def _refuse_depth(sparql: str, limit: int) -> None:
+def _check_nesting(sparql: str, limit: int) -> None:
     depth = 0
     for token in tokens_of(sparql):
         depth += (token.text in ("(", "{", "[")) - (token.text in (")", "}", "]"))
@@ -127,12 +127,12 @@ def has_allowed_service(sparql: str, allowed: Collection[str]) -> bool:
     return bool(allowed) and _allowed_clause(allowed).search(sparql) is not None
 
 
-def refuse_network_words(sparql: str, allowed: Collection[str]) -> None:
+def check_network_words(sparql: str, allowed: Collection[str]) -> None:
     """Raises QueryRefusedError for the letters of SERVICE or LOAD anywhere in the text.
 
-    For processes that the kernel cannot deny the network: strings, comments and names are refused
-    too, since no reading of the text but the engine's own is certain. Clauses that plainly name an
-    `allowed` endpoint pass.
+    It is for processes that the kernel cannot deny the network. Strings, comments and names are
+    refused too, since only the engine's own parser is certain. Clauses with an `allowed` endpoint
+    pass.
     """
     rest = _allowed_clause(allowed).sub("", sparql) if allowed else sparql
     for word in _NETWORK_WORDS:
@@ -148,7 +148,7 @@ def _allowed_clause(allowed: Collection[str]) -> re.Pattern[str]:
     return re.compile(rf"(?<!\w)service\s+(?:silent\s+)?<(?:{iris})>", re.IGNORECASE)
 
 
-def _refuse_services(sparql: str, allowed: Collection[str]) -> None:
+def _check_services(sparql: str, allowed: Collection[str]) -> None:
     endpoints = [match["endpoint"] for match in _SERVICE.finditer(sparql)]
     # as a language tag too, for the same reason
     words = sum(token.text.upper() in ("SERVICE", "@SERVICE") for token in tokens_of(sparql))

@@ -54,8 +54,8 @@ def _open_lock(file: Path, shared: bool) -> int:
     return os.open(file, os.O_RDWR | os.O_CREAT, 0o666)
 
 
-def refuse_existing(path: Path) -> None:
-    """Raises GraphError where something lies at `path` already."""
+def check_vacant(path: Path) -> None:
+    """Raises GraphError if something exists at `path`."""
     if path.is_dir() and not any(path.iterdir()):
         return
     if path.exists() or path.is_symlink():
@@ -63,8 +63,8 @@ def refuse_existing(path: Path) -> None:
         raise GraphError(f"{what} at {path} already; open it, or create at a path that is free")
 
 
-def refuse_what_is_no_map(path: Path) -> None:
-    """Raises MapNotFoundError where no map lies at `path`."""
+def check_is_map(path: Path) -> None:
+    """Raises MapNotFoundError if there is no map at `path`."""
     if not path.exists():
         raise MapNotFoundError(f"no map at {path}: nothing is there; create a map first")
     if not path.is_dir():

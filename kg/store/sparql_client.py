@@ -251,10 +251,10 @@ class SparqlClient:
         except requests.RequestException as error:
             raise UnreachableError(self._unreachable(_reason(error))) from error
         if not reply.ok:
-            self._refuse(reply)
+            self._raise_refusal(reply)
         return reply
 
-    def _refuse(self, reply: requests.Response) -> None:
+    def _raise_refusal(self, reply: requests.Response) -> None:
         text = complaint(reply.text) if self.virtuoso else " ".join(_detail_of(reply).split())
         detail = text[:300]
         if reply.status_code == 400:

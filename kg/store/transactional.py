@@ -27,12 +27,12 @@ from kg.rdf.datetimes import transaction_time
 from kg.rdf.quad_store import QuadStore
 from kg.rdf.xml_characters import unwritable
 from kg.store.folder import (
+    check_is_map,
+    check_vacant,
     engine_of,
     fill,
     locked,
     reason_of,
-    refuse_existing,
-    refuse_what_is_no_map,
     remove_abandoned,
 )
 from kg.store.heap_trimming import TRIM_EVERY, trim_heap
@@ -98,7 +98,7 @@ class TransactionalStore:
         Built beside `path` and renamed into place, so a process that dies meanwhile leaves no half
         of a map. Raises GraphError where `path` exists already.
         """
-        refuse_existing(path)
+        check_vacant(path)
         building = path.parent / f".{path.name}.new-{uuid.uuid4().hex}"
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -124,7 +124,7 @@ class TransactionalStore:
         another process (or another handle of this one) writes it, or reads it while this one wants
         to write.
         """
-        refuse_what_is_no_map(path)
+        check_is_map(path)
         lock = locked(path / "lock", path, shared=read_only)
         try:
             engine = engine_of(path, read_only)
@@ -196,7 +196,7 @@ class TransactionalStore:
         quads that are exact as of the transaction `exact_at` the store is not searched for them.
         Raises InvalidFactError for blank nodes, and for texts that XML cannot represent.
         """
-        self.refuse_read_only()
+        self.check_writable()
         insert, delete = dict.fromkeys(insert), dict.fromkeys(delete)
         subjects = (q.subject for q in (sequence_quad(0), *insert, *delete))
         named = (subject for subject in subjects if isinstance(subject, NamedNode))
@@ -207,8 +207,8 @@ class TransactionalStore:
                 removed = tuple(q for q in delete if q not in insert and q in self.engine)
             if not added and not removed:
                 return None
-            _refuse_blank_nodes((*added, *removed))
-            _refuse_unwritable(added)
+            _check_blank_nodes((*added, *removed))
+            _check_characters(added)
             change = ChangeSet(self.sequence + 1, self._now(), cause, added, removed)
             self._record(change)
             self._sequence = change.sequence
@@ -254,7 +254,7 @@ class TransactionalStore:
 
     def replay(self, change: ChangeSet) -> None:
         """Apply a transaction that the journal holds already, without notification."""
-        self.refuse_read_only()
+        self.check_writable()
         with self._committing:
             self._write(change)
             self._sequence = change.sequence
@@ -264,7 +264,7 @@ class TransactionalStore:
 
         For maps whose ontology was stored with blank nodes.
         """
-        self.refuse_read_only()
+        self.check_writable()
         with self._committing:
             text = f"CLEAR GRAPH {graph};\nINSERT DATA {{\n{graph_blocks(quads)}}}"
             try:
@@ -304,8 +304,8 @@ class TransactionalStore:
         except (OSError, RuntimeError) as error:
             raise GraphError(f"cannot write the map at {self.where}: {reason_of(error)}") from error
 
-    def refuse_read_only(self) -> None:
-        """Raises GraphError where the store was opened for reading only."""
+    def check_writable(self) -> None:
+        """Raises GraphError if the store is read-only."""
         if self.read_only:
             raise GraphError(f"the map at {self.where} is open for reading only; open it to write")
 
@@ -371,14 +371,14 @@ def _keep_flushing(reference: weakref.ref[TransactionalStore], stop: threading.E
             trimmed, written = time.monotonic(), sequence
 
 
-def _refuse_blank_nodes(quads: Iterable[Quad]) -> None:
+def _check_blank_nodes(quads: Iterable[Quad]) -> None:
     # an update renames blank nodes that it inserts and cannot delete any
     for quad in quads:
         if isinstance(quad.subject, BlankNode) or isinstance(quad.object, BlankNode):
             raise InvalidFactError(f"a blank node cannot be written: {quad.triple}; give it an IRI")
 
 
-def _refuse_unwritable(quads: Iterable[Quad]) -> None:
+def _check_characters(quads: Iterable[Quad]) -> None:
     for quad in quads:
         text = quad.object.value if isinstance(quad.object, Literal) else ""
         if (character := unwritable(text)) is not None:

@@ -26,11 +26,11 @@ from kg.sparql.update_parser import (
     VARIABLE,
     Operation,
     UnclearError,
+    check_blank_labels,
     operations,
-    refuse_shared_labels,
     variables_as_iris,
 )
-from kg.sparql.vetting import refuse_load, refuse_service, refuse_surrogates
+from kg.sparql.vetting import check_no_load, check_no_service, check_unicode
 from kg.update.change_draft import ChangeDraft, Term
 from kg.update.ground_update import GroundUpdate, Step
 
@@ -62,9 +62,9 @@ def evaluate_update(dataset: Dataset, sparql: str, base: str | None = None) -> G
     Raises QueryError, in one line, for what is no Unicode or does not parse (with position), for
     SERVICE and LOAD, and for a CLEAR, DROP, CREATE, COPY, MOVE or ADD that fails by the standard.
     """
-    refuse_surrogates(sparql)
-    refuse_service(sparql)
-    refuse_load(sparql)
+    check_unicode(sparql)
+    check_no_service(sparql)
+    check_no_load(sparql)
     prologue = "" if base is None else f"BASE <{base}> "
     try:
         parts = tuple(operations(sparql, prologue))
@@ -73,7 +73,7 @@ def evaluate_update(dataset: Dataset, sparql: str, base: str | None = None) -> G
         raise
     for part in parts:
         _check_syntax(sparql, part.start, part.text, part.prologue)
-    refuse_shared_labels(parts)
+    check_blank_labels(parts)
     with _View(dataset) as view:
         for operation in parts:
             delete, insert = _effect(view, operation)

@@ -42,10 +42,10 @@ from kg.sparql.order_by import with_total_order
 from kg.sparql.syntax_errors import located
 from kg.sparql.vetting import (
     MAX_DEPTH,
+    check_nesting,
+    check_network_words,
     has_allowed_service,
     reads_chosen_graphs,
-    refuse_depth,
-    refuse_network_words,
     vet,
 )
 from kg.workers.network_isolation import deny_network
@@ -117,7 +117,7 @@ class Evaluator:
 
     def _vet(self, request: Request) -> None:
         if not self._denied:
-            refuse_network_words(request["sparql"], self._settings["services"])
+            check_network_words(request["sparql"], self._settings["services"])
         vet(request["sparql"], services=self._settings["services"])
 
     def _write_past(self, request: Request) -> None:
@@ -141,9 +141,9 @@ class Evaluator:
     def _update(self, request: Request) -> None:
         from kg.workers.ingestion import SnapshotView, evaluate_update  # as above
 
-        refuse_depth(request["sparql"], MAX_DEPTH)
+        check_nesting(request["sparql"], MAX_DEPTH)
         if not self._denied:
-            refuse_network_words(request["sparql"], ())
+            check_network_words(request["sparql"], ())
         _limit_files(resource.RLIM_INFINITY)  # a later operation sees a changed copy
         try:
             view = SnapshotView(self._store, self._folder, self._sequence, request)

@@ -7,7 +7,7 @@ from typing import Final, Self
 
 from kg.maps.semantic_map import SemanticMap
 from kg.query.evaluation import Table
-from kg.sparql.vetting import refuse_length, refuse_surrogates, vet
+from kg.sparql.vetting import check_length, check_unicode, vet
 from kg.store.sparql_backend import SparqlBackend
 from kg.workers.local_evaluation import ACCEPTED, table_of
 from kg.workers.pool import QueryPool
@@ -41,8 +41,8 @@ class LimitedQueries:
         Raises QueryError for what does not parse, QueryRefusedError for what writes or reaches out,
         QueryTimeoutError, QueryTooLargeError, PoolBusyError, and RemoteError of a server.
         """
-        refuse_length(sparql)
-        refuse_surrogates(sparql)
+        check_length(sparql)
+        check_unicode(sparql)
         engine, base = self._map.engine, self._map.base
         if not isinstance(engine, SparqlBackend):
             answer = self._workers().run(sparql, accept=ACCEPTED, base=base)

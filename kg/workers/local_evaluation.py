@@ -56,7 +56,7 @@ def update_isolated(
     semantic_map: SemanticMap, sparql: str, *, by: str | None, confirmed: bool = False
 ) -> ChangeSet | None:
     """Apply an update to a map in a folder; raises as `kg.workers.updates.update_map`."""
-    semantic_map.store.refuse_read_only()
+    semantic_map.store.check_writable()
     with _pool(semantic_map) as pool:
         return update_map(pool, semantic_map, UpdateRequest(sparql), by=by, confirmed=confirmed)
 

@@ -20,7 +20,7 @@ from kg.errors import (
     QueryError,
 )
 from kg.maps.semantic_map import SemanticMap
-from kg.sparql.vetting import MAX_LENGTH, has_allowed_service, refuse_length
+from kg.sparql.vetting import MAX_LENGTH, check_length, has_allowed_service
 from kg.store.transactional import TransactionalStore
 from kg.workers.admission import FairQueue, Turn
 from kg.workers.dumps import Dump
@@ -146,7 +146,7 @@ class QueryPool:
         PoolBusyError, QueryError for what does not parse, HistoryError for a past that is not kept,
         GraphError where the pool is closed.
         """
-        refuse_length(sparql, self.max_query_length)
+        check_length(sparql, self.max_query_length)
         request = request_of(sparql, accept, default_graphs, named_graphs, base)
         return self._queued(self._call(request, timeout, at_least, at, asker=asker))
 
@@ -164,7 +164,7 @@ class QueryPool:
         asker: Asker = ANYONE,
     ) -> Answer:
         """`run` without blocking the event loop; cancelling it kills the query."""
-        refuse_length(sparql, self.max_query_length)
+        check_length(sparql, self.max_query_length)
         request = request_of(sparql, accept, default_graphs, named_graphs, base)
         return await self._in_thread(self._call(request, timeout, at_least, at, asker=asker))
 

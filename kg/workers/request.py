@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from kg.errors import NotAcceptableError, QueryError
-from kg.sparql.vetting import refuse_surrogates
+from kg.sparql.vetting import check_unicode
 from kg.workers.admission import Lane
 from kg.workers.content_negotiation import Form, choose_format
 from kg.workers.process import WorkerProcess
@@ -91,7 +91,7 @@ def request_of(
     form has a format that is accepted.
     """
     for text in (sparql, *default_graphs, *named_graphs):
-        refuse_surrogates(text)
+        check_unicode(text)
     result_type, graph_type = _acceptable(accept, "select"), _acceptable(accept, "construct")
     if result_type is None and graph_type is None:
         choose_format(accept, "select")

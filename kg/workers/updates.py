@@ -48,7 +48,7 @@ def update_map(
     `check` may refuse it right before it is applied, while no one else writes. Raises as
     `SemanticMap.update`, and QueryTimeoutError or QueryTooLargeError at the limits of the pool.
     """
-    semantic_map.store.refuse_read_only()
+    semantic_map.store.check_writable()
     for attempt in range(ATTEMPTS + 1):
         last = attempt == ATTEMPTS
         with semantic_map.hold() if last else nullcontext():

@@ -78,7 +78,7 @@ def search(
         before = to_resume(semantic_map, words) if resume else None
         words = before.words if before else tuple(dict.fromkeys(words))
         targets = resolve(semantic_map, words)
-        semantic_map.store.refuse_read_only()
+        semantic_map.store.check_writable()
         session = RobotSession(robot, options.timeout, options.stopping)
         hello = _hello_of(session)
         at = before.started if before else options.clock()
