@@ -1,10 +1,11 @@
 """Inverse sensor model: the floor evidence of one depth frame. Pure functions.
 
-Each pixel is a point above the floor: on it, on an obstacle, or above both. Two neighbours in one
-image column that both lie on the floor have nothing between them, so that the floor between is
-free too; two on the same obstacle have it between them. Nothing else is concluded from what a ray
-passes, since rays pass over tables. After Moravec and Elfes (ICRA 1985) and Thrun, Burgard and Fox
-(Probabilistic Robotics, 2005, chapter 9), with image columns in place of their sensor's cone.
+Each pixel is a point on the floor, on an obstacle, or above both. Between two neighbours of one
+image column that both lie on the floor, the floor is free too; between two on the same obstacle,
+the obstacle continues. The space that a ray passes is not used, since rays pass over tables.
+
+After Moravec and Elfes (ICRA 1985) and Thrun, Burgard and Fox (Probabilistic Robotics, 2005,
+chapter 9), with image columns in place of their sensor's cone.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ def frame_points(
 ) -> FramePoints:
     """Point cloud of a frame; `depth` (h, w) [m], `K` (3, 3) [px], `T_map_cam` (4, 4).
 
-    Pixels on depth edges are left out: their depth is often that of neither side.
+    Pixels on depth edges are left out, since their depth often belongs to neither side.
     """
     s = settings
     step = max(1, round(depth.shape[1] / s.columns))
@@ -110,7 +111,7 @@ def floor_evidence(
 def _level(points: FramePoints) -> NDArray[np.bool_]:
     """(rows, columns) whether a point lies on a level surface, by its neighbour above it.
 
-    Floors and tops are level. Walls and fronts are not: they show nothing of what is behind them.
+    Floors and tops are level. Walls and fronts are not, and hide the floor behind them.
     """
     with np.errstate(invalid="ignore"):
         step = np.diff(points.xyz, axis=1)

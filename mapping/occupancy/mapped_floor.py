@@ -1,4 +1,4 @@
-"""The floor that a map holds, put together from its tiles: what is known of one storey."""
+"""Mapped floor: the occupancy grid of one storey, assembled from its tiles."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from kg.records import FREE, LOW, TALL, UNKNOWN, FloorTile
 
-_HIGHEST_CAMERA: Final = 2.4  # [m] above its floor
-_CELLS: Final = (0.001, 1.0)  # [m] the least and the greatest cell of a floor that is planned on
+_MAX_CAMERA_HEIGHT: Final = 2.4  # [m] above its floor
+_CELLS: Final = (0.001, 1.0)  # [m] least and greatest side of a cell
 _REACH: Final = 4096  # cells from the middle of a floor that are kept: 205 m
-_FURTHEST: Final = 10**9  # number of a tile
+_MAX_TILE: Final = 10**9  # number of a tile
 
 States = NDArray[np.uint8]
 
@@ -62,7 +62,7 @@ class MappedFloor:
 def mapped_floor(
     tiles: Iterable[FloorTile], height: float | None = None, *, storey: int | None = None
 ) -> MappedFloor | None:
-    """A `storey`; by default that of a camera at `height` [m], without one that with most floor.
+    """Floor of a `storey`; by default that below `height` [m] of a camera, else the largest.
 
     None where no tile has a free cell there.
     """
@@ -75,15 +75,15 @@ def mapped_floor(
     if not known:
         return None
     above = {n: (height or 0.0) - storeys[n][0].height for n in known}
-    near = [n for n in known if height is not None and 0 <= above[n] <= _HIGHEST_CAMERA]
+    near = [n for n in known if height is not None and 0 <= above[n] <= _MAX_CAMERA_HEIGHT]
     chosen = min(near, key=lambda n: (above[n], n)) if near else max(known, key=lambda n: area[n])
     return _put_together(storeys[chosen])
 
 
 def _put_together(tiles: Sequence[FloorTile]) -> MappedFloor:
-    """One array of the tiles that are cut alike, as most of what is free is.
+    """Grid of the tiles that share the cell size and side of most free floor.
 
-    A graph may hold a tile anywhere: what lies far from the middle of the others is left out.
+    Tiles far from the middle of the others are left out, since a graph may hold a tile anywhere.
     """
     free = {id(tile): int((tile.cells == FREE).sum()) for tile in tiles}
     cuts = Counter[tuple[int, float]]()
@@ -123,5 +123,5 @@ def _number(tile: FloorTile) -> tuple[int, int]:
 
 
 def _usable(tile: FloorTile) -> bool:
-    near = max(abs(tile.column), abs(tile.row)) <= _FURTHEST
+    near = max(abs(tile.column), abs(tile.row)) <= _MAX_TILE
     return near and _CELLS[0] <= tile.resolution <= _CELLS[1]

@@ -1,7 +1,7 @@
 """Occupancy map of the floor: log-odds in memory, classified tiles in the graph.
 
-A cache that the graph can rebuild but for the log-odds: of a tile written before, only the class of
-each cell is known.
+The graph can rebuild this cache without its log-odds, since a written tile holds only the class of
+each cell.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class _CachedTile:
 
 
 class OccupancyMap:
-    """Occupancy map in tiles: frames in, tiles that have changed enough out, to be written."""
+    """Occupancy map in tiles, from frames to tiles that have changed enough to be written."""
 
     def __init__(
         self, semantic_map: SemanticMap, settings: OccupancySettings | None = None
@@ -63,7 +63,7 @@ class OccupancyMap:
         self._storeys = Storeys(heights, self._settings)
 
     def refresh(self) -> None:
-        """Drop tiles that others changed since the last call; cheap where nothing was."""
+        """Drop tiles that others changed since the last call."""
         touched = self._watch.take()
         if not touched:
             return
@@ -76,7 +76,7 @@ class OccupancyMap:
         return tile_iri(self._map.base, storey, column, row)
 
     def add(self, frame: Frame) -> None:
-        """Update the log-odds with what `frame` shows of the floor."""
+        """Update the log-odds with the floor evidence of `frame`."""
         points = frame_points(frame.depth, frame.K, frame.T_map_cam, self._settings)
         camera = frame.T_map_cam[:3, 3]
         storey = self._storeys.below(camera, points)
@@ -92,11 +92,11 @@ class OccupancyMap:
     def add_views(
         self, p_map: Floats, close: NDArray[np.bool_], height: float, stamp: float
     ) -> None:
-        """Update the times of views where a look without depth had the floor in view.
+        """Update the times of views of floor that a camera without depth had in view.
 
-        `p_map` (n, 2) [m] are points no further apart than the larger cells, `close` (n,) says
-        which were viewed from close by, `height` [m] is that of the camera or of its robot. Only
-        what depth has shown before counts: elsewhere it is not known what is in view.
+        `p_map` (n, 2) [m] are points no further apart than the larger cells, `close` (n,) whether
+        each was viewed from close by, `height` [m] the height of the camera or its robot. Only
+        floor that depth has shown before counts, since occlusions elsewhere are unknown.
         """
         storey = self._storeys.under(height, -self._settings.lowest_camera)
         if storey is None:
@@ -125,7 +125,7 @@ class OccupancyMap:
         self._unwritten[key] = None
 
     def _known(self, key: _TileKey) -> FloorTile | None:
-        """Tile as the graph has it, where its cells have this size."""
+        """Tile in the graph, if its cells have this size."""
         s, tile = self._settings, tile_of(self._map.engine, self._iri(key))
         fits = tile is not None and tile.cells.shape == (s.side, s.side)
         return tile if fits and tile is not None and tile.resolution == s.cell else None
@@ -160,7 +160,7 @@ class OccupancyMap:
     def views(self, area: Area, storey: int, margin: float = 0.0) -> PlaceViews | None:
         """Share of an area on a storey that was viewed, by tiles in memory or in the graph.
 
-        What is nearer than `margin` [m] to the area's border does not count.
+        Cells nearer than `margin` [m] to the area's border do not count.
         """
 
         def times(key: Key) -> ViewTimes | None:
@@ -189,7 +189,7 @@ class OccupancyMap:
             self._unwritten[key] = None
 
     def _states(self, keys: Iterable[_TileKey], *, rest: bool = False) -> tuple[FloorTile, ...]:
-        """The tiles that have changed enough; all that have changed at all for the `rest`."""
+        """Tiles that have changed enough; with `rest` all that have changed."""
         s, found = self._settings, list[FloorTile]()
         for key in keys:
             storey, (column, row) = key
@@ -220,7 +220,7 @@ class OccupancyMap:
 
 
 def _written(settings: OccupancySettings, known: FloorTile | None) -> tuple[States, ViewTimes]:
-    """States and view times that the graph has of a tile."""
+    """States and view times of a tile in the graph."""
     if known is None:
         return np.full((settings.side, settings.side), UNKNOWN, np.uint8), no_views(settings)
     fits = known.viewed is not None and known.viewed.shape == no_views(settings).shape

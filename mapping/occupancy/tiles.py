@@ -19,7 +19,7 @@ States = NDArray[np.uint8]  # (side, side) cells (x, y): UNKNOWN, FREE, LOW or T
 ViewTimes = NDArray[np.uint32]  # (2, m, m) [min since 1970] of the last view, close by and at all
 
 _LAST_MINUTE: Final = 2**32 - 1
-_TALLEST: Final = 9  # of the evidence that something is tall
+_MAX_TALL: Final = 9  # evidence that an obstacle is tall
 _TALL_SEEN: Final = 3
 
 
@@ -58,9 +58,9 @@ class OccupancyTile:
             return
         self.log_odds += hit * np.int16(settings.hit) - free * np.int16(settings.miss)
         np.clip(self.log_odds, settings.least, settings.most, out=self.log_odds)
-        # what reaches above the eyes outweighs a few frames that show its lower part only
+        # one frame that shows the top outweighs a few that show the lower part alone
         self.tall += tall * np.int8(_TALL_SEEN + 1) - hit * np.int8(1)
-        np.clip(self.tall, 0, _TALLEST, out=self.tall)
+        np.clip(self.tall, 0, _MAX_TALL, out=self.tall)
 
     def states(self, settings: OccupancySettings) -> States:
         """Classified cells: free, low, tall or unknown."""
@@ -80,13 +80,13 @@ class TileEvidence:
     hit: NDArray[np.bool_]
     tall: NDArray[np.bool_]
     viewed: NDArray[np.bool_]  # (2, side / view, side / view)
-    views_only: bool  # whether there is nothing but views
+    views_only: bool  # whether there are views alone
 
 
 def tile_evidence(
     frame: FloorEvidence, settings: OccupancySettings
 ) -> Iterator[tuple[Key, TileEvidence]]:
-    """Evidence by tile, of each tile that a frame has any for."""
+    """Evidence of a frame by tile, for each tile with any."""
     side, larger = settings.side, settings.side // settings.view
     known = frame.free | frame.hit
     count = len(known) // side
@@ -109,7 +109,7 @@ def view_evidence(
 ) -> Iterator[tuple[Key, NDArray[np.bool_]]]:
     """Larger cells in view by tile, (2, m, m) as `TileEvidence.viewed`.
 
-    Of points `p_map` (n, 2) [m] on the floor, some viewed from `close` by (n,).
+    `p_map` (n, 2) [m] are points on the floor, `close` (n,) whether each was viewed from close by.
     """
     larger = settings.side // settings.view
     cells = np.floor(p_map / (settings.cell * settings.view)).astype(np.intp)
@@ -128,7 +128,7 @@ def view_evidence(
 def views_of_known(
     viewed: NDArray[np.bool_], states: States, settings: OccupancySettings
 ) -> TileEvidence:
-    """Evidence of nothing but views (2, m, m), of larger cells that are known to some part."""
+    """Evidence of views alone (2, m, m), of larger cells that have a known cell."""
     side, view = settings.side, settings.view
     larger = side // view
     known = (states != UNKNOWN).reshape(larger, view, larger, view).any(axis=(1, 3))

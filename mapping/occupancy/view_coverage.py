@@ -17,7 +17,7 @@ from mapping.occupancy.occupancy_settings import OccupancySettings
 from mapping.occupancy.tiles import Key, ViewTimes
 
 _HALF: Final = 0.499  # of a cell: sides of areas may lie on those of cells
-_MAX_CELLS: Final = 4_000_000  # of an area: 160,000 m2; larger ones are not worked out ...
+_MAX_CELLS: Final = 4_000_000  # of an area: 160,000 m2; larger ones are skipped ...
 _MAX_CORNER: Final = 10**9  # ... nor those with a corner this many cells from the origin
 
 
@@ -35,8 +35,8 @@ def view_coverage(
 ) -> PlaceViews | None:
     """Views of an area by those of its tiles; None where nothing of it was viewed.
 
-    Shares are of the cells that lie inside altogether, `margin` [m] from its border: nearer, what
-    is beyond the wall is in view as well, or there is nothing but wall.
+    Shares are of the cells that lie inside completely, `margin` [m] from the border, since cells
+    nearer to it are wall, or floor beyond the wall.
     """
     cell, larger = settings.cell * settings.view, settings.side // settings.view
     corners = _corners(area, cell)

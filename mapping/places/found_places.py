@@ -1,8 +1,8 @@
 """Places found in the mapped floor: rooms become places, which keep their identity as they change.
 
-A room is the place that it shares most of its area with. What people said of a place stays with it:
-it is never joined to another, and outranks others for a room. Places that were given (from a file,
-or drawn by people) are left as they are, and rooms that lie in them are theirs.
+A room becomes the place with which it shares most of its area. A place with assertions of people is
+never merged into another, and is preferred when several match a room. Given places (from a file, or
+drawn by people) do not change, and rooms that lie in them belong to them.
 """
 
 from __future__ import annotations
@@ -131,7 +131,7 @@ class FoundPlaces:
         matched: Mapping[int, int],
         asserted: set[str],
     ) -> tuple[str, ...]:
-        """IRIs of places without a room of their own; their views go to the room around them."""
+        """IRIs of places that match no room; their views go to the room around them."""
         gone = []
         for column, place in enumerate(changing):
             if column in matched.values() or place.iri in asserted:
@@ -182,7 +182,7 @@ def _matches(
     changing: Sequence[PlaceRecord],
     asserted: set[str],
 ) -> dict[int, int]:
-    """Row of each room -> column of its place: the most shared area first, people's word before."""
+    """Row of each room -> column of its place, by assertions first, then by shared area."""
     size_room = np.array([found.areas[k].area for k in rooms])
     size_place = np.array([place.area.area for place in changing])
     enough = shared >= _SAME * np.minimum.outer(size_room, size_place)

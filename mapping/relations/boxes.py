@@ -1,4 +1,4 @@
-"""Boxes of objects, as arrays: what the geometry of relations is computed from."""
+"""Boxes of objects as arrays, for the geometry of relations."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Boxes:
 
 
 class BoxIndex:
-    """Boxes by IRI of their objects, and which are near others."""
+    """Index of boxes by IRI, with a search for near ones."""
 
     def __init__(self) -> None:
         self._boxes: dict[str, Box] = {}
@@ -114,7 +114,7 @@ def box_of(record: ObjectRecord, usual: float) -> Box | None:
         return None
     deviation = record.deviation or 0.0
     if not np.isfinite([*record.p_map, *record.extent, deviation]).all():
-        return None  # as somebody wrote it
+        return None  # written by an update from outside
     half = record.extent / 2
     return Box(
         low=record.p_map - half,

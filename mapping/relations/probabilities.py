@@ -1,11 +1,11 @@
 """Probabilities of on, inside and beside, from boxes and their uncertainty.
 
-What a thing stands on or in is a choice between its candidates and nothing that is mapped, the
-floor above all: a conditional logit (McFadden 1974), so the probabilities add up to at most one.
-The utility of a candidate is a weighted sum of how probably the thing's centre lies over the
-candidate's footprint, how probably its underside lies at the candidate's surface (inside: how
-probably its centre lies between bottom and top), and the ratio of their sizes. Beside is a
-probability of its own: of a small gap between footprints, at one level.
+The support or container of an object is a choice among its candidates and none of them (mostly the
+floor), by a conditional logit (McFadden 1974), so that the probabilities sum to at most one. The
+utility of a candidate is a weighted sum of three terms: the log-probability that the object's
+centre lies over the candidate's footprint, the log-probability that its underside lies at the
+candidate's surface (inside: that its centre lies between bottom and top), and the log-ratio of
+their sizes. The probability of "beside" is that of a small gap between footprints at one level.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _MIN_PROBABILITY: Final = 1e-9  # probabilities below count as this
 
 @dataclass(frozen=True, slots=True)
 class RelationSettings:
-    """Numbers of the formulas.
+    """Parameters of the formulas.
 
     Those of supports maximise the likelihood of what stands on what in simulated houses, and are
     rounded; those of containers and neighbours are chosen (`docs/explanation/relations.md`).
@@ -64,7 +64,7 @@ def support_probabilities(
 ) -> tuple[Floats, Floats]:
     """Probabilities (n, m) that each of n things is on, and inside, each of m carriers.
 
-    A row of both adds up to at most 1; the rest is the floor, a wall, or what is not mapped.
+    A row of both sums to at most 1; the rest is the floor, a wall, or an unmapped object.
     `allowed` (n, m) is False where a thing and a carrier are the same.
     """
     s, boxes = settings, carriers.boxes

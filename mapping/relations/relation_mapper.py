@@ -1,6 +1,6 @@
-"""Relation mapper: which object is on, inside and beside which other, kept up as objects change.
+"""Relation mapper: on, inside and beside relations of objects, updated as objects change.
 
-Only objects that changed and what is near them are looked at, so a frame costs by what it shows.
+Only objects that changed and those near them are computed again.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from mapping.relations.probabilities import (
     support_probabilities,
 )
 
-MOVED: Final = 0.03  # of its length, or 2 cm, by which a box changes before it is looked at again
-REACH: Final = 1.0  # [m] between two boxes with a relation, at most
+MOVED: Final = 0.03  # of its length, or 2 cm, by which a box moves before it is computed again
+MAX_DISTANCE: Final = 1.0  # [m] between two boxes with a relation
 MIN_PROBABILITY: Final = 0.2  # probability from which on a relation is kept
 STEP: Final = 0.05  # by which a probability changes before it is written again
-NEIGHBOURS: Final = 3  # of an object, at most
+MAX_NEIGHBOURS: Final = 3  # of an object
 
 _Relations = tuple[Relation, ...]
 
@@ -95,7 +95,7 @@ class RelationMapper:
             self._relations.pop(iri, None)
             return [] if before is None else [before]
         if record.relations is not None and record.relations != self._relations.get(iri):
-            self._uncomputed.add(iri)  # somebody else wrote them
+            self._uncomputed.add(iri)  # another writer has changed them
         self._take(iri, record)
         now = self._boxes.get(iri)
         computed = iri not in self._uncomputed
@@ -112,8 +112,8 @@ class RelationMapper:
         What is within reach of a box may relate to it; what is within reach of that may lose a
         nearer neighbour by it.
         """
-        near = list(self._boxes.within(moved, 4 * REACH))
-        inner = self._boxes.within(moved, 2 * REACH)
+        near = list(self._boxes.within(moved, 4 * MAX_DISTANCE))
+        inner = self._boxes.within(moved, 2 * MAX_DISTANCE)
         boxes = [self._boxes[iri] for iri in near]
         arrays = Boxes.of(boxes)
         on, inside, carriers = self._carried(near, boxes, arrays)
@@ -179,7 +179,7 @@ class RelationMapper:
 
 def _mutual_neighbours(beside: Floats) -> Iterable[tuple[int, int]]:
     """(row, column) of pairs that are both among each other's most probable neighbours."""
-    order = np.argsort(-beside, axis=1, kind="stable")[:, :NEIGHBOURS]
+    order = np.argsort(-beside, axis=1, kind="stable")[:, :MAX_NEIGHBOURS]
     among = np.zeros(beside.shape, bool)
     np.put_along_axis(among, order, True, axis=1)
     rows, columns = np.nonzero(among & among.T & (beside >= MIN_PROBABILITY))

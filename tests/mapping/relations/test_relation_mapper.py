@@ -12,7 +12,7 @@ from kg.opening import in_memory_map
 from kg.records import MapUpdate, ObjectRecord
 from mapping.objects.object_cache import ObjectCache
 from mapping.objects.object_mapper import ObjectChanges
-from mapping.relations.relation_mapper import NEIGHBOURS, RelationMapper
+from mapping.relations.relation_mapper import MAX_NEIGHBOURS, RelationMapper
 
 TABLE = ("dining table", (0.0, 0.0, 0.4), (1.6, 0.9, 0.8))
 CUP = ("cup", (0.3, 0.1, 0.8), (0.08, 0.08, 0.1))
@@ -124,7 +124,7 @@ def test_beside_is_symmetric_and_bounded(room: Room) -> None:
     cups = [room.put("cup", (0.15 * n, 0.0, 0.8), (0.08, 0.08, 0.1)) for n in range(8)]
     beside = {cup: room.related(cup, "beside") for cup in cups}
     assert all(cup in beside[other] for cup in cups for other in beside[cup])
-    assert 1 <= max(map(len, beside.values())) <= NEIGHBOURS
+    assert 1 <= max(map(len, beside.values())) <= MAX_NEIGHBOURS
     far = room.put("cup", (5.0, 0.0, 0.8), (0.08, 0.08, 0.1))
     low = room.put("cup", (0.3, 0.1, 0.05), (0.08, 0.08, 0.1))
     assert room.related(far, "beside") == room.related(low, "beside") == []
