@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.errors import GraphError
-from kg.maps.object_pictures import MOST_BYTES, ObjectPictures
+from kg.maps.object_pictures import MAX_BYTES, ObjectPictures
 from kg.maps.semantic_map import SemanticMap
 from kg.records import MapUpdate, ObjectRecord
 from perception.frames import Detections, Frame
@@ -58,7 +58,7 @@ class PictureKeeper:
             pictures.remove(record.iri)
         elif pictures.path_of(record) is None:
             rgb, people = self._recent[shown.frame]
-            data = object_picture(rgb, shown.box, people, MOST_BYTES)
+            data = object_picture(rgb, shown.box, people, MAX_BYTES)
             if data is not None:
                 pictures.write(record, data)
 

@@ -24,7 +24,7 @@ from kg.conceptnet import graph4, tables5
 from kg.conceptnet.edges import Edge, EdgeFilter, MalformedEdgeError
 from kg.errors import ConceptNetError
 
-LONGEST_LINE: Final = 1 << 20  # bytes; far more than any line of the real files
+MAX_LINE: Final = 1 << 20  # bytes; far more than any line of the real files
 _CHUNK: Final = 1 << 20
 _SNIFFED: Final = 1000  # lines read to detect the format
 _GZIP: Final = b"\x1f\x8b"
@@ -120,7 +120,7 @@ def _lines(
             rest = b""
         if not too_long:
             rest += last
-        if len(rest) > LONGEST_LINE:
+        if len(rest) > MAX_LINE:
             too_long, rest = True, b""
             statistics.lines += 1
             statistics.skipped["line too long"] += 1
@@ -129,7 +129,7 @@ def _lines(
 
 def _short(lines: list[bytes], statistics: DumpStatistics) -> Iterator[bytes]:
     for line in lines:
-        if len(line) > LONGEST_LINE:
+        if len(line) > MAX_LINE:
             statistics.skipped["line too long"] += 1
         elif line and not line.isspace():
             yield line

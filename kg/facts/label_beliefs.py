@@ -17,7 +17,7 @@ from kg.facts.literals import Properties, first, iri_node, known_iri, number_lit
 from kg.rdf.quad_store import QuadStore
 
 STEP: Final = 0.05  # probabilities are quantised to; less common alternatives are not stored
-MOST: Final = 3  # alternatives of one object
+MAX_ALTERNATIVES: Final = 3  # alternatives of one object
 #: Predicates of the nodes, and of an object that links them.
 OWN: Final = frozenset((v.HAS_LABEL_BELIEF, v.LABEL_PROBABILITY))
 
@@ -49,7 +49,7 @@ def stored_labels(labels: Mapping[str, float], what: str) -> dict[str, float]:
     for probability in labels.values():
         number_literal(probability, what, least=0.0, most=1.0)
     steps = {category: quantised(p / STEP, what, 0) * STEP for category, p in labels.items()}
-    likely = sorted(labels, key=lambda category: (-labels[category], category))[:MOST]
+    likely = sorted(labels, key=lambda category: (-labels[category], category))[:MAX_ALTERNATIVES]
     return {c: round(steps[c], 2) for c in likely if labels[c] >= STEP}
 
 

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from kg.ontology.replacement import Replacement
     from kg.update.restoration import Restored
 
-LONGEST_NOTE = 500  # characters of an update kept with its transaction
+MAX_NOTE = 500  # characters of an update kept with its transaction
 
 
 class MapWriter:
@@ -114,7 +114,7 @@ class MapWriter:
                 check_confirmed(draft, self._facts, self.deletion_limit)
             validator.check_shapes(draft)
             recompile_commonsense(draft)
-            cause = Cause("update", by, " ".join(note.split())[:LONGEST_NOTE])
+            cause = Cause("update", by, " ".join(note.split())[:MAX_NOTE])
             change = self._store.commit(draft.removed, draft.added, cause)
             if allow and change is not None:
                 self.reread_ontology()
@@ -147,7 +147,7 @@ class MapWriter:
                 return outcome
             if not confirmed:
                 check_confirmed(work.pending, self._facts, self.deletion_limit)
-            note = " ".join((f"the state of #{sequence}", *only))[:LONGEST_NOTE]
+            note = " ".join((f"the state of #{sequence}", *only))[:MAX_NOTE]
             cause = Cause("restore", by, note)
             change = self._store.commit(work.pending.removed, work.pending.added, cause)
             if changes_ontology:

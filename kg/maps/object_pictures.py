@@ -11,8 +11,8 @@ from kg.errors import GraphError
 from kg.records import ObjectRecord
 
 FOLDER: Final = "pictures"  # in the folder of a map
-MOST_BYTES: Final = 10_000  # of one picture
-MOST_PICTURES: Final = 5_000  # of one map; the oldest are dropped
+MAX_BYTES: Final = 10_000  # of one picture
+MAX_PICTURES: Final = 5_000  # of one map; the oldest are dropped
 _NUMBER = re.compile(r".*/object/([0-9]{1,18})")
 _NAME = re.compile(r"[0-9]{1,18}-[0-9a-f]{8}\.jpg")
 
@@ -28,7 +28,7 @@ class ObjectPictures:
         path = self._path(record)
         if path is None or path.is_symlink() or not path.is_file():
             return None  # a link may lead to files that are not the map's
-        return path if path.stat().st_size <= MOST_BYTES else None
+        return path if path.stat().st_size <= MAX_BYTES else None
 
     def write(self, record: ObjectRecord, jpeg: bytes) -> None:
         """Keep `jpeg` as the picture of the observation that explains `record`.
@@ -38,8 +38,8 @@ class ObjectPictures:
         path = self._path(record)
         if path is None:
             return
-        if len(jpeg) > MOST_BYTES:
-            raise ValueError(f"a picture has up to {MOST_BYTES} bytes, got {len(jpeg)}")
+        if len(jpeg) > MAX_BYTES:
+            raise ValueError(f"a picture has up to {MAX_BYTES} bytes, got {len(jpeg)}")
         part = path.with_suffix(".part")
         try:
             self._folder.mkdir(exist_ok=True)
@@ -62,8 +62,8 @@ class ObjectPictures:
         if not self._folder.is_dir():
             return
         paths = [path for path in self._folder.iterdir() if _NAME.fullmatch(path.name)]
-        if len(paths) > MOST_PICTURES:
-            for path in sorted(paths, key=lambda p: p.stat().st_mtime)[:-MOST_PICTURES]:
+        if len(paths) > MAX_PICTURES:
+            for path in sorted(paths, key=lambda p: p.stat().st_mtime)[:-MAX_PICTURES]:
                 path.unlink(missing_ok=True)
 
     def _path(self, record: ObjectRecord) -> Path | None:

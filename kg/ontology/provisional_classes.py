@@ -21,8 +21,8 @@ from kg.ontology.loading import load_ontologies, superclasses
 from kg.store.transactional import TransactionalStore
 from kg.transactions import Cause, ChangeSet
 
-LONGEST_LABEL: Final = 200  # characters
-LONGEST_NOTE: Final = 500  # characters kept with the transaction
+MAX_LABEL: Final = 200  # characters
+MAX_NOTE: Final = 500  # characters kept with the transaction
 
 _ONTOLOGY: Final = NamedNode(v.ONTOLOGY_GRAPH)
 _COMMONSENSE: Final = NamedNode(v.COMMONSENSE_GRAPH)
@@ -40,7 +40,7 @@ _COMMENTS: Final = {
 def clean(label: str) -> str:
     """Normalised label of a category: printable, single spaces, truncated; may be empty."""
     text = "".join(c if c.isprintable() else " " for c in label)
-    return " ".join(text.split())[:LONGEST_LABEL].rstrip()
+    return " ".join(text.split())[:MAX_LABEL].rstrip()
 
 
 def provisional_iri(label: str, kind: str) -> str:
@@ -79,7 +79,7 @@ def add_provisional_classes(
             Quad(NamedNode(iri), _IS_A, NamedNode(one), _COMMONSENSE) for one in sorted(every)
         ]
     names = ", ".join(new.values())
-    cause = Cause("ontology", model, f"provisional {kind} categories: {names}"[:LONGEST_NOTE])
+    cause = Cause("ontology", model, f"provisional {kind} categories: {names}"[:MAX_NOTE])
     return store.commit([], added, cause)
 
 

@@ -24,7 +24,7 @@ from kg.rdf.skolem import named
 from kg.store.transactional import TransactionalStore
 from kg.transactions import Cause, ChangeSet
 
-LONGEST_NOTE: Final = 500  # characters of the change in words kept with its transaction
+MAX_NOTE: Final = 500  # characters of the change in words kept with its transaction
 
 _ONTOLOGY: Final = NamedNode(v.ONTOLOGY_GRAPH)
 _COMMONSENSE: Final = NamedNode(v.COMMONSENSE_GRAPH)
@@ -70,7 +70,7 @@ def replace_ontology(
     differences = tuple(changes(old, new))
     if any(isinstance(q.subject, BlankNode) or isinstance(q.object, BlankNode) for q in stored):
         store.rewrite_graph(_ONTOLOGY, old)
-    note = "; ".join(change.words for change in differences)[:LONGEST_NOTE]
+    note = "; ".join(change.words for change in differences)[:MAX_NOTE]
     removed, added = set(old) - set(new), set(new) - set(old)
     commit = store.commit(
         sorted([*removed, *delete], key=str),

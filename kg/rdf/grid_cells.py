@@ -12,7 +12,7 @@ import math
 from kg.vocabulary import CELL
 
 SIDE = 5.0  # [m]
-MOST = 2500  # cells worth naming in a query; beyond it a plain filter is as quick
+MAX_CELLS = 2500  # cells worth naming in a query; beyond it a plain filter is as quick
 
 
 def cell_of(x: float, y: float) -> str:
@@ -26,7 +26,7 @@ def cells_of_box(xmin: float, xmax: float, ymin: float, ymax: float) -> tuple[st
         return None
     west, east = math.floor(xmin / SIDE), math.floor(xmax / SIDE)
     south, north = math.floor(ymin / SIDE), math.floor(ymax / SIDE)
-    if (east - west + 1) * (north - south + 1) > MOST:
+    if (east - west + 1) * (north - south + 1) > MAX_CELLS:
         return None
     columns, rows = range(west, east + 1), range(south, north + 1)
     return tuple(f"{CELL}{column}_{row}" for column in columns for row in rows)

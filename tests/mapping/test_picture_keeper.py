@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from kg.maps.object_pictures import MOST_BYTES, ObjectPictures
+from kg.maps.object_pictures import MAX_BYTES, ObjectPictures
 from kg.opening import create_map, in_memory_map
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
@@ -49,7 +49,7 @@ def test_each_object_has_the_picture_of_its_best_observation(tmp_path, coloured,
     picture = decoded(path.read_bytes())
     middle = picture[picture.shape[0] // 2, picture.shape[1] // 2].astype(int)
     assert np.abs(middle - RED).max() < 30
-    assert max(picture.shape) <= LONGEST and path.stat().st_size <= MOST_BYTES
+    assert max(picture.shape) <= LONGEST and path.stat().st_size <= MAX_BYTES
     assert cup.evidence is not None
 
 
@@ -92,8 +92,8 @@ def test_people_in_a_picture_are_made_unrecognisable():
     rgb = np.repeat(CHECKERED[:, :, None], 3, axis=2)
     everybody = np.array([[0, 0, 65, 49]], np.float32)
     nobody = np.zeros((0, 4), np.float32)
-    sharp = decoded(object_picture(rgb, BOX, nobody, MOST_BYTES))
-    coarse = decoded(object_picture(rgb, BOX, everybody, MOST_BYTES))
+    sharp = decoded(object_picture(rgb, BOX, nobody, MAX_BYTES))
+    coarse = decoded(object_picture(rgb, BOX, everybody, MAX_BYTES))
     assert sharp.std() > 60
     assert coarse.std() < sharp.std() / 3
 
@@ -102,8 +102,8 @@ def test_people_in_a_picture_are_made_unrecognisable():
 def test_a_box_that_shows_nothing_has_no_picture(box):
     nobody = np.zeros((0, 4), np.float32)
     rgb = np.zeros((49, 65, 3), np.uint8)
-    data = object_picture(rgb, tuple(map(float, box)), nobody, MOST_BYTES)
-    assert data is None or len(data) <= MOST_BYTES
+    data = object_picture(rgb, tuple(map(float, box)), nobody, MAX_BYTES)
+    assert data is None or len(data) <= MAX_BYTES
 
 
 def test_a_picture_that_cannot_be_small_enough_is_none():
@@ -113,7 +113,7 @@ def test_a_picture_that_cannot_be_small_enough_is_none():
 
 
 def test_pictures_of_others_are_not_dropped(tmp_path, monkeypatch):
-    monkeypatch.setattr("kg.maps.object_pictures.MOST_PICTURES", 1)
+    monkeypatch.setattr("kg.maps.object_pictures.MAX_PICTURES", 1)
     (tmp_path / "pictures").mkdir()
     for name in ("1-0123abcd.jpg", "2-0123abcd.jpg", "holiday.jpg", "holiday-2.jpg"):
         (tmp_path / "pictures" / name).write_bytes(b"")
