@@ -36,14 +36,13 @@ from kg.store.transactional import sequence_quad
 from kg.transactions import Cause, ChangeSet
 
 BASE = "https://w3id.org/hereabouts/maps/bench/"
-_MAP, _ONTOLOGY = NamedNode(v.MAP_GRAPH), NamedNode(v.ONTOLOGY_GRAPH)
 _TIME = NamedNode(v.XSD + "dateTime")
 CATEGORIES = 50
 SEEN = 20  # objects a frame
 FIRST = first_quads("bench", BASE)  # ontology and common sense
 KINDS = [
     c.iri
-    for c in Catalogue.from_quads(q for q in FIRST if q.graph_name == _ONTOLOGY).categories
+    for c in Catalogue.from_quads(q for q in FIRST if q.graph_name == v.ONTOLOGY_GRAPH).categories
     if c.kind == "object"
 ][:CATEGORIES]
 THREE = "SELECT ?thing ?x ?y { ?thing here:x ?x ; here:y ?y ; here:existence ?e FILTER(?e > 0.9) }"
@@ -54,7 +53,7 @@ def state(number: int, count: int, rng: random.Random) -> set[Quad]:
     """An object as the map describes it after `count` sightings."""
     stamp = Literal(time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(1e9 + count)), datatype=_TIME)
     facts = {
-        v.RDF_TYPE: NamedNode(KINDS[number % CATEGORIES]),
+        v.RDF_TYPE.value: NamedNode(KINDS[number % CATEGORIES]),
         v.RDFS_LABEL: Literal(f"thing {number}"),
         v.X: Literal(round(number + rng.gauss(0, 0.05), 2)),
         v.Y: Literal(round(rng.gauss(0, 0.05), 2)),
@@ -67,14 +66,14 @@ def state(number: int, count: int, rng: random.Random) -> set[Quad]:
     }
     facts[v.IN_CELL] = NamedNode(cell_of(float(facts[v.X].value), float(facts[v.Y].value)))
     subject = NamedNode(f"{BASE}object/{number}")
-    return {Quad(subject, NamedNode(p), value, _MAP) for p, value in facts.items()}
+    return {Quad(subject, NamedNode(p), value, v.MAP_GRAPH) for p, value in facts.items()}
 
 
 def robot(frame: int) -> set[Quad]:
     """The robot on its way."""
     subject = NamedNode(BASE + "robot")
     facts = {v.X: Literal(round(frame * 0.03, 2)), v.HEADING: Literal(frame % 628 / 100)}
-    return {Quad(subject, NamedNode(p), value, _MAP) for p, value in facts.items()}
+    return {Quad(subject, NamedNode(p), value, v.MAP_GRAPH) for p, value in facts.items()}
 
 
 def write(log: HistoryLog, observations: int, objects: int) -> list[float]:

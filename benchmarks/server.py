@@ -127,7 +127,7 @@ def _beside_writer(client: _Client, semantic_map: SemanticMap) -> None:
         while not stop.wait(1 / 30):
             number += 1
             thing, at = NamedNode(f"urn:object:{number % 20}"), NamedNode(v.X)
-            quad = Quad(thing, at, Literal(number / 7), NamedNode(v.MAP_GRAPH))
+            quad = Quad(thing, at, Literal(number / 7), v.MAP_GRAPH)
             semantic_map.store.commit([], [quad], Cause("update"))
 
     writer = threading.Thread(target=write)

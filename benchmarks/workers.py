@@ -30,7 +30,6 @@ from kg.workers.snapshots import Snapshots
 ASK = "ASK {here:Kitchen here:isA here:Place}"
 TABLE = "SELECT ?o ?x {?o a here:Chair ; here:x ?x} LIMIT 1000"
 RUNAWAY = "SELECT (SUM(STRLEN(STR(?a))) AS ?n) {?a ?b ?c. ?d ?e ?f. ?g ?h ?i}"
-_GRAPH = NamedNode(v.MAP_GRAPH)
 
 
 def main() -> None:
@@ -170,7 +169,7 @@ def _report(what: str, seconds: list[float]) -> None:
 def _write(live: SemanticMap, number: int) -> None:
     at = NamedNode(v.HERE + "x")
     thing = NamedNode(f"{live.base}object/{number % 20}")
-    live.store.commit([], [Quad(thing, at, Literal(number / 7), _GRAPH)], Cause("update"))
+    live.store.commit([], [Quad(thing, at, Literal(number / 7), v.MAP_GRAPH)], Cause("update"))
 
 
 def _objects(count: int) -> Iterator[Quad]:
@@ -179,9 +178,9 @@ def _objects(count: int) -> Iterator[Quad]:
     generator = np.random.default_rng(1)
     for number in range(count):
         thing = NamedNode(f"urn:object:{number}")
-        yield Quad(thing, NamedNode(v.RDF_TYPE), kinds[number % len(kinds)], _GRAPH)
+        yield Quad(thing, v.RDF_TYPE, kinds[number % len(kinds)], v.MAP_GRAPH)
         for name, value in zip("xyzabcdefghijk", generator.random(14), strict=True):
-            yield Quad(thing, NamedNode(v.HERE + name), Literal(float(value)), _GRAPH)
+            yield Quad(thing, NamedNode(v.HERE + name), Literal(float(value)), v.MAP_GRAPH)
 
 
 if __name__ == "__main__":

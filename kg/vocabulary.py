@@ -1,12 +1,15 @@
-"""Every IRI that code may name. Nothing else in Python spells one out.
+"""Every IRI that code may name; no other module spells one out.
 
-A plain namespace of `Final` strings: a misspelt term is an AttributeError that type checkers see.
+Named graphs, datatypes and rdf:type are `NamedNode`s, as quads hold them. Other terms are strings,
+as records and tables hold them. All are `Final` names, so that type checkers see a misspelt one.
 The object and place categories themselves are data (`ontologies/`), never constants here.
 """
 
 from __future__ import annotations
 
 from typing import Final
+
+from pyoxigraph import NamedNode
 
 HERE: Final = "https://w3id.org/hereabouts#"
 GRAPH: Final = "https://w3id.org/hereabouts/graph/"
@@ -24,13 +27,15 @@ ROOMS_ONTOLOGY: Final = "https://w3id.org/hereabouts/ontology/rooms/"  # + the s
 PROVISIONAL: Final = "https://w3id.org/hereabouts/provisional/"
 
 # named graphs
-ONTOLOGY_GRAPH: Final = GRAPH + "ontology"
-COMMONSENSE_GRAPH: Final = GRAPH + "commonsense"
-MAP_GRAPH: Final = GRAPH + "map"
-HISTORY_GRAPH: Final = GRAPH + "history"
-ASSERTIONS_GRAPH: Final = GRAPH + "assertions"
-DATASET_GRAPH: Final = GRAPH + "dataset"
-PUBLISHED_GRAPH: Final = GRAPH + "published"  # of a mirror: how far each map is published
+ONTOLOGY_GRAPH: Final = NamedNode(GRAPH + "ontology")
+COMMONSENSE_GRAPH: Final = NamedNode(GRAPH + "commonsense")
+MAP_GRAPH: Final = NamedNode(GRAPH + "map")
+HISTORY_GRAPH: Final = NamedNode(GRAPH + "history")
+ASSERTIONS_GRAPH: Final = NamedNode(GRAPH + "assertions")
+DATASET_GRAPH: Final = NamedNode(GRAPH + "dataset")
+PUBLISHED_GRAPH: Final = NamedNode(
+    GRAPH + "published"
+)  # of a mirror: how far each map is published
 
 # classes
 OBJECT: Final = HERE + "Object"
@@ -179,7 +184,7 @@ FROM_RECORDING: Final = HERE + "fromRecording"
 SCENE_MODEL: Final = HERE + "sceneModel"
 
 # borrowed terms
-RDF_TYPE: Final = "http://www.w3.org/1999/02/22-rdf-syntax-ns#type"
+RDF_TYPE: Final = NamedNode("http://www.w3.org/1999/02/22-rdf-syntax-ns#type")
 RDFS_LABEL: Final = "http://www.w3.org/2000/01/rdf-schema#label"
 RDFS_DEFINED_BY: Final = "http://www.w3.org/2000/01/rdf-schema#isDefinedBy"
 RDFS_COMMENT: Final = "http://www.w3.org/2000/01/rdf-schema#comment"
@@ -207,11 +212,11 @@ XSD: Final = "http://www.w3.org/2001/XMLSchema#"
 GEO_FEATURE: Final = "http://www.opengis.net/ont/geosparql#Feature"
 GEO_GEOMETRY: Final = "http://www.opengis.net/ont/geosparql#Geometry"
 GEOF_SF_WITHIN: Final = "http://www.opengis.net/def/function/geosparql/sfWithin"
-GEO_WKT_LITERAL: Final = "http://www.opengis.net/ont/geosparql#wktLiteral"
+GEO_WKT_LITERAL: Final = NamedNode("http://www.opengis.net/ont/geosparql#wktLiteral")
 MATH_SQRT: Final = "http://www.w3.org/2005/xpath-functions/math#sqrt"
-XSD_DOUBLE: Final = XSD + "double"
-XSD_BASE64: Final = XSD + "base64Binary"
-XSD_HEX: Final = XSD + "hexBinary"
+XSD_DOUBLE: Final = NamedNode(XSD + "double")
+XSD_BASE64: Final = NamedNode(XSD + "base64Binary")
+XSD_HEX: Final = NamedNode(XSD + "hexBinary")
 OWL_THING: Final = "http://www.w3.org/2002/07/owl#Thing"
 OWL_VERSION_INFO: Final = "http://www.w3.org/2002/07/owl#versionInfo"
 OWL_ONTOLOGY: Final = "http://www.w3.org/2002/07/owl#Ontology"

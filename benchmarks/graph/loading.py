@@ -39,7 +39,7 @@ def furnished(path: Path, size: int, seed: int = 0) -> tuple[SemanticMap, Buildi
 
 
 def _count_up(store: TransactionalStore, number: int) -> None:
-    graph, base = NamedNode(v.DATASET_GRAPH), NamedNode(BASE)
+    graph, base = v.DATASET_GRAPH, NamedNode(BASE)
     predicate = NamedNode(v.NEXT_OBJECT)
     for quad in tuple(store.engine.quads_for_pattern(base, predicate, None, graph)):
         store.native.remove(quad)

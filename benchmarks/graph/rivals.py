@@ -118,7 +118,7 @@ def _measure(
 
 
 def _facts(semantic_map: SemanticMap) -> Iterator[Quad]:
-    return semantic_map.engine.quads_for_pattern(None, None, None, NamedNode(v.MAP_GRAPH))
+    return semantic_map.engine.quads_for_pattern(None, None, None, v.MAP_GRAPH)
 
 
 def _triple(quad: Quad) -> tuple[rdflib.term.Node, rdflib.term.Node, rdflib.term.Node]:

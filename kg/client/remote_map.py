@@ -37,8 +37,6 @@ from kg.update.restoration import Restored
 
 RETRY_AFTER: Final = 5.0  # [s] until a refused subscription to the change stream is retried
 
-_ONTOLOGY: Final = NamedNode(v.ONTOLOGY_GRAPH)
-
 
 class RemoteMap(SemanticMap):
     """As `SemanticMap`; a server's token, in HEREABOUTS_TOKEN, identifies who writes.
@@ -326,7 +324,7 @@ class RemoteMap(SemanticMap):
                 continue
             if isinstance(self.engine, SparqlBackend):
                 self.engine.not_before(change.sequence)
-            if any(q.graph_name == _ONTOLOGY for q in (*change.added, *change.removed)):
+            if any(q.graph_name == v.ONTOLOGY_GRAPH for q in (*change.added, *change.removed)):
                 self.reread_ontology()
             self._notified = change.sequence
             self._store.notify(change)

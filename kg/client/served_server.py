@@ -167,7 +167,7 @@ class ServedClient:
 
     def take_ontology(self, triples: bytes, decode: Callable[[Json], T], *, whole: bool) -> T:
         """Replace the ontology by N-Triples; returns the reply as `decode` reads it."""
-        path = f"graphs/{v.ONTOLOGY_GRAPH.removeprefix(v.GRAPH)}"
+        path = f"graphs/{v.ONTOLOGY_GRAPH.value.removeprefix(v.GRAPH)}"
         params, headers = {"whole": "true"} if whole else {}, {"Content-Type": _N_TRIPLES}
         return self._decoded(decode, "PUT", path, params, data=triples, headers=headers)
 

@@ -27,7 +27,7 @@ from kg.rdf.parsing import parse_file
 _KINDS: Final = (v.LOCATED_AT, v.NEAR_BY, v.RDFS_SUB_CLASS_OF)
 #: Header properties that the importer writes; others were written by people.
 _OF_HEADER: Final = (
-    *(v.RDF_TYPE, v.RDFS_LABEL, v.RDFS_COMMENT, v.DCT_LICENSE, v.DCT_SOURCE),
+    *(v.RDF_TYPE.value, v.RDFS_LABEL, v.RDFS_COMMENT, v.DCT_LICENSE, v.DCT_SOURCE),
     *(v.OWL_VERSION_INFO, v.IMPORTED_RELATIONS),
 )
 _IMPORTS: Final = (v.OBJECTS_ONTOLOGY, v.PLACES_ONTOLOGY)
@@ -73,9 +73,7 @@ def read_imported_file(path: Path) -> ImportedFile:
     if not path.exists():
         return ImportedFile()
     triples = _parsed(path)
-    header = Triple(
-        NamedNode(v.CONCEPTNET_ONTOLOGY), NamedNode(v.RDF_TYPE), NamedNode(v.OWL_ONTOLOGY)
-    )
+    header = Triple(NamedNode(v.CONCEPTNET_ONTOLOGY), v.RDF_TYPE, NamedNode(v.OWL_ONTOLOGY))
     if header not in triples:
         raise ConceptNetError(
             f"{path} is no file of this importer (no ontology <{v.CONCEPTNET_ONTOLOGY}> in it): "

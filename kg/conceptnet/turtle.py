@@ -139,8 +139,8 @@ def _object(term: NamedNode | Literal) -> str:
 
 
 def _literal(literal: Literal) -> str:
-    return literal.value if literal.datatype.value == v.XSD_DOUBLE else str(literal)
+    return literal.value if literal.datatype == v.XSD_DOUBLE else str(literal)
 
 
 def _double(value: float) -> Literal:
-    return Literal(f"{value!r}e0", datatype=NamedNode(v.XSD_DOUBLE))
+    return Literal(f"{value!r}e0", datatype=v.XSD_DOUBLE)

@@ -50,5 +50,5 @@ def export_ontology(semantic_map: SemanticMap, path: Path) -> int:
 
 def _order(triple: Triple) -> tuple[bool, str, bool, str, str]:
     subject = str(triple.subject)
-    is_type = triple.predicate.value == v.RDF_TYPE
+    is_type = triple.predicate == v.RDF_TYPE
     return subject.startswith("_:"), subject, not is_type, str(triple.predicate), str(triple.object)

@@ -17,7 +17,6 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 from kg import vocabulary as v
 from kg.ontology.import_closure import headers_of
 
-_TYPE: Final = NamedNode(v.RDF_TYPE)
 _KEPT: Final = {v.DCT_LICENSE, v.OWL_VERSION_INFO}  # of the merged headers
 _BUILT_IN: Final = tuple(v.PREFIXES[name] for name in ("rdf", "rdfs", "owl", "xsd"))
 _CLASSES: Final = {v.OWL_CLASS, v.RDFS_DATATYPE}
@@ -44,7 +43,7 @@ def with_one_header(triples: Iterable[Triple], iri: str, label: str) -> list[Tri
     parts = headers_of(triples)
     own = NamedNode(iri)
     facts: list[tuple[str, NamedNode | Literal]] = [
-        (v.RDF_TYPE, NamedNode(v.OWL_ONTOLOGY)),
+        (v.RDF_TYPE.value, NamedNode(v.OWL_ONTOLOGY)),
         (v.RDFS_LABEL, Literal(label)),
         (v.RDFS_COMMENT, Literal("What the map knew about the world when this was written.")),
     ]
@@ -61,15 +60,15 @@ def with_one_header(triples: Iterable[Triple], iri: str, label: str) -> list[Tri
 def _in_hexadecimal(triple: Triple) -> Triple:
     """The triple with xsd:hexBinary instead of xsd:base64Binary, as datatype and as term."""
     value = triple.object
-    if isinstance(value, NamedNode) and value.value == v.XSD_BASE64:
-        return Triple(triple.subject, triple.predicate, NamedNode(v.XSD_HEX))
-    if not isinstance(value, Literal) or value.datatype.value != v.XSD_BASE64:
+    if value == v.XSD_BASE64:
+        return Triple(triple.subject, triple.predicate, v.XSD_HEX)
+    if not isinstance(value, Literal) or value.datatype != v.XSD_BASE64:
         return triple
     try:
         text = base64.b64decode(value.value).hex().upper()
     except ValueError:
         return triple
-    return Triple(triple.subject, triple.predicate, Literal(text, datatype=NamedNode(v.XSD_HEX)))
+    return Triple(triple.subject, triple.predicate, Literal(text, datatype=v.XSD_HEX))
 
 
 def _declarations(triples: list[Triple]) -> Iterator[Triple]:
@@ -77,7 +76,7 @@ def _declarations(triples: list[Triple]) -> Iterator[Triple]:
     declared: dict[str, set[str]] = defaultdict(set)
     values: dict[str, list[object]] = defaultdict(list)
     for triple in triples:
-        if triple.predicate != _TYPE:
+        if triple.predicate != v.RDF_TYPE:
             values[triple.predicate.value].append(triple.object)
         elif isinstance(triple.subject, NamedNode) and isinstance(triple.object, NamedNode):
             declared[triple.subject.value].add(triple.object.value)
@@ -107,4 +106,4 @@ def _kind(values: Iterable[object], declared: dict[str, set[str]]) -> str:
 def _typed(iris: Iterable[str], kind: str) -> Iterator[Triple]:
     for iri in sorted(iris):
         if not iri.startswith(_BUILT_IN):
-            yield Triple(NamedNode(iri), _TYPE, NamedNode(kind))
+            yield Triple(NamedNode(iri), v.RDF_TYPE, NamedNode(kind))

@@ -52,8 +52,13 @@ _ALIASES: Final = {
 }
 
 _WITH_GRAPHS: Final = ("trig", "nq")
-_GRAPHS = (v.DATASET_GRAPH, v.MAP_GRAPH, v.ASSERTIONS_GRAPH, v.HISTORY_GRAPH)
-_FIRST = {v.RDF_TYPE: 0, v.RDFS_LABEL: 1}
+_GRAPHS = (
+    v.DATASET_GRAPH.value,
+    v.MAP_GRAPH.value,
+    v.ASSERTIONS_GRAPH.value,
+    v.HISTORY_GRAPH.value,
+)
+_FIRST = {v.RDF_TYPE.value: 0, v.RDFS_LABEL: 1}
 _DOUBLE = NamedNode(v.XSD + "double")
 _Prefixes = dict[str, str]
 
@@ -87,17 +92,17 @@ def export_text(semantic_map: SemanticMap, format: str, *, ontology: bool = True
 
 def export_quads(semantic_map: SemanticMap, *, ontology: bool = True) -> list[Quad]:
     """Quads of an export in their order, geometries included."""
-    graphs = (*_GRAPHS, v.ONTOLOGY_GRAPH) if ontology else _GRAPHS
+    graphs = (*_GRAPHS, v.ONTOLOGY_GRAPH.value) if ontology else _GRAPHS
     engine = semantic_map.engine
     quads = {
         graph: tuple(engine.quads_for_pattern(None, None, None, NamedNode(graph)))
         for graph in graphs
     }
     codec = RecordCodec(semantic_map.base, semantic_map.catalogue)
-    things = codec.objects_among(quads[v.MAP_GRAPH]), semantic_map.places()
-    base, stored = semantic_map.base, by_subject(quads[v.MAP_GRAPH])
-    quads[v.MAP_GRAPH] += tuple(geometry_quads(base, *things, semantic_map.robot()))
-    quads[v.MAP_GRAPH] += tuple(standard_quads(base, stored))
+    things = codec.objects_among(quads[v.MAP_GRAPH.value]), semantic_map.places()
+    base, stored = semantic_map.base, by_subject(quads[v.MAP_GRAPH.value])
+    quads[v.MAP_GRAPH.value] += tuple(geometry_quads(base, *things, semantic_map.robot()))
+    quads[v.MAP_GRAPH.value] += tuple(standard_quads(base, stored))
     return [
         quad
         for graph in graphs

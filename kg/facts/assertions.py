@@ -32,10 +32,8 @@ PLACE_PROPERTIES: Final = ("category", "label")
 CONFLICT_DISTANCE: Final = 0.5
 MIN_CONFIDENCE: Final = 0.01  # of an object that only an assertion keeps in the map
 
-_ASSERTIONS: Final = NamedNode(v.ASSERTIONS_GRAPH)
 _OF: Final = NamedNode(v.ASSERTED_OF)
 _VALUE: Final = NamedNode(v.ASSERTED_VALUE)
-_TYPE: Final = NamedNode(v.RDF_TYPE)
 
 PropertyAssertions = Mapping[str, Assertion]  # by property
 
@@ -48,11 +46,11 @@ class Assertions:
 
     def any(self, store: QuadStore) -> bool:
         """Whether the map has any assertion."""
-        return next(store.quads_for_pattern(None, _OF, None, _ASSERTIONS), None) is not None
+        return next(store.quads_for_pattern(None, _OF, None, v.ASSERTIONS_GRAPH), None) is not None
 
     def of(self, store: QuadStore, subject: str) -> dict[str, Assertion]:
         """The assertions about a subject, by property."""
-        nodes = store.quads_for_pattern(None, _OF, NamedNode(subject), _ASSERTIONS)
+        nodes = store.quads_for_pattern(None, _OF, NamedNode(subject), v.ASSERTIONS_GRAPH)
         assertions = (
             self._read(store, q.subject.value) for q in nodes if isinstance(q.subject, NamedNode)
         )
@@ -60,7 +58,7 @@ class Assertions:
 
     def all(self, store: QuadStore) -> tuple[Assertion, ...]:
         """All assertions, by subject and property."""
-        nodes = store.quads_for_pattern(None, _OF, None, _ASSERTIONS)
+        nodes = store.quads_for_pattern(None, _OF, None, v.ASSERTIONS_GRAPH)
         assertions = [
             self._read(store, q.subject.value) for q in nodes if isinstance(q.subject, NamedNode)
         ]
@@ -80,18 +78,18 @@ class Assertions:
 
     def stored(self, store: QuadStore, subject: str) -> Iterator[Quad]:
         """All quads of graph:assertions about a subject."""
-        for quad in store.quads_for_pattern(None, _OF, NamedNode(subject), _ASSERTIONS):
-            for fact in store.quads_for_pattern(quad.subject, None, None, _ASSERTIONS):
+        for quad in store.quads_for_pattern(None, _OF, NamedNode(subject), v.ASSERTIONS_GRAPH):
+            for fact in store.quads_for_pattern(quad.subject, None, None, v.ASSERTIONS_GRAPH):
                 yield fact
                 if fact.predicate.value == v.PERCEIVED_BELIEF and not isinstance(
                     fact.object, Literal
                 ):
-                    yield from store.quads_for_pattern(fact.object, None, None, _ASSERTIONS)
+                    yield from store.quads_for_pattern(fact.object, None, None, v.ASSERTIONS_GRAPH)
 
     def naming(self, store: QuadStore, other: str) -> Iterator[Quad]:
         """All quads of assertions by which something is on or inside the object `other`."""
-        for quad in store.quads_for_pattern(None, _VALUE, NamedNode(other), _ASSERTIONS):
-            yield from store.quads_for_pattern(quad.subject, None, None, _ASSERTIONS)
+        for quad in store.quads_for_pattern(None, _VALUE, NamedNode(other), v.ASSERTIONS_GRAPH):
+            yield from store.quads_for_pattern(quad.subject, None, None, v.ASSERTIONS_GRAPH)
 
     def quads(self, assertion: Assertion) -> list[Quad]:
         """Quads of an assertion and of its author."""
@@ -100,7 +98,7 @@ class Assertions:
             raise InvalidFactError(f"the author's name must be Unicode text, got {assertion.by!r}")
         agent = agent_iri(self.base, assertion.by)
         facts: list[tuple[str, str, NamedNode | Literal]] = [
-            (node, v.RDF_TYPE, NamedNode(v.ASSERTION)),
+            (node, v.RDF_TYPE.value, NamedNode(v.ASSERTION)),
             (node, v.ASSERTED_OF, NamedNode(assertion.subject)),
             (node, v.ASSERTED_PROPERTY, Literal(assertion.property)),
             (node, v.ASSERTED_VALUE, _term(assertion.property, assertion.value)),
@@ -118,12 +116,12 @@ class Assertions:
             held = f"{node}/perceived/{quote(category.removeprefix(v.HERE), safe='')}"
             facts += [
                 (node, v.PERCEIVED_BELIEF, NamedNode(held)),
-                (held, v.RDF_TYPE, NamedNode(v.PLACE_BELIEF)),
+                (held, v.RDF_TYPE.value, NamedNode(v.PLACE_BELIEF)),
                 (held, v.OF_CATEGORY, NamedNode(category)),
                 (held, v.BELIEF, Literal(round(belief, 2) + 0.0)),
             ]
-        quads = [Quad(NamedNode(s), NamedNode(p), o, _ASSERTIONS) for s, p, o in facts]
-        return [*quads, *agent_quads(self.base, assertion.by, _ASSERTIONS)]
+        quads = [Quad(NamedNode(s), NamedNode(p), o, v.ASSERTIONS_GRAPH) for s, p, o in facts]
+        return [*quads, *agent_quads(self.base, assertion.by, v.ASSERTIONS_GRAPH)]
 
     def _local(self, subject: str) -> str:
         kept = subject.removeprefix(self.base)
@@ -153,7 +151,7 @@ class Assertions:
 def agent_quads(base: str, name: str, graph: NamedNode) -> Iterator[Quad]:
     """Type and label of the author `name` (prov:Agent)."""
     node = NamedNode(agent_iri(base, name))
-    yield Quad(node, _TYPE, NamedNode(v.PROV_AGENT), graph)
+    yield Quad(node, v.RDF_TYPE, NamedNode(v.PROV_AGENT), graph)
     yield Quad(node, NamedNode(v.RDFS_LABEL), Literal(name), graph)
 
 
@@ -331,7 +329,7 @@ def _term(prop: str, value: str) -> NamedNode | Literal:
 def _values(store: QuadStore, node: str) -> dict[str, list[str]]:
     """Values of one node in graph:assertions: IRIs and lexical forms by predicate."""
     values: dict[str, list[str]] = {}
-    for quad in store.quads_for_pattern(NamedNode(node), None, None, _ASSERTIONS):
+    for quad in store.quads_for_pattern(NamedNode(node), None, None, v.ASSERTIONS_GRAPH):
         text = str(getattr(quad.object, "value", quad.object))
         values.setdefault(quad.predicate.value, []).append(text)
     return values

@@ -35,8 +35,6 @@ from kg.store.sparql_backend import reading_ahead
 #: Predicates that only objects that left have.
 OWN: Final = frozenset((v.FOUND_GONE, v.PEAK_EXISTENCE))
 
-_MAP: Final = NamedNode(v.MAP_GRAPH)
-_TYPE: Final = NamedNode(v.RDF_TYPE)
 _DEPARTED: Final = NamedNode(v.DEPARTED_OBJECT)
 
 
@@ -53,7 +51,7 @@ def departed_quads(record: DepartedRecord) -> list[Quad]:
             f"{what}: first seen, last seen and found gone must be in this order"
         )
     facts: list[tuple[str, NamedNode | Literal]] = [
-        (v.RDF_TYPE, _DEPARTED),
+        (v.RDF_TYPE.value, _DEPARTED),
         (v.OF_CATEGORY, iri_node(record.category, what)),
         (v.PEAK_EXISTENCE, share_literal(record.peak, f"{what}: peak")),
         (v.OBSERVATION_COUNT, Literal(record.observations)),
@@ -70,15 +68,15 @@ def departed_quads(record: DepartedRecord) -> list[Quad]:
 def departed_in(store: QuadStore, iris: Collection[str] | None = None) -> list[DepartedRecord]:
     """Objects that left, or those among `iris`, by when they were found gone; oldest first."""
     if iris is None:
-        quads = store.quads_for_pattern(None, _TYPE, _DEPARTED, _MAP)
+        quads = store.quads_for_pattern(None, v.RDF_TYPE, _DEPARTED, v.MAP_GRAPH)
         nodes = [quad.subject for quad in quads if isinstance(quad.subject, NamedNode)]
     else:
         nodes = [iri_node(iri, "object") for iri in iris]
     found = list[DepartedRecord]()
     with reading_ahead(store, nodes):
         for node in nodes:
-            held = properties_of(store, node.value, _MAP)
-            left = v.DEPARTED_OBJECT in held.get(v.RDF_TYPE, ())
+            held = properties_of(store, node.value, v.MAP_GRAPH)
+            left = v.DEPARTED_OBJECT in held.get(v.RDF_TYPE.value, ())
             if left and {v.OF_CATEGORY, v.X, v.Y} <= held.keys():
                 found.append(_record(node.value, held))
     return sorted(found, key=lambda record: (record.found_gone, iri_order(record.iri)))

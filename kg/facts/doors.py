@@ -13,10 +13,7 @@ from kg.rdf.quad_store import QuadStore
 from kg.records import DoorRecord
 
 #: Predicates of a door that the writer owns; others are kept as people wrote them.
-OWN: Final = {v.RDF_TYPE, v.RDFS_LABEL, v.X, v.Y, v.WIDTH, v.BOT_INTERFACE_OF}
-
-_MAP = NamedNode(v.MAP_GRAPH)
-_TYPE = NamedNode(v.RDF_TYPE)
+OWN: Final = {v.RDF_TYPE.value, v.RDFS_LABEL, v.X, v.Y, v.WIDTH, v.BOT_INTERFACE_OF}
 
 
 def facts_of_door(door: DoorRecord) -> list[Quad]:
@@ -25,7 +22,7 @@ def facts_of_door(door: DoorRecord) -> list[Quad]:
     if len(set(door.places)) != 2:
         raise InvalidFactError(f"{what}: a door is between two places, got {door.places}")
     facts: list[tuple[str, NamedNode | Literal]] = [
-        (v.RDF_TYPE, known_iri(v.DOOR)),
+        (v.RDF_TYPE.value, known_iri(v.DOOR)),
         (v.RDFS_LABEL, Literal("door " + door.iri.rstrip("/").rpartition("/")[2])),
         (v.X, number_literal(door.x, f"{what}: x")),
         (v.Y, number_literal(door.y, f"{what}: y")),
@@ -33,14 +30,14 @@ def facts_of_door(door: DoorRecord) -> list[Quad]:
         *((v.BOT_INTERFACE_OF, iri_node(place, f"{what}: place")) for place in door.places),
     ]
     node = iri_node(door.iri, "door")
-    return [Quad(node, known_iri(predicate), value, _MAP) for predicate, value in facts]
+    return [Quad(node, known_iri(predicate), value, v.MAP_GRAPH) for predicate, value in facts]
 
 
 def doors_in(engine: QuadStore) -> tuple[DoorRecord, ...]:
     """All doors between two places, by IRI; what lacks a place, or a position, is left out."""
     found = []
-    for quad in engine.quads_for_pattern(None, _TYPE, NamedNode(v.DOOR), _MAP):
-        held = properties_of(engine, getattr(quad.subject, "value", ""), _MAP)
+    for quad in engine.quads_for_pattern(None, v.RDF_TYPE, NamedNode(v.DOOR), v.MAP_GRAPH):
+        held = properties_of(engine, getattr(quad.subject, "value", ""), v.MAP_GRAPH)
         places = sorted(held.get(v.BOT_INTERFACE_OF, ()), key=iri_order)
         if len(places) == 2 and v.X in held and v.Y in held:
             x, y, width = (float(first(held, p, "0")) for p in (v.X, v.Y, v.WIDTH))

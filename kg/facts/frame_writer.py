@@ -45,9 +45,6 @@ from kg.store.transactional import TransactionalStore
 from kg.store.writer_priority import writing
 from kg.transactions import Cause, ChangeSet
 
-_MAP = NamedNode(v.MAP_GRAPH)
-_DATASET = NamedNode(v.DATASET_GRAPH)
-_TYPE = NamedNode(v.RDF_TYPE)
 _LABEL = NamedNode(v.RDFS_LABEL)
 _HAS_BELIEF = NamedNode(v.HAS_BELIEF)
 _LINKS = (NamedNode(v.HAS_RELATION), NamedNode(v.HAS_LABEL_BELIEF))  # to parts of an object
@@ -57,7 +54,7 @@ _STRUCTURAL = {
     *(v.FLOOR_TILE, v.DOOR, v.SPATIAL_RELATION, v.LABEL_BELIEF, v.DEPARTED_OBJECT),
 }
 _OWN = {
-    *(v.RDF_TYPE, v.RDFS_LABEL, v.X, v.Y, v.Z, v.HEADING, v.IN_CELL, v.IN_PLACE),
+    *(v.RDF_TYPE.value, v.RDFS_LABEL, v.X, v.Y, v.Z, v.HEADING, v.IN_CELL, v.IN_PLACE),
     *(v.X_MIN, v.X_MAX, v.Y_MIN, v.Y_MAX, v.VIEW_COUNT, v.HAS_BELIEF, v.OF_CATEGORY, v.BELIEF),
     *(v.OUTLINE, v.FROM_FLOOR, v.BOT_ADJACENT_ZONE, v.WIDTH, v.BOT_INTERFACE_OF),
     *(v.VIEWED_SHARE, v.CLOSELY_VIEWED_SHARE, v.LAST_VIEWED),
@@ -134,7 +131,7 @@ class FrameWriter:
         if update.recording is not None:
             _put(wanted, recording_quads(update.recording, self._facts.base))
             iri = recording_iri(update.recording.name, self._facts.base)
-            _put(stored, self._owned(iri, _DATASET))
+            _put(stored, self._owned(iri, v.DATASET_GRAPH))
         for tile in update.floor:
             _put(wanted, facts_of_tile(self._facts.base, tile))
             held = self._recent.of(NamedNode(iri_of(self._facts.base, tile)))
@@ -217,7 +214,7 @@ class FrameWriter:
         labels = {quad for quad in before if quad.predicate == _LABEL}
         if (label := _asserted_label(assertions, previous)) is not None:
             facts = [q for q in facts if q.predicate != _LABEL]
-            facts.append(Quad(node, _LABEL, Literal(label), _MAP))
+            facts.append(Quad(node, _LABEL, Literal(label), v.MAP_GRAPH))
         elif labels and "label" not in previous and _kind(node, believed.category) & before.keys():
             # written once for a new object; people may have edited the label since
             before = {quad: None for quad in before if quad not in labels}
@@ -238,7 +235,8 @@ class FrameWriter:
         node = NamedNode(record.iri)
         labels = [quad for quad in stored if quad.subject == node and quad.predicate == _LABEL]
         _put(
-            wanted, labels or [Quad(node, _LABEL, Literal(self._facts.object_label(record)), _MAP)]
+            wanted,
+            labels or [Quad(node, _LABEL, Literal(self._facts.object_label(record)), v.MAP_GRAPH)],
         )
 
     def _place(
@@ -257,7 +255,7 @@ class FrameWriter:
                 stored |= self._recent.of(quad.object)
         if "category" in assertions:  # also where no view has given the place a type yet
             kind = NamedNode(assertions["category"].value)
-            wanted[Quad(NamedNode(record.iri), _TYPE, kind, _MAP)] = None
+            wanted[Quad(NamedNode(record.iri), v.RDF_TYPE, kind, v.MAP_GRAPH)] = None
         if assertions or previous:
             _put(stored, self._assertions.stored(self._store.engine, record.iri))
             for assertion in assertions.values():
@@ -286,11 +284,11 @@ class FrameWriter:
         return filter(self._owns, quads)
 
     def _owned_of_search(self, iri: str) -> Iterator[Quad]:
-        quads = self._store.engine.quads_for_pattern(_node(iri), None, None, _MAP)
+        quads = self._store.engine.quads_for_pattern(_node(iri), None, None, v.MAP_GRAPH)
         return (quad for quad in quads if quad.predicate.value in OWN_OF_SEARCHES)
 
     def _owns(self, quad: Quad) -> bool:
-        if quad.predicate != _TYPE:
+        if quad.predicate != v.RDF_TYPE:
             return quad.predicate.value in _OWN
         kind = getattr(quad.object, "value", "")
         return kind in _STRUCTURAL or self._facts.catalogue.by_iri(kind) is not None
@@ -298,19 +296,19 @@ class FrameWriter:
     def _everything_of(self, iri: str) -> Iterator[Quad]:
         engine = self._store.engine
         for node in label_nodes(engine, iri):
-            yield from engine.quads_for_pattern(node, None, None, _MAP)
+            yield from engine.quads_for_pattern(node, None, None, v.MAP_GRAPH)
         for subject in (iri, observation_iri(self._facts.base, iri), *relation_nodes(engine, iri)):
-            yield from engine.quads_for_pattern(_node(subject), None, None, _MAP)
-            yield from engine.quads_for_pattern(None, None, _node(subject), _MAP)
-            for quad in engine.quads_for_pattern(_node(subject), _HAS_BELIEF, None, _MAP):
+            yield from engine.quads_for_pattern(_node(subject), None, None, v.MAP_GRAPH)
+            yield from engine.quads_for_pattern(None, None, _node(subject), v.MAP_GRAPH)
+            for quad in engine.quads_for_pattern(_node(subject), _HAS_BELIEF, None, v.MAP_GRAPH):
                 if isinstance(quad.object, NamedNode):
-                    yield from engine.quads_for_pattern(quad.object, None, None, _MAP)
+                    yield from engine.quads_for_pattern(quad.object, None, None, v.MAP_GRAPH)
         yield from self._assertions.stored(engine, iri)
         yield from self._assertions.naming(engine, iri)
 
     def _stored_next(self) -> int:
         base = NamedNode(self._facts.base)
-        quads = self._store.engine.quads_for_pattern(base, _NEXT, None, _DATASET)
+        quads = self._store.engine.quads_for_pattern(base, _NEXT, None, v.DATASET_GRAPH)
         return max((int(quad.object.value) for quad in quads), default=1)  # type: ignore[union-attr]
 
     def _advance_number(
@@ -322,8 +320,8 @@ class FrameWriter:
         self._next = max(self._next, before, used + 1)
         if self._next != before:
             base = NamedNode(self._facts.base)
-            stored[Quad(base, _NEXT, Literal(before), _DATASET)] = None
-            wanted[Quad(base, _NEXT, Literal(self._next), _DATASET)] = None
+            stored[Quad(base, _NEXT, Literal(before), v.DATASET_GRAPH)] = None
+            wanted[Quad(base, _NEXT, Literal(self._next), v.DATASET_GRAPH)] = None
 
 
 def _put(quads: _Quads, more: Iterable[Quad]) -> None:
@@ -333,7 +331,10 @@ def _put(quads: _Quads, more: Iterable[Quad]) -> None:
 def _kind(node: NamedNode, category: str) -> set[Quad]:
     """Facts that say of an object, or of one that left, what it is."""
     kind = NamedNode(category)
-    return {Quad(node, _TYPE, kind, _MAP), Quad(node, NamedNode(v.OF_CATEGORY), kind, _MAP)}
+    return {
+        Quad(node, v.RDF_TYPE, kind, v.MAP_GRAPH),
+        Quad(node, NamedNode(v.OF_CATEGORY), kind, v.MAP_GRAPH),
+    }
 
 
 def _asserted_label(assertions: PropertyAssertions, previous: PropertyAssertions) -> str | None:

@@ -21,7 +21,6 @@ MAX_ALTERNATIVES: Final = 3  # alternatives of one object
 #: Predicates of the nodes, and of an object that links them.
 OWN: Final = frozenset((v.HAS_LABEL_BELIEF, v.LABEL_PROBABILITY))
 
-_MAP: Final = NamedNode(v.MAP_GRAPH)
 _HAS: Final = NamedNode(v.HAS_LABEL_BELIEF)
 
 
@@ -36,10 +35,10 @@ def label_quads(iri: str, labels: Mapping[str, float]) -> list[Quad]:
     for category, probability in stored_labels(labels, what).items():
         node = known_iri(f"{iri}/label/{quote(category.removeprefix(v.HERE), safe='')}")
         quads += [
-            Quad(thing, _HAS, node, _MAP),
-            Quad(node, known_iri(v.RDF_TYPE), known_iri(v.LABEL_BELIEF), _MAP),
-            Quad(node, known_iri(v.OF_CATEGORY), iri_node(category, what), _MAP),
-            Quad(node, known_iri(v.LABEL_PROBABILITY), Literal(probability), _MAP),
+            Quad(thing, _HAS, node, v.MAP_GRAPH),
+            Quad(node, v.RDF_TYPE, known_iri(v.LABEL_BELIEF), v.MAP_GRAPH),
+            Quad(node, known_iri(v.OF_CATEGORY), iri_node(category, what), v.MAP_GRAPH),
+            Quad(node, known_iri(v.LABEL_PROBABILITY), Literal(probability), v.MAP_GRAPH),
         ]
     return quads
 
@@ -55,7 +54,7 @@ def stored_labels(labels: Mapping[str, float], what: str) -> dict[str, float]:
 
 def label_nodes(store: QuadStore, iri: str) -> Iterator[NamedNode]:
     """Nodes of an object's alternatives."""
-    for quad in store.quads_for_pattern(iri_node(iri, "object"), _HAS, None, _MAP):
+    for quad in store.quads_for_pattern(iri_node(iri, "object"), _HAS, None, v.MAP_GRAPH):
         if isinstance(quad.object, NamedNode):
             yield quad.object
 

@@ -21,8 +21,6 @@ Properties = dict[str, list[str]]
 AXES: Final = (v.X, v.Y, v.Z)
 SIDES: Final = (v.EXTENT_X, v.EXTENT_Y, v.EXTENT_Z)
 
-_MAP: Final = NamedNode(v.MAP_GRAPH)
-
 
 @lru_cache(maxsize=4096)
 def known_iri(iri: str) -> NamedNode:
@@ -72,7 +70,7 @@ def time_literal(stamp: float, what: str) -> Literal:
 
 
 def subject_quads(
-    subject: str, facts: Iterable[tuple[str, NamedNode | Literal]], graph: NamedNode = _MAP
+    subject: str, facts: Iterable[tuple[str, NamedNode | Literal]], graph: NamedNode = v.MAP_GRAPH
 ) -> list[Quad]:
     """Quads of one subject (an IRI) from its predicates' IRIs and values."""
     node = iri_node(subject, "subject")

@@ -19,9 +19,6 @@ from kg.store.transactional import TransactionalStore
 
 MAPS = "https://w3id.org/hereabouts/maps/"
 
-_DATASET = NamedNode(v.DATASET_GRAPH)
-_TYPE = NamedNode(v.RDF_TYPE)
-
 
 def first_quads(
     title: str, base: str | None, ontology: CompiledOntology | None = None
@@ -29,13 +26,15 @@ def first_quads(
     """Quads of a new map: the (shipped) ontology, its compiled view, and the map's metadata."""
     node = _base_node(base)
     facts: list[tuple[str, NamedNode | Literal]] = [
-        (v.RDF_TYPE, NamedNode(v.SEMANTIC_MAP)),
-        (v.RDF_TYPE, NamedNode(v.VOID_DATASET)),
+        (v.RDF_TYPE.value, NamedNode(v.SEMANTIC_MAP)),
+        (v.RDF_TYPE.value, NamedNode(v.VOID_DATASET)),
         (v.DCT_TITLE, Literal(shown(title))),
         (v.DCT_CREATED, now()),
         (v.NEXT_OBJECT, Literal(1)),
     ]
-    identity = [Quad(node, NamedNode(predicate), value, _DATASET) for predicate, value in facts]
+    identity = [
+        Quad(node, NamedNode(predicate), value, v.DATASET_GRAPH) for predicate, value in facts
+    ]
     ontology = ontology or shipped_ontology()
     return [*ontology.quads, *identity]
 
@@ -62,7 +61,7 @@ class Description:
 
 def description_of(engine: QuadStore, base: str) -> Description:
     """The metadata of the map with IRI `base`."""
-    held = properties_of(engine, base, _DATASET)
+    held = properties_of(engine, base, v.DATASET_GRAPH)
     title = min(held.get(v.DCT_TITLE, ()), default="map")
     licence = min(held.get(v.DCT_LICENSE, ()), default=None)
     return Description(base, title, first(held, v.DCT_CREATED, ""), licence)
@@ -77,13 +76,13 @@ def changed_description(
     """
     node = NamedNode(base)
     added = [
-        Quad(node, NamedNode(predicate), value, _DATASET)
+        Quad(node, NamedNode(predicate), value, v.DATASET_GRAPH)
         for predicate, value in _checked(title, licence)
     ]
     removed = [
         quad
         for new in added
-        for quad in engine.quads_for_pattern(node, new.predicate, None, _DATASET)
+        for quad in engine.quads_for_pattern(node, new.predicate, None, v.DATASET_GRAPH)
     ]
     return [q for q in removed if q not in added], [q for q in added if q not in removed]
 
@@ -105,7 +104,7 @@ def _checked(title: str | None, licence: str | None) -> Iterator[tuple[str, Lite
 def identity(store: TransactionalStore) -> str:
     """IRI of the map in `store`; raises MapNotFoundError where there is none."""
     kind = NamedNode(v.SEMANTIC_MAP)
-    for quad in store.engine.quads_for_pattern(None, _TYPE, kind, _DATASET):
+    for quad in store.engine.quads_for_pattern(None, v.RDF_TYPE, kind, v.DATASET_GRAPH):
         if isinstance(quad.subject, NamedNode):
             return quad.subject.value
     raise MapNotFoundError(

@@ -19,9 +19,6 @@ from kg.rdf.grid_cells import cells_of_disc
 from kg.rdf.quad_store import QuadStore
 from kg.records import ObjectRecord, PlaceRecord
 
-_MAP = NamedNode(v.MAP_GRAPH)
-_COMMONSENSE = NamedNode(v.COMMONSENSE_GRAPH)
-
 
 @dataclass(frozen=True, slots=True)
 class Disc:
@@ -55,7 +52,7 @@ class ObjectFilter:
         found = set()
         for predicate, value in self._lookups():
             for quad in engine.quads_for_pattern(
-                None, NamedNode(predicate), NamedNode(value), _MAP
+                None, NamedNode(predicate), NamedNode(value), v.MAP_GRAPH
             ):
                 if isinstance(quad.subject, NamedNode):
                     found.add(quad.subject.value)
@@ -77,7 +74,7 @@ class ObjectFilter:
             yield v.IN_PLACE, self.place
         else:
             classes = self.categories if self.categories is not None else {v.OBJECT}
-            yield from ((v.RDF_TYPE, category) for category in classes)
+            yield from ((v.RDF_TYPE.value, category) for category in classes)
 
 
 def select_objects(
@@ -123,7 +120,7 @@ def _disc(
 def subcategories(engine: QuadStore, category: str) -> frozenset[str]:
     """IRIs of a category and of all its subcategories."""
     isa, above = NamedNode(v.IS_A), NamedNode(category)
-    quads = engine.quads_for_pattern(None, isa, above, _COMMONSENSE)
+    quads = engine.quads_for_pattern(None, isa, above, v.COMMONSENSE_GRAPH)
     found = {q.subject.value for q in quads if isinstance(q.subject, NamedNode)}
     return frozenset(found | {category})
 

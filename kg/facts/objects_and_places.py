@@ -58,9 +58,6 @@ CHUNK_SIZE = 50  # subjects read between two checks for a frame that waits to be
 EXTENT_STEP = 0.05  # [m] extents are quantised to; they waver with each view
 MIN_BELIEF = 0.005  # beliefs below it would be stored as zero
 
-_MAP = NamedNode(v.MAP_GRAPH)
-_TYPE = NamedNode(v.RDF_TYPE)
-
 
 class RecordCodec:
     """Codec of records and quads for the map with IRI `base`.
@@ -93,7 +90,7 @@ class RecordCodec:
         position = axis_literals(AXES, record.p_map, f"{what}: position")
         x, y = (float(value.value) for _, value in position[:2])
         facts: list[tuple[str, NamedNode | Literal]] = [
-            (v.RDF_TYPE, known_iri(self.known_category(record.category, what, "object"))),
+            (v.RDF_TYPE.value, known_iri(self.known_category(record.category, what, "object"))),
             (v.RDFS_LABEL, Literal(self.object_label(record))),
             *position,
             (v.IN_CELL, known_iri(cell_of(x, y))),
@@ -130,8 +127,8 @@ class RecordCodec:
             raise InvalidFactError(f"{what}: views must be 0 or more, got {record.views}")
         x, y = record.area.centre
         facts: list[tuple[str, NamedNode | Literal]] = [
-            (v.RDF_TYPE, known_iri(v.PLACE)),
-            (v.RDF_TYPE, known_iri(v.BOT_SPACE)),
+            (v.RDF_TYPE.value, known_iri(v.PLACE)),
+            (v.RDF_TYPE.value, known_iri(v.BOT_SPACE)),
             (v.RDFS_LABEL, Literal(record.label)),
             (v.X_MIN, number_literal(record.xmin, f"{what}: xmin")),
             (v.X_MAX, number_literal(record.xmax, f"{what}: xmax")),
@@ -150,14 +147,14 @@ class RecordCodec:
         facts += [(v.TOLD_BY, iri_node(iri, f"{what}: told by")) for iri in record.evidence_objects]
         if (record.views or record.evidence_objects) and held:
             top = max(record.beliefs, key=lambda category: (record.beliefs[category], category))
-            facts.append((v.RDF_TYPE, NamedNode(top)))
+            facts.append((v.RDF_TYPE.value, NamedNode(top)))
         return subject_quads(record.iri, facts) + held
 
     def _outline(self, record: PlaceRecord, what: str) -> list[tuple[str, Literal]]:
         if not record.outline:
             return []
         text = polygon_text(record.outline, self.base + CRS)
-        return [(v.OUTLINE, Literal(text, datatype=NamedNode(v.GEO_WKT_LITERAL)))]
+        return [(v.OUTLINE, Literal(text, datatype=v.GEO_WKT_LITERAL))]
 
     def of_beliefs(self, record: PlaceRecord) -> list[Quad]:
         """Quads of a place's category beliefs, links included."""
@@ -166,7 +163,7 @@ class RecordCodec:
             node = f"{record.iri}/belief/{quote(category.removeprefix(v.HERE), safe='')}"
             nodes += subject_quads(record.iri, [(v.HAS_BELIEF, NamedNode(node))])
             facts = [
-                (v.RDF_TYPE, known_iri(v.PLACE_BELIEF)),
+                (v.RDF_TYPE.value, known_iri(v.PLACE_BELIEF)),
                 (v.OF_CATEGORY, NamedNode(category)),
             ]
             nodes += subject_quads(node, [*facts, *properties])
@@ -174,7 +171,7 @@ class RecordCodec:
 
     def objects(self, store: QuadStore) -> tuple[ObjectRecord, ...]:
         """All objects of the map, in the order of their numbers."""
-        return self.objects_among(store.quads_for_pattern(None, None, None, _MAP))
+        return self.objects_among(store.quads_for_pattern(None, None, None, v.MAP_GRAPH))
 
     def objects_among(self, quads: Iterable[Quad]) -> tuple[ObjectRecord, ...]:
         """The objects described by `quads` of graph:map, in the order of their numbers."""
@@ -185,7 +182,7 @@ class RecordCodec:
         nodes = [iri_node(iri, "object") for iri in dict.fromkeys(iris)]
         with reading_ahead(store, nodes):
             subjects = {
-                node.value: properties_of(store, node.value, _MAP)
+                node.value: properties_of(store, node.value, v.MAP_GRAPH)
                 for node in in_pieces(nodes, CHUNK_SIZE)
             }
         parts = {
@@ -196,7 +193,8 @@ class RecordCodec:
         }
         with reading_ahead(store, map(NamedNode, parts)):
             subjects.update(
-                (iri, properties_of(store, iri, _MAP)) for iri in in_pieces(parts, CHUNK_SIZE)
+                (iri, properties_of(store, iri, v.MAP_GRAPH))
+                for iri in in_pieces(parts, CHUNK_SIZE)
             )
         return self._objects(subjects)
 
@@ -216,13 +214,13 @@ class RecordCodec:
     def places(self, store: QuadStore) -> tuple[PlaceRecord, ...]:
         """All places of the map, in the order of their numbers."""
         subjects: dict[str, Properties] = {}
-        quads = store.quads_for_pattern(None, _TYPE, NamedNode(v.PLACE), _MAP)
+        quads = store.quads_for_pattern(None, v.RDF_TYPE, NamedNode(v.PLACE), v.MAP_GRAPH)
         nodes = [quad.subject for quad in quads if isinstance(quad.subject, NamedNode)]
         with reading_ahead(store, nodes):
             for node in in_pieces(nodes, CHUNK_SIZE):
-                properties = subjects[node.value] = properties_of(store, node.value, _MAP)
+                properties = subjects[node.value] = properties_of(store, node.value, v.MAP_GRAPH)
                 for held in properties.get(v.HAS_BELIEF, ()):
-                    subjects[held] = properties_of(store, held, _MAP)
+                    subjects[held] = properties_of(store, held, v.MAP_GRAPH)
         found = (
             self._place(node.value, subjects[node.value], subjects)
             for node in nodes
@@ -232,7 +230,7 @@ class RecordCodec:
 
     def label(self, store: QuadStore, iri: str) -> str | None:
         """The label of a thing, if it has one."""
-        return first(properties_of(store, iri, _MAP), v.RDFS_LABEL, "") or None
+        return first(properties_of(store, iri, v.MAP_GRAPH), v.RDFS_LABEL, "") or None
 
     def known_category(self, iri: str, what: str, kind: str) -> str:
         """`iri`, if a category of that `kind` or of several; raises InvalidFactError else."""
@@ -270,7 +268,7 @@ class RecordCodec:
         return held
 
     def _category(self, properties: Properties) -> str | None:
-        for iri in sorted(properties.get(v.RDF_TYPE, ())):
+        for iri in sorted(properties.get(v.RDF_TYPE.value, ())):
             category = self.catalogue.by_iri(iri)
             if category is not None and category.kind != "place":
                 return iri

@@ -34,7 +34,7 @@ def observation_quads(iri: str, evidence: Evidence, base: str) -> list[Quad]:
     return subject_quads(
         observation_iri(base, iri),
         [
-            (v.RDF_TYPE, known_iri(v.SOSA_OBSERVATION)),
+            (v.RDF_TYPE.value, known_iri(v.SOSA_OBSERVATION)),
             (v.SOSA_FEATURE, iri_node(iri, what)),
             (v.SOSA_RESULT_TIME, time_literal(evidence.stamp, f"{what}: stamp")),
             (v.FRAME, Literal(evidence.frame)),

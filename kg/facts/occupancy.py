@@ -31,14 +31,11 @@ MAX_TILES: Final = 1 << 20
 
 #: Predicates of a tile that the writer owns; others are kept as people wrote them.
 OWN: Final = {
-    *(v.RDF_TYPE, v.STOREY, v.X, v.Y, v.Z, v.CELL_SIZE, v.FLOOR_CELLS, v.SOSA_RESULT_TIME),
+    *(v.RDF_TYPE.value, v.STOREY, v.X, v.Y, v.Z, v.CELL_SIZE, v.FLOOR_CELLS, v.SOSA_RESULT_TIME),
     v.VIEW_TIMES,
 }
 
-_MAP = NamedNode(v.MAP_GRAPH)
-_TYPE = NamedNode(v.RDF_TYPE)
 _KIND = NamedNode(v.FLOOR_TILE)
-_BASE64 = NamedNode(v.XSD_BASE64)
 
 
 def tile_iri(base: str, storey: int, column: int, row: int) -> str:
@@ -67,13 +64,13 @@ def facts_of_tile(base: str, tile: FloorTile) -> list[Quad]:
         raise InvalidFactError(f"{iri}: a tile is up to {MAX_TILES} tiles from the origin")
     x, y = tile.corner
     facts: list[tuple[str, NamedNode | Literal]] = [
-        (v.RDF_TYPE, _KIND),
+        (v.RDF_TYPE.value, _KIND),
         (v.STOREY, Literal(tile.storey)),
         (v.X, number_literal(x, f"{iri}: position")),
         (v.Y, number_literal(y, f"{iri}: position")),
         (v.Z, number_literal(tile.height, f"{iri}: position")),
         (v.CELL_SIZE, Literal(float(tile.resolution))),
-        (v.FLOOR_CELLS, Literal(encoded(tile.cells), datatype=_BASE64)),
+        (v.FLOOR_CELLS, Literal(encoded(tile.cells), datatype=v.XSD_BASE64)),
         (v.SOSA_RESULT_TIME, time_literal(tile.changed, f"{iri}: the time")),
     ]
     if tile.viewed is not None:
@@ -82,14 +79,14 @@ def facts_of_tile(base: str, tile: FloorTile) -> list[Quad]:
                 f"{iri}: times of views must be (2, m, m), m up to {MAX_CELLS}, got "
                 f"{tile.viewed.shape}"
             )
-        facts.append((v.VIEW_TIMES, Literal(encoded_times(tile.viewed), datatype=_BASE64)))
+        facts.append((v.VIEW_TIMES, Literal(encoded_times(tile.viewed), datatype=v.XSD_BASE64)))
     node = NamedNode(iri)
-    return [Quad(node, NamedNode(predicate), value, _MAP) for predicate, value in facts]
+    return [Quad(node, NamedNode(predicate), value, v.MAP_GRAPH) for predicate, value in facts]
 
 
 def tiles_in(engine: QuadStore) -> tuple[FloorTile, ...]:
     """All tiles of the map, by storey, column and row; incomplete ones are left out."""
-    quads = engine.quads_for_pattern(None, _TYPE, _KIND, _MAP)
+    quads = engine.quads_for_pattern(None, v.RDF_TYPE, _KIND, v.MAP_GRAPH)
     nodes = [quad.subject for quad in quads if isinstance(quad.subject, NamedNode)]
     with reading_ahead(engine, nodes):
         read = [tile_of(engine, node.value) for node in nodes]
@@ -99,7 +96,7 @@ def tiles_in(engine: QuadStore) -> tuple[FloorTile, ...]:
 
 def tile_of(engine: QuadStore, iri: str) -> FloorTile | None:
     """The tile with that IRI, or None."""
-    return _tile(properties_of(engine, iri, _MAP))
+    return _tile(properties_of(engine, iri, v.MAP_GRAPH))
 
 
 def encoded(cells: NDArray[np.uint8]) -> str:

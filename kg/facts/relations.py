@@ -32,7 +32,6 @@ OF_OBJECT: Final = frozenset((*PREDICATES.values(), v.HAS_RELATION))
 OF_NODE: Final = frozenset((v.OF_RELATION, v.RELATED_TO, v.RELATION_PROBABILITY))
 
 _KINDS: Final = {predicate: kind for kind, predicate in PREDICATES.items()}
-_MAP: Final = NamedNode(v.MAP_GRAPH)
 
 
 def relation_quads(iri: str, relations: Iterable[Relation]) -> list[Quad]:
@@ -50,15 +49,15 @@ def relation_quads(iri: str, relations: Iterable[Relation]) -> list[Quad]:
         node = known_iri(node_of(iri, relation))
         probability = number_literal(relation.probability, what, least=0.0, most=1.0)
         quads += [
-            Quad(thing, known_iri(v.HAS_RELATION), node, _MAP),
-            Quad(node, known_iri(v.RDF_TYPE), known_iri(v.SPATIAL_RELATION), _MAP),
-            Quad(node, known_iri(v.OF_RELATION), known_iri(PREDICATES[relation.kind]), _MAP),
-            Quad(node, known_iri(v.RELATED_TO), target, _MAP),
-            Quad(node, known_iri(v.RELATION_PROBABILITY), probability, _MAP),
+            Quad(thing, known_iri(v.HAS_RELATION), node, v.MAP_GRAPH),
+            Quad(node, v.RDF_TYPE, known_iri(v.SPATIAL_RELATION), v.MAP_GRAPH),
+            Quad(node, known_iri(v.OF_RELATION), known_iri(PREDICATES[relation.kind]), v.MAP_GRAPH),
+            Quad(node, known_iri(v.RELATED_TO), target, v.MAP_GRAPH),
+            Quad(node, known_iri(v.RELATION_PROBABILITY), probability, v.MAP_GRAPH),
         ]
     for relation in believed_relations(relations):
         predicate = known_iri(PREDICATES[relation.kind])
-        quads.append(Quad(thing, predicate, iri_node(relation.target, what), _MAP))
+        quads.append(Quad(thing, predicate, iri_node(relation.target, what), v.MAP_GRAPH))
     if len(set(quads)) != len(quads):
         raise InvalidFactError(f"{what}: give each object once for each kind of relation")
     return quads
@@ -84,8 +83,8 @@ def node_of(iri: str, relation: Relation) -> str:
 def relation_nodes(store: QuadStore, iri: str) -> tuple[str, ...]:
     """IRIs of the nodes of all relations from and to an object."""
     thing = iri_node(iri, "object")
-    own = store.quads_for_pattern(thing, NamedNode(v.HAS_RELATION), None, _MAP)
-    others = store.quads_for_pattern(None, NamedNode(v.RELATED_TO), thing, _MAP)
+    own = store.quads_for_pattern(thing, NamedNode(v.HAS_RELATION), None, v.MAP_GRAPH)
+    others = store.quads_for_pattern(None, NamedNode(v.RELATED_TO), thing, v.MAP_GRAPH)
     found = [*(quad.object for quad in own), *(quad.subject for quad in others)]
     return tuple(dict.fromkeys(n.value for n in found if isinstance(n, NamedNode)))
 

@@ -28,9 +28,6 @@ from kg.rdf.quad_store import QuadStore
 from kg.records import RecordingRecord, RobotRecord
 
 _SEARCH_NAME: Final = re.compile(r"search/\d+")
-_MAP = NamedNode(v.MAP_GRAPH)
-_DATASET = NamedNode(v.DATASET_GRAPH)
-_TYPE = NamedNode(v.RDF_TYPE)
 
 
 def robot_quads(record: RobotRecord, base: str) -> list[Quad]:
@@ -38,7 +35,7 @@ def robot_quads(record: RobotRecord, base: str) -> list[Quad]:
     return subject_quads(
         base + "robot",
         [
-            (v.RDF_TYPE, known_iri(v.ROBOT)),
+            (v.RDF_TYPE.value, known_iri(v.ROBOT)),
             *axis_literals(AXES, record.p_map, "robot: position"),
             (v.HEADING, number_literal(record.heading, "robot: heading")),
             (v.LAST_SEEN, time_literal(record.stamp, "robot: stamp")),
@@ -48,7 +45,7 @@ def robot_quads(record: RobotRecord, base: str) -> list[Quad]:
 
 def robot_in(store: QuadStore, base: str) -> RobotRecord | None:
     """Last pose of the robot, if there is one."""
-    properties = properties_of(store, base + "robot", _MAP)
+    properties = properties_of(store, base + "robot", v.MAP_GRAPH)
     if v.X not in properties:
         return None
     heading = float(first(properties, v.HEADING, "0"))
@@ -78,7 +75,7 @@ def recording_quads(record: RecordingRecord, base: str) -> list[Quad]:
             f"got {record.frames_applied}"
         )
     facts: list[tuple[str, NamedNode | Literal]] = [
-        (v.RDF_TYPE, known_iri(v.RECORDING)),
+        (v.RDF_TYPE.value, known_iri(v.RECORDING)),
         (v.RDFS_LABEL, Literal(record.name)),
         (v.FRAMES_APPLIED, Literal(record.frames_applied)),
         (v.LAST_FRAME, Literal(record.last_frame)),
@@ -86,18 +83,18 @@ def recording_quads(record: RecordingRecord, base: str) -> list[Quad]:
     ]
     if record.scene_model:
         facts.append((v.SCENE_MODEL, Literal(record.scene_model)))
-    return subject_quads(recording_iri(record.name, base), facts, _DATASET)
+    return subject_quads(recording_iri(record.name, base), facts, v.DATASET_GRAPH)
 
 
 def recordings_in(store: QuadStore, base: str) -> tuple[RecordingRecord, ...]:
     """All recordings applied to the map, by name."""
-    quads = store.quads_for_pattern(None, _TYPE, NamedNode(v.RECORDING), _DATASET)
+    quads = store.quads_for_pattern(None, v.RDF_TYPE, NamedNode(v.RECORDING), v.DATASET_GRAPH)
     found = (_recording(store, text_of(quad.subject), base) for quad in quads)
     return tuple(sorted(found, key=lambda record: record.name))
 
 
 def _recording(store: QuadStore, iri: str, base: str) -> RecordingRecord:
-    properties = properties_of(store, iri, _DATASET)
+    properties = properties_of(store, iri, v.DATASET_GRAPH)
     numbers = [float(n) for n in first(properties, v.TRANSFORM, "").split()]
     return RecordingRecord(
         name=first(properties, v.RDFS_LABEL, recording_name(iri, base)),

@@ -27,8 +27,6 @@ from kg.rdf.quad_store import QuadStore
 from kg.records import LookRecord, MapUpdate, ObstacleRecord, SearchRecord, SearchState
 from kg.store.transactional import TransactionalStore
 
-_MAP = NamedNode(v.MAP_GRAPH)
-_TYPE = NamedNode(v.RDF_TYPE)
 _PART = NamedNode(v.PART_OF_SEARCH)
 _STATES: Final[dict[str, SearchState]] = {
     "running": "running",
@@ -39,7 +37,14 @@ _STATES: Final[dict[str, SearchState]] = {
 
 #: Predicates that the writer owns; others are kept as people wrote them.
 OWN = {
-    *(v.RDF_TYPE, v.RDFS_LABEL, v.SEARCH_WORDS, v.SEARCHED_FOR, v.SEARCH_STATE, v.SEARCH_SECONDS),
+    *(
+        v.RDF_TYPE.value,
+        v.RDFS_LABEL,
+        v.SEARCH_WORDS,
+        v.SEARCHED_FOR,
+        v.SEARCH_STATE,
+        v.SEARCH_SECONDS,
+    ),
     *(v.PROBABILITY_LEFT, v.PROV_STARTED_AT, v.PROV_ENDED_AT, v.FOUND, v.PART_OF_SEARCH, v.NUMBER),
     *(v.SOSA_RESULT_TIME, v.X, v.Y, v.HEADING, v.EXTENT, v.GLIMPSES, v.REASON),
 }
@@ -77,9 +82,9 @@ class SearchRecords:
     def all(self) -> tuple[SearchRecord, ...]:
         """All searches, oldest first."""
         engine = self._store.engine
-        quads = engine.quads_for_pattern(None, _TYPE, NamedNode(v.SEARCH), _MAP)
+        quads = engine.quads_for_pattern(None, v.RDF_TYPE, NamedNode(v.SEARCH), v.MAP_GRAPH)
         iris = sorted((text_of(quad.subject) for quad in quads), key=iri_order)
-        return tuple(_search(iri, properties_of(engine, iri, _MAP)) for iri in iris)
+        return tuple(_search(iri, properties_of(engine, iri, v.MAP_GRAPH)) for iri in iris)
 
     def looks(self, search: str) -> tuple[LookRecord, ...]:
         """The looks of the search with IRI `search`, in their order."""
@@ -104,7 +109,7 @@ def _of_search(record: SearchRecord) -> Iterator[_Fact]:
         raise InvalidFactError(f"{what}: needs words and categories of what is searched for")
     if not 0 <= record.left <= 1:
         raise InvalidFactError(f"{what}: probability left must lie in 0..1, got {record.left}")
-    yield v.RDF_TYPE, NamedNode(v.SEARCH)
+    yield v.RDF_TYPE.value, NamedNode(v.SEARCH)
     yield v.RDFS_LABEL, Literal(f"search for {' and '.join(record.words)}")
     yield v.SEARCH_STATE, Literal(record.state)
     yield v.SEARCH_SECONDS, number_literal(record.seconds, f"{what}: seconds", digits=1)
@@ -119,7 +124,7 @@ def _of_search(record: SearchRecord) -> Iterator[_Fact]:
 
 def _of_look(record: LookRecord) -> Iterator[_Fact]:
     what = f"look {record.iri}"
-    yield v.RDF_TYPE, NamedNode(v.LOOK)
+    yield v.RDF_TYPE.value, NamedNode(v.LOOK)
     yield from _part(record, what)
     yield v.HEADING, number_literal(record.heading, f"{what}: heading", digits=4)
     yield v.EXTENT, number_literal(record.extent, f"{what}: extent", digits=4)
@@ -134,7 +139,7 @@ def _of_look(record: LookRecord) -> Iterator[_Fact]:
 
 def _of_obstacle(record: ObstacleRecord) -> Iterator[_Fact]:
     what = f"obstacle {record.iri}"
-    yield v.RDF_TYPE, NamedNode(v.OBSTACLE)
+    yield v.RDF_TYPE.value, NamedNode(v.OBSTACLE)
     yield from _part(record, what)
     yield v.REASON, Literal(record.reason)
 
@@ -191,10 +196,10 @@ def _obstacle(iri: str, search: str, held: Properties) -> ObstacleRecord:
 
 
 def _parts(engine: QuadStore, search: str, kind: str) -> Iterator[tuple[str, Properties]]:
-    for quad in engine.quads_for_pattern(None, _PART, NamedNode(search), _MAP):
+    for quad in engine.quads_for_pattern(None, _PART, NamedNode(search), v.MAP_GRAPH):
         iri = text_of(quad.subject)
-        held = properties_of(engine, iri, _MAP)
-        if kind in held.get(v.RDF_TYPE, ()):
+        held = properties_of(engine, iri, v.MAP_GRAPH)
+        if kind in held.get(v.RDF_TYPE.value, ()):
             yield iri, held
 
 

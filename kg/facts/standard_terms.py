@@ -14,7 +14,6 @@ from pyoxigraph import Literal, NamedNode, Quad
 from kg import vocabulary as v
 from kg.facts.literals import Properties, first
 
-_MAP = NamedNode(v.MAP_GRAPH)
 _STAMP = NamedNode(v.XSD + "dateTimeStamp")
 SENSOR = "sensor/"  # + the model's name, behind the map's IRI
 PROGRAM = "agent/hereabouts"  # what carries out searches, behind the map's IRI
@@ -26,25 +25,25 @@ def standard_quads(base: str, subjects: Mapping[str, Properties]) -> Iterator[Qu
     """What follows for observations and searches among `subjects` of the map with IRI `base`."""
     facts: dict[_Fact, None] = {}
     for iri, held in subjects.items():
-        types = held.get(v.RDF_TYPE, ())
+        types = held.get(v.RDF_TYPE.value, ())
         if v.SOSA_OBSERVATION in types:
             facts.update(dict.fromkeys(_of_observation(base, iri, held)))
         if v.SEARCH in types:
             facts.update(dict.fromkeys(_of_search(base, iri)))
     for subject, predicate, value in facts:
-        yield Quad(NamedNode(subject), NamedNode(predicate), value, _MAP)
+        yield Quad(NamedNode(subject), NamedNode(predicate), value, v.MAP_GRAPH)
 
 
 def sensor_quads(base: str, iri: str) -> Iterator[Quad]:
     """What is known of the sensor with that IRI: a detection network."""
     for subject, predicate, value in _of_sensor(iri, unquote(iri.removeprefix(base + SENSOR))):
-        yield Quad(NamedNode(subject), NamedNode(predicate), value, _MAP)
+        yield Quad(NamedNode(subject), NamedNode(predicate), value, v.MAP_GRAPH)
 
 
 def program_quads(base: str) -> Iterator[Quad]:
     """What is known of the agent that carries out searches."""
     for subject, predicate, value in _of_program(base):
-        yield Quad(NamedNode(subject), NamedNode(predicate), value, _MAP)
+        yield Quad(NamedNode(subject), NamedNode(predicate), value, v.MAP_GRAPH)
 
 
 def _of_observation(base: str, iri: str, held: Properties) -> Iterator[_Fact]:
@@ -57,17 +56,17 @@ def _of_observation(base: str, iri: str, held: Properties) -> Iterator[_Fact]:
         yield iri, v.SOSA_MADE_BY_SENSOR, NamedNode(sensor)
         yield from _of_sensor(sensor, model)
     if score:
-        yield iri, v.SOSA_SIMPLE_RESULT, Literal(score, datatype=NamedNode(v.XSD_DOUBLE))
+        yield iri, v.SOSA_SIMPLE_RESULT, Literal(score, datatype=v.XSD_DOUBLE)
     if stamp:
         instant = iri + "/time"
         yield iri, v.SOSA_PHENOMENON_TIME, NamedNode(instant)
-        yield instant, v.RDF_TYPE, NamedNode(v.TIME_INSTANT)
+        yield instant, v.RDF_TYPE.value, NamedNode(v.TIME_INSTANT)
         yield instant, v.TIME_IN_STAMP, Literal(stamp, datatype=_STAMP)
-    yield v.EXISTENCE, v.RDF_TYPE, NamedNode(v.SOSA_OBSERVABLE_PROPERTY)
+    yield v.EXISTENCE, v.RDF_TYPE.value, NamedNode(v.SOSA_OBSERVABLE_PROPERTY)
 
 
 def _of_sensor(iri: str, model: str) -> Iterator[_Fact]:
-    yield iri, v.RDF_TYPE, NamedNode(v.SOSA_SENSOR)
+    yield iri, v.RDF_TYPE.value, NamedNode(v.SOSA_SENSOR)
     yield iri, v.RDFS_LABEL, Literal(model)
     yield iri, v.SOSA_OBSERVES, NamedNode(v.EXISTENCE)
 
@@ -75,15 +74,15 @@ def _of_sensor(iri: str, model: str) -> Iterator[_Fact]:
 def _of_search(base: str, iri: str) -> Iterator[_Fact]:
     """PROV-O, section 3.3: an activity, and the agent it is qualifiedly associated with."""
     agent, association = NamedNode(base + PROGRAM), iri + "/association"
-    yield iri, v.RDF_TYPE, NamedNode(v.PROV_ACTIVITY)
+    yield iri, v.RDF_TYPE.value, NamedNode(v.PROV_ACTIVITY)
     yield iri, v.PROV_ASSOCIATED_WITH, agent
     yield iri, v.PROV_QUALIFIED_ASSOCIATION, NamedNode(association)
-    yield association, v.RDF_TYPE, NamedNode(v.PROV_ASSOCIATION)
+    yield association, v.RDF_TYPE.value, NamedNode(v.PROV_ASSOCIATION)
     yield association, v.PROV_HAS_AGENT, agent
     yield from _of_program(base)
 
 
 def _of_program(base: str) -> Iterator[_Fact]:
-    yield base + PROGRAM, v.RDF_TYPE, NamedNode(v.PROV_AGENT)
-    yield base + PROGRAM, v.RDF_TYPE, NamedNode(v.PROV_SOFTWARE_AGENT)
+    yield base + PROGRAM, v.RDF_TYPE.value, NamedNode(v.PROV_AGENT)
+    yield base + PROGRAM, v.RDF_TYPE.value, NamedNode(v.PROV_SOFTWARE_AGENT)
     yield base + PROGRAM, v.RDFS_LABEL, Literal("hereabouts")

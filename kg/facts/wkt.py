@@ -14,8 +14,6 @@ from kg import vocabulary as v
 from kg.rdf.wkt import polygon_text
 from kg.records import ObjectRecord, PlaceRecord, RobotRecord
 
-_MAP = NamedNode(v.MAP_GRAPH)
-_WKT = NamedNode(v.GEO_WKT_LITERAL)
 GEOMETRY = "/geometry"  # behind the IRI of a feature
 CRS = "crs"  # behind the IRI of the map
 
@@ -41,16 +39,18 @@ def crs_quads(base: str) -> Iterator[Quad]:
     """The coordinate reference system of the map with IRI `base`."""
     crs = NamedNode(base + CRS)
     comment = "Local frame of this map: metres, z up, the floor about z = 0; not geographic."
-    yield Quad(crs, NamedNode(v.RDFS_LABEL), Literal("map frame"), _MAP)
-    yield Quad(crs, NamedNode(v.RDFS_COMMENT), Literal(comment), _MAP)
+    yield Quad(crs, NamedNode(v.RDFS_LABEL), Literal("map frame"), v.MAP_GRAPH)
+    yield Quad(crs, NamedNode(v.RDFS_COMMENT), Literal(comment), v.MAP_GRAPH)
 
 
 def _geometry(iri: str, wkt: str) -> Iterator[Quad]:
     geometry = NamedNode(iri + GEOMETRY)
-    yield Quad(NamedNode(iri), NamedNode(v.RDF_TYPE), NamedNode(v.GEO_FEATURE), _MAP)
-    yield Quad(NamedNode(iri), NamedNode(v.GEO_HAS_GEOMETRY), geometry, _MAP)
-    yield Quad(geometry, NamedNode(v.RDF_TYPE), NamedNode(v.GEO_GEOMETRY), _MAP)
-    yield Quad(geometry, NamedNode(v.GEO_AS_WKT), Literal(wkt, datatype=_WKT), _MAP)
+    yield Quad(NamedNode(iri), v.RDF_TYPE, NamedNode(v.GEO_FEATURE), v.MAP_GRAPH)
+    yield Quad(NamedNode(iri), NamedNode(v.GEO_HAS_GEOMETRY), geometry, v.MAP_GRAPH)
+    yield Quad(geometry, v.RDF_TYPE, NamedNode(v.GEO_GEOMETRY), v.MAP_GRAPH)
+    yield Quad(
+        geometry, NamedNode(v.GEO_AS_WKT), Literal(wkt, datatype=v.GEO_WKT_LITERAL), v.MAP_GRAPH
+    )
 
 
 def _point(p_map: object) -> str:

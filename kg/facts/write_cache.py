@@ -18,8 +18,6 @@ from kg.transactions import ChangeSet
 
 MAX_SUBJECTS: Final = 4096  # subjects kept: some 20 MB
 
-_MAP: Final = NamedNode(v.MAP_GRAPH)
-
 
 class WriteCache:
     """Cached quads of graph:map, by subject, for which `owns` is true."""
@@ -45,7 +43,7 @@ class WriteCache:
         """The quads of a subject, in a fixed order; do not modify the result."""
         held = self._held.pop(subject, None)
         if held is None:
-            quads = self._store.engine.quads_for_pattern(subject, None, None, _MAP)
+            quads = self._store.engine.quads_for_pattern(subject, None, None, v.MAP_GRAPH)
             held = dict.fromkeys(filter(self._owns, quads))
             if len(self._held) >= MAX_SUBJECTS:
                 del self._held[next(iter(self._held))]
@@ -68,6 +66,6 @@ class WriteCache:
         self._at = change.sequence
 
     def _held_of(self, quad: Quad) -> dict[Quad, None] | None:
-        if quad.graph_name != _MAP or not isinstance(quad.subject, NamedNode):
+        if quad.graph_name != v.MAP_GRAPH or not isinstance(quad.subject, NamedNode):
             return None
         return self._held.get(quad.subject)

@@ -21,7 +21,7 @@ def thing(text: str, base: str) -> NamedNode:
     """
     text = text.strip()
     if text == "a":
-        return NamedNode(v.RDF_TYPE)
+        return v.RDF_TYPE
     if text.startswith("<") and text.endswith(">"):
         text = text[1:-1]
     prefix, colon, rest = text.partition(":")
@@ -87,7 +87,7 @@ def short(term: Term, base: str) -> str:
 def word(predicate: Term) -> str:
     """A predicate in words: ``last seen``, ``observation count``."""
     text = getattr(predicate, "value", str(predicate))
-    if text == v.RDF_TYPE:
+    if text == v.RDF_TYPE.value:
         return "type"
     local = re.split(r"[#/]", text)[-1]
     return re.sub(r"(?<=[a-z])(?=[A-Z])", " ", local).lower()

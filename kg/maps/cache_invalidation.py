@@ -15,9 +15,7 @@ from kg.maps.semantic_map import SemanticMap
 from kg.records import ObjectRecord
 from kg.transactions import ChangeSet
 
-_MAP: Final = NamedNode(v.MAP_GRAPH)
-_TYPE: Final = NamedNode(v.RDF_TYPE)
-_WATCHED: Final = {v.MAP_GRAPH, v.ASSERTIONS_GRAPH}
+_WATCHED: Final = {v.MAP_GRAPH.value, v.ASSERTIONS_GRAPH.value}
 
 
 class ExternalChanges:
@@ -78,7 +76,7 @@ class ExternalChanges:
                 self._things = present
 
     def _all_things(self) -> set[str]:
-        quads = self._map.engine.quads_for_pattern(None, _TYPE, None, _MAP)
+        quads = self._map.engine.quads_for_pattern(None, v.RDF_TYPE, None, v.MAP_GRAPH)
         return {quad.subject.value for quad in quads if isinstance(quad.subject, NamedNode)}
 
     def _on_commit(self, change: ChangeSet) -> None:
@@ -93,7 +91,9 @@ class ExternalChanges:
             self._touched |= {*iris}
 
     def _track_sequence(self, change: ChangeSet) -> None:
-        typed = (q for q in change.added if q.predicate == _TYPE and q.graph_name == _MAP)
+        typed = (
+            q for q in change.added if q.predicate == v.RDF_TYPE and q.graph_name == v.MAP_GRAPH
+        )
         with self._lock:
             # a gap: another program committed between the last poll and this commit
             self._missed |= change.sequence != self._sequence + 1

@@ -30,7 +30,7 @@ _NAMES: Final = {
     "obstacle": "search/N/obstacle/N",
 }
 _AHEAD: Final = 1_000_000  # a number this far beyond the next one would use them up
-_WATCHED: Final = {v.MAP_GRAPH, v.DATASET_GRAPH}
+_WATCHED: Final = {v.MAP_GRAPH.value, v.DATASET_GRAPH.value}
 
 
 def apply_remote_update(

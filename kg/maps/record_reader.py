@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable
 from typing import TYPE_CHECKING
 
-from pyoxigraph import NamedNode, Quad
+from pyoxigraph import Quad
 
 from kg import vocabulary as v
 from kg.errors import QueryParameterError
@@ -105,7 +105,7 @@ class RecordReader:
 
     def ontology(self) -> tuple[Quad, ...]:
         """The quads of graph:ontology, with blank nodes, sorted."""
-        graph = NamedNode(v.ONTOLOGY_GRAPH)
+        graph = v.ONTOLOGY_GRAPH
         quads = self._store.engine.quads_for_pattern(None, None, None, graph)
         return tuple(sorted(anonymous(quads), key=str))
 

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from typing import Final
-
-from pyoxigraph import NamedNode
 
 from kg import vocabulary as v
 from kg.maps.semantic_map import SemanticMap
@@ -16,9 +13,6 @@ from kg.placement.statistics_export import table_quads
 from kg.placement.statistics_import import RoomTable
 from kg.placement.table import PlacementTable, table_of
 from kg.transactions import Cause
-
-_ONTOLOGY: Final = NamedNode(v.ONTOLOGY_GRAPH)
-_COMMONSENSE: Final = NamedNode(v.COMMONSENSE_GRAPH)
 
 
 def placement_table(
@@ -33,7 +27,7 @@ def placement_table(
     room count as one without (None: for all). Raises OntologyError for an invalid ontology.
     """
     with semantic_map.hold():
-        quads = semantic_map.engine.quads_for_pattern(None, None, None, _ONTOLOGY)
+        quads = semantic_map.engine.quads_for_pattern(None, None, None, v.ONTOLOGY_GRAPH)
         places, objects = semantic_map.places(), semantic_map.objects()
         return table_of(quads, places, objects, parameters=parameters, sought=sought)
 
@@ -46,13 +40,15 @@ def import_rooms(semantic_map: SemanticMap, table: RoomTable, by: str = "import 
     """
     sources = {one.source for one in table.statistics}
     with semantic_map.hold():
-        stored = tuple(semantic_map.engine.quads_for_pattern(None, None, None, _ONTOLOGY))
+        stored = tuple(semantic_map.engine.quads_for_pattern(None, None, None, v.ONTOLOGY_GRAPH))
         old = [one for one in statistics(stored) if one.source in sources]
         wanted = set(table_quads(table))
         gone = set(statistics_quads(old)) - wanted
         ontology = [q for q in stored if q not in gone]
         compiled = set(compile_commonsense([*ontology, *wanted]))
-        compiled -= set(semantic_map.engine.quads_for_pattern(None, None, None, _COMMONSENSE))
+        compiled -= set(
+            semantic_map.engine.quads_for_pattern(None, None, None, v.COMMONSENSE_GRAPH)
+        )
         cause = Cause("import", by, "; ".join(sorted(sources)))
         change = semantic_map.store.commit(
             sorted(gone, key=str), sorted(wanted | compiled, key=str), cause

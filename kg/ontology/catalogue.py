@@ -81,7 +81,7 @@ class Catalogue:
     @classmethod
     def from_store(cls, store: QuadStore) -> Catalogue:
         """The categories of the ontology in a map's store."""
-        graph = NamedNode(v.ONTOLOGY_GRAPH)
+        graph = v.ONTOLOGY_GRAPH
         return cls.from_quads(store.quads_for_pattern(None, None, None, graph))
 
     def find(self, label: str, kind: str | None = None) -> Category:

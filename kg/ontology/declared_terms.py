@@ -10,14 +10,11 @@ from kg import vocabulary as v
 from kg.errors import did_you_mean
 from kg.rdf.quad_store import QuadStore
 
-_TYPE = NamedNode(v.RDF_TYPE)
-_ONTOLOGY = NamedNode(v.ONTOLOGY_GRAPH)
-
 
 def declared_terms(engine: QuadStore) -> set[str]:
     """IRIs of the vocabulary's own terms, and of all that the ontology types; in ``here:``."""
     ours = {value for value in vars(v).values() if isinstance(value, str)}
-    quads = engine.quads_for_pattern(None, _TYPE, None, _ONTOLOGY)
+    quads = engine.quads_for_pattern(None, v.RDF_TYPE, None, v.ONTOLOGY_GRAPH)
     declared = {q.subject.value for q in quads if isinstance(q.subject, NamedNode)}
     return {iri for iri in ours | declared if iri.startswith(v.HERE)} | {v.HERE}
 

@@ -20,7 +20,7 @@ _NAMING: Final = {
     v.OWL_VERSION_INFO: "version",
 }
 _OF_AXIOMS: Final = {
-    v.RDF_TYPE,
+    v.RDF_TYPE.value,
     v.PROBABILITY,
     v.DCT_SOURCE,
     v.OWL_ANNOTATED_SOURCE,

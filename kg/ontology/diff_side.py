@@ -46,10 +46,10 @@ class OntologySummary:
         value = getattr(quad.object, "value", "")
         if predicate == v.RDFS_LABEL:
             self._labels[subject] = min(value, self._labels.get(subject, value))
-        elif predicate == v.RDF_TYPE and value in _DECLARATIONS:
+        elif predicate == v.RDF_TYPE.value and value in _DECLARATIONS:
             if not subject.startswith(v.GENID):
                 self.terms[subject] = _DECLARATIONS[value]
-        elif predicate == v.RDF_TYPE and value == v.ROOM_STATISTICS:
+        elif predicate == v.RDF_TYPE.value and value == v.ROOM_STATISTICS:
             self.statistics[subject] = {}
         elif predicate == v.RDFS_SUB_CLASS_OF and not value.startswith(v.GENID):
             self.parents[subject].add(value)

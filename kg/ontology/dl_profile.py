@@ -16,7 +16,6 @@ from pyoxigraph import Literal, NamedNode, Quad
 from kg import vocabulary as v
 from kg.rdf.findings import Finding
 
-_TYPE: Final = NamedNode(v.RDF_TYPE)
 _BETWEEN_CLASSES: Final = {
     v.RDFS_SUB_CLASS_OF,
     v.OWL_EQUIVALENT_CLASS,
@@ -47,7 +46,7 @@ def owl_dl_findings(quads: Iterable[Quad]) -> list[Finding]:
     quads = tuple(quads)
     kinds: dict[str, set[str]] = defaultdict(set)
     for quad in quads:
-        if quad.predicate == _TYPE and isinstance(quad.subject, NamedNode):
+        if quad.predicate == v.RDF_TYPE and isinstance(quad.subject, NamedNode):
             kinds[quad.subject.value].add(getattr(quad.object, "value", ""))
     found = [*_undeclared_classes(quads, kinds), *_declared_wrongly(kinds), *_ill_typed(quads)]
     return sorted(set(found))

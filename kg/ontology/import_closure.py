@@ -22,7 +22,6 @@ from kg.resources import ONTOLOGIES
 
 CATALOG: Final = "catalog-v001.xml"
 
-_TYPE = NamedNode(v.RDF_TYPE)
 _ONTOLOGY = NamedNode(v.OWL_ONTOLOGY)
 _IMPORTS = NamedNode(v.OWL_IMPORTS)
 
@@ -54,7 +53,7 @@ def headers_of(triples: Iterable[Triple]) -> frozenset[str]:
     return frozenset(
         q.subject.value
         for q in triples
-        if q.predicate == _TYPE and q.object == _ONTOLOGY and isinstance(q.subject, NamedNode)
+        if q.predicate == v.RDF_TYPE and q.object == _ONTOLOGY and isinstance(q.subject, NamedNode)
     )
 
 

@@ -11,7 +11,7 @@ from pyoxigraph import Literal, NamedNode
 from kg import vocabulary as v
 
 #: Predicates that are no part of an axiom's content.
-_FORM: Final = (v.RDF_TYPE, v.IMPORT_MARK)
+_FORM: Final = (v.RDF_TYPE.value, v.IMPORT_MARK)
 _NUMBERS: Final = tuple(v.XSD + name for name in ("double", "decimal", "integer", "float"))
 
 

@@ -83,22 +83,22 @@ def check_map(quads: Iterable[Quad], shapes: Path = ONTOLOGIES / SHAPES_FILE) ->
     graphs: dict[str, list[Quad]] = defaultdict(list)
     for q in quads:
         graphs[q.graph_name.value if isinstance(q.graph_name, NamedNode) else ""].append(q)
-    ontology = graphs.pop(v.ONTOLOGY_GRAPH, [])
+    ontology = graphs.pop(v.ONTOLOGY_GRAPH.value, [])
     if not ontology:
         message = "the map holds no ontology; load one into this graph"
-        return [Finding(focus=v.ONTOLOGY_GRAPH, message=message)]
+        return [Finding(focus=v.ONTOLOGY_GRAPH.value, message=message)]
     hierarchy = [q for q in ontology if q.predicate.value == v.RDFS_SUB_CLASS_OF]
-    shaped = (v.MAP_GRAPH, v.DATASET_GRAPH, v.ASSERTIONS_GRAPH)
+    shaped = (v.MAP_GRAPH.value, v.DATASET_GRAPH.value, v.ASSERTIONS_GRAPH.value)
     found = validate([*(q for graph in shaped for q in graphs[graph]), *hierarchy], shapes)
     declared = _declared(ontology)
     for facts in graphs.values():
         found += _undeclared(facts, declared)
-    found += _not_compiled(ontology, graphs[v.COMMONSENSE_GRAPH])
+    found += _not_compiled(ontology, graphs[v.COMMONSENSE_GRAPH.value])
     return sorted(set(found))
 
 
 def _is_class(q: Quad) -> bool:
-    return q.predicate.value == v.RDF_TYPE and q.object == NamedNode(v.OWL_CLASS)
+    return q.predicate == v.RDF_TYPE and q.object == NamedNode(v.OWL_CLASS)
 
 
 def _declared(ontology: Iterable[Quad]) -> set[str]:
@@ -106,7 +106,7 @@ def _declared(ontology: Iterable[Quad]) -> set[str]:
     return {
         q.subject.value
         for q in ontology
-        if q.predicate.value == v.RDF_TYPE
+        if q.predicate == v.RDF_TYPE
         and isinstance(q.subject, NamedNode)
         and isinstance(q.object, NamedNode)
         and q.object.value in kinds
@@ -139,7 +139,7 @@ def _mixed_kinds(quads: Iterable[Quad]) -> list[Finding]:
     kinds: dict[str, set[str]] = defaultdict(set)
     for q in quads:
         of_type = q.object.value if isinstance(q.object, NamedNode) else ""
-        if q.predicate.value == v.RDF_TYPE and of_type in _PROPERTY_KINDS:
+        if q.predicate == v.RDF_TYPE and of_type in _PROPERTY_KINDS:
             kinds[_text(q.subject)].add(_PROPERTY_KINDS[of_type])
     return [
         Finding(focus=iri, message=f"is a property of two kinds: {' and '.join(sorted(of))}")
@@ -186,11 +186,11 @@ def _not_compiled(ontology: list[Quad], commonsense: list[Quad]) -> list[Finding
             q for q in compile_commonsense(ontology) if q not in stated and q.subject not in there
         }
     except OntologyError as error:
-        return [Finding(focus=v.ONTOLOGY_GRAPH, message=str(error))]
+        return [Finding(focus=v.ONTOLOGY_GRAPH.value, message=str(error))]
     if not missing:
         return []
     message = f"lacks {len(missing)} facts that the map's ontology compiles to; compile it again"
-    return [Finding(focus=v.COMMONSENSE_GRAPH, message=message)]
+    return [Finding(focus=v.COMMONSENSE_GRAPH.value, message=message)]
 
 
 def _text(term: object) -> str:

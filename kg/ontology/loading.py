@@ -24,8 +24,6 @@ from kg.resources import ONTOLOGIES
 #: Shapes validate the other files and are not part of the map.
 SHAPES_FILE: Final = "shapes.ttl"
 
-_ONTOLOGY_GRAPH: Final = NamedNode(v.ONTOLOGY_GRAPH)
-_COMMONSENSE_GRAPH: Final = NamedNode(v.COMMONSENSE_GRAPH)
 _RELATION_CLASSES: Final = {
     v.LOCATED_AT: NamedNode(v.LOCATED_AT_RELATION),
     v.NEAR_BY: NamedNode(v.NEAR_BY_RELATION),
@@ -86,7 +84,7 @@ def _read(path: Path, parse: Parse | None, *, prefix: str) -> Iterator[Quad]:
         return names.setdefault(term, BlankNode(f"{prefix}{len(names)}"))
 
     for q in parse_file(path, parse) if parse else parse_file(path):
-        yield Quad(stable(q.subject), q.predicate, stable(q.object), _ONTOLOGY_GRAPH)
+        yield Quad(stable(q.subject), q.predicate, stable(q.object), v.ONTOLOGY_GRAPH)
 
 
 def superclasses(quads: Iterable[Quad]) -> dict[str, tuple[str, ...]]:
@@ -99,7 +97,7 @@ def superclasses(quads: Iterable[Quad]) -> dict[str, tuple[str, ...]]:
     for q in quads:
         if not isinstance(q.subject, NamedNode) or not isinstance(q.object, NamedNode):
             continue
-        if q.predicate.value == v.RDF_TYPE and q.object.value == v.OWL_CLASS:
+        if q.predicate == v.RDF_TYPE and q.object.value == v.OWL_CLASS:
             parents[q.subject.value].add(q.subject.value)
         elif q.predicate.value == v.RDFS_SUB_CLASS_OF and q.object.value != v.OWL_THING:
             parents[q.subject.value].add(q.object.value)
@@ -137,7 +135,7 @@ def compile_commonsense(quads: Iterable[Quad]) -> tuple[Quad, ...]:
 
 def _relation_quads(relation: Relation) -> Iterator[Quad]:
     iri = relation.iri
-    yield _quad(iri, v.RDF_TYPE, _RELATION_CLASSES[relation.kind])
+    yield _quad(iri, v.RDF_TYPE.value, _RELATION_CLASSES[relation.kind])
     yield _quad(iri, v.RELATION_SUBJECT, NamedNode(relation.subject))
     yield _quad(iri, v.RELATION_TARGET, NamedNode(relation.target))
     yield _quad(iri, v.RELATION_PROBABILITY, Literal(relation.probability))
@@ -146,4 +144,4 @@ def _relation_quads(relation: Relation) -> Iterator[Quad]:
 
 
 def _quad(subject: str, predicate: str, value: NamedNode | Literal) -> Quad:
-    return Quad(NamedNode(subject), NamedNode(predicate), value, _COMMONSENSE_GRAPH)
+    return Quad(NamedNode(subject), NamedNode(predicate), value, v.COMMONSENSE_GRAPH)

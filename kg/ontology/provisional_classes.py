@@ -24,9 +24,6 @@ from kg.transactions import Cause, ChangeSet
 MAX_LABEL: Final = 200  # characters
 MAX_NOTE: Final = 500  # characters kept with the transaction
 
-_ONTOLOGY: Final = NamedNode(v.ONTOLOGY_GRAPH)
-_COMMONSENSE: Final = NamedNode(v.COMMONSENSE_GRAPH)
-_TYPE: Final = NamedNode(v.RDF_TYPE)
 _IS_A: Final = NamedNode(v.IS_A)
 _SUB_CLASS: Final = NamedNode(v.RDFS_SUB_CLASS_OF)
 _MARK: Final = NamedNode(v.PROVISIONAL_MARK)
@@ -66,7 +63,7 @@ def add_provisional_classes(
             new.setdefault(iri, label)
     if not new:
         return None
-    hierarchy = [*store.engine.quads_for_pattern(None, _SUB_CLASS, None, _ONTOLOGY)]
+    hierarchy = [*store.engine.quads_for_pattern(None, _SUB_CLASS, None, v.ONTOLOGY_GRAPH)]
     above = superclasses(hierarchy)
     added = [*_declaration(store)]
     for iri, label in new.items():
@@ -76,7 +73,8 @@ def add_provisional_classes(
         added += _category(iri, label, kind, model, supers)
         every = {iri, *supers, *(a for known in supers for a in above.get(known, ()))}
         added += [
-            Quad(NamedNode(iri), _IS_A, NamedNode(one), _COMMONSENSE) for one in sorted(every)
+            Quad(NamedNode(iri), _IS_A, NamedNode(one), v.COMMONSENSE_GRAPH)
+            for one in sorted(every)
         ]
     names = ", ".join(new.values())
     cause = Cause("ontology", model, f"provisional {kind} categories: {names}"[:MAX_NOTE])
@@ -90,7 +88,7 @@ def provisional_to_keep(
 
     A file that people edit need not have what a network added meanwhile.
     """
-    old, declared = tuple(old), {q.subject for q in new if q.predicate == _TYPE}
+    old, declared = tuple(old), {q.subject for q in new if q.predicate == v.RDF_TYPE}
     kept = {
         q.subject
         for q in old
@@ -104,7 +102,7 @@ def provisional_to_keep(
 
 def _category(iri: str, label: str, kind: str, model: str, supers: Iterable[str]) -> Iterator[Quad]:
     properties: list[tuple[str, NamedNode | Literal]] = [
-        (v.RDF_TYPE, NamedNode(v.OWL_CLASS)),
+        (v.RDF_TYPE.value, NamedNode(v.OWL_CLASS)),
         (v.RDFS_LABEL, Literal(label)),
         (v.RDFS_COMMENT, Literal(_COMMENTS[kind].format(model=clean(model)))),
         (v.DCT_SOURCE, Literal(clean(model))),
@@ -112,12 +110,15 @@ def _category(iri: str, label: str, kind: str, model: str, supers: Iterable[str]
         *((v.RDFS_SUB_CLASS_OF, NamedNode(above)) for above in supers),
     ]
     for predicate, value in properties:
-        yield Quad(NamedNode(iri), NamedNode(predicate), value, _ONTOLOGY)
+        yield Quad(NamedNode(iri), NamedNode(predicate), value, v.ONTOLOGY_GRAPH)
 
 
 def _declaration(store: TransactionalStore) -> Iterator[Quad]:
     """The mark's own declaration, where the map's ontology is older than the mark."""
-    if next(store.engine.quads_for_pattern(_MARK, _TYPE, None, _ONTOLOGY), None) is None:
+    if (
+        next(store.engine.quads_for_pattern(_MARK, v.RDF_TYPE, None, v.ONTOLOGY_GRAPH), None)
+        is None
+    ):
         yield from (q for q in _shipped() if q.subject == _MARK)
 
 

@@ -16,8 +16,6 @@ from kg import vocabulary as v
 from kg.errors import OntologyError
 from kg.rdf.skolem import anonymous
 
-_GRAPH = NamedNode(v.ONTOLOGY_GRAPH)
-
 
 def load_world(quads: Iterable[Quad]) -> Any:
     """A fresh owlready2 World that holds the quads as one ontology.
@@ -49,7 +47,7 @@ def world_quads(world: Any, given: Iterable[Quad]) -> tuple[Quad, ...]:
     triples = parse(out.getvalue(), format=RdfFormat.N_TRIPLES)
     own = {v.HERE, v.HERE.rstrip("#")}
     body = [
-        Quad(t.subject, t.predicate, t.object, _GRAPH)
+        Quad(t.subject, t.predicate, t.object, v.ONTOLOGY_GRAPH)
         for t in triples
         if getattr(t.subject, "value", "") not in own and not _is_trivial(t.predicate, t.object)
     ]

@@ -26,12 +26,7 @@ from kg.transactions import Cause, ChangeSet
 
 MAX_NOTE: Final = 500  # characters of the change in words kept with its transaction
 
-_ONTOLOGY: Final = NamedNode(v.ONTOLOGY_GRAPH)
-_COMMONSENSE: Final = NamedNode(v.COMMONSENSE_GRAPH)
-_FACTS: Final = tuple(
-    NamedNode(graph) for graph in (v.MAP_GRAPH, v.ASSERTIONS_GRAPH, v.DATASET_GRAPH)
-)
-_TYPE: Final = NamedNode(v.RDF_TYPE)
+_FACTS: Final = (v.MAP_GRAPH, v.ASSERTIONS_GRAPH, v.DATASET_GRAPH)
 _IMPORTS: Final = NamedNode(v.OWL_IMPORTS)
 _MAX_LISTED = 5  # terms named in one message
 
@@ -56,12 +51,12 @@ def replace_ontology(
     ontologies that the map's is made of and are not marked as the `whole`; nothing is written
     then.
     """
-    new = named(Quad(q.subject, q.predicate, q.object, _ONTOLOGY) for q in quads)
-    stored = tuple(store.engine.quads_for_pattern(None, None, None, _ONTOLOGY))
+    new = named(Quad(q.subject, q.predicate, q.object, v.ONTOLOGY_GRAPH) for q in quads)
+    stored = tuple(store.engine.quads_for_pattern(None, None, None, v.ONTOLOGY_GRAPH))
     old = named(stored)
     new += tuple(provisional_to_keep(old, new, lambda node: _is_used(store, node)))
     compiled = compile_commonsense(new)
-    present = set(store.engine.quads_for_pattern(None, None, None, _COMMONSENSE))
+    present = set(store.engine.quads_for_pattern(None, None, None, v.COMMONSENSE_GRAPH))
     before = set(compile_commonsense(old))
     _reject_missing(old, new)
     reject_partial(old, new, whole=whole)
@@ -69,7 +64,7 @@ def replace_ontology(
     delete, insert, kept = recompiled(present, before, set(compiled))
     differences = tuple(changes(old, new))
     if any(isinstance(q.subject, BlankNode) or isinstance(q.object, BlankNode) for q in stored):
-        store.rewrite_graph(_ONTOLOGY, old)
+        store.rewrite_graph(v.ONTOLOGY_GRAPH, old)
     note = "; ".join(change.words for change in differences)[:MAX_NOTE]
     removed, added = set(old) - set(new), set(new) - set(old)
     commit = store.commit(
@@ -151,12 +146,12 @@ def _classes(quads: Iterable[Quad]) -> set[str]:
     return {
         q.subject.value
         for q in quads
-        if q.predicate == _TYPE and q.object == kind and isinstance(q.subject, NamedNode)
+        if q.predicate == v.RDF_TYPE and q.object == kind and isinstance(q.subject, NamedNode)
     }
 
 
 def _declared(quads: Iterable[Quad]) -> set[str]:
-    return {getattr(q.subject, "value", "") for q in quads if q.predicate == _TYPE}
+    return {getattr(q.subject, "value", "") for q in quads if q.predicate == v.RDF_TYPE}
 
 
 def _reject_missing(old: Iterable[Quad], new: Iterable[Quad]) -> None:

@@ -70,7 +70,7 @@ def _terms(
     yield "term", "label", "of", "value", "meaning"
     for iri in sorted(properties):
         about = properties[iri]
-        if NamedNode(kind) in about[v.RDF_TYPE] and catalogue.by_iri(iri) is None:
+        if NamedNode(kind) in about[v.RDF_TYPE.value] and catalogue.by_iri(iri) is None:
             yield (
                 f"`{_short(iri)}`",
                 _texts(about[v.RDFS_LABEL]),

@@ -13,8 +13,6 @@ from pyoxigraph import Literal, NamedNode, Quad
 from kg import vocabulary as v
 from kg.errors import OntologyError
 
-_ONTOLOGY: Final = NamedNode(v.ONTOLOGY_GRAPH)
-_TYPE: Final = NamedNode(v.RDF_TYPE)
 _CLASS: Final = NamedNode(v.ROOM_STATISTICS)
 
 
@@ -43,7 +41,7 @@ def statistics_quads(found: Iterable[RoomStatistics]) -> Iterator[Quad]:
     """Quads of graph:ontology that state room statistics."""
     for one in found:
         node = NamedNode(one.iri)
-        yield Quad(node, _TYPE, _CLASS, _ONTOLOGY)
+        yield Quad(node, v.RDF_TYPE, _CLASS, v.ONTOLOGY_GRAPH)
         yield _quad(node, v.STATISTICS_OBJECT, NamedNode(one.object))
         yield _quad(node, v.STATISTICS_PLACE, NamedNode(one.place))
         yield _quad(node, v.ROOM_COUNT, Literal(one.rooms))
@@ -54,7 +52,7 @@ def statistics_quads(found: Iterable[RoomStatistics]) -> Iterator[Quad]:
 
 
 def _quad(node: NamedNode, predicate: str, value: NamedNode | Literal) -> Quad:
-    return Quad(node, NamedNode(predicate), value, _ONTOLOGY)
+    return Quad(node, NamedNode(predicate), value, v.ONTOLOGY_GRAPH)
 
 
 def statistics(quads: Iterable[Quad]) -> tuple[RoomStatistics, ...]:
@@ -66,7 +64,7 @@ def statistics(quads: Iterable[Quad]) -> tuple[RoomStatistics, ...]:
     properties: dict[object, dict[str, str]] = defaultdict(dict)
     nodes: dict[object, None] = {}
     for q in quads:
-        if q.predicate == _TYPE and q.object == _CLASS:
+        if q.predicate == v.RDF_TYPE and q.object == _CLASS:
             nodes[q.subject] = None
         elif isinstance(q.object, NamedNode | Literal) and q.predicate.value in _PARTS:
             properties[q.subject][q.predicate.value] = q.object.value

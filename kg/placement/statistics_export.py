@@ -17,7 +17,6 @@ from kg.placement.statistics_import import RoomTable
 from kg.rdf.parsing import parse_file
 from kg.store.atomic_file import write_atomically
 
-_ONTOLOGY: Final = NamedNode(v.ONTOLOGY_GRAPH)
 #: the ontologies whose categories the statistics are about
 _IMPORTS: Final = tuple(v.ROOMS_ONTOLOGY.replace("rooms/", name) for name in ("objects", "places"))
 
@@ -26,13 +25,13 @@ def room_type_quads(types: Iterable[RoomType]) -> Iterator[Quad]:
     """The quads of graph:ontology that declare new place categories."""
     for kind in sorted(types, key=lambda kind: kind.iri):
         properties: dict[str, NamedNode | Literal] = {
-            v.RDF_TYPE: NamedNode(v.OWL_CLASS),
+            v.RDF_TYPE.value: NamedNode(v.OWL_CLASS),
             v.RDFS_SUB_CLASS_OF: NamedNode(kind.below or v.PLACE),
             v.RDFS_LABEL: Literal(kind.label),
             v.RDFS_COMMENT: Literal("A kind of room that statistics of real rooms tell apart."),
         }
         for predicate, value in properties.items():
-            yield Quad(NamedNode(kind.iri), NamedNode(predicate), value, _ONTOLOGY)
+            yield Quad(NamedNode(kind.iri), NamedNode(predicate), value, v.ONTOLOGY_GRAPH)
 
 
 def table_quads(table: RoomTable) -> tuple[Quad, ...]:
@@ -50,14 +49,16 @@ def write_rooms(table: RoomTable, path: Path) -> None:
     name = NamedNode(v.ROOMS_ONTOLOGY + quote(source, safe=""))
     _reject_other_content(path, name, source)
     properties: list[tuple[str, NamedNode | Literal]] = [
-        (v.RDF_TYPE, NamedNode(v.OWL_ONTOLOGY)),
+        (v.RDF_TYPE.value, NamedNode(v.OWL_ONTOLOGY)),
         *((v.OWL_IMPORTS, NamedNode(iri)) for iri in _IMPORTS),
         (v.RDFS_LABEL, Literal(f"room statistics: {source}")),
         (v.RDFS_COMMENT, Literal("How many real rooms of a kind hold an object of a kind.")),
         (v.OWL_VERSION_INFO, Literal("1")),
         (v.DCT_LICENSE, _license(table)),
     ]
-    header = [Quad(name, NamedNode(predicate), value, _ONTOLOGY) for predicate, value in properties]
+    header = [
+        Quad(name, NamedNode(predicate), value, v.ONTOLOGY_GRAPH) for predicate, value in properties
+    ]
     triples = [quad.triple for quad in (*header, *table_quads(table))]
     text = serialize(triples, format=RdfFormat.TURTLE, prefixes=_PREFIXES) or b""
     lines = text.decode().split("\n")[:-1]
@@ -85,7 +86,7 @@ def _reject_other_content(path: Path, name: NamedNode, source: str) -> None:
 
 
 #: predicates of a room type that statistics declare
-_OF_KINDS: Final = (v.RDF_TYPE, v.RDFS_SUB_CLASS_OF, v.RDFS_LABEL, v.RDFS_COMMENT)
+_OF_KINDS: Final = (v.RDF_TYPE.value, v.RDFS_SUB_CLASS_OF, v.RDFS_LABEL, v.RDFS_COMMENT)
 _PREFIXES: Final = {name: v.PREFIXES[name] for name in ("here", "owl", "rdfs", "dct", "xsd")}
 
 

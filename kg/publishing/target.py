@@ -27,7 +27,6 @@ from kg.transactions import ChangeSet
 CHUNK: Final = 20_000  # quads of one request; a transaction of fewer is one update
 CHUNK_OF_VIRTUOSO: Final = 10 * AT_ONCE
 
-_PUBLISHED: Final = NamedNode(v.PUBLISHED_GRAPH)
 _SEQUENCE: Final = NamedNode(v.SEQUENCE)
 _PART: Final = NamedNode(v.DCT_HAS_PART)
 
@@ -74,7 +73,7 @@ class PublishTarget:
         self._endpoint.close()
 
     def _marks(self) -> dict[str, int]:
-        pattern = f"GRAPH {_PUBLISHED} {{ ?map {_SEQUENCE} ?number }}"
+        pattern = f"GRAPH {v.PUBLISHED_GRAPH} {{ ?map {_SEQUENCE} ?number }}"
         found: dict[str, int] = {}
         for row in self._select("?map ?number", pattern).rows:
             base, number = row["map"].value, int(row["number"].value)
@@ -84,10 +83,10 @@ class PublishTarget:
 
     def _stored(self, base: str) -> Iterator[Quad]:
         """Published quads of a map, except ontology and common sense."""
-        others = ", ".join(map(str, (*BACKGROUND, _PUBLISHED)))
+        others = ", ".join(map(str, (*BACKGROUND, v.PUBLISHED_GRAPH)))
         facts = f"GRAPH ?g {{ ?s ?p ?o }} FILTER(?g NOT IN ({others}))"
         yield from self._quads(f"{facts} FILTER(STRSTARTS(STR(?s), {Literal(base)}))")
-        part = f"GRAPH {_PUBLISHED} {{ {NamedNode(base)} {_PART} ?s }}"
+        part = f"GRAPH {v.PUBLISHED_GRAPH} {{ {NamedNode(base)} {_PART} ?s }}"
         yield from self._quads(f"{part} {facts}")
 
     def _graph(self, graph: NamedNode) -> Iterator[Quad]:
@@ -142,13 +141,13 @@ def _operation(verb: str, quads: Iterable[Quad]) -> str:
 
 
 def _mark(base: str, sequence: int) -> Quad:
-    return Quad(NamedNode(base), _SEQUENCE, Literal(sequence), _PUBLISHED)
+    return Quad(NamedNode(base), _SEQUENCE, Literal(sequence), v.PUBLISHED_GRAPH)
 
 
 def _parts(base: str, quads: Iterable[Quad]) -> dict[Quad, None]:
     """Quads that mark resources with other IRIs as parts of the map."""
     return {
-        Quad(NamedNode(base), _PART, quad.subject, _PUBLISHED): None
+        Quad(NamedNode(base), _PART, quad.subject, v.PUBLISHED_GRAPH): None
         for quad in quads
         if quad.graph_name not in BACKGROUND
         and isinstance(quad.subject, NamedNode)

@@ -13,9 +13,6 @@ from kg.ontology.catalogue import Catalogue
 from kg.rdf.quad_store import QuadStore
 from kg.records import PlaceRecord
 
-_TYPE = NamedNode(v.RDF_TYPE)
-_MAP = NamedNode(v.MAP_GRAPH)
-
 
 @dataclass(frozen=True, slots=True)
 class ParameterResolver:
@@ -59,8 +56,8 @@ class ParameterResolver:
     def _labelled(self, label: str) -> str | None:
         """The one place of exactly that label, found without reading all places."""
         named = (NamedNode(v.RDFS_LABEL), Literal(label))
-        found = [q.subject for q in self.engine.quads_for_pattern(None, *named, _MAP)]
+        found = [q.subject for q in self.engine.quads_for_pattern(None, *named, v.MAP_GRAPH)]
         if len(found) != 1 or not isinstance(found[0], NamedNode):
             return None
-        is_place = Quad(found[0], _TYPE, NamedNode(v.PLACE), _MAP) in self.engine
+        is_place = Quad(found[0], v.RDF_TYPE, NamedNode(v.PLACE), v.MAP_GRAPH) in self.engine
         return found[0].value if is_place else None

@@ -20,7 +20,7 @@ def to_jsonld(triples: Iterable[Triple], prefixes: Mapping[str, str]) -> str:
     nodes: dict[str, dict[str, list[object]]] = {}
     for triple in triples:
         node = nodes.setdefault(_id(triple.subject, prefixes), {})
-        if triple.predicate.value == v.RDF_TYPE and isinstance(triple.object, NamedNode):
+        if triple.predicate == v.RDF_TYPE and isinstance(triple.object, NamedNode):
             node.setdefault("@type", []).append(_id(triple.object, prefixes))
         else:
             key = _compact(triple.predicate.value, prefixes)

@@ -18,10 +18,8 @@ from kg.transactions import ChangeSet
 
 _Typed = tuple[NamedNode | BlankNode | Triple, object]  # a thing and a class
 
-_TYPE: Final = NamedNode(v.RDF_TYPE)
 _IS_A: Final = NamedNode(v.IS_A)
 _OBJECT: Final = NamedNode(v.OBJECT)
-_MAP: Final = NamedNode(v.MAP_GRAPH)
 
 
 class RunningCounts:
@@ -72,7 +70,7 @@ class RunningCounts:
         added, removed = _types(change.added), _types(change.removed)
         more = 0
         for subject in {s for s, _ in added | removed}:
-            held = self._map.engine.quads_for_pattern(subject, _TYPE, None, _MAP)
+            held = self._map.engine.quads_for_pattern(subject, v.RDF_TYPE, None, v.MAP_GRAPH)
             now = {(subject, quad.object) for quad in held}
             more += self._counts(now) - self._counts((now | removed) - added, subject)
         return more
@@ -89,10 +87,14 @@ class RunningCounts:
             {
                 quad.subject
                 for kind in self._kinds
-                for quad in engine.quads_for_pattern(None, _TYPE, kind, _MAP)
+                for quad in engine.quads_for_pattern(None, v.RDF_TYPE, kind, v.MAP_GRAPH)
             }
         )
 
 
 def _types(quads: Iterable[Quad]) -> set[_Typed]:
-    return {(q.subject, q.object) for q in quads if q.predicate == _TYPE and q.graph_name == _MAP}
+    return {
+        (q.subject, q.object)
+        for q in quads
+        if q.predicate == v.RDF_TYPE and q.graph_name == v.MAP_GRAPH
+    }

@@ -29,8 +29,8 @@ _PARTS = tuple(map(NamedNode, (v.HAS_BELIEF, v.HAS_RELATION, v.HAS_LABEL_BELIEF)
 _UNION = ("union-default-graph", "true")
 #: The named graphs of a map.
 GRAPHS = (
-    *(v.ONTOLOGY_GRAPH, v.COMMONSENSE_GRAPH, v.MAP_GRAPH),
-    *(v.HISTORY_GRAPH, v.ASSERTIONS_GRAPH, v.DATASET_GRAPH),
+    *(v.ONTOLOGY_GRAPH.value, v.COMMONSENSE_GRAPH.value, v.MAP_GRAPH.value),
+    *(v.HISTORY_GRAPH.value, v.ASSERTIONS_GRAPH.value, v.DATASET_GRAPH.value),
 )
 _SPELT_OUT = tuple(
     (name, graph) for graph in GRAPHS for name in ("default-graph-uri", "named-graph-uri")

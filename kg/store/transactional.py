@@ -141,7 +141,7 @@ class TransactionalStore:
         """
         with contextlib.closing(SparqlBackend(url)) as engine:
             kind = NamedNode(v.SEMANTIC_MAP)
-            if any(engine.quads_for_pattern(None, NamedNode(v.RDF_TYPE), kind, None)):
+            if any(engine.quads_for_pattern(None, v.RDF_TYPE, kind, None)):
                 raise GraphError(f"there is a map at {engine.where} already; open it")
             engine.load(quads)
         # connected anew: the server's default graph can be probed only once it holds a map
@@ -390,12 +390,12 @@ def _check_characters(quads: Iterable[Quad]) -> None:
 
 def sequence_quad(number: int) -> Quad:
     """The fact that the store holds the transaction `number` and all before it."""
-    graph = NamedNode(v.DATASET_GRAPH)
+    graph = v.DATASET_GRAPH
     return Quad(graph, NamedNode(v.SEQUENCE), Literal(number), graph)
 
 
 def stored_sequence(engine: QuadStore) -> int:
     """The number of the last transaction that a store holds; 0 before the first."""
-    graph = NamedNode(v.DATASET_GRAPH)
+    graph = v.DATASET_GRAPH
     quads = engine.quads_for_pattern(graph, NamedNode(v.SEQUENCE), None, graph)
     return max((int(q.object.value) for q in quads if isinstance(q.object, Literal)), default=0)

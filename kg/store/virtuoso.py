@@ -66,7 +66,7 @@ def complaint(body: str) -> str:
 
 
 def _plain(text: str, datatype: str) -> str:
-    if datatype == v.XSD_DOUBLE:
+    if datatype == v.XSD_DOUBLE.value:
         number = float(text)
         return Literal(number).value if math.isfinite(number) else text
     if datatype == _BOOLEAN:

@@ -32,9 +32,6 @@ from kg.update.implicit_assertions import assert_perceived_properties
 from kg.update.implicit_assertions import categories as _categories
 from kg.update.relation_assertions import assert_relations, check_computed_relations
 
-_MAP: Final = NamedNode(v.MAP_GRAPH)
-_DATASET: Final = NamedNode(v.DATASET_GRAPH)
-_TYPE: Final = NamedNode(v.RDF_TYPE)
 _NUMERIC: Final = {v.XSD + name for name in ("decimal", "integer", "double", "float")}
 _EDGES: Final = (v.X_MIN, v.X_MAX, v.Y_MIN, v.Y_MAX)
 _OUTLINE: Final = NamedNode(v.OUTLINE)
@@ -46,10 +43,10 @@ def complete_change(pending: ChangeDraft, facts: RecordCodec, by: str | None) ->
     touched = dict.fromkeys(
         quad.subject
         for quad in (*pending.removed, *pending.added)
-        if quad.graph_name == _MAP and isinstance(quad.subject, NamedNode)
+        if quad.graph_name == v.MAP_GRAPH and isinstance(quad.subject, NamedNode)
     )
     for subject in touched:
-        if next(pending.after(subject, None, None, _MAP), None) is None:
+        if next(pending.after(subject, None, None, v.MAP_GRAPH), None) is None:
             _remove_dependents(pending, facts, subject)
             continue
         if _categories(pending.after, facts, subject, "object"):
@@ -64,15 +61,15 @@ def complete_change(pending: ChangeDraft, facts: RecordCodec, by: str | None) ->
 
 
 def _is_place(pending: ChangeDraft, facts: RecordCodec, subject: NamedNode) -> bool:
-    kind = Quad(subject, _TYPE, NamedNode(v.PLACE), _MAP)
-    return kind in pending.after(subject, _TYPE, None, _MAP) or bool(
+    kind = Quad(subject, v.RDF_TYPE, NamedNode(v.PLACE), v.MAP_GRAPH)
+    return kind in pending.after(subject, v.RDF_TYPE, None, v.MAP_GRAPH) or bool(
         _categories(pending.after, facts, subject, "place")
     )
 
 
 def _remove_dependents(pending: ChangeDraft, facts: RecordCodec, removed: NamedNode) -> None:
     """Remove the nodes that depend on `removed`."""
-    follow = [*pending.after(None, None, removed, _MAP)]
+    follow = [*pending.after(None, None, removed, v.MAP_GRAPH)]
     owned = {observation_iri(facts.base, removed.value)}
     owned.update(
         quad.object.value
@@ -84,9 +81,9 @@ def _remove_dependents(pending: ChangeDraft, facts: RecordCodec, removed: NamedN
     nodes = relation_nodes(pending.engine, removed.value)
     owned.update(nodes)
     for node in nodes:
-        follow += pending.after(None, None, NamedNode(node), _MAP)
+        follow += pending.after(None, None, NamedNode(node), v.MAP_GRAPH)
     for iri in owned:
-        follow += pending.after(NamedNode(iri), None, None, _MAP)
+        follow += pending.after(NamedNode(iri), None, None, v.MAP_GRAPH)
     assertions = Assertions(facts.base)
     follow += assertions.stored(pending.engine, removed.value)
     follow += assertions.naming(pending.engine, removed.value)
@@ -96,7 +93,7 @@ def _remove_dependents(pending: ChangeDraft, facts: RecordCodec, removed: NamedN
 def _complete(pending: ChangeDraft, facts: RecordCodec, subject: NamedNode) -> None:
     """Complete an object: numbers as doubles, the cell of its position, and missing facts."""
     for predicate in _DOUBLES:
-        for quad in tuple(pending.after(subject, NamedNode(predicate), None, _MAP)):
+        for quad in tuple(pending.after(subject, NamedNode(predicate), None, v.MAP_GRAPH)):
             _as_double(pending, quad)
     _assign_cell(pending, subject)
     if not _is_new(pending, subject):
@@ -111,18 +108,18 @@ def _complete(pending: ChangeDraft, facts: RecordCodec, subject: NamedNode) -> N
         (v.FIRST_SEEN, _only(pending, subject, v.LAST_SEEN) or now()),
     ):
         if _only(pending, subject, predicate) is None:
-            pending.change((), [Quad(subject, NamedNode(predicate), value, _MAP)])
+            pending.change((), [Quad(subject, NamedNode(predicate), value, v.MAP_GRAPH)])
 
 
 def _complete_place(pending: ChangeDraft, subject: NamedNode) -> None:
     """Complete a place: numbers as doubles, rectangle and centre of the outline, missing facts."""
     for predicate in _EDGES:
-        for quad in tuple(pending.after(subject, NamedNode(predicate), None, _MAP)):
+        for quad in tuple(pending.after(subject, NamedNode(predicate), None, v.MAP_GRAPH)):
             _as_double(pending, quad)
     _complete_outline(pending, subject)
     edges = [_coordinate(pending, subject, edge) for edge in _EDGES]
     if _touched(pending, subject, (v.OUTLINE, *_EDGES)):  # drawn by a person: mapping keeps it
-        pending.change(list(pending.after(subject, NamedNode(v.FROM_FLOOR), None, _MAP)), ())
+        pending.change(list(pending.after(subject, NamedNode(v.FROM_FLOOR), None, v.MAP_GRAPH)), ())
     outlined = _only(pending, subject, v.OUTLINE) is not None
     if _touched(pending, subject, _EDGES) and not outlined:
         for axis, least, most in ((v.X, edges[0], edges[1]), (v.Y, edges[2], edges[3])):
@@ -130,12 +127,14 @@ def _complete_place(pending: ChangeDraft, subject: NamedNode) -> None:
                 _replace_number(pending, subject, axis, (least + most) / 2)
     if not _is_new(pending, subject):
         return
-    kinds = [Quad(subject, _TYPE, NamedNode(kind), _MAP) for kind in (v.PLACE, v.BOT_SPACE)]
+    kinds = [
+        Quad(subject, v.RDF_TYPE, NamedNode(kind), v.MAP_GRAPH) for kind in (v.PLACE, v.BOT_SPACE)
+    ]
     pending.change((), kinds)
     name = " ".join(subject.value.rstrip("/").split("/")[-2:])
     for predicate, value in ((v.RDFS_LABEL, Literal(name)), (v.VIEW_COUNT, Literal(0))):
         if _only(pending, subject, predicate) is None:
-            pending.change((), [Quad(subject, NamedNode(predicate), value, _MAP)])
+            pending.change((), [Quad(subject, NamedNode(predicate), value, v.MAP_GRAPH)])
 
 
 def _complete_outline(pending: ChangeDraft, subject: NamedNode) -> None:
@@ -145,7 +144,7 @@ def _complete_outline(pending: ChangeDraft, subject: NamedNode) -> None:
     """
     if not _touched(pending, subject, (v.OUTLINE,)):
         if _touched(pending, subject, _EDGES):
-            pending.change(list(pending.after(subject, _OUTLINE, None, _MAP)), ())
+            pending.change(list(pending.after(subject, _OUTLINE, None, v.MAP_GRAPH)), ())
         return
     literal = _only(pending, subject, v.OUTLINE)
     try:
@@ -160,9 +159,9 @@ def _complete_outline(pending: ChangeDraft, subject: NamedNode) -> None:
 
 
 def _replace_number(pending: ChangeDraft, subject: NamedNode, predicate: str, value: float) -> None:
-    old = list(pending.after(subject, NamedNode(predicate), None, _MAP))
+    old = list(pending.after(subject, NamedNode(predicate), None, v.MAP_GRAPH))
     number = Literal(round(value, 2) + 0.0)
-    pending.change(old, [Quad(subject, NamedNode(predicate), number, _MAP)])
+    pending.change(old, [Quad(subject, NamedNode(predicate), number, v.MAP_GRAPH)])
 
 
 def _assign_cell(pending: ChangeDraft, subject: NamedNode) -> None:
@@ -170,13 +169,13 @@ def _assign_cell(pending: ChangeDraft, subject: NamedNode) -> None:
     if x is None or y is None or not _touched(pending, subject, (v.X, v.Y)):
         return
     in_cell = NamedNode(v.IN_CELL)
-    cell = Quad(subject, in_cell, NamedNode(cell_of(x, y)), _MAP)
-    old = [q for q in pending.after(subject, in_cell, None, _MAP) if q != cell]
+    cell = Quad(subject, in_cell, NamedNode(cell_of(x, y)), v.MAP_GRAPH)
+    old = [q for q in pending.after(subject, in_cell, None, v.MAP_GRAPH) if q != cell]
     pending.change(old, [cell])
 
 
 def _is_new(pending: ChangeDraft, subject: NamedNode) -> bool:
-    return next(pending.before(subject, _TYPE, None, _MAP), None) is None
+    return next(pending.before(subject, v.RDF_TYPE, None, v.MAP_GRAPH), None) is None
 
 
 def _touched(pending: ChangeDraft, subject: NamedNode, predicates: Iterable[str]) -> bool:
@@ -188,13 +187,13 @@ def _touched(pending: ChangeDraft, subject: NamedNode, predicates: Iterable[str]
 
 def _as_double(pending: ChangeDraft, quad: Quad) -> None:
     value = quad.object
-    if isinstance(value, Literal) and value.datatype.value in _NUMERIC - {v.XSD_DOUBLE}:
+    if isinstance(value, Literal) and value.datatype.value in _NUMERIC - {v.XSD_DOUBLE.value}:
         number = Literal(float(value.value))
-        pending.change([quad], [Quad(quad.subject, quad.predicate, number, _MAP)])
+        pending.change([quad], [Quad(quad.subject, quad.predicate, number, v.MAP_GRAPH)])
 
 
 def _only(pending: ChangeDraft, subject: NamedNode, predicate: str) -> Literal | None:
-    for quad in pending.after(subject, NamedNode(predicate), None, _MAP):
+    for quad in pending.after(subject, NamedNode(predicate), None, v.MAP_GRAPH):
         if isinstance(quad.object, Literal):
             return quad.object
     return None
@@ -210,7 +209,7 @@ def _coordinate(pending: ChangeDraft, subject: NamedNode, axis: str) -> float | 
 
 
 def _label(pending: ChangeDraft, facts: RecordCodec, subject: NamedNode) -> str:
-    for quad in pending.after(subject, _TYPE, None, _MAP):
+    for quad in pending.after(subject, v.RDF_TYPE, None, v.MAP_GRAPH):
         category = facts.catalogue.by_iri(getattr(quad.object, "value", ""))
         if category is not None:
             return f"{category.label} {subject.value.rstrip('/').rpartition('/')[2]}"
@@ -224,6 +223,6 @@ def _count_up(pending: ChangeDraft, facts: RecordCodec, touched: Iterable[Subjec
         if number.isascii() and number.isdigit():
             used = max(used, int(number))
     base, following = NamedNode(facts.base), NamedNode(v.NEXT_OBJECT)
-    for quad in tuple(pending.after(base, following, None, _DATASET)):
+    for quad in tuple(pending.after(base, following, None, v.DATASET_GRAPH)):
         if isinstance(quad.object, Literal) and int(quad.object.value) <= used:
-            pending.change([quad], [Quad(base, following, Literal(used + 1), _DATASET)])
+            pending.change([quad], [Quad(base, following, Literal(used + 1), v.DATASET_GRAPH)])

@@ -19,8 +19,6 @@ from kg.facts.objects_and_places import RecordCodec
 from kg.update.change_draft import ChangeDraft, Subject
 from kg.update.implicit_assertions import Read, categories
 
-_MAP: Final = NamedNode(v.MAP_GRAPH)
-_TYPE: Final = NamedNode(v.RDF_TYPE)
 _PLACE: Final = NamedNode(v.PLACE)
 
 
@@ -38,7 +36,7 @@ def check_confirmed(pending: ChangeDraft, facts: RecordCodec, limit: DeletionLim
     if lost <= limit.count:
         return
     # no local variable for the iterator: the traceback would take it to another thread
-    total = len(things_in(pending.before(None, _TYPE, None, _MAP), facts))
+    total = len(things_in(pending.before(None, v.RDF_TYPE, None, v.MAP_GRAPH), facts))
     if lost > limit.share * total:
         raise UnconfirmedDeletionError(
             f"this would delete {lost} of {total} objects and places, and nothing was written; "
@@ -64,20 +62,20 @@ def things_in(quads: Iterable[Quad], facts: RecordCodec) -> frozenset[Subject]:
     return frozenset(
         quad.subject
         for quad in quads
-        if quad.predicate == _TYPE and quad.graph_name == _MAP and _is_kind(quad, facts)
+        if quad.predicate == v.RDF_TYPE and quad.graph_name == v.MAP_GRAPH and _is_kind(quad, facts)
     )
 
 
 def is_place(read: Read, facts: RecordCodec, subject: Subject) -> bool:
     """Whether a subject is a place in the graph that `read` reads."""
-    types = {quad.object for quad in read(subject, _TYPE, None, _MAP)}
+    types = {quad.object for quad in read(subject, v.RDF_TYPE, None, v.MAP_GRAPH)}
     if _PLACE in types or not isinstance(subject, NamedNode):
         return _PLACE in types
     return bool(categories(read, facts, subject, "place"))
 
 
 def _is_thing(read: Read, facts: RecordCodec, subject: Subject) -> bool:
-    return bool(things_in(read(subject, _TYPE, None, _MAP), facts))
+    return bool(things_in(read(subject, v.RDF_TYPE, None, v.MAP_GRAPH), facts))
 
 
 def _is_kind(quad: Quad, facts: RecordCodec) -> bool:

@@ -37,7 +37,6 @@ from kg.update.ground_update import GroundUpdate, Step
 if TYPE_CHECKING:
     from kg.store.transactional import TransactionalStore
 
-_MAP = NamedNode(v.MAP_GRAPH)
 # fails at evaluation, so that the engine parses the whole request and changes nothing
 _NOTHING = "CLEAR GRAPH <urn:hereabouts:nothing>; "
 
@@ -162,7 +161,7 @@ def _check_syntax(sparql: str, start: int, text: str, prologue: str, guard: str 
         return  # it parses, and failed only on the empty store
 
 
-def _read(prologue: str, template: str, graph: NamedNode = _MAP) -> list[Quad]:
+def _read(prologue: str, template: str, graph: NamedNode = v.MAP_GRAPH) -> list[Quad]:
     """The quads of a template or of data; triples without GRAPH are in `graph`."""
     scratch = Store()
     try:
@@ -178,7 +177,7 @@ def _read(prologue: str, template: str, graph: NamedNode = _MAP) -> list[Quad]:
 
 
 def _modified(engine: Store, operation: Operation) -> tuple[list[Quad], list[Quad]]:
-    within = _iri(operation.prologue, operation.within) if operation.within else _MAP
+    within = _iri(operation.prologue, operation.within) if operation.within else v.MAP_GRAPH
     delete = _read(operation.prologue, operation.delete, within)
     insert = _read(operation.prologue, operation.insert, within)
     names = {name for quad in (*delete, *insert) for name in _variables(quad)}
@@ -261,7 +260,7 @@ def _managed(engine: Store, operation: Operation) -> tuple[Iterable[Quad], Itera
         return _one_graph(engine, operation)
     source, target = (_graph(operation, written) for written in operation.graphs)
     held = _held(engine, source)
-    if not held and source != _MAP and not operation.silent:
+    if not held and source != v.MAP_GRAPH and not operation.silent:
         raise QueryError(f"{operation.verb}: there is no graph {source}")
     if source == target:
         return (), ()
@@ -277,14 +276,14 @@ def _one_graph(engine: Store, operation: Operation) -> tuple[Iterable[Quad], Ite
     graph = _graph(operation, written)
     held = _held(engine, graph)
     creates = operation.verb == "CREATE"
-    if bool(held) == creates and graph != _MAP and not operation.silent:
+    if bool(held) == creates and graph != v.MAP_GRAPH and not operation.silent:
         what = "is a graph already" if creates else "is no graph of this map"
         raise QueryError(f"{operation.verb}: {graph} {what}; with SILENT that is no error")
     return () if creates else held, ()
 
 
 def _graph(operation: Operation, written: str) -> NamedNode:
-    return _MAP if written == "DEFAULT" else _iri(operation.prologue, written)
+    return v.MAP_GRAPH if written == "DEFAULT" else _iri(operation.prologue, written)
 
 
 def _held(engine: Store, graph: NamedNode) -> list[Quad]:

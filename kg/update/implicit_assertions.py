@@ -18,8 +18,6 @@ from kg.facts.objects_and_places import RecordCodec
 from kg.records import Assertion, PlaceRecord
 from kg.update.change_draft import ChangeDraft
 
-_MAP: Final = NamedNode(v.MAP_GRAPH)
-_TYPE: Final = NamedNode(v.RDF_TYPE)
 _HAS_BELIEF: Final = NamedNode(v.HAS_BELIEF)
 _HAS_LABEL_BELIEF: Final = NamedNode(v.HAS_LABEL_BELIEF)
 
@@ -54,7 +52,7 @@ def assert_perceived_properties(
 
 def categories(read: Read, facts: RecordCodec, subject: NamedNode, kind: str) -> set[str]:
     """Categories of a kind ("object" or "place") among the types of a subject."""
-    types = {getattr(q.object, "value", "") for q in read(subject, _TYPE, None, _MAP)}
+    types = {getattr(q.object, "value", "") for q in read(subject, v.RDF_TYPE, None, v.MAP_GRAPH)}
     known = {iri: facts.catalogue.by_iri(iri) for iri in types}
     return {
         iri
@@ -81,7 +79,7 @@ def _category(
     if kind == "object" and not before:
         return None
     value = min(after - before)
-    others = [Quad(subject, _TYPE, NamedNode(c), _MAP) for c in after - {value}]
+    others = [Quad(subject, v.RDF_TYPE, NamedNode(c), v.MAP_GRAPH) for c in after - {value}]
     pending.change(others, ())
     made = Assertion(subject.value, "category", value, by, time.time())
     if (old := previous.get("category")) is not None:
@@ -128,10 +126,10 @@ def _relabel(
     """Update a label that consists of the category and the number."""
     number = subject.value.rstrip("/").rpartition("/")[2]
     label = NamedNode(v.RDFS_LABEL)
-    was = Quad(subject, label, Literal(f"{facts.catalogue.label(old)} {number}"), _MAP)
-    if was in pending.after(subject, label, None, _MAP):
+    was = Quad(subject, label, Literal(f"{facts.catalogue.label(old)} {number}"), v.MAP_GRAPH)
+    if was in pending.after(subject, label, None, v.MAP_GRAPH):
         name = Literal(f"{facts.catalogue.label(new)} {number}")
-        pending.change([was], [Quad(subject, label, name, _MAP)])
+        pending.change([was], [Quad(subject, label, name, v.MAP_GRAPH)])
 
 
 def _restore_perceived(
@@ -141,7 +139,7 @@ def _restore_perceived(
     pending.change(_node(pending, Assertions(facts.base), previous), ())
     _set_beliefs(pending, facts, subject, previous.beliefs)
     if previous.beliefs and previous.perceived is not None:
-        pending.change((), [Quad(subject, _TYPE, NamedNode(previous.perceived), _MAP)])
+        pending.change((), [Quad(subject, v.RDF_TYPE, NamedNode(previous.perceived), v.MAP_GRAPH)])
 
 
 def _set_beliefs(
@@ -154,16 +152,16 @@ def _set_beliefs(
 
 def _remove_linked(pending: ChangeDraft, subject: NamedNode, link: NamedNode) -> None:
     """Remove the nodes that a property of `subject` points at, and the property."""
-    old = list(pending.after(subject, link, None, _MAP))
+    old = list(pending.after(subject, link, None, v.MAP_GRAPH))
     for quad in tuple(old):
         if isinstance(quad.object, NamedNode):
-            old += pending.after(quad.object, None, None, _MAP)
+            old += pending.after(quad.object, None, None, v.MAP_GRAPH)
     pending.change(old, ())
 
 
 def _beliefs(pending: ChangeDraft, subject: NamedNode) -> dict[str, float]:
     beliefs = {}
-    for quad in pending.before(subject, _HAS_BELIEF, None, _MAP):
+    for quad in pending.before(subject, _HAS_BELIEF, None, v.MAP_GRAPH):
         if isinstance(quad.object, NamedNode):
             category = _one(pending.before, quad.object, v.OF_CATEGORY)
             share = _one(pending.before, quad.object, v.BELIEF)
@@ -185,12 +183,14 @@ def _node(pending: ChangeDraft, assertions: Assertions, previous: Assertion) -> 
 
 def _wrote(pending: ChangeDraft, subject: NamedNode, predicate: str) -> bool:
     return any(
-        quad.subject == subject and quad.predicate.value == predicate and quad.graph_name == _MAP
+        quad.subject == subject
+        and quad.predicate.value == predicate
+        and quad.graph_name == v.MAP_GRAPH
         for quad in (*pending.added, *pending.removed)
     )
 
 
 def _one(read: Read, subject: NamedNode, predicate: str) -> str | None:
-    for quad in read(subject, NamedNode(predicate), None, _MAP):
+    for quad in read(subject, NamedNode(predicate), None, v.MAP_GRAPH):
         return str(getattr(quad.object, "value", quad.object))
     return None

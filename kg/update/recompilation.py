@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Final
 
-from pyoxigraph import NamedNode, Quad
+from pyoxigraph import Quad
 
 from kg import vocabulary as v
 from kg.errors import OntologyError
@@ -14,20 +13,17 @@ from kg.ontology.replacement import recompiled
 from kg.rdf.skolem import named
 from kg.update.change_draft import ChangeDraft
 
-_ONTOLOGY: Final = NamedNode(v.ONTOLOGY_GRAPH)
-_COMMONSENSE: Final = NamedNode(v.COMMONSENSE_GRAPH)
-
 
 def recompile_commonsense(draft: ChangeDraft) -> None:
     """Add to `draft` the changes of graph:commonsense that follow from those of the ontology.
 
     Raises OntologyError where the ontology would be invalid.
     """
-    if not any(q.graph_name == _ONTOLOGY for q in (*draft.added, *draft.removed)):
+    if not any(q.graph_name == v.ONTOLOGY_GRAPH for q in (*draft.added, *draft.removed)):
         return
-    before = _compiled(draft.before(None, None, None, _ONTOLOGY))
-    after = set(compile_commonsense(named(draft.after(None, None, None, _ONTOLOGY))))
-    present = set(draft.after(None, None, None, _COMMONSENSE))
+    before = _compiled(draft.before(None, None, None, v.ONTOLOGY_GRAPH))
+    after = set(compile_commonsense(named(draft.after(None, None, None, v.ONTOLOGY_GRAPH))))
+    present = set(draft.after(None, None, None, v.COMMONSENSE_GRAPH))
     delete, insert, _ = recompiled(present, before, after)
     draft.change(delete, insert)
 

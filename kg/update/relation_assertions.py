@@ -22,8 +22,6 @@ from kg.facts.relations import (
 from kg.records import Assertion, Relation, RelationKind
 from kg.update.change_draft import ChangeDraft, Subject
 
-_MAP: Final = NamedNode(v.MAP_GRAPH)
-_TYPE: Final = NamedNode(v.RDF_TYPE)
 _HAS_RELATION: Final = NamedNode(v.HAS_RELATION)
 _BESIDE: Final = NamedNode(v.BESIDE)
 _NODE: Final = NamedNode(v.SPATIAL_RELATION)
@@ -31,7 +29,7 @@ _NODE: Final = NamedNode(v.SPATIAL_RELATION)
 
 def check_computed_relations(pending: ChangeDraft, subject: Subject) -> None:
     """Raises ProtectedError if `pending` edits a relation that is computed from geometry."""
-    was = {quad.object for quad in pending.before(subject, _TYPE, None, _MAP)}
+    was = {quad.object for quad in pending.before(subject, v.RDF_TYPE, None, v.MAP_GRAPH)}
     if not was:
         return  # a new node is written as a whole
     written = [quad for quad in pending.added if quad.subject == subject]
@@ -98,9 +96,9 @@ def _write(
     pending: ChangeDraft, subject: NamedNode, kind: RelationKind, relations: tuple[Relation, ...]
 ) -> None:
     predicate = NamedNode(PREDICATES[kind])
-    old = list(pending.after(subject, predicate, None, _MAP))
-    for quad in pending.after(subject, _HAS_RELATION, None, _MAP):
-        about = list(pending.after(quad.object, None, None, _MAP))  # type: ignore[arg-type]
+    old = list(pending.after(subject, predicate, None, v.MAP_GRAPH))
+    for quad in pending.after(subject, _HAS_RELATION, None, v.MAP_GRAPH):
+        about = list(pending.after(quad.object, None, None, v.MAP_GRAPH))  # type: ignore[arg-type]
         if any(fact.object == predicate for fact in about):
             old += [quad, *about]
     pending.change(old, relation_quads(subject.value, relations))
@@ -110,19 +108,19 @@ def _objects(
     pending: ChangeDraft, subject: NamedNode, predicate: NamedNode, *, after: bool
 ) -> set[str]:
     read = pending.after if after else pending.before
-    return {getattr(q.object, "value", "") for q in read(subject, predicate, None, _MAP)}
+    return {getattr(q.object, "value", "") for q in read(subject, predicate, None, v.MAP_GRAPH)}
 
 
 def _backed(pending: ChangeDraft, subject: NamedNode) -> bool:
     """Whether an update adds an object together with the nodes of its relations."""
-    new = next(pending.before(subject, _TYPE, None, _MAP), None) is None
-    return new and next(pending.after(subject, _HAS_RELATION, None, _MAP), None) is not None
+    new = next(pending.before(subject, v.RDF_TYPE, None, v.MAP_GRAPH), None) is None
+    return new and next(pending.after(subject, _HAS_RELATION, None, v.MAP_GRAPH), None) is not None
 
 
 def _exists(pending: ChangeDraft, thing: object) -> bool:
     if not isinstance(thing, NamedNode):
         return False
-    return next(pending.after(thing, _TYPE, None, _MAP), None) is not None
+    return next(pending.after(thing, v.RDF_TYPE, None, v.MAP_GRAPH), None) is not None
 
 
 def _computed(what: str) -> ProtectedError:

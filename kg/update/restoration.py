@@ -34,11 +34,6 @@ from kg.update.deletion_guard import added_things, is_place, removed_things, thi
 #: Scopes of a restoration, beside single things by their IRI.
 SCOPES: Final = ("objects", "places", "assertions", "ontology")
 
-_MAP: Final = NamedNode(v.MAP_GRAPH)
-_ASSERTIONS: Final = NamedNode(v.ASSERTIONS_GRAPH)
-_ONTOLOGY: Final = NamedNode(v.ONTOLOGY_GRAPH)
-_COMMONSENSE: Final = NamedNode(v.COMMONSENSE_GRAPH)
-_TYPE: Final = NamedNode(v.RDF_TYPE)
 _DEPARTED: Final = NamedNode(v.DEPARTED_OBJECT)
 _NEXT_OBJECT: Final = NamedNode(v.NEXT_OBJECT)
 _ATTRIBUTED: Final = NamedNode(v.PROV_ATTRIBUTED_TO)
@@ -136,13 +131,13 @@ class Restoration:
 
     def _undo_ontology(self) -> None:
         self._undo(lambda quad: quad.graph_name in BACKGROUND)
-        old = tuple(self.pending.before(None, None, None, _ONTOLOGY))
-        new = tuple(self.pending.after(None, None, None, _ONTOLOGY))
-        relations = set(self.pending.after(None, None, None, _COMMONSENSE))
+        old = tuple(self.pending.before(None, None, None, v.ONTOLOGY_GRAPH))
+        new = tuple(self.pending.after(None, None, None, v.ONTOLOGY_GRAPH))
+        relations = set(self.pending.after(None, None, None, v.COMMONSENSE_GRAPH))
         reject_lost_terms(self._store, old, new, relations)
 
     def _is_within_scopes(self, quad: Quad) -> bool:
-        if quad.graph_name not in (_MAP, _ASSERTIONS):
+        if quad.graph_name not in (v.MAP_GRAPH, v.ASSERTIONS_GRAPH):
             return False
         iri = self._owner(_iri(quad.subject))
         if iri in self._things or _iri(quad.object) in self._things:
@@ -157,9 +152,11 @@ class Restoration:
         for iri in {self._owner(_iri(quad.subject)) for quad in changed} - {""}:
             node = NamedNode(iri)
             for read in (self.pending.before, self._then.quads_for_pattern):
-                if things_in(read(node, None, None, _MAP), self._facts):
+                if things_in(read(node, None, None, v.MAP_GRAPH), self._facts):
                     kinds[iri] = "places" if is_place(read, self._facts, node) else "objects"
-                elif _DEPARTED in (quad.object for quad in read(node, _TYPE, None, _MAP)):
+                elif _DEPARTED in (
+                    quad.object for quad in read(node, v.RDF_TYPE, None, v.MAP_GRAPH)
+                ):
                     kinds.setdefault(iri, "objects")
         return kinds
 
@@ -181,7 +178,7 @@ class Restoration:
 
     def _reassert(self) -> None:
         changed = (*self._difference.added, *self._difference.removed)
-        nodes = {_iri(quad.subject) for quad in changed if quad.graph_name == _ASSERTIONS}
+        nodes = {_iri(quad.subject) for quad in changed if quad.graph_name == v.ASSERTIONS_GRAPH}
         about = {iri for node in nodes if (iri := self._assertions.subject(node)) is not None}
         assertions_of = {iri: self._assertions.of(self._then, iri) for iri in about}
         delete, insert, self.skipped = self._sayings.with_assertions(assertions_of)

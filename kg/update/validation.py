@@ -27,18 +27,19 @@ from kg.update.change_draft import ChangeDraft, Subject
 #: Graphs that an update may write only where its caller allows it, and the way that works instead.
 PROTECTED: Final = {
     "ontology": (
-        v.ONTOLOGY_GRAPH,
+        v.ONTOLOGY_GRAPH.value,
         "edit the ontology files and reload them (docs/how-to/protege.md)",
     ),
-    "commonsense": (v.COMMONSENSE_GRAPH, "it is compiled from the ontology: edit that"),
-    "history": (v.HISTORY_GRAPH, "the past is not rewritten"),
-    "assertions": (v.ASSERTIONS_GRAPH, "use assert and retract, which move assertions with it"),
+    "commonsense": (v.COMMONSENSE_GRAPH.value, "it is compiled from the ontology: edit that"),
+    "history": (v.HISTORY_GRAPH.value, "the past is not rewritten"),
+    "assertions": (
+        v.ASSERTIONS_GRAPH.value,
+        "use assert and retract, which move assertions with it",
+    ),
 }
 _COUNTERS: Final = {v.SEQUENCE, v.NEXT_OBJECT, v.FRAMES_APPLIED, v.LAST_FRAME, v.TRANSFORM}
-_SHAPED: Final = tuple(NamedNode(g) for g in (v.MAP_GRAPH, v.DATASET_GRAPH, v.ASSERTIONS_GRAPH))
-_TYPE: Final = NamedNode(v.RDF_TYPE)
+_SHAPED: Final = (v.MAP_GRAPH, v.DATASET_GRAPH, v.ASSERTIONS_GRAPH)
 _SUB_CLASS: Final = NamedNode(v.RDFS_SUB_CLASS_OF)
-_ONTOLOGY: Final = NamedNode(v.ONTOLOGY_GRAPH)
 _SHOWN = 3  # violations in one message
 
 
@@ -60,7 +61,7 @@ class UpdateValidator:
                 raise ProtectedError(
                     f"an update may not write graph:{graph.removeprefix(v.GRAPH)}: {closed[graph]}"
                 )
-            if graph == v.DATASET_GRAPH and "dataset" not in allow and _kept(quad):
+            if graph == v.DATASET_GRAPH.value and "dataset" not in allow and _kept(quad):
                 raise ProtectedError(
                     f"an update may not write {_short(quad.predicate.value)} of graph:dataset: "
                     "the map maintains it"
@@ -90,7 +91,7 @@ class UpdateValidator:
                     self._check_declared(term.value, quad)
 
     def _check_declared(self, iri: str, quad: Quad) -> None:
-        if iri not in self._declared and quad.graph_name != _ONTOLOGY:
+        if iri not in self._declared and quad.graph_name != v.ONTOLOGY_GRAPH:
             raise ShapeError(f"the update is refused: {undeclared(iri, self._declared)}")
 
     def _findings(
@@ -115,14 +116,14 @@ class UpdateValidator:
             for graph in _SHAPED:
                 for quad in read(subject, None, None, graph):
                     yield quad
-                    if quad.predicate == _TYPE and isinstance(quad.object, NamedNode):
+                    if quad.predicate == v.RDF_TYPE and isinstance(quad.object, NamedNode):
                         classes[quad.object.value] = None
                     elif isinstance(quad.object, NamedNode | BlankNode):
                         neighbours[quad.object] = None
         for node in neighbours:
             classes[node.value if isinstance(node, NamedNode) else ""] = None
             for graph in _SHAPED:
-                for quad in read(node, _TYPE, None, graph):
+                for quad in read(node, v.RDF_TYPE, None, graph):
                     yield quad
                     classes[getattr(quad.object, "value", "")] = None
         yield from self._hierarchy(classes)
@@ -131,11 +132,13 @@ class UpdateValidator:
         for iri in classes:
             for above in self._above.get(iri, ()):
                 if above != iri:
-                    yield Quad(NamedNode(iri), _SUB_CLASS, NamedNode(above), _ONTOLOGY)
+                    yield Quad(NamedNode(iri), _SUB_CLASS, NamedNode(above), v.ONTOLOGY_GRAPH)
 
     @cached_property
     def _above(self) -> dict[str, tuple[str, ...]]:
-        return superclasses(self._store.engine.quads_for_pattern(None, None, None, _ONTOLOGY))
+        return superclasses(
+            self._store.engine.quads_for_pattern(None, None, None, v.ONTOLOGY_GRAPH)
+        )
 
     @cached_property
     def _declared(self) -> set[str]:
@@ -147,19 +150,19 @@ def _focus(pending: ChangeDraft) -> Iterator[Subject]:
     for quad in (*pending.added, *pending.removed):
         if quad.graph_name in _SHAPED:
             yield quad.subject
-            if quad.predicate == _TYPE and quad in pending.removed:
+            if quad.predicate == v.RDF_TYPE and quad in pending.removed:
                 retyped[quad.subject] = None
     for subject in retyped:
         pointed: set[str] = set()
         # a bound, as a subject may have very many references of the same kind
-        for quad in islice(pending.after(None, None, subject, NamedNode(v.MAP_GRAPH)), 100_000):
+        for quad in islice(pending.after(None, None, subject, v.MAP_GRAPH), 100_000):
             if quad.predicate.value not in pointed:
                 pointed.add(quad.predicate.value)
                 yield quad.subject
 
 
 def _kept(quad: Quad) -> bool:
-    is_identity = quad.predicate == _TYPE and quad.object == NamedNode(v.SEMANTIC_MAP)
+    is_identity = quad.predicate == v.RDF_TYPE and quad.object == NamedNode(v.SEMANTIC_MAP)
     return is_identity or quad.predicate.value in _COUNTERS
 
 

@@ -279,6 +279,6 @@ def settings_of(memory_mb: int, services: Collection[str]) -> dict[str, Any]:
         "memory": memory_mb << 20,
         "services": sorted(services),
         "prefixes": v.PREFIXES,
-        "dataset": v.DATASET_GRAPH,
+        "dataset": v.DATASET_GRAPH.value,
         "sequence": v.SEQUENCE,
     }

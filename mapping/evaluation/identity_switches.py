@@ -58,7 +58,7 @@ def _apply(change: ChangeSet, quads: dict[str, set[Any]]) -> set[str]:
     for edit, facts in ((set.discard, change.removed), (set.add, change.added)):
         for quad in facts:
             subject = str(getattr(quad.subject, "value", quad.subject))
-            if getattr(quad.graph_name, "value", "") == MAP_GRAPH:
+            if quad.graph_name == MAP_GRAPH:
                 edit(quads.setdefault(subject, set()), quad)
                 changed.add(subject)
     return changed

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from pyoxigraph import NamedNode
 
 from kg.areas import Rectangle
 from kg.errors import LabelsError
@@ -64,7 +63,7 @@ def test_a_loop_over_add_makes_the_map_that_map_recording_makes(
     detector, scene = scripted_detector(script, cup), scripted_scene({"kitchen": 0.9})
 
     def facts(semantic_map):
-        graph = NamedNode(MAP_GRAPH)
+        graph = MAP_GRAPH
         return sorted(map(str, semantic_map.engine.quads_for_pattern(None, None, None, graph)))
 
     with in_memory_map(base="https://example.org/map/") as one:

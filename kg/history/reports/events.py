@@ -17,7 +17,6 @@ from kg.iris import observation_iri
 from kg.rdf.quad_store import Term
 from kg.transactions import Cause
 
-_TYPE = NamedNode(v.RDF_TYPE)
 _DEPARTED = NamedNode(v.DEPARTED_OBJECT)
 
 
@@ -66,10 +65,10 @@ def _words(change: ChangeLines, base: str) -> Iterator[str]:
     gone, come = (quads_of(side) for side in change)
     about = _about((gone + come)[0].subject, base)
     removed, added = _by_predicate(gone), _by_predicate(come)
-    if _TYPE in removed and _TYPE not in added:
+    if v.RDF_TYPE in removed and v.RDF_TYPE not in added:
         yield f"{about}: removed" if about else "removed"
         return
-    if _TYPE in removed and _DEPARTED in added.get(_TYPE, ()):
+    if v.RDF_TYPE in removed and _DEPARTED in added.get(v.RDF_TYPE, ()):
         yield "left where it stood"
         return
     lines = _steps(removed, added, base)
@@ -82,11 +81,11 @@ def _words(change: ChangeLines, base: str) -> Iterator[str]:
 def _steps(
     removed: dict[Term, list[Term]], added: dict[Term, list[Term]], base: str
 ) -> Iterator[str]:
-    new = _TYPE in added and _TYPE not in removed
+    new = v.RDF_TYPE in added and v.RDF_TYPE not in removed
     if new:
-        yield "new " + ", ".join(short(kind, base) for kind in added[_TYPE])
+        yield "new " + ", ".join(short(kind, base) for kind in added[v.RDF_TYPE])
     for predicate in sorted({*removed, *added}, key=word):
-        if predicate != _TYPE or not new:
+        if predicate != v.RDF_TYPE or not new:
             old, now = (
                 ", ".join(_brief(value, base) for value in side.get(predicate, ()))
                 for side in (removed, added)
@@ -96,7 +95,7 @@ def _steps(
 
 def _brief(value: Term, base: str) -> str:
     """A value in a line; of packed bytes only how many characters they take."""
-    if isinstance(value, Literal) and value.datatype.value == v.XSD_BASE64:
+    if isinstance(value, Literal) and value.datatype == v.XSD_BASE64:
         return f"{len(value.value)} characters"
     return short(value, base)
 

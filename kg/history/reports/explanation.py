@@ -31,13 +31,12 @@ Kind = (
 )
 VIEWS = 3  # frames named of those a place's belief rests on
 
-_MAP, _ASSERTIONS = NamedNode(v.MAP_GRAPH), NamedNode(v.ASSERTIONS_GRAPH)
 _SUBJECT = NamedNode(v.RELATION_SUBJECT)
 _ASSERTED_OF = NamedNode(v.ASSERTED_OF)
 _DEPARTED = NamedNode(v.DEPARTED_OBJECT)
 #: Facts that follow from an assertion of a property.
 _SAID_OF = {
-    v.RDF_TYPE: "category",
+    v.RDF_TYPE.value: "category",
     **dict.fromkeys((v.X, v.Y, v.Z, v.IN_CELL, v.IN_PLACE), "position"),
     v.EXISTENCE: "existence",
     v.RDFS_LABEL: "label",
@@ -83,11 +82,13 @@ class Explainer:
         facts = [q for q in self._about(iri) if q.graph_name not in BACKGROUND]
         if not facts:
             return self._background_or_removed(iri)
-        types = [q for q in facts if q.predicate.value == v.RDF_TYPE]
+        types = [q for q in facts if q.predicate == v.RDF_TYPE]
         if _DEPARTED in (quad.object for quad in types):
             return self._departed(iri, types[0])
         reasons = [self.fact(q) for q in types if _is_informative(q)]
-        reasons += [self.fact(q) for q in facts if q.graph_name == _ASSERTIONS and q not in types]
+        reasons += [
+            self.fact(q) for q in facts if q.graph_name == v.ASSERTIONS_GRAPH and q not in types
+        ]
         reasons += self._alternatives(facts)
         if not any(step.kind == "observation" for r in reasons for _, step in r.walk()):
             reasons += self._observation(iri)
@@ -128,14 +129,18 @@ class Explainer:
         mapped = commit is None or commit.cause.kind in ("frame", "recovery", "search")
         if commit is None and (held := self._assertion_behind(quad)):
             yield held
-        elif mapped and quad.graph_name == _MAP and isinstance(quad.subject, NamedNode):
+        elif mapped and quad.graph_name == v.MAP_GRAPH and isinstance(quad.subject, NamedNode):
             yield from self._mapped(quad.subject, quad.predicate.value, quad.object)
         yield self._commit(sequence)
 
     def _assertion_behind(self, quad: Quad) -> Explanation | None:
         """The assertion behind a fact whose transaction is not kept; None where there is none."""
         prop = _SAID_OF.get(quad.predicate.value)
-        if prop is None or quad.graph_name != _MAP or not isinstance(quad.subject, NamedNode):
+        if (
+            prop is None
+            or quad.graph_name != v.MAP_GRAPH
+            or not isinstance(quad.subject, NamedNode)
+        ):
             return None
         node = self._assertion(quad.subject, prop)
         if node is None:
@@ -155,7 +160,7 @@ class Explainer:
 
     def _assertion(self, thing: NamedNode, prop: str) -> NamedNode | None:
         """The assertion of a property of a thing."""
-        for quad in self._engine.quads_for_pattern(None, _ASSERTED_OF, thing, _ASSERTIONS):
+        for quad in self._engine.quads_for_pattern(None, _ASSERTED_OF, thing, v.ASSERTIONS_GRAPH):
             node = quad.subject
             if not isinstance(node, NamedNode):
                 continue
@@ -165,11 +170,11 @@ class Explainer:
 
     def _mapped(self, subject: NamedNode, predicate: str, value: Term) -> Iterator[Explanation]:
         """The mapper's rule for a fact of its own, and what it applied the rule to."""
-        kinds = {getattr(kind, "value", "") for kind in self._values(subject, v.RDF_TYPE)}
+        kinds = {getattr(kind, "value", "") for kind in self._values(subject, v.RDF_TYPE.value)}
         rule = rule_of(predicate, kinds)
         if rule and not (v.PLACE_BELIEF in kinds and predicate == v.BELIEF):
             yield Explanation("rule", rule)
-        if v.PLACE in kinds and predicate == v.RDF_TYPE:
+        if v.PLACE in kinds and predicate == v.RDF_TYPE.value:
             yield from self._belief(subject, value)
         if v.PLACE_BELIEF in kinds and predicate == v.BELIEF:
             yield from self._grounds(subject)
@@ -191,7 +196,7 @@ class Explainer:
                     yield self._background_or_removed(relation)
             return
         sources = [*self._sources(quad.subject)]
-        yield from sources or [Explanation("source", "the ontology", v.ONTOLOGY_GRAPH)]
+        yield from sources or [Explanation("source", "the ontology", v.ONTOLOGY_GRAPH.value)]
         if self._changes.sequence_of(quad) > self._log.floor:
             yield self._made(quad)
 
@@ -269,13 +274,13 @@ class Explainer:
                 for q in sorted(found, key=str)
                 if isinstance(q.subject, NamedNode)
             ]
-            source = Explanation("source", "the ontology", v.ONTOLOGY_GRAPH)
+            source = Explanation("source", "the ontology", v.ONTOLOGY_GRAPH.value)
             text = f"{short(iri, self._base)} ({held.get(v.RDFS_LABEL, 'no label')})"
             return Explanation("thing", text, iri.value, (source, *relations))
         return self._removed(iri)
 
     def _removed(self, iri: NamedNode) -> Explanation:
-        removals = self._changes.changes_of(iri, v.RDF_TYPE, removed=True)
+        removals = self._changes.changes_of(iri, v.RDF_TYPE.value, removed=True)
         if not removals:
             raise QueryParameterError(
                 f"the map holds nothing about {short(iri, self._base)}, and never did in its "

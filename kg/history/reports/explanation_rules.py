@@ -35,7 +35,7 @@ REMOVAL: Final = (
     "confidence is no longer positive (eq. 3.4)"
 )
 RULES: Final[dict[str, str]] = {
-    v.RDF_TYPE: "the detector's label, found among the labels of the ontology",
+    v.RDF_TYPE.value: "the detector's label, found among the labels of the ontology",
     v.RDFS_LABEL: "the category's label and the object's number, when it was new",
     v.X: _POSITION,
     v.Y: _POSITION,
@@ -83,7 +83,7 @@ RULES: Final[dict[str, str]] = {
 #: Facts of an object that rest on its sightings.
 EVIDENT: Final = frozenset(
     (
-        *(v.RDF_TYPE, v.EXPLAINED_BY, v.X, v.Y, v.Z),
+        *(v.RDF_TYPE.value, v.EXPLAINED_BY, v.X, v.Y, v.Z),
         *(v.CONFIDENCE, v.EXISTENCE, v.OBSERVATION_COUNT, v.LAST_SEEN),
     )
 )
@@ -100,10 +100,14 @@ def rule_of(predicate: str, kinds: set[str]) -> str | None:
     """The rule by which a thing of types `kinds` comes by a fact with `predicate`."""
     if v.ROBOT in kinds:
         return _CAMERA
-    if v.PLACE in kinds and predicate == v.RDF_TYPE:
+    if v.PLACE in kinds and predicate == v.RDF_TYPE.value:
         return _PLACE_TYPE
     if v.PLACE in kinds and predicate in (v.X, v.Y):
         return "the middle of the place, or what of it is nearest to that"
-    if predicate == v.RDF_TYPE and kinds & {v.SOSA_OBSERVATION, v.PLACE_BELIEF, v.LABEL_BELIEF}:
+    if predicate == v.RDF_TYPE.value and kinds & {
+        v.SOSA_OBSERVATION,
+        v.PLACE_BELIEF,
+        v.LABEL_BELIEF,
+    }:
         return None
     return RULES.get(predicate)

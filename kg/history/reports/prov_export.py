@@ -47,7 +47,7 @@ def provenance(*reasons: Explanation) -> str:
 
 def _triples(reason: Explanation, path: str) -> Iterator[Triple]:
     node = _node(reason, path)
-    yield Triple(node, NamedNode(v.RDF_TYPE), NamedNode(_CLASS[reason.kind]))
+    yield Triple(node, v.RDF_TYPE, NamedNode(_CLASS[reason.kind]))
     named = v.RDFS_LABEL if reason.kind == "person" else v.RDFS_COMMENT
     yield Triple(node, NamedNode(named), Literal(reason.text))
     if reason.fact is not None:
@@ -63,7 +63,7 @@ def _triples(reason: Explanation, path: str) -> Iterator[Triple]:
         if _link(reason, behind) == v.PROV_ASSOCIATED_WITH:
             association = BlankNode(f"{below}association")
             yield Triple(node, NamedNode(v.PROV_QUALIFIED_ASSOCIATION), association)
-            yield Triple(association, NamedNode(v.RDF_TYPE), NamedNode(v.PROV_ASSOCIATION))
+            yield Triple(association, v.RDF_TYPE, NamedNode(v.PROV_ASSOCIATION))
             yield Triple(association, NamedNode(v.PROV_HAS_AGENT), _node(behind, below))
         yield from _triples(behind, below)
 

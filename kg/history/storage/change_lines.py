@@ -26,7 +26,7 @@ _TIMES: Final = (v.SOSA_RESULT_TIME, v.FIRST_SEEN, v.LAST_SEEN)
 _TEXTS: Final = (v.BOX, v.FRAME, v.MODEL, v.LAST_FRAME, v.RDFS_LABEL)
 _NODES: Final = (
     *(v.SOSA_FEATURE, v.FROM_RECORDING, v.EXPLAINED_BY, v.HAS_BELIEF, v.OF_CATEGORY),
-    *(v.IN_PLACE, v.RDF_TYPE),
+    *(v.IN_PLACE, v.RDF_TYPE.value),
 )
 
 
@@ -71,16 +71,16 @@ class LineCodec:
 
 def dictionary_for(base: str) -> bytes:
     """The preset dictionary of a map's log: lines as they recur in it, the most frequent last."""
-    graph, thing = f"<{v.MAP_GRAPH}> .\n", f"<{base}object/1>"
+    graph, thing = f"{v.MAP_GRAPH} .\n", f"<{base}object/1>"
     lines = [
         *(f"{thing} <{name}> <{base}place/1> {graph}" for name in _NODES),
         *(f'{thing} <{name}> "frame-0000" {graph}' for name in _TEXTS),
         *(f'{thing} <{name}> "2026-01-01T00:00:00Z"^^<{v.XSD}dateTime> {graph}' for name in _TIMES),
         *(f'{thing} <{name}> "1"^^<{v.XSD}integer> {graph}' for name in _INTEGERS),
         f"{thing} <{v.IN_CELL}> <{v.CELL}1_1> {graph}",
-        *(f'{thing} <{name}> "0.1"^^<{v.XSD_DOUBLE}> {graph}' for name in _DOUBLES),
-        f'{thing} <{v.CONFIDENCE}> "0.1"^^<{v.XSD_DOUBLE}> {graph}',
-        f'{thing} <{v.EXISTENCE}> "0.1"^^<{v.XSD_DOUBLE}> {graph}',
+        *(f'{thing} <{name}> "0.1"^^{v.XSD_DOUBLE} {graph}' for name in _DOUBLES),
+        f'{thing} <{v.CONFIDENCE}> "0.1"^^{v.XSD_DOUBLE} {graph}',
+        f'{thing} <{v.EXISTENCE}> "0.1"^^{v.XSD_DOUBLE} {graph}',
     ]
     return "".join(lines).encode()
 

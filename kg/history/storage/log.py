@@ -21,7 +21,7 @@ from itertools import groupby, islice
 from pathlib import Path
 from typing import Any, Final, Self
 
-from pyoxigraph import NamedNode, Quad
+from pyoxigraph import Quad
 
 from kg import vocabulary as v
 from kg.errors import GraphError, HistoryError, InvalidFactError
@@ -37,7 +37,7 @@ from kg.history.storage.schema import SCHEMA, connect, is_empty
 from kg.store.writer_priority import yield_to_writer
 from kg.transactions import Cause, ChangeSet
 
-BACKGROUND: Final = (NamedNode(v.ONTOLOGY_GRAPH), NamedNode(v.COMMONSENSE_GRAPH))
+BACKGROUND: Final = (v.ONTOLOGY_GRAPH, v.COMMONSENSE_GRAPH)
 KEY_FRAME_AFTER: Final = 5  # times the size of the last key frame, in changes written since
 STATE_LINES: Final = 500  # in a row of a key frame, or more where one subject has more
 _FORMAT = 2

@@ -31,7 +31,6 @@ from kg.transactions import ChangeSet
 from kg.workers.content_negotiation import negotiate
 
 JSON: Final = "application/json"
-_GRAPH: Final = NamedNode(v.ASSERTIONS_GRAPH)
 _KIND: Final = NamedNode(v.ASSERTION)
 _AGENT: Final = NamedNode(v.PROV_ATTRIBUTED_TO)
 _MEMBERS: Final = ("thing", "property", "value")
@@ -82,7 +81,7 @@ def _facts(serving: AppState, found: Iterable[Assertion]) -> Iterable[Quad]:
             if about == node or about.startswith(f"{node}/"):
                 yield quad
             if about == node and quad.predicate == _AGENT and isinstance(quad.object, NamedNode):
-                yield from engine.quads_for_pattern(quad.object, None, None, _GRAPH)
+                yield from engine.quads_for_pattern(quad.object, None, None, v.ASSERTIONS_GRAPH)
 
 
 async def _assert(serving: AppState, request: Request, by: str) -> Response:

@@ -45,7 +45,6 @@ _MEDIA: Final = {form: media_type for media_type, form in GRAPH_FORMATS.items()}
 #: formats of a single graph
 _FORMATS: Final = {name: form for form, name in _MEDIA.items() if form not in _DUMPS.values()}
 
-_ONTOLOGY: Final = NamedNode(v.ONTOLOGY_GRAPH)
 
 _Triples = Generator[Triple, None, None]
 
@@ -58,7 +57,7 @@ async def graph_store(serving: AppState, request: Request) -> Response:
     by = serving.settings.tokens.holder(request.headers.get("authorization"))
     if graph is None and request.method != "POST":
         raise Problem(403, "the default graph is the union of all: name the graph to change")
-    target = graph or NamedNode(v.MAP_GRAPH)
+    target = graph or v.MAP_GRAPH
     existed = _has(serving, target)
     check = partial(_check_preconditions, serving, request, graph)
     if request.method == "DELETE":
@@ -67,7 +66,7 @@ async def graph_store(serving: AppState, request: Request) -> Response:
         clear = partial(_replace, serving, target, None, by, check, is_confirmed(request))
         return await write(serving, request, clear)
     triples = await _body(serving, request, target)
-    if request.method == "PUT" and target == _ONTOLOGY:
+    if request.method == "PUT" and target == v.ONTOLOGY_GRAPH:
         return await _take_ontology(serving, request, triples, by, check)
     change = (serving, target, triples, by, check)
     replaces = request.method == "PUT"
@@ -119,7 +118,7 @@ async def _take_ontology(
     serving: AppState, request: Request, triples: list[Triple], by: str, check: Callable[[], None]
 ) -> Response:
     """Replace the ontology of the map; the response describes the changes."""
-    quads = [Quad(t.subject, t.predicate, t.object, _ONTOLOGY) for t in triples]
+    quads = [Quad(t.subject, t.predicate, t.object, v.ONTOLOGY_GRAPH) for t in triples]
     whole = bodies.query_parameters(request).flag("whole")
 
     def take() -> Replacement:

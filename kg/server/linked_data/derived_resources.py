@@ -22,8 +22,6 @@ from kg.iris import AGENT, agent_iri, agent_name
 from kg.maps.semantic_map import SemanticMap
 from kg.rdf.datetimes import date_time
 
-_MAP: Final = NamedNode(v.MAP_GRAPH)
-_HISTORY: Final = NamedNode(v.HISTORY_GRAPH)
 COMMIT: Final = "commit/"  # IRI of a transaction: base, this, number
 _PARTS: Final = (GEOMETRY, "/time", "/association")  # of a stored resource
 
@@ -44,10 +42,10 @@ def _of_map(semantic_map: SemanticMap, iri: str) -> Iterator[Quad]:
     elif name == PROGRAM:
         yield from program_quads(base)
     elif name == "ontology":
-        yield Quad(NamedNode(iri), NamedNode(v.RDF_TYPE), NamedNode(v.OWL_ONTOLOGY), _MAP)
+        yield Quad(NamedNode(iri), v.RDF_TYPE, NamedNode(v.OWL_ONTOLOGY), v.MAP_GRAPH)
     elif name.startswith(SENSOR):
         model = Literal(unquote(name.removeprefix(SENSOR)))
-        quads = semantic_map.engine.quads_for_pattern(None, NamedNode(v.MODEL), model, _MAP)
+        quads = semantic_map.engine.quads_for_pattern(None, NamedNode(v.MODEL), model, v.MAP_GRAPH)
         if next(iter(quads), None) is not None:
             yield from sensor_quads(base, iri)
     elif name.startswith(AGENT):
@@ -63,12 +61,12 @@ def _of_stored(semantic_map: SemanticMap, iri: str) -> Iterator[Quad]:
     base = semantic_map.base
     part = next((part for part in _PARTS if iri.endswith(part)), "")
     thing = iri.removesuffix(part)
-    held = properties_of(semantic_map.engine, thing, _MAP)
+    held = properties_of(semantic_map.engine, thing, v.MAP_GRAPH)
     if not held:
         return
-    quads = semantic_map.engine.quads_for_pattern(NamedNode(thing), None, None, _MAP)
+    quads = semantic_map.engine.quads_for_pattern(NamedNode(thing), None, None, v.MAP_GRAPH)
     objects = RecordCodec(semantic_map.base, semantic_map.catalogue).objects_among(quads)
-    is_place = v.PLACE in held.get(v.RDF_TYPE, ())
+    is_place = v.PLACE in held.get(v.RDF_TYPE.value, ())
     places = tuple(p for p in semantic_map.places() if p.iri == thing) if is_place else ()
     robot = semantic_map.robot() if thing == base + "robot" else None
     if objects or places or robot:
@@ -84,7 +82,7 @@ def _of_agent(semantic_map: SemanticMap, iri: str) -> Iterator[Quad]:
     except HistoryError:
         known = False
     if known:
-        yield from agent_quads(semantic_map.base, name, _HISTORY)
+        yield from agent_quads(semantic_map.base, name, v.HISTORY_GRAPH)
 
 
 def _of_commit(semantic_map: SemanticMap, iri: str) -> Iterator[Quad]:
@@ -101,7 +99,7 @@ def _of_commit(semantic_map: SemanticMap, iri: str) -> Iterator[Quad]:
     cause = commit.cause
     label = f"transaction {number}: {cause.kind} {cause.note}".strip()
     facts: list[tuple[NamedNode, str, NamedNode | Literal]] = [
-        (node, v.RDF_TYPE, NamedNode(v.PROV_ACTIVITY)),
+        (node, v.RDF_TYPE.value, NamedNode(v.PROV_ACTIVITY)),
         (node, v.RDFS_LABEL, Literal(label)),
         (node, v.PROV_ENDED_AT, date_time(commit.time)),
     ]
@@ -111,23 +109,23 @@ def _of_commit(semantic_map: SemanticMap, iri: str) -> Iterator[Quad]:
         facts += [
             (node, v.PROV_ASSOCIATED_WITH, agent),
             (node, v.PROV_QUALIFIED_ASSOCIATION, association),
-            (association, v.RDF_TYPE, NamedNode(v.PROV_ASSOCIATION)),
+            (association, v.RDF_TYPE.value, NamedNode(v.PROV_ASSOCIATION)),
             (association, v.PROV_HAS_AGENT, agent),
         ]
     for subject, predicate, value in facts:
-        yield Quad(subject, NamedNode(predicate), value, _HISTORY)
+        yield Quad(subject, NamedNode(predicate), value, v.HISTORY_GRAPH)
 
 
 def _of_term(semantic_map: SemanticMap, iri: str) -> Iterator[Quad]:
     """Facts about a graph, or about a term that the map uses without describing it."""
-    node, kind = NamedNode(iri), NamedNode(v.RDF_TYPE)
+    node, kind = NamedNode(iri), v.RDF_TYPE
     engine = semantic_map.engine
     if next(iter(engine.quads_for_pattern(None, None, None, node)), None) is not None:
-        yield Quad(node, kind, NamedNode(v.SD_NAMED_GRAPH), _MAP)
+        yield Quad(node, kind, NamedNode(v.SD_NAMED_GRAPH), v.MAP_GRAPH)
     used = next(iter(engine.quads_for_pattern(None, node, None)), None) is not None
     if used or iri in _TERMS:
         namespace = iri[: max(iri.rfind("#"), iri.rfind("/")) + 1]
-        yield Quad(node, NamedNode(v.RDFS_DEFINED_BY), NamedNode(namespace), _MAP)
+        yield Quad(node, NamedNode(v.RDFS_DEFINED_BY), NamedNode(namespace), v.MAP_GRAPH)
 
 
 #: terms of other vocabularies in derived facts

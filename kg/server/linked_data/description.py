@@ -64,7 +64,7 @@ def graph_sizes(serving: AppState) -> dict[str, int]:
 
 def _dataset(serving: AppState, root: str) -> list[Triple]:
     base = NamedNode(serving.semantic_map.base)
-    graph = NamedNode(v.DATASET_GRAPH)
+    graph = v.DATASET_GRAPH
     triples = _read("dataset.ttl", root, {_THE_MAP: base})
     held = serving.semantic_map.engine.quads_for_pattern(base, None, None, graph)
     triples += [quad.triple for quad in held]

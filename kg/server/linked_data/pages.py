@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 #: IRI -> its address on this server, and its name.
 Link = Callable[[str], tuple[str, str]]
-_FIRST: Final = {v.RDFS_LABEL: 0, v.RDF_TYPE: 1}
+_FIRST: Final = {v.RDFS_LABEL: 0, v.RDF_TYPE.value: 1}
 _TOKEN_FORM: Final = (
     '<form id="corrector"><label>token for corrections '
     '<input id="token" type="password" autocomplete="off"></label> '

@@ -60,7 +60,7 @@ def words(old: object, new: object) -> list[str]:
 
 
 def with_turtle(turtle: str) -> tuple[Quad, ...]:
-    graph = NamedNode(v.ONTOLOGY_GRAPH)
+    graph = v.ONTOLOGY_GRAPH
     extra = parse(PREFIXES + turtle, format=RdfFormat.TURTLE)
     return (*SHIPPED, *(Quad(q.subject, q.predicate, q.object, graph) for q in extra))
 
@@ -117,7 +117,7 @@ def test_what_does_not_parse_is_refused_with_its_line(
 
 def test_turtle_saved_under_the_ending_of_protege_is_read(mine: Path) -> None:
     renamed = mine.rename(mine.with_suffix(".owl"))
-    assert load_with_imports(renamed).quads[0].graph_name == NamedNode(v.ONTOLOGY_GRAPH)
+    assert load_with_imports(renamed).quads[0].graph_name == v.ONTOLOGY_GRAPH
     assert inspect(load_with_imports(renamed)) == []
 
 
@@ -175,7 +175,7 @@ def test_changes_are_told_in_words() -> None:
 def test_what_changes_about_a_known_term_is_told() -> None:
     old = with_turtle("")
     cup = NamedNode(v.HERE + "Cup")
-    label = Quad(cup, NamedNode(v.RDFS_LABEL), Literal("cup"), NamedNode(v.ONTOLOGY_GRAPH))
+    label = Quad(cup, NamedNode(v.RDFS_LABEL), Literal("cup"), v.ONTOLOGY_GRAPH)
     assert label in old
     rest = tuple(q for q in with_turtle('here:Cup rdfs:label "teacup" .') if q != label)
     assert words(old, rest) == ["~ label of cup changed from 'cup' to 'teacup'"]
@@ -340,7 +340,7 @@ def test_an_ontology_without_what_the_map_is_made_of_is_refused_unless_it_is_the
 
 def test_a_map_made_when_ontologies_had_blank_nodes_takes_one_in(mine: Path) -> None:
     with in_memory_map() as new:
-        rest = [q for q in new.engine if q.graph_name != NamedNode(v.ONTOLOGY_GRAPH)]
+        rest = [q for q in new.engine if q.graph_name != v.ONTOLOGY_GRAPH]
     old = SemanticMap(TransactionalStore.in_memory([*rest, *SHIPPED]))
     old.take_ontology(load_with_imports(mine).quads)
     assert rows(old, "mug") == {"office": 0.6}

@@ -41,7 +41,7 @@ def chart() -> SemanticMap:
     robot = RobotRecord(np.zeros(3), 1.0, 7.0)
     chart.apply(MapUpdate(objects=(record,), places=(room,), robot=robot))
     said = NamedNode("http://example.org/said")
-    graph = NamedNode(ASSERTIONS_GRAPH)
+    graph = ASSERTIONS_GRAPH
     chart.engine.add(Quad(NamedNode(record.iri), said, Literal("mine", language="en"), graph))
     chart.engine.add(Quad(BlankNode(), said, BlankNode(), graph))
     return chart

@@ -116,7 +116,7 @@ def test_a_place_is_of_its_top_category_only_once_viewed() -> None:
         return {
             str(getattr(q.object, "value", ""))
             for q in FACTS.of_place(record)
-            if q.predicate.value == v.RDF_TYPE and getattr(q.subject, "value", "") == record.iri
+            if q.predicate == v.RDF_TYPE and getattr(q.subject, "value", "") == record.iri
         }
 
     assert types(place) == {v.PLACE, v.BOT_SPACE}

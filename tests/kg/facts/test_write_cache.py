@@ -20,7 +20,7 @@ from kg.transactions import Cause
 
 BASE = "https://example.org/twin/"
 TIMES = {v.PROV_GENERATED_AT, v.CONFLICT_SINCE}
-SHOWN = {v.MAP_GRAPH, v.ASSERTIONS_GRAPH}
+SHOWN = {v.MAP_GRAPH.value, v.ASSERTIONS_GRAPH.value}
 
 Step = Callable[[SemanticMap, int], object]
 

@@ -39,9 +39,9 @@ subjects = st.sampled_from(
 quads = st.builds(
     Quad,
     subjects,
-    st.sampled_from([NamedNode(v.X), NamedNode(v.RDF_TYPE)]),
+    st.sampled_from([NamedNode(v.X), v.RDF_TYPE]),
     objects,
-    st.sampled_from([NamedNode(v.MAP_GRAPH), NamedNode(v.ASSERTIONS_GRAPH)]),
+    st.sampled_from([v.MAP_GRAPH, v.ASSERTIONS_GRAPH]),
 )
 sets = st.sets(quads, max_size=12)
 
@@ -76,7 +76,7 @@ def test_net_changes_lead_from_the_first_state_to_the_last(states: list[set[Quad
 
 
 def test_names_cost_little_in_a_small_change() -> None:
-    thing, graph = NamedNode("https://example.org/flat/object/7"), NamedNode(v.MAP_GRAPH)
+    thing, graph = NamedNode("https://example.org/flat/object/7"), v.MAP_GRAPH
     before, after = (
         lines_of([Quad(thing, NamedNode(v.X), Literal(x), graph)]) for x in (1.25, 1.5)
     )

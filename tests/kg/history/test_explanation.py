@@ -83,9 +83,7 @@ def test_common_sense_leads_to_its_source(written: Written) -> None:
 def test_what_a_person_said_leads_to_the_person(written: Written) -> None:
     with written(2) as semantic_map:
         chair = NamedNode(semantic_map.base + "object/1")
-        said = Quad(
-            chair, NamedNode(v.RDFS_LABEL), Literal("throne"), NamedNode(v.ASSERTIONS_GRAPH)
-        )
+        said = Quad(chair, NamedNode(v.RDFS_LABEL), Literal("throne"), v.ASSERTIONS_GRAPH)
         semantic_map._store.commit([], [said], Cause("assert", by="ann", note="it is the throne"))
         (reason,) = semantic_map.why("object/1 rdfs:label 'throne'")
         assert _steps(reason, "person") == ["ann"]

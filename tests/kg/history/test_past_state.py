@@ -28,14 +28,20 @@ from kg.transactions import Cause, ChangeSet
 Written = Callable[[int], SemanticMap]
 
 _SUBJECTS = [NamedNode(f"urn:thing:{n}") for n in range(4)] + [BlankNode("b")]
-_PREDICATES = [NamedNode(v.X), NamedNode(v.RDF_TYPE), NamedNode("urn:says")]
+_PREDICATES = [NamedNode(v.X), v.RDF_TYPE, NamedNode("urn:says")]
 _OBJECTS = [
     *(Literal(n / 4) for n in range(6)),
     *(Literal(n) for n in range(3)),
     *(Literal("ä"), Literal("b", language="de"), NamedNode(v.HERE + "Chair"), BlankNode("b")),
 ]
 _GRAPHS = [
-    NamedNode(iri) for iri in (v.MAP_GRAPH, v.ASSERTIONS_GRAPH, v.DATASET_GRAPH, v.ONTOLOGY_GRAPH)
+    NamedNode(iri)
+    for iri in (
+        v.MAP_GRAPH.value,
+        v.ASSERTIONS_GRAPH.value,
+        v.DATASET_GRAPH.value,
+        v.ONTOLOGY_GRAPH.value,
+    )
 ]
 # blank nodes have no name that outlives a SPARQL update: they come with the ontology alone
 quads = st.builds(

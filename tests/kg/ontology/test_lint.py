@@ -116,7 +116,9 @@ def test_a_finding_shows_what_was_found() -> None:
     ]
 
 
-@pytest.mark.parametrize("graph", [v.MAP_GRAPH, v.HISTORY_GRAPH, v.ASSERTIONS_GRAPH])
+@pytest.mark.parametrize(
+    "graph", [v.MAP_GRAPH.value, v.HISTORY_GRAPH.value, v.ASSERTIONS_GRAPH.value]
+)
 def test_a_term_no_ontology_declares_is_found_in_any_graph(graph: str) -> None:
     cup, colour = NamedNode(BASE + "object/1"), v.HERE + "colour"
     fact = Quad(cup, NamedNode(colour), Literal("blue"), NamedNode(graph))
@@ -137,13 +139,13 @@ def test_an_ontology_changed_and_not_compiled_is_found() -> None:
     mine = f"{PREFIXES} graph:ontology {{ here:Cup here:locatedAt here:Attic . }}"
     added = list(pyoxigraph.parse(mine, format=RdfFormat.TRIG))
     (finding,) = check_map([*map_of(SOUND), *added])
-    assert finding.focus == v.COMMONSENSE_GRAPH
+    assert finding.focus == v.COMMONSENSE_GRAPH.value
     assert finding.message.startswith("lacks 4 facts")
 
 
 def test_a_map_without_an_ontology_is_found() -> None:
     (finding,) = check_map(pyoxigraph.parse(SOUND, format=RdfFormat.TRIG))
-    assert finding.focus == v.ONTOLOGY_GRAPH
+    assert finding.focus == v.ONTOLOGY_GRAPH.value
     assert "no ontology" in finding.message
 
 

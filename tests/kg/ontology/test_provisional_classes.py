@@ -120,7 +120,7 @@ def test_a_person_puts_one_below_a_real_category(home: SemanticMap) -> None:
     made = home.learn(["teapot"], "object", model=MODEL)["teapot"]
     thing = stand(home, made)
     vase = home.catalogue.find("vase").iri
-    graph = NamedNode(v.ONTOLOGY_GRAPH)
+    graph = v.ONTOLOGY_GRAPH
     below = Quad(NamedNode(made), NamedNode(v.RDFS_SUB_CLASS_OF), NamedNode(vase), graph)
     home.take_ontology([*home.ontology(), below])
     assert [record.iri for record in home.objects("vase")] == [thing]
@@ -170,7 +170,7 @@ def test_any_text_survives_a_map_and_its_export(labels: list[str]) -> None:
             label = home.catalogue.label(iri)
             assert home.query("objects-by-category", category=iri).records()[0]["category"] == label
         read = list(parse(export_text(home, "ttl").encode(), format=RdfFormat.TURTLE))
-        kinds = {q.object.value for q in read if q.predicate.value == v.RDF_TYPE}
+        kinds = {q.object.value for q in read if q.predicate == v.RDF_TYPE}
         assert set(made.values()) <= kinds
         assert Catalogue.from_quads(home.ontology()) == home.catalogue
 

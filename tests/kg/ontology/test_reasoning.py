@@ -44,7 +44,7 @@ def test_hermit_finds_no_contradiction_but_would_find_one() -> None:
     assert inconsistent_classes(load_world(QUADS)) == ()
     both = NamedNode(v.HERE + "RoomThatIsAThing")
     contradiction = [
-        Quad(both, NamedNode(v.RDF_TYPE), NamedNode(v.OWL_CLASS)),
+        Quad(both, v.RDF_TYPE, NamedNode(v.OWL_CLASS)),
         Quad(both, NamedNode(v.RDFS_SUB_CLASS_OF), NamedNode(v.OBJECT)),
         Quad(both, NamedNode(v.RDFS_SUB_CLASS_OF), NamedNode(v.PLACE)),
     ]
@@ -55,7 +55,7 @@ def types() -> dict[str, set[str]]:
     """IRI of every declared term to the names of its OWL types."""
     found: dict[str, set[str]] = defaultdict(set)
     for q in QUADS:
-        if q.predicate.value == v.RDF_TYPE and isinstance(q.subject, NamedNode):
+        if q.predicate == v.RDF_TYPE and isinstance(q.subject, NamedNode):
             found[q.subject.value].add(q.object.value.removeprefix(OWL))
     return found
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pyoxigraph
 import pytest
-from pyoxigraph import Literal, NamedNode, RdfFormat
+from pyoxigraph import Literal, RdfFormat
 
 from kg import vocabulary as v
 from kg.errors import OntologyError
@@ -75,7 +75,7 @@ def test_a_weight_that_is_none_is_refused(weight: str) -> None:
 
 
 def test_a_mark_looks_at_values_not_at_how_they_are_written() -> None:
-    double = NamedNode(v.XSD_DOUBLE)
+    double = v.XSD_DOUBLE
     one = [(v.PROBABILITY, Literal("0.2e0", datatype=double)), (v.DCT_SOURCE, Literal("a"))]
     other = [(v.DCT_SOURCE, Literal("a")), (v.PROBABILITY, Literal("2.0E-1", datatype=double))]
     assert mark_of(one) == mark_of(other) != mark_of(one[:1])

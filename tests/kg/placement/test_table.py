@@ -99,9 +99,9 @@ def _imported(thing: str, where: str, weight: float) -> list[Quad]:
         (v.WEIGHT, Literal(weight)),
     ]
     notes.append((v.IMPORT_MARK, Literal(mark_of(notes))))
-    axiom, graph = BlankNode(), NamedNode(v.ONTOLOGY_GRAPH)
+    axiom, graph = BlankNode(), v.ONTOLOGY_GRAPH
     stated = [Quad(subject, NamedNode(v.LOCATED_AT), target, graph)]
-    kind = Quad(axiom, NamedNode(v.RDF_TYPE), NamedNode(v.OWL_AXIOM), graph)
+    kind = Quad(axiom, v.RDF_TYPE, NamedNode(v.OWL_AXIOM), graph)
     return [*stated, kind, *(Quad(axiom, NamedNode(p), o, graph) for p, o in notes)]
 
 

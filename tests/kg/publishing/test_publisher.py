@@ -84,7 +84,7 @@ def url(request: pytest.FixtureRequest) -> str:
     """Address of a SPARQL server of another maker, without any map."""
     address: str = request.getfixturevalue(request.param)
     endpoint = SparqlClient.at(address)
-    for graph in (*GRAPHS, v.PUBLISHED_GRAPH):
+    for graph in (*GRAPHS, v.PUBLISHED_GRAPH.value):
         endpoint.update(f"DROP SILENT GRAPH <{graph}>")
     endpoint.close()
     return address

@@ -154,7 +154,7 @@ def test_slow_follower_is_dropped_and_the_others_are_not(serve: Callable[..., Se
         steps, more = iter(range(2000)), iter(range(3))
         for step in steps:
             text = Literal(f"{step}{'x' * 200_000}")
-            quad = Quad(NamedNode(CUP), NamedNode(v.RDFS_COMMENT), text, NamedNode(v.MAP_GRAPH))
+            quad = Quad(NamedNode(CUP), NamedNode(v.RDFS_COMMENT), text, v.MAP_GRAPH)
             served.map.store.commit([], [quad], Cause("import"))
             assert quick.next()[0] == served.map.sequence
             if feed.dropped and next(more, None) is None:

@@ -82,7 +82,7 @@ def test_nothing_that_writes_lets_one_in(flat: SemanticMap, character: str) -> N
 
 def spoil(semantic_map: SemanticMap) -> None:
     """Have a map hold what an older version let in."""
-    graph = NamedNode(v.MAP_GRAPH)
+    graph = v.MAP_GRAPH
     for thing in ("object/1", "place/1"):
         node = NamedNode(f"{semantic_map.base}{thing}")
         old = semantic_map.store.native.quads_for_pattern(node, NamedNode(v.RDFS_LABEL), None)

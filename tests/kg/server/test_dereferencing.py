@@ -92,5 +92,5 @@ def test_every_link_of_the_home_page_answers_a_browser(full: Served) -> None:
 
 
 def test_a_graph_is_described(full: Served) -> None:
-    answer = full.get("resource", params={"iri": v.MAP_GRAPH}, headers=TURTLE)
+    answer = full.get("resource", params={"iri": v.MAP_GRAPH.value}, headers=TURTLE)
     assert v.SD_NAMED_GRAPH in answer.text

@@ -115,10 +115,10 @@ def test_limits_hold_in_the_past(moved: Served, serve: Callable[..., Served]) ->
         small.server.serving.pool.run(bomb, at=2, timeout=0.5)
     assert xs(small, 3) == [3.0]
     assert [xs(small, at) for at in (3, 2, 2, 3)] == [[3.0], [2.0], [2.0], [3.0]]
-    for graph, found in (("urn:other", False), (v.MAP_GRAPH, True)):
+    for graph, found in (("urn:other", False), (v.MAP_GRAPH.value, True)):
         asked = {"query": f"ASK FROM <{graph}> {{ ?s ?p ?o }}", "at": 2}
         assert small.get("sparql", params=asked).json()["boolean"] is found
-    one = {"query": "ASK { ?s ?p ?o }", "at": 2, "default-graph-uri": v.DATASET_GRAPH}
+    one = {"query": "ASK { ?s ?p ?o }", "at": 2, "default-graph-uri": v.DATASET_GRAPH.value}
     assert small.get("sparql", params=one).json()["boolean"] is True
 
 

@@ -29,11 +29,11 @@ if TYPE_CHECKING:
 
 TESTS = "http://www.w3.org/2009/sparql/tests/test-update#"
 MF = "http://www.w3.org/2001/sw/DataAccess/tests/test-manifest#"
-RDF_TYPE, LABEL = NamedNode(v.RDF_TYPE), NamedNode(v.RDFS_LABEL)
+RDF_TYPE, LABEL = v.RDF_TYPE, NamedNode(v.RDFS_LABEL)
 ROOT = "http://w3c.example/"
 BASE = "https://example.org/maps/suites/"
 TOKEN = "a-token-of-the-suites-0123"
-MAP = NamedNode(v.MAP_GRAPH)
+MAP = v.MAP_GRAPH
 #: what reaches outside, and what would remove the ontology and the map's counters
 REFUSED = re.compile(r"\bload\b|\b(clear|drop)\s+(silent\s+)?(all|named)\b", re.IGNORECASE)
 #: in a map a subject that loses all its facts takes along those that point at it

@@ -63,7 +63,7 @@ def test_a_complaint_names_the_line_and_not_the_query() -> None:
 
 
 def test_a_load_comes_in_parts_and_the_last_comes_last() -> None:
-    graph = NamedNode(v.MAP_GRAPH)
+    graph = v.MAP_GRAPH
     things = [NamedNode(f"urn:{n}") for n in range(2 * AT_ONCE)]
     quads = [Quad(thing, RDFS_LABEL, Literal("x"), graph) for thing in things]
     nameless = [

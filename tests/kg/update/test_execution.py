@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from pyoxigraph import (
     BlankNode,
     DefaultGraph,
-    NamedNode,
     Quad,
     RdfFormat,
     Store,
@@ -138,7 +137,7 @@ def by_the_engine(text: str, quads: list[Quad]) -> list[Quad]:
     engine = Store()
     engine.extend(quads)
     engine.update(PREFIX + text)
-    graph = NamedNode(v.MAP_GRAPH)
+    graph = v.MAP_GRAPH
     return [
         Quad(q.subject, q.predicate, q.object, graph)
         if isinstance(q.graph_name, DefaultGraph)
@@ -224,7 +223,7 @@ def test_any_update_is_worked_out_as_the_engine_does_it(text: str) -> None:
 def test_what_names_no_graph_is_of_the_map_and_reads_everything() -> None:
     found = worked_out("INSERT { ?s e:seen ?o } WHERE { ?s e:q ?o FILTER(isIRI(?o)) }", start())
     seen = [q for q in found if q.predicate.value == "urn:e:seen"]
-    assert [(q.subject.value, q.graph_name.value) for q in seen] == [("urn:e:a", v.MAP_GRAPH)]
+    assert [(q.subject.value, q.graph_name.value) for q in seen] == [("urn:e:a", v.MAP_GRAPH.value)]
 
 
 def test_each_operation_may_declare_prefixes_of_its_own() -> None:

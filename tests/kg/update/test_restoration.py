@@ -119,8 +119,7 @@ def test_frames_written_after_it_are_as_if_never_interrupted(
         for number in range(6):
             uninterrupted.apply(frame(number))
         ours, theirs = (
-            {q for q in facts(m) if q.graph_name.value == v.MAP_GRAPH}
-            for m in (flat, uninterrupted)
+            {q for q in facts(m) if q.graph_name == v.MAP_GRAPH} for m in (flat, uninterrupted)
         )
         assert ours == theirs
 
@@ -325,7 +324,7 @@ def test_literals_come_back_as_they_were(flat: SemanticMap) -> None:
         NamedNode(f"{BASE}object/1"),
         NamedNode("http://example.org/note"),
         Literal('a "quote",\nand a line', language="en"),
-        NamedNode(v.MAP_GRAPH),
+        v.MAP_GRAPH,
     )
     flat.update(f"INSERT DATA {{ {note.triple} }}")
     number = flat.sequence

@@ -209,10 +209,10 @@ def test_the_rdflib_view_writes_through_the_door(home: SemanticMap) -> None:
     triple = (rdflib.URIRef("urn:a"), rdflib.URIRef("urn:b"), rdflib.Literal(1))
     before = set(home.engine)
     for write in (
-        lambda: home.dataset.graph(rdflib.URIRef(v.MAP_GRAPH)).add(triple),
-        lambda: home.dataset.graph(rdflib.URIRef(v.MAP_GRAPH)).remove((None, None, None)),
+        lambda: home.dataset.graph(rdflib.URIRef(v.MAP_GRAPH.value)).add(triple),
+        lambda: home.dataset.graph(rdflib.URIRef(v.MAP_GRAPH.value)).remove((None, None, None)),
         lambda: home.dataset.addN([(*triple, home.dataset.default_graph)]),
-        lambda: home.dataset.remove_graph(rdflib.URIRef(v.MAP_GRAPH)),
+        lambda: home.dataset.remove_graph(rdflib.URIRef(v.MAP_GRAPH.value)),
     ):
         with pytest.raises(ProtectedError, match=r"SemanticMap\.update"):
             write()

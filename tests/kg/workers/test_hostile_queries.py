@@ -31,7 +31,7 @@ PATIENT = 60.0  # [s] of all others, on a machine however slow
 
 @pytest.fixture(scope="module")
 def live(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SemanticMap]:
-    graph, link = NamedNode(v.ASSERTIONS_GRAPH), NamedNode("urn:link")
+    graph, link = v.ASSERTIONS_GRAPH, NamedNode("urn:link")
     with create_map(tmp_path_factory.mktemp("hostile") / "home") as opened:
         gc.collect()  # what earlier tests left is not let go of while ours are counted
         nodes = [NamedNode(f"urn:node:{number}") for number in range(60)]
@@ -337,7 +337,7 @@ def test_an_orphaned_bomb_ends_by_itself(live: SemanticMap) -> None:
 
 
 def test_thousands_of_queries_leave_no_trace(pool: QueryPool, live: SemanticMap) -> None:
-    graph = NamedNode(v.ASSERTIONS_GRAPH)
+    graph = v.ASSERTIONS_GRAPH
     for number in range(3000):
         if number % 500 == 0:
             fact = Quad(NamedNode("urn:loop"), NamedNode("urn:at"), Literal(number), graph)

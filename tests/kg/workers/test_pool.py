@@ -36,7 +36,7 @@ ENDLESS = "SELECT (SUM(STRLEN(STR(?a))) AS ?n) {?a ?b ?c. ?d ?e ?f. ?g ?h ?i. ?j
 
 
 def note(number: int) -> Quad:
-    graph = NamedNode(v.ASSERTIONS_GRAPH)
+    graph = v.ASSERTIONS_GRAPH
     return Quad(NamedNode(f"urn:note:{number}"), NamedNode("urn:says"), Literal(number), graph)
 
 
@@ -106,9 +106,9 @@ def test_the_default_graph_is_the_union_unless_graphs_are_chosen(
     assert rows(pool, ask, at_least=1) == [["7"]]
     assert rows(pool, elsewhere) == []
     assert rows(pool, by_name) == [["7"]]
-    assert rows(pool, ask, default_graphs=[v.MAP_GRAPH]) == []
-    assert rows(pool, elsewhere, default_graphs=[v.ASSERTIONS_GRAPH]) == [["7"]]
-    assert rows(pool, by_name, named_graphs=[v.MAP_GRAPH]) == []
+    assert rows(pool, ask, default_graphs=[v.MAP_GRAPH.value]) == []
+    assert rows(pool, elsewhere, default_graphs=[v.ASSERTIONS_GRAPH.value]) == [["7"]]
+    assert rows(pool, by_name, named_graphs=[v.MAP_GRAPH.value]) == []
 
 
 def test_graphs_that_the_map_has_not_are_empty_in_the_request_too(pool: QueryPool) -> None:

@@ -20,7 +20,7 @@ MIDDLE = (30.0, 22.0, 34.0, 26.0)
 
 def learn(semantic_map, name, above, label):
     said = {
-        v.RDF_TYPE: NamedNode(v.OWL_CLASS),
+        v.RDF_TYPE.value: NamedNode(v.OWL_CLASS),
         v.RDFS_SUB_CLASS_OF: NamedNode(above),
         v.RDFS_LABEL: Literal(label),
     }
