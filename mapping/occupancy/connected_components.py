@@ -2,33 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 from numpy.typing import NDArray
 
 
 def connected_components(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """(nx, ny) number of the four-connected part each cell of `mask` belongs to, -1 elsewhere."""
+    """(nx, ny) number of the four-connected component of each cell of `mask`, -1 elsewhere."""
     labels = np.full(mask.shape, -1, np.int64)
     parent: list[int] = []
-    for x, row in enumerate(mask):
-        for a, b in runs(row):
-            labels[x, a:b] = len(parent)
-            parent.append(len(parent))
-            if x:
-                for beside in np.unique(labels[x - 1, a:b][mask[x - 1, a:b]]):
-                    parent[_root(parent, int(beside))] = _root(parent, len(parent) - 1)
+    for x, a, b in runs(mask).tolist():
+        number = len(parent)
+        labels[x, a:b] = number
+        parent.append(number)
+        if x:
+            for beside in set(labels[x - 1, a:b].tolist()) - {-1}:
+                parent[_root(parent, beside)] = _root(parent, number)
     roots = [_root(parent, k) for k in range(len(parent))]
-    number = np.unique(roots, return_inverse=True)[1]
-    return np.append(number, -1).astype(np.int64)[labels]
+    number_of = np.unique(roots, return_inverse=True)[1]
+    return np.append(number_of, -1).astype(np.int64)[labels]
 
 
-def runs(row: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
-    """(from, to) of each stretch of True in a row."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], row, [False]]).astype(np.int8)))
-    for a, b in edges.reshape(-1, 2):
-        yield int(a), int(b)
+def runs(mask: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """(n, 3) row, first cell and end of each run of True in the rows of `mask`, in order."""
+    edges = np.diff(np.pad(mask, ((0, 0), (1, 1))).astype(np.int8), axis=1)
+    return np.column_stack([np.argwhere(edges == 1), np.argwhere(edges == -1)[:, 1]])
 
 
 def _root(parent: list[int], k: int) -> int:

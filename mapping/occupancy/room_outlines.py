@@ -52,8 +52,8 @@ def _area(mask: NDArray[np.bool_], corner: NDArray[np.float64], cell: float, noi
 
     parts = connected_components(mask)
     largest = parts == np.argmax(np.bincount(parts[mask]))
-    stripes = np.array([(x, a, x + 1, b) for x, row in enumerate(largest) for a, b in runs(row)])
-    whole = shapely.union_all(shapely.box(*stripes.T))
+    x, a, b = runs(largest).T
+    whole = shapely.union_all(shapely.box(x, a, x + 1, b))
     holes = [r for r in whole.interiors if shapely.Polygon(r).area * cell**2 >= _MIN_HOLE]
     # a ring keeps its first corner: the normal form begins with an extreme one
     whole = shapely.Polygon(whole.exterior, holes).normalize().simplify(noise / cell)

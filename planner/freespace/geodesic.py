@@ -133,7 +133,10 @@ class StepLengths:
         )
         flat = passable.reshape(-1)
         kept = tuple(link for link in links if flat[link[0]] and flat[link[1]])
-        return StepLengths(passable, steps, tuple(tuple(runs(row)) for row in passable), kept)
+        stretches: list[list[tuple[int, int]]] = [[] for _ in passable]
+        for row, first, end in runs(passable).tolist():
+            stretches[row].append((first, end))
+        return StepLengths(passable, steps, tuple(map(tuple, stretches)), kept)
 
 
 def _lengths(
