@@ -47,7 +47,8 @@ class Server:
         ).returncode:
             code = f"import sys; {made}(sys.argv[1]).close()"
         else:
-            code = "import sys; from kg.opening import create_map; create_map(sys.argv[1]).close()"
+            made = "import sys; from kg.opening import create_map"
+            code = f"{made}; create_map(sys.argv[1]).close()"
         subprocess.run([sys.executable, "-c", code, str(path)], check=True)
         words = [sys.executable, "-m", "planner.cli", "serve", str(path), "--port", "0"]
         self._process = subprocess.Popen(

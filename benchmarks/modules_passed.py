@@ -26,7 +26,7 @@ from types import FrameType
 from typing import Any
 
 PACKAGES = ("kg.", "perception.", "mapping.", "planner.")
-FRAMES = range(20, 40)  # of the recording: first and last frame of the window that is counted
+FRAMES = range(20, 40)  # first and last frame of the window that is counted
 QUERY = "SELECT ?object { ?object a here:Chair }"
 
 
@@ -64,12 +64,12 @@ class ModuleCounter:
 
 
 def frame_walk(recording: str, into: Path) -> ModuleCounter:
-    """Map the recording; count from the making of frame 20 to that of frame 40."""
+    """Map the recording; count from the mapping of frame 20 to that of frame 40."""
     counter, made = ModuleCounter(), 0
 
     def watch(module: str, function: str) -> None:
         nonlocal made
-        if module.startswith("perception.frame") and function == "Frame.__post_init__":
+        if module == "mapping.mapper" and function == "Mapper.add":
             made += 1
             counter.on = made in FRAMES
 

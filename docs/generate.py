@@ -4,7 +4,7 @@
     python docs/generate.py --check    exit code 1 where a page differs from what would be written
 
 commands.md comes from argparse, queries.md from the headers of the query files, vocabulary.md from
-the ontologies, api.md from the docstrings of the public names.
+the ontologies, explanation/architecture.md as docs/make_architecture.py says, api.md from the docstrings of the public names.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Final
+
+import make_architecture
 
 import hereabouts
 
@@ -60,6 +62,9 @@ def main() -> int:
     stale = [name for name, make in PAGES.items() if _settle(REFERENCE / name, make(), check)]
     for name in stale:
         print("differs:" if check else "wrote", f"docs/reference/{name}")  # noqa: T201
+    if make_architecture.settle(check):
+        stale.append("architecture.md")
+        print("differs:" if check else "wrote", "docs/explanation/architecture.md")  # noqa: T201
     return 1 if check and stale else 0
 
 

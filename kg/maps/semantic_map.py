@@ -57,7 +57,7 @@ if TYPE_CHECKING:
 
 
 class SemanticMap:
-    """A map in a folder, in memory or on a SPARQL server; `kg.opening` makes and opens maps.
+    """A map in a folder, in memory or on a SPARQL server; `kg.opening` opens maps.
 
     A context manager that closes itself. Safe to use from several threads of one process. `base` is
     the map's own IRI, the start of all its things' IRIs.

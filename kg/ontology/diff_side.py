@@ -26,7 +26,7 @@ class OntologySummary:
     """Summary of an ontology: its skolemised quads, and its properties by term."""
 
     def __init__(self, quads: Iterable[Quad]) -> None:
-        """Raises OntologyError where relations are malformed (`kg.ontology.relations`)."""
+        """Raises OntologyError for malformed relations (`kg.ontology.relations`)."""
         self.quads = named(quads)
         self.catalogue = Catalogue.from_quads(self.quads)
         self.relations = {(r.kind, r.subject, r.target): r for r in relations(self.quads)}
