@@ -4,7 +4,8 @@
     python docs/generate.py --check    exit code 1 where a page differs from what would be written
 
 commands.md comes from argparse, queries.md from the headers of the query files, vocabulary.md from
-the ontologies, explanation/architecture.md as docs/make_architecture.py says, api.md from the docstrings of the public names.
+the ontologies, api.md from the docstrings of the public names. The page on the architecture is
+written too, by docs/make_architecture.py.
 """
 
 from __future__ import annotations

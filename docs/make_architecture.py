@@ -127,7 +127,8 @@ def with_drawing(page: str) -> str:
 
 def drawing() -> str:
     """The packages with their layers, then the walks."""
-    lines = ["```text", *packages()][:-1] + ["```", "", "## Three walks"]
+    *blocks, _ = packages()
+    lines = ["```text", *blocks, "```", "", "## Three walks"]
     for title, modules in WALKS.items():
         lines += ["", f"### {title}", "", *walk(modules)]
     return "\n".join(lines) + "\n"
