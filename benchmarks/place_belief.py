@@ -77,7 +77,7 @@ class Evidence:
             self._fusion = ObjectEvidence(semantic_map, registry, ReferenceSettings(least_belief=0))
             self.catalogue = semantic_map.catalogue
             self.places = tuple(self._fusion.prior({}))
-            self.objects = table_of(semantic_map.ontology()).objects
+            self.objects = table_of(semantic_map.ontology.quads()).objects
 
     def fused(self, present: Mapping[str, float], views: Belief) -> Belief:
         """p(kind), by IRI."""

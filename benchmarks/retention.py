@@ -44,7 +44,7 @@ def measure(path: Path, keep: float | None) -> None:
     luck, took = random.Random(1), []
     with create_map(path) as semantic_map:
         if keep is not None:
-            semantic_map.retain(keep)
+            semantic_map.history.retain(keep)
         for frame in range(1, FRAMES + 1):
             seen = ((frame * SEEN + k) % OBJECTS + 1 for k in range(SEEN))
             update = MapUpdate(objects=tuple(thing(semantic_map, n, frame, luck) for n in seen))
@@ -58,7 +58,7 @@ def measure(path: Path, keep: float | None) -> None:
 
 def tell(semantic_map: SemanticMap, keep: float | None, frame: int, took: list[float]) -> None:
     """A row of the table."""
-    db = semantic_map.history.db
+    db = semantic_map.history.log.db
     (pages,) = db.execute("PRAGMA page_count").fetchone()
     (commits,) = db.execute("SELECT count(*) FROM commits").fetchone()
     kept = "all" if keep is None else f"{keep:g} s"

@@ -14,6 +14,7 @@ import argparse
 import inspect
 import re
 import sys
+import typing
 from collections.abc import Callable, Iterator
 from dataclasses import is_dataclass
 from pathlib import Path
@@ -52,6 +53,11 @@ PUBLIC: Final = {
         *("ExtensionError",),
     ),
 }
+#: Modules of the classes that a map is composed of; their members are described with it.
+_PARTS: Final = (
+    *("kg.maps.map_parts", "kg.maps.subscriptions"),
+    *("kg.facts.assertion_service", "kg.facts.searches"),
+)
 _MADE: Final = "<!-- made by python docs/generate.py; edit the source, not this page -->\n"
 
 
@@ -213,6 +219,10 @@ def _members(owner: type) -> list[str]:
             continue
         shown = name if isinstance(bare, property) else _signature(name, bare)
         rows.append(f"| `{_cell(_line(shown))}` | {_cell(_line(_first(bare)))} |")
+    for name, part in typing.get_type_hints(owner).items():
+        if part.__module__ in _PARTS:
+            prefixed = (row.replace("| `", f"| `{name}.", 1) for row in _members(part)[2:-1])
+            rows += prefixed
     return ["| member | |", "|---|---|", *rows, ""] if rows else []
 
 

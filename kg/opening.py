@@ -9,6 +9,7 @@ from kg.facts.map_metadata import first_quads, identity
 from kg.history.storage.log import HistoryLog
 from kg.history.storage.recovery import attach, one_reader_at_a_time, open_history_read_only
 from kg.maps.semantic_map import SemanticMap
+from kg.maps.stored_map import StoredMap
 from kg.ontology.catalogue import Catalogue
 from kg.ontology.shipped import shipped_ontology
 from kg.store.sparql_client import is_url
@@ -21,16 +22,14 @@ def create_map(
     title: str | None = None,
     base: str | None = None,
     power_safe: bool = False,
-) -> SemanticMap:
+) -> StoredMap:
     """Create a map in the folder, or on the SPARQL server, at `path`; with the shipped ontologies.
 
     Atomic, also when killed midway. With `power_safe` each transaction waits for the disk, and
     survives a power cut too. Raises GraphError where a map exists there.
     """
     if is_url(path):
-        return SemanticMap(
-            TransactionalStore.create_on(str(path), first_quads(title or "map", base))
-        )
+        return StoredMap(TransactionalStore.create_on(str(path), first_quads(title or "map", base)))
     path, ontology = Path(path), shipped_ontology()
     store = TransactionalStore.create(
         path, first_quads(title or path.resolve().name, base, ontology)
@@ -78,14 +77,14 @@ def open_or_create_map(
     return create_map(path, title=title, base=base, power_safe=power_safe)
 
 
-def in_memory_map(*, title: str = "map", base: str | None = None) -> SemanticMap:
+def in_memory_map(*, title: str = "map", base: str | None = None) -> StoredMap:
     """Create a map without a path, for tests and simulations of a few thousand frames."""
     ontology = shipped_ontology()
     store = TransactionalStore.in_memory(first_quads(title, base, ontology))
     return _with_history(store, None, False, ontology.catalogue)
 
 
-def _up_to_date(path: Path) -> SemanticMap | None:
+def _up_to_date(path: Path) -> StoredMap | None:
     """The map for reading, where its store has all transactions of its history."""
     store = TransactionalStore.open(path, read_only=True)
     log = _history(store, path, power_safe=False)
@@ -100,7 +99,7 @@ def _with_history(
     folder: Path | None,
     power_safe: bool,
     catalogue: Catalogue | None = None,
-) -> SemanticMap:
+) -> StoredMap:
     log = _history(store, folder, power_safe=power_safe)
     return _closing_on_error(store, catalogue, log)
 
@@ -120,9 +119,9 @@ def _history(
 
 def _closing_on_error(
     store: TransactionalStore, catalogue: Catalogue | None, log: HistoryLog | None
-) -> SemanticMap:
+) -> StoredMap:
     try:
-        return SemanticMap(store, catalogue=catalogue, history=log)
+        return StoredMap(store, catalogue=catalogue, history=log)
     except BaseException:
         store.close()
         raise
@@ -132,7 +131,7 @@ def _on_server(store: TransactionalStore) -> SemanticMap:
     from kg.client.remote_map import RemoteMap  # a map in a folder needs no HTTP client
 
     try:
-        return RemoteMap.found_at(store) or SemanticMap(store)
+        return RemoteMap.found_at(store) or StoredMap(store)
     except BaseException:
         store.close()
         raise

@@ -41,7 +41,7 @@ class LabelResolver:
         new = [label for label in dict.fromkeys(labels) if self._known(label) is None]
         new = [label for label in new if not self._table.ignores(label)]
         if new:
-            self._map.learn(new, self._kind, model=self._model)
+            self._map.ontology.learn(new, self._kind, model=self._model)
 
     def category(self, label: str) -> str | None:
         """IRI of the category of `label`; None, and counted, where there is none."""

@@ -49,7 +49,7 @@ def drive(path: Path, frames: int, objects: int, keep: float | None) -> None:
     tenths = []
     with semantic_map, gc_frozen():
         if keep is not None:
-            semantic_map.retain(keep)
+            semantic_map.history.retain(keep)
         for tenth in range(1, 11):
             some = []
             for number in range(frames * (tenth - 1) // 10, frames * tenth // 10):

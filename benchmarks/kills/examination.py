@@ -56,7 +56,7 @@ def replay(path: Path) -> tuple[str, tuple[str, ...]]:
     with open_map(path, read_only=True) as semantic_map:
         with semantic_map.at(0) as beginning:
             graph = set(beginning.engine)
-        for change in semantic_map.changes(0):
+        for change in semantic_map.history.changes(0):
             graph -= set(change.removed)
             graph |= set(change.added)
         wrong = _differs("the history from 0 on", graph, set(semantic_map.engine))
@@ -112,9 +112,11 @@ def _misnumbered(semantic_map: SemanticMap, known: Known, before: Known) -> list
     wrong = []
     if known.sequence != known.frames + known.notes:
         wrong.append(f"#{known.sequence} after {known.frames} frames and {known.notes} notes")
-    if semantic_map.history.last != known.sequence:
-        wrong.append(f"the log ends at #{semantic_map.history.last}, the map at #{known.sequence}")
-    numbers = [change.sequence for change in semantic_map.changes(before.sequence)]
+    if semantic_map.history.log.last != known.sequence:
+        wrong.append(
+            f"the log ends at #{semantic_map.history.log.last}, the map at #{known.sequence}"
+        )
+    numbers = [change.sequence for change in semantic_map.history.changes(before.sequence)]
     if numbers != list(range(before.sequence + 1, known.sequence + 1)):
         wrong.append(f"the log has {numbers} between #{before.sequence} and #{known.sequence}")
     return wrong
@@ -126,7 +128,7 @@ def _retold(semantic_map: SemanticMap, known: Known, before: Known) -> list[str]
         wrong = _differs(f"the history at #{known.sequence}", set(told.engine), now)
     with semantic_map.at(before.sequence) as then:
         graph = set(then.engine)
-    for change in semantic_map.changes(before.sequence):
+    for change in semantic_map.history.changes(before.sequence):
         graph -= set(change.removed)
         graph |= set(change.added)
     return wrong + _differs(f"the changes since #{before.sequence}", graph, now)

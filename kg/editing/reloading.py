@@ -63,7 +63,7 @@ def reload(
         with contextlib.closing(served):
             return _put(served, ontology, warnings, whole)
     with open_map(address) as semantic_map:
-        taken = semantic_map.take_ontology(ontology.quads, by=by, whole=whole)
+        taken = semantic_map.ontology.replace(ontology.quads, by=by, whole=whole)
         commit, sequence = taken.commit, semantic_map.sequence
     counts = (len(commit.added), len(commit.removed)) if commit else (0, 0)
     return Reloaded(taken.changes, taken.kept, warnings, sequence, *counts)

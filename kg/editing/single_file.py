@@ -36,7 +36,7 @@ def export_ontology(semantic_map: SemanticMap, path: Path) -> int:
             f"cannot tell the format of {path.name!r} from its ending; use {', '.join(_FORMATS)}"
         )
     merged = with_one_header(
-        (quad.triple for quad in semantic_map.ontology()),
+        (quad.triple for quad in semantic_map.ontology.quads()),
         semantic_map.base + "ontology",
         f"ontology of {semantic_map.description.title}",
     )

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import threading
 import time
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
 
 from pyoxigraph import NamedNode, Quad
@@ -26,36 +27,66 @@ from kg.store.transactional import TransactionalStore
 from kg.transactions import Cause, ChangeSet
 
 
-class AssertionService:
-    """Assertions of one map, made and retracted; each call is one transaction."""
+class PerceivedRecords:
+    """Objects and places of the map in `store` as perception alone estimates them."""
 
-    def __init__(self, store: TransactionalStore, facts: RecordCodec, writer: FrameWriter) -> None:
-        self._store, self._facts, self._writer = store, facts, writer
+    def __init__(self, store: TransactionalStore, facts: RecordCodec) -> None:
+        self._store, self._facts = store, facts
         self._assertions = Assertions(facts.base)
 
-    def assertions(self, iri: str | None = None) -> tuple[Assertion, ...]:
-        """The assertions about one subject, or about all."""
-        if iri is None:
-            return self._assertions.all(self._store.engine)
-        return tuple(self._of(self.full(iri)).values())
-
-    def objects(self, iris: tuple[str, ...] | None) -> tuple[ObjectRecord, ...]:
-        """Objects with the values perception estimates; all where `iris` is None."""
+    def objects(self, iris: Iterable[str] | None = None) -> tuple[ObjectRecord, ...]:
+        """Objects, oldest first; all where `iris` is None."""
         engine, facts = self._store.engine, self._facts
         found = facts.objects(engine) if iris is None else facts.some_objects(engine, iris)
         asserted = self._by_subject()
         return tuple(perceived_object(record, asserted.get(record.iri, {})) for record in found)
 
     def places(self) -> tuple[PlaceRecord, ...]:
-        """Places with the values perception estimates."""
+        """Places, by number."""
         asserted = self._by_subject()
         found = self._facts.places(self._store.engine)
         return tuple(perceived_place(record, asserted.get(record.iri, {})) for record in found)
 
-    def assert_(self, iri: str, prop: str, given: object, by: str) -> ChangeSet | None:
-        """Assert `prop` of an object or place; it overrides what perception estimates."""
+    def _by_subject(self) -> Mapping[str, dict[str, Assertion]]:
+        asserted: dict[str, dict[str, Assertion]] = {}
+        for assertion in self._assertions.all(self._store.engine):
+            asserted.setdefault(assertion.subject, {})[assertion.property] = assertion
+        return asserted
+
+
+class AssertionService:
+    """Assertions of one map, made and retracted; each call is one transaction under `guard`."""
+
+    def __init__(
+        self,
+        store: TransactionalStore,
+        facts: RecordCodec,
+        perceived: PerceivedRecords,
+        writer: FrameWriter,
+        guard: threading.RLock,
+    ) -> None:
+        self._store, self._facts, self._perceived = store, facts, perceived
+        self._writer, self._guard = writer, guard
+        self._assertions = Assertions(facts.base)
+
+    def all(self, iri: str | None = None) -> tuple[Assertion, ...]:
+        """The assertions about one subject, or about all."""
+        if iri is None:
+            return self._assertions.all(self._store.engine)
+        return tuple(self._of(self.full(iri)).values())
+
+    def conflicts(self) -> tuple[Assertion, ...]:
+        """The assertions that perception contradicts."""
+        return tuple(assertion for assertion in self.all() if assertion.since is not None)
+
+    def add(self, iri: str, prop: str, value: object, *, by: str = "") -> ChangeSet | None:
+        """Assert `prop` of an object or place; it overrides the estimates of perception."""
         if not by.strip():
             raise InvalidFactError("an assertion needs an author: by='ann'")
+        with self._guard:
+            return self._add(iri, prop, value, by)
+
+    def _add(self, iri: str, prop: str, given: object, by: str) -> ChangeSet | None:
         record = self._record(self.full(iri))
         kind = "object" if isinstance(record, ObjectRecord) else "place"
         if kind == "object" and prop in SINGLE:
@@ -70,8 +101,12 @@ class AssertionService:
         cause = Cause("assert", by, f"{record.iri} {prop} {value}")
         return self._restate(record, {**asserted, prop: made}, cause)
 
-    def retract(self, iri: str, prop: str, by: str | None) -> ChangeSet | None:
+    def retract(self, iri: str, prop: str, *, by: str | None = None) -> ChangeSet | None:
         """Retract the assertion of `prop`: the value perception estimates takes effect again."""
+        with self._guard:
+            return self._retract(iri, prop, by)
+
+    def _retract(self, iri: str, prop: str, by: str | None) -> ChangeSet | None:
         record = self._record(self.full(iri))
         asserted = self._of(record.iri)
         if prop not in asserted:
@@ -133,9 +168,9 @@ class AssertionService:
         return None
 
     def _record(self, iri: str) -> ObjectRecord | PlaceRecord:
-        for record in self.objects((iri,)):
+        for record in self._perceived.objects((iri,)):
             return record
-        for place in self.places():
+        for place in self._perceived.places():
             if place.iri == iri:
                 return place
         raise InvalidFactError(
@@ -148,7 +183,7 @@ class AssertionService:
         if text == NOTHING:
             return NOTHING
         other = self.full(text)
-        if other == iri or not self.objects((other,)):
+        if other == iri or not self._perceived.objects((other,)):
             raise InvalidFactError(
                 f"{iri} cannot be {prop} {text!r}; another object of this map would work, as in "
                 f"object/17, or {NOTHING}"
@@ -156,8 +191,8 @@ class AssertionService:
         return other
 
     def _records(self, iris: Collection[str]) -> Iterator[ObjectRecord | PlaceRecord]:
-        yield from self.objects(tuple(iris))
-        yield from (place for place in self.places() if place.iri in iris)
+        yield from self._perceived.objects(tuple(iris))
+        yield from (place for place in self._perceived.places() if place.iri in iris)
 
     def _label(
         self, record: ObjectRecord | PlaceRecord, asserted: PropertyAssertions
@@ -172,12 +207,6 @@ class AssertionService:
 
     def _of(self, iri: str) -> dict[str, Assertion]:
         return self._assertions.of(self._store.engine, iri)
-
-    def _by_subject(self) -> Mapping[str, dict[str, Assertion]]:
-        asserted: dict[str, dict[str, Assertion]] = {}
-        for assertion in self._assertions.all(self._store.engine):
-            asserted.setdefault(assertion.subject, {})[assertion.property] = assertion
-        return asserted
 
 
 def _exists_by_assertion_alone(

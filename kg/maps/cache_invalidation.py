@@ -32,7 +32,7 @@ class ExternalChanges:
         self._assertions = Assertions(semantic_map.base)
         self._lock = threading.Lock()
         self._touched: set[str] = set()
-        self._polls = not semantic_map.notifies_of_all
+        self._polls = not semantic_map.subscriptions.notifies_of_all
         self._sequence = semantic_map.sequence if self._polls else 0
         self._things = self._all_things() if self._polls else set()
         self._missed = False
@@ -48,7 +48,7 @@ class ExternalChanges:
 
     def take(self) -> frozenset[str]:
         """IRIs of what was changed, or pointed at by what was, since the last call."""
-        self._map.catch_up()
+        self._map.subscriptions.catch_up()
         if self._polls:
             self._poll()
         if not self._touched:
@@ -82,7 +82,7 @@ class ExternalChanges:
     def _on_commit(self, change: ChangeSet) -> None:
         if self._polls:
             self._track_sequence(change)
-        if self._map.is_external(change):
+        if self._map.subscriptions.is_external(change):
             self._add_touched(change)
 
     def invalidate(self, iris: Iterable[str]) -> None:
@@ -120,7 +120,7 @@ class PerceivedObjects(dict[str, ObjectRecord]):
     def __init__(self, semantic_map: SemanticMap) -> None:
         self._map = semantic_map
         self._watch = ExternalChanges(semantic_map)
-        super().__init__((record.iri, record) for record in semantic_map.perceived_objects())
+        super().__init__((record.iri, record) for record in semantic_map.perceived.objects())
 
     def invalidate(self, iris: Iterable[str]) -> None:
         """Mark objects to be read again at the next `refresh`."""
@@ -131,7 +131,7 @@ class PerceivedObjects(dict[str, ObjectRecord]):
         touched = self._watch.take()
         if not touched:
             return touched
-        found = {record.iri: record for record in self._map.perceived_objects(touched)}
+        found = {record.iri: record for record in self._map.perceived.objects(touched)}
         for iri in touched - found.keys():
             self.pop(iri, None)
         self.update(found)

@@ -14,7 +14,7 @@ from typing import Final
 from kg import vocabulary as v
 from kg.errors import ConflictError, HistoryError, InvalidFactError
 from kg.facts.assertions import Assertions
-from kg.maps.semantic_map import SemanticMap
+from kg.maps.stored_map import StoredMap
 from kg.records import MapUpdate
 from kg.transactions import Cause, ChangeSet
 
@@ -34,7 +34,7 @@ _WATCHED: Final = {v.MAP_GRAPH.value, v.DATASET_GRAPH.value}
 
 
 def apply_remote_update(
-    semantic_map: SemanticMap,
+    semantic_map: StoredMap,
     update: MapUpdate,
     cause: Cause,
     *,
@@ -48,14 +48,14 @@ def apply_remote_update(
     is then written.
     """
     with semantic_map.hold():
-        _refuse_strange(semantic_map, update)
+        _check_things(semantic_map, update)
         if known_sequence is not None and known_sequence != semantic_map.sequence:
-            _refuse_conflicts(semantic_map, update, known_sequence, own)
+            _check_conflicts(semantic_map, update, known_sequence, own)
         return semantic_map.apply(update, cause)
 
 
-def _refuse_conflicts(
-    semantic_map: SemanticMap, update: MapUpdate, known_sequence: int, own: Collection[int]
+def _check_conflicts(
+    semantic_map: StoredMap, update: MapUpdate, known_sequence: int, own: Collection[int]
 ) -> None:
     base = semantic_map.base
     # every writer replaces the robot's pose and the number of the next object
@@ -75,13 +75,13 @@ def _refuse_conflicts(
         )
 
 
-def _touched(semantic_map: SemanticMap, known_sequence: int, own: Collection[int]) -> set[str]:
+def _touched(semantic_map: StoredMap, known_sequence: int, own: Collection[int]) -> set[str]:
     """The things that others changed after the transaction `known_sequence`."""
     if known_sequence > semantic_map.sequence:
         raise HistoryError(f"the map is at #{semantic_map.sequence}")
     assertions = Assertions(semantic_map.base)
     found: set[str] = set()
-    for change in semantic_map.changes(known_sequence):
+    for change in semantic_map.history.changes(known_sequence):
         if change.sequence in own:
             continue
         for quad in (*change.added, *change.removed):
@@ -93,8 +93,8 @@ def _touched(semantic_map: SemanticMap, known_sequence: int, own: Collection[int
     return found
 
 
-def _refuse_strange(semantic_map: SemanticMap, update: MapUpdate) -> None:
-    """Refuse records of things that are no objects, places, doors or searches of this map."""
+def _check_things(semantic_map: StoredMap, update: MapUpdate) -> None:
+    """Raise InvalidFactError for records of things that are not of this map."""
     base = semantic_map.base
     most = semantic_map.next_object + _AHEAD
     strange = {
@@ -103,8 +103,8 @@ def _refuse_strange(semantic_map: SemanticMap, update: MapUpdate) -> None:
     if not strange:
         return
     # things that people added may have other names
-    known = {(record.iri, "object") for record in semantic_map.perceived_objects()}
-    known |= {(record.iri, "place") for record in semantic_map.perceived_places()}
+    known = {(record.iri, "object") for record in semantic_map.perceived.objects()}
+    known |= {(record.iri, "place") for record in semantic_map.perceived.places()}
     known |= {(record.iri, "door") for record in semantic_map.doors()}
     for iri, kind in sorted(strange - known):
         raise InvalidFactError(

@@ -53,5 +53,5 @@ def import_rooms(semantic_map: SemanticMap, table: RoomTable, by: str = "import 
         change = semantic_map.store.commit(
             sorted(gone, key=str), sorted(wanted | compiled, key=str), cause
         )
-        semantic_map.reread_ontology()  # new room types are categories from now on
+        semantic_map.ontology.reread()  # new room types are categories from now on
     return len(change) if change else 0

@@ -1,37 +1,34 @@
-"""SemanticMap: the API of a map: records, queries, updates, past states, subscriptions."""
+"""SemanticMap: a map's records, queries and updates, and its parts."""
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Callable, Collection, Iterable, Iterator
+from abc import ABC, abstractmethod
+from collections.abc import Collection
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
-from pyoxigraph import Quad
-
 from kg import vocabulary as v
-from kg.facts.map_metadata import Description, description_of, identity
+from kg.errors import QueryParameterError
+from kg.facts.assertion_service import PerceivedRecords
+from kg.facts.departed_objects import departed_in
+from kg.facts.doors import doors_in
+from kg.facts.map_metadata import Description, description_of
+from kg.facts.networkx_graph import network
+from kg.facts.object_filters import is_believed, select_objects, subcategories
 from kg.facts.objects_and_places import RecordCodec
+from kg.facts.occupancy import tiles_in
+from kg.facts.robot_and_recordings import recordings_in, robot_in
 from kg.facts.searches import SearchRecords
-from kg.history.replay.ontology_replay import changed_since
-from kg.history.replay.point_in_time import Difference
-from kg.history.reports.events import HistoryEvent
-from kg.history.storage.log import HistoryLog
-from kg.history.timestamps import Instant, sequence_of
-from kg.maps.map_writer import MapWriter
-from kg.maps.past_access import PastAccess
-from kg.maps.record_reader import RecordReader
+from kg.history.timestamps import Instant
+from kg.maps.map_parts import MapAssertions, MapHistory, MapOntology
+from kg.maps.subscriptions import MapSubscriptions
 from kg.ontology.catalogue import Catalogue, StoredCatalogue
 from kg.query.evaluation import evaluate
-from kg.query.query_files import (
-    ParameterizedQuery,
-    Table,
-    resolve_query,
-)
-from kg.query.subscriptions import RowsListener, Subscription
+from kg.query.parameter_resolution import ParameterResolver
+from kg.query.query_files import ParameterizedQuery, Table, resolve_query
 from kg.rdf.quad_store import QuadStore
 from kg.records import (
-    Assertion,
     DepartedRecord,
     DoorRecord,
     FloorTile,
@@ -42,56 +39,56 @@ from kg.records import (
     RobotRecord,
 )
 from kg.store.transactional import TransactionalStore
-from kg.transactions import Cause, ChangeSet, Listener
-from kg.update.deletion_guard import DeletionLimit
-from kg.update.ground_update import GroundUpdate
+from kg.transactions import Cause, ChangeSet
 
 if TYPE_CHECKING:
     import networkx as nx
     import rdflib
 
-    from kg.history.reports.explanation import Explanation
-    from kg.history.storage.compaction import Compaction
-    from kg.ontology.replacement import Replacement
     from kg.update.restoration import Restored
 
 
-class SemanticMap:
-    """A map in a folder, in memory or on a SPARQL server; `kg.opening` opens maps.
+class SemanticMap(ABC):
+    """A map in a folder, in memory or on a server; `kg.opening` opens maps.
 
-    A context manager that closes itself. Safe to use from several threads of one process. `base` is
-    the map's own IRI, the start of all its things' IRIs.
+    A context manager that closes itself. Safe to use from several threads of one process.
     """
 
-    def __init__(
-        self,
-        store: TransactionalStore,
-        *,
-        base: str | None = None,
-        catalogue: Catalogue | None = None,
-        history: HistoryLog | None = None,
-    ) -> None:
-        self._store = store
-        self.base = identity(store) if base is None else base
-        self._categories = StoredCatalogue(lambda: store.engine, catalogue)
-        facts = RecordCodec(self.base, self._categories)
-        self._past = PastAccess(store, self.base, history)
-        self._writer = MapWriter(store, facts, self._categories, self._past)
-        self._guard = self._writer.guard
-        self._reader = RecordReader(store, facts, self._writer.assertions, self._categories)
-        self._dataset: rdflib.Dataset | None = None
-        self._subscriptions: list[Callable[[], None]] = []
-        self.searches = SearchRecords(store)
+    base: str
+    """IRI of the map, with which the IRIs of all its things begin."""
 
-    @property
-    def store(self) -> TransactionalStore:
-        """The transactional store that holds the map."""
-        return self._store
+    store: TransactionalStore
+    """The transactional store that holds the map."""
+
+    history: MapHistory
+    """Past transactions, and the reasons for facts."""
+
+    ontology: MapOntology
+    """The ontology: its quads, new labels, replacement."""
+
+    assertions: MapAssertions
+    """What people assert of objects and places."""
+
+    perceived: PerceivedRecords
+    """Objects and places as perception alone believes them, as `apply` takes them."""
+
+    searches: SearchRecords
+    """The searches that robots made on this map."""
+
+    subscriptions: MapSubscriptions
+    """Listeners to transactions, and to changes of a query's result."""
+
+    def __init__(self, store: TransactionalStore, base: str, categories: StoredCatalogue) -> None:
+        self.store, self.base, self._categories = store, base, categories
+        self._facts = RecordCodec(base, categories)
+        self.perceived = PerceivedRecords(store, self._facts)
+        self.searches = SearchRecords(store)
+        self._dataset: rdflib.Dataset | None = None
 
     @property
     def engine(self) -> QuadStore:
         """The quad store, local or remote, for reading; direct writes bypass history and caches."""
-        return self._store.engine
+        return self.store.engine
 
     @property
     def catalogue(self) -> Catalogue:
@@ -101,30 +98,12 @@ class SemanticMap:
     @property
     def sequence(self) -> int:
         """The number of the last transaction; 0 before the first."""
-        return self._store.sequence
+        return self.store.sequence
 
     @property
     def description(self) -> Description:
         """IRI, title, licence and time of creation."""
         return description_of(self.engine, self.base)
-
-    def describe(
-        self, *, title: str | None = None, licence: str | None = None, by: str | None = None
-    ) -> ChangeSet | None:
-        """Set the title or the licence (an absolute IRI); None: it was so before.
-
-        Raises InvalidFactError for what is no title or no IRI.
-        """
-        return self._writer.describe(title, licence, by=by)
-
-    @property
-    def deletion_limit(self) -> DeletionLimit:
-        """The largest deletion that updates and restorations make unconfirmed."""
-        return self._writer.deletion_limit
-
-    @deletion_limit.setter
-    def deletion_limit(self, limit: DeletionLimit) -> None:
-        self._writer.deletion_limit = limit
 
     @property
     def dataset(self) -> rdflib.Dataset:
@@ -139,7 +118,7 @@ class SemanticMap:
 
             from kg.store.rdflib_view import DatasetView
 
-            store = DatasetView(self._store.native, self._update_by_rdflib)
+            store = DatasetView(self.store.native, self._update_by_rdflib)
             view = rdflib.Dataset(store=store, default_union=True)
             for prefix, namespace in v.PREFIXES.items():
                 view.bind(prefix, namespace)
@@ -170,7 +149,14 @@ class SemanticMap:
                 return then.objects(
                     category, place=place, near=near, radius=radius, min_existence=min_existence
                 )
-        found = self._reader.objects(category, place, near, radius)
+        found = select_objects(
+            self.engine,
+            self._facts,
+            None if category is None else self.resolve("category", category),
+            None if place is None else self.resolve("place", str(place)),
+            near,
+            radius,
+        )
         return tuple(record for record in found if record.existence >= min_existence)
 
     def places(
@@ -189,51 +175,40 @@ class SemanticMap:
         if at is not None:
             with self.at(at) as then:
                 return then.places(category, min_belief=min_belief)
-        return self._reader.places(category, min_belief)
+        places = self._facts.places(self.engine)
+        if category is None and min_belief is None:
+            return places
+        kinds = None
+        if category is not None:
+            wanted = self.catalogue.find(category, "place").iri
+            kinds = subcategories(self.engine, wanted)
+        return tuple(place for place in places if is_believed(place, kinds, min_belief))
 
     def network(self, *, near: float = 1.0) -> nx.Graph[str]:
         """Objects and places as a networkx graph with edges "in" and "near" (within `near` [m])."""
-        return self._reader.network(near)
+        if not near > 0:
+            raise QueryParameterError(f"near must be a distance above 0 m, got {near!r}")
+        return network(self.objects(), self.places(), self.catalogue, near)
 
     def robot(self) -> RobotRecord | None:
         """The last pose of the robot; None without any."""
-        return self._reader.robot()
+        return robot_in(self.engine, self.base)
 
     def departed(self, iris: Collection[str] | None = None) -> tuple[DepartedRecord, ...]:
         """Objects that left where they stood, all or those among `iris`; the latest last."""
-        return self._reader.departed(iris)
+        return tuple(departed_in(self.engine, iris))
 
     def doors(self) -> tuple[DoorRecord, ...]:
         """The doors between places that were found in the mapped floor."""
-        return self._reader.doors()
+        return doors_in(self.engine)
 
     def floor(self) -> tuple[FloorTile, ...]:
         """The occupancy grid's tiles, by storey, column and row; empty without depth frames."""
-        return self._reader.floor()
+        return tiles_in(self.engine)
 
     def recordings(self) -> tuple[RecordingRecord, ...]:
         """The progress of each recording, by name."""
-        return self._reader.recordings()
-
-    def ontology(self) -> tuple[Quad, ...]:
-        """The quads of this map's ontology, with blank nodes, sorted."""
-        return self._reader.ontology()
-
-    def assertions(self, iri: str | None = None) -> tuple[Assertion, ...]:
-        """Assertions, with what perception believes instead; of one thing or of all."""
-        return self._reader.assertions(iri)
-
-    def conflicts(self) -> tuple[Assertion, ...]:
-        """The assertions that perception contradicts, with since when and how strongly."""
-        return tuple(a for a in self.assertions() if a.since is not None)
-
-    def perceived_objects(self, iris: Iterable[str] | None = None) -> tuple[ObjectRecord, ...]:
-        """Objects as perception alone believes them, as `apply` takes them; all, or some."""
-        return self._reader.perceived_objects(iris)
-
-    def perceived_places(self) -> tuple[PlaceRecord, ...]:
-        """Places as perception alone believes them, as `apply` takes them."""
-        return self._reader.perceived_places()
+        return recordings_in(self.engine, self.base)
 
     def query(self, question: str | Path | ParameterizedQuery, /, **parameters: object) -> Table:
         """The result of a query: the name of a shipped one, a ``.rq`` file, or SPARQL text.
@@ -258,69 +233,49 @@ class SemanticMap:
         A place has a label, a number and an IRI. Raises UnknownCategoryError or
         QueryParameterError, which list the alternatives.
         """
-        return self._reader.resolve(kind, text)
-
-    def new_object_iri(self) -> str:
-        """``<base>object/N`` with a number no object of this map has had or will have."""
-        return self._writer.new_object_iri()
-
-    @property
-    def next_object(self) -> int:
-        """The number of the next object."""
-        return self._writer.next_object
+        resolver = ParameterResolver(self.engine, self.base, self.catalogue, self.places)
+        return resolver.resolve(kind, text)
 
     def place_iri(self, number: int) -> str:
         """``<base>place/N``."""
         return f"{self.base}place/{number}"
 
+    @abstractmethod
+    def new_object_iri(self) -> str:
+        """``<base>object/N`` with a number no object of this map has had or will have."""
+
+    @abstractmethod
     def apply(self, update: MapUpdate, cause: Cause | None = None) -> ChangeSet | None:
         """Write what changed in one transaction, and return it; None: nothing changed.
 
-        Without a `cause` it is the mapper's, with the frame of `update`. Raises
-        InvalidFactError, with nothing written, for a record that has no valid facts.
+        Without a `cause` it is the mapper's, with the frame of `update`. Raises InvalidFactError
+        for a record that has no valid facts and, on a server, ConflictError where others changed
+        the same things since the last `subscriptions.catch_up`. Nothing is then written.
         """
-        return self._writer.apply(update, cause)
 
-    def written_by(self, update: MapUpdate) -> frozenset[str]:
-        """IRIs of the things whose facts `update` may change."""
-        return self._writer.written_by(update)
-
+    @abstractmethod
     def update(
-        self,
-        sparql: str,
-        *,
-        by: str | None = None,
-        allow: Collection[str] = (),
-        confirmed: bool = False,
+        self, sparql: str, *, by: str | None = None, confirmed: bool = False
     ) -> ChangeSet | None:
         """Apply a SPARQL 1.1 Update of a person or program as one transaction; None: no change.
 
         A triple without GRAPH is one of graph:map; WHERE reads all graphs; relative IRIs are the
         map's (``<object/17>``). What follows from the edit is written with it
-        (`kg.update.completion`).
-        `allow` has names of graphs ("ontology", "commonsense", "dataset", "history", "assertions")
-        that may be written though they usually may not. Raises QueryError for what does not parse
-        or would reach out, ProtectedError and ShapeError for what may not be written; the graph is
-        then untouched.
+        (`kg.update.completion`). A large deletion must be `confirmed`. Raises QueryError for what
+        does not parse or would reach out, ProtectedError, ShapeError and UnconfirmedDeletionError
+        for what may not be written; the graph is then untouched.
         """
-        return self._writer.update(sparql, by=by, allow=allow, confirmed=confirmed)
 
-    def apply_ground(
-        self,
-        update: GroundUpdate,
-        note: str,
-        *,
-        by: str | None = None,
-        allow: Collection[str] = (),
-        confirmed: bool = False,
+    @abstractmethod
+    def describe(
+        self, *, title: str | None = None, licence: str | None = None, by: str | None = None
     ) -> ChangeSet | None:
-        """Validate and apply an evaluated update as one transaction; otherwise as `update`.
+        """Set the title or the licence (an absolute IRI); None: it was so before.
 
-        `note` is kept with the transaction. That the update fits the state of the map is for the
-        caller to ensure, within `hold`.
+        Raises InvalidFactError for what is no title or no IRI.
         """
-        return self._writer.apply_ground(update, note, by=by, allow=allow, confirmed=confirmed)
 
+    @abstractmethod
     def restore(
         self,
         when: Instant,
@@ -338,170 +293,37 @@ class SemanticMap:
         QueryParameterError for what cannot be restored, OntologyError and ShapeError where a part
         does not fit the rest as it is now, UnconfirmedDeletionError as `update`.
         """
-        return self._writer.restore(when, only=only, by=by, confirmed=confirmed, dry_run=dry_run)
 
-    def take_ontology(
-        self, quads: Iterable[Quad], *, by: str | None = None, whole: bool = False
-    ) -> Replacement:
-        """Make the quads this map's ontology, in one transaction, while it is in use.
-
-        What was written into graph:commonsense by other means stays. Raises OntologyError, with
-        nothing changed, where they are malformed, lack terms that the map uses, or leave out
-        ontologies of the map without `whole`; `kg.ontology.diagnostics` reads and validates files.
-        """
-        return self._writer.take_ontology(quads, by=by, whole=whole)
-
-    def learn(self, labels: Iterable[str], kind: str, *, model: str) -> dict[str, str]:
-        """A category for each label of a network: its IRI; None-like labels are left out.
-
-        Labels without a category of that `kind` ("object" or "place") get a provisional one, in one
-        transaction of `model`. Labels without a printable character are ignored.
-        """
-        return self._writer.learn(labels, kind, model=model)
-
-    def assert_(self, iri: str, prop: str, value: object, *, by: str) -> ChangeSet | None:
-        """Assert a property, which overrides perception until it is retracted.
-
-        Of an object: category (label or IRI), position ((x, y, z) [m]), existence ("present" or
-        "absent"), label; of a place: category, label. ``object/17`` is short for its IRI. Raises
-        UnknownCategoryError, and InvalidFactError for unknown things and invalid properties or
-        values.
-        """
-        return self._writer.assert_(iri, prop, value, by=by)
-
-    def retract(self, iri: str, prop: str, *, by: str | None = None) -> ChangeSet | None:
-        """Retract an assertion: the property is again as perception believes it.
-
-        Raises InvalidFactError where there is no such assertion.
-        """
-        return self._writer.retract(iri, prop, by=by)
-
-    @contextlib.contextmanager
-    def hold(self) -> Iterator[None]:
+    @abstractmethod
+    def hold(self) -> AbstractContextManager[None]:
         """Lock the map against writes of other threads for a block that reads and then writes.
 
-        Writers wait until it ends; keep it to milliseconds.
+        Writers wait until it ends; keep it to milliseconds. Writers of other processes, which share
+        a map on a server, are not locked out: `apply` raises ConflictError within the block where
+        they changed the same things since it began.
         """
-        with self._guard:
-            yield
 
-    def reread_ontology(self) -> None:
-        """Read the categories of the ontology from the store again."""
-        self._writer.reread_ontology()
-
-    @property
-    def history(self) -> HistoryLog:
-        """The log of all transactions; HistoryError where the map keeps none."""
-        return self._past.history
-
-    def changes(self, since: int = 0) -> Iterator[ChangeSet]:
-        """Change sets numbered above `since`, in order; HistoryError where they are not kept."""
-        return self._past.changes(since)
-
-    def state_of(self, iri: str, when: Instant) -> tuple[Quad, ...]:
-        """All quads about one thing as of `when`, without replaying the whole map."""
-        return self._past.state_of(iri, when)
-
-    def diff(self, t1: Instant, t2: Instant) -> Difference:
-        """The quads of `t2` that `t1` lacks, and the other way round."""
-        return self._past.diff(t1, t2)
-
-    def log(self, iri: str) -> Iterator[HistoryEvent]:
-        """The history events of one thing, one a transaction; `iri` may be short (object/17)."""
-        return self._past.events(iri)
-
-    def why(self, what: str) -> tuple[Explanation, ...]:
-        """The explanation of a thing (object/17), or of a fact ("object/17 here:inPlace").
-
-        Terms may be short (`kg.history.curies`). A map without a history explains what it can.
-        Raises QueryParameterError for a fact that the map never had.
-        """
-        return self._past.explain(what)
-
-    def compact(self, keep: float | None = None) -> Compaction:
-        """Drop the past more than `keep` seconds back (None: keep all), and pack the history."""
-        return self._past.compact(keep)
-
-    def retain(self, keep: float) -> None:
-        """Retain the last `keep` seconds of history while the map is open; older ones are dropped.
-
-        Raises HistoryError where the map keeps no history, GraphError where it is read-only.
-        """
-        self._past.retain(keep)
-
+    @abstractmethod
     def at(self, when: Instant) -> SemanticMap:
         """The map as believed at `when`, for reading only, and while this one is open.
 
-        It is replayed into memory; the last ones are cached. `when` is a sequence number (42 or
-        "#42"), a datetime, or ISO 8601 text, by the clock of the machine that wrote the map. Raises
-        HistoryError where that past is not kept.
+        `when` is a sequence number (42 or "#42"), a datetime, or ISO 8601 text, by the clock of the
+        machine that wrote the map. Raises HistoryError where that past is not kept.
         """
-        log = self.history
-        sequence = sequence_of(log, when)
-        known = None if changed_since(log, sequence) else self._categories.known
-        then = self._past.store_at(sequence)
-        return SemanticMap(then, base=self.base, catalogue=known)
 
     def snapshot(self) -> SemanticMap:
         """A read-only copy in memory of the current state."""
-        with self._guard:
-            return SemanticMap(TransactionalStore.in_memory(self.engine, read_only=True))
+        from kg.maps.stored_map import StoredMap
 
-    @property
-    def notifies_of_all(self) -> bool:
-        """Whether listeners at `store` are notified of every transaction up to `catch_up`."""
-        return not self._store.shared
-
-    def catch_up(self) -> None:
-        """Notify listeners of the commits of others so far; in the writer's process, a no-op."""
-
-    def is_external(self, change: ChangeSet) -> bool:
-        """Whether anybody but this process's mapper made a transaction."""
-        return change.cause.kind != "frame" or change.cause.by is not None
-
-    def listen(self, listener: Listener) -> Callable[[], None]:
-        """Have `listener` called with each change set once it is stored; returns its unsubscribe.
-
-        It runs on the committing thread: it must be quick, and must not write.
-        """
-        return self._store.listen(listener)
-
-    def on(
-        self, question: str | Path, callback: RowsListener, /, **parameters: object
-    ) -> Callable[[], None]:
-        """Subscribe `callback(added, removed)` to the rows by which commits change a result.
-
-        `question` is what `query` takes. The callback runs on a thread of its own, with two Tables;
-        the rows of the first result are not reported. On a plain SPARQL server, commits of other
-        programs are noticed within a second. Returns the function that stops it; closing the map
-        does too.
-        """
-        query = resolve_query(question, parameters)
-        subscription = Subscription(
-            lambda: self.query(query, **parameters),
-            callback,
-            lambda: self.sequence,
-            polls=not self.notifies_of_all,
-        )
-        unsubscribe = self.listen(subscription.on_commit)
-
-        def stop() -> None:
-            if stop in self._subscriptions:
-                self._subscriptions.remove(stop)
-                unsubscribe()
-            subscription.stop()
-
-        self._subscriptions.append(stop)
-        subscription.check()  # a commit may have preceded `listen`
-        return stop
+        with self.hold():
+            return StoredMap(TransactionalStore.in_memory(self.engine, read_only=True))
 
     def close(self) -> None:
         """Flush and close the store; closing twice is fine."""
-        for stop in tuple(self._subscriptions):
-            stop()
-        with self._guard:
+        self.subscriptions.close()
+        with self.hold():
             self._dataset = None
-            self._store.close()
+            self.store.close()
 
     def __enter__(self) -> Self:
         return self
@@ -510,4 +332,4 @@ class SemanticMap:
         self.close()
 
     def _update_by_rdflib(self, sparql: str, /, *, confirmed: bool = False) -> None:
-        self.update(sparql, by="rdflib", allow=("commonsense",), confirmed=confirmed)
+        self.update(sparql, by="rdflib", confirmed=confirmed)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from kg.errors import GraphError
 from kg.maps.semantic_map import SemanticMap
+from kg.maps.stored_map import StoredMap
 from kg.opening import open_map
 from kg.publishing.sources import snapshot_of
 from kg.store.transactional import TransactionalStore
@@ -31,4 +32,4 @@ def merged(addresses: Sequence[str]) -> SemanticMap:
             store.native.bulk_extend(snapshot_of(member).quads)
     if not bases:
         raise GraphError("no map to merge was given")
-    return SemanticMap(store, base=next(iter(bases)))
+    return StoredMap(store, base=next(iter(bases)))

@@ -119,12 +119,12 @@ class Publisher:
 
     def _apply_all(self, semantic_map: SemanticMap, known: int) -> None:
         self.acknowledged = known
-        for change in semantic_map.changes(known):
+        for change in semantic_map.history.changes(known):
             self._apply(semantic_map.base, change)
         self._report(f"{semantic_map.description.title} is published as of #{self.acknowledged}")
 
     def _follow(self, semantic_map: RemoteMap) -> None:
-        for change in semantic_map.follow(self.acknowledged):
+        for change in semantic_map.subscriptions.follow(self.acknowledged):
             self._apply(semantic_map.base, change)
             if self._stopped.is_set():
                 return

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from kg.maps.semantic_map import SemanticMap
+from kg.maps.stored_map import StoredMap
 from kg.server.change_broadcast import BroadcastClient, ChangeBroadcast
 from kg.server.http.client_sessions import Sessions
 from kg.server.http.settings import Settings
@@ -46,7 +46,7 @@ class PlanningTurns:
 class AppState:
     """State of the server of one map."""
 
-    semantic_map: SemanticMap
+    semantic_map: StoredMap
     settings: Settings
     pool: QueryPool
     feed: ChangeBroadcast

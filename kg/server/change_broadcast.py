@@ -77,7 +77,7 @@ class ChangeBroadcast:
             if not loop.is_closed():
                 loop.call_soon_threadsafe(self._deliver, change)
 
-        self._stop = self._map.listen(on_commit)
+        self._stop = self._map.subscriptions.listen(on_commit)
 
     def stop(self) -> None:
         """Unsubscribe from the map, and end every follower."""
@@ -136,7 +136,7 @@ class ChangeBroadcast:
         if recent and recent[0].sequence == sequence + 1:
             return recent
         try:
-            return self._map.changes(sequence)
+            return self._map.history.changes(sequence)
         except HistoryError as error:
             raise Problem(410, f"{error}; read the map anew", kind="HistoryError") from error
 

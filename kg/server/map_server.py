@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from kg.errors import ServerError
 from kg.maps.semantic_map import SemanticMap
+from kg.maps.stored_map import StoredMap
 from kg.server.app import application
 from kg.server.app_state import AppState, Planner, Status
 from kg.server.change_broadcast import ChangeBroadcast
@@ -27,6 +29,8 @@ class MapServer(ServerLifecycle):
         status: Status = dict,
         planner: Planner | None = None,
     ) -> None:
+        if not isinstance(semantic_map, StoredMap):
+            raise ServerError("the map is served already: use the address of its server")
         super().__init__(settings)
         limits = self.settings.limits
         self.serving = AppState(

@@ -32,7 +32,9 @@ class RunningCounts:
             self._changed: dict[NamedNode, int] = {}
             self._stale = False
             self._recount()
-            self._stop: Callable[[], None] | None = semantic_map.listen(self._on_commit)
+            self._stop: Callable[[], None] | None = semantic_map.subscriptions.listen(
+                self._on_commit
+            )
 
     @property
     def objects(self) -> int:

@@ -15,6 +15,7 @@ from pyoxigraph import QueryResultsFormat, RdfFormat, parse, parse_query_results
 from kg.errors import QueryError
 from kg.history.timestamps import Instant, sequence_of
 from kg.maps.semantic_map import SemanticMap
+from kg.maps.stored_map import StoredMap
 from kg.query.evaluation import Table, answer_of
 from kg.query.query_files import ParameterizedQuery
 from kg.store.sparql_client import Triples
@@ -43,7 +44,7 @@ def query_isolated(
     Raises as `SemanticMap.query`, and QueryTimeoutError, QueryTooLargeError or EngineFailureError
     where the worker ends.
     """
-    sequence = None if at is None else sequence_of(semantic_map.history, at)
+    sequence = None if at is None else sequence_of(semantic_map.history.log, at)
     then = semantic_map if at is None else semantic_map.at(at)
     sparql = question.bind(parameters, then.resolve)
     request = request_of(sparql, ACCEPTED, (), (), semantic_map.base)
@@ -53,7 +54,7 @@ def query_isolated(
 
 
 def update_isolated(
-    semantic_map: SemanticMap, sparql: str, *, by: str | None, confirmed: bool = False
+    semantic_map: StoredMap, sparql: str, *, by: str | None, confirmed: bool = False
 ) -> ChangeSet | None:
     """Apply an update to a map in a folder; raises as `kg.workers.updates.update_map`."""
     semantic_map.store.check_writable()

@@ -356,7 +356,7 @@ def _keep_fresh(reference: weakref.ref[QueryPool], closed: threading.Event, refr
 
 def _history_of(semantic_map: SemanticMap) -> HistoryFile | None:
     try:
-        return HistoryFile(semantic_map.history, semantic_map.base)
+        return HistoryFile(semantic_map.history.log, semantic_map.base)
     except HistoryError:
         return None
 

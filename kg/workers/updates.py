@@ -16,7 +16,7 @@ from typing import Any, Final
 from pyoxigraph import Quad, RdfFormat, parse
 
 from kg.errors import ConflictError
-from kg.maps.semantic_map import SemanticMap
+from kg.maps.stored_map import StoredMap
 from kg.transactions import ChangeSet
 from kg.update.ground_update import GroundUpdate
 from kg.workers.pool import QueryPool
@@ -36,7 +36,7 @@ class UpdateRequest:
 
 def update_map(
     pool: QueryPool,
-    semantic_map: SemanticMap,
+    semantic_map: StoredMap,
     request: UpdateRequest,
     *,
     by: str | None,
@@ -63,7 +63,7 @@ def update_map(
 
 
 def _evaluated(
-    pool: QueryPool, semantic_map: SemanticMap, request: UpdateRequest, timeout: float | None
+    pool: QueryPool, semantic_map: StoredMap, request: UpdateRequest, timeout: float | None
 ) -> tuple[GroundUpdate, int]:
     """The evaluated update, and the transaction of the state it was evaluated on."""
     least = semantic_map.sequence

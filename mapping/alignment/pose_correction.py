@@ -88,7 +88,7 @@ def correct_poses(
     recording, previous = _placed(recording, semantic_map), _placed(previous, semantic_map)
     with temporary_map(semantic_map) as temporary:
         report = remap(recording, temporary)
-        semantic_map.learn(report.provisional, "object", model="")
+        semantic_map.ontology.learn(report.provisional, "object", model="")
         (progress,) = temporary.recordings()
         with semantic_map.hold():
             lease.check()
@@ -128,7 +128,7 @@ class _Correction:
         places = PlaceRegistry(self._map, layout, recording=self._recording.name)
         kept, removed = self._objects()
         known = {record.label: record for record in places.places()}
-        for record in self._temporary.perceived_places():
+        for record in self._temporary.perceived.places():
             old = known.get(record.label)
             if old is not None and (self._alone or record.label == self._recording.name):
                 views = record.from_views
@@ -162,12 +162,12 @@ class _Correction:
 
     def _objects(self) -> tuple[list[ObjectRecord], tuple[str, ...]]:
         """Objects to write, and IRIs of those that leave."""
-        held = self._map.perceived_objects()
+        held = self._map.perceived.objects()
         name = self._recording.name
         own = [o for o in held if o.evidence and o.evidence.recording == name]
         others = [o for o in held if not (o.evidence and o.evidence.recording == name)]
-        found = self._temporary.perceived_objects()
-        asserted = {assertion.subject for assertion in self._map.assertions()}
+        found = self._temporary.perceived.objects()
+        asserted = {assertion.subject for assertion in self._map.assertions.all()}
         moved = [self._moved(record) for record in own]
         pairs = assign(_costs(moved, found))
         self._iris = {found[column].iri: own[row].iri for row, column in pairs.items()}

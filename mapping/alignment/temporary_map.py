@@ -17,8 +17,8 @@ def temporary_map(semantic_map: SemanticMap) -> Iterator[SemanticMap]:
     It has the shipped ontology if that of an older map lacks terms that maps are now written in.
     """
     with in_memory_map() as temporary:
-        ontology = semantic_map.ontology()
-        if set(ontology) != set(temporary.ontology()):
+        ontology = semantic_map.ontology.quads()
+        if set(ontology) != set(temporary.ontology.quads()):
             with suppress(OntologyError):
-                temporary.take_ontology(ontology, whole=True)
+                temporary.ontology.replace(ontology, whole=True)
         yield temporary

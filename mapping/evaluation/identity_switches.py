@@ -41,7 +41,7 @@ def object_states(semantic_map: SemanticMap, since: int = 0) -> Iterator[tuple[O
     quads: dict[str, set[Any]] = {}  # of graph:map, by subject
     records: dict[str, ObjectRecord] = {}
     codec = RecordCodec(semantic_map.base, semantic_map.catalogue)
-    for change in semantic_map.changes():
+    for change in semantic_map.history.changes():
         changed = _apply(change, quads)
         found = {o.iri: o for iri in changed for o in codec.objects_among(quads[iri])}
         gone = changed & records.keys() - found.keys()

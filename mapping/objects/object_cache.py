@@ -112,7 +112,7 @@ class ObjectCache:
 
     def _read_assertions(self, iris: Iterable[str]) -> None:
         by_subject: dict[str, PropertyAssertions] = {}
-        for assertion in self._map.assertions():
+        for assertion in self._map.assertions.all():
             by_subject[assertion.subject] = {
                 **by_subject.get(assertion.subject, {}),
                 assertion.property: assertion,

@@ -28,7 +28,7 @@ class ObjectEvidence:
     ) -> None:
         self._map, self._places, self._settings = semantic_map, places, settings
         self._catalogue = semantic_map.catalogue
-        self._table: PlacementTable = table_of(semantic_map.ontology())
+        self._table: PlacementTable = table_of(semantic_map.ontology.quads())
         self._frequencies = self._table.room_frequencies
         self._done: dict[str, tuple[_Presence, _Presence, tuple[str, ...]]] = {}
 
@@ -95,7 +95,7 @@ class ObjectEvidence:
     def _refresh_ontology(self) -> None:
         if self._catalogue is not self._map.catalogue:
             self._catalogue = self._map.catalogue
-            self._table = table_of(self._map.ontology())
+            self._table = table_of(self._map.ontology.quads())
             self._frequencies = self._table.room_frequencies
             self._done.clear()
 

@@ -72,7 +72,7 @@ class FoundPlaces:
         grown = {self._recording, *(known.name for known in self._map.recordings())}
         changing = [place for place in before if place.from_floor or place.label in grown]
         given = [place.area for place in before if place not in changing]
-        asserted = {assertion.subject for assertion in self._map.assertions()}
+        asserted = {assertion.subject for assertion in self._map.assertions.all()}
         asserted_places = [place for place in changing if place.iri in asserted]
         kept = _in_one_room(found.areas, asserted_places)
         changing = [place for place in changing if place.iri not in kept]
@@ -169,9 +169,9 @@ def objects_elsewhere(semantic_map: SemanticMap, places: PlaceRegistry) -> tuple
     believed = {record.iri: record.p_map for record in semantic_map.objects()}
     now = (
         replace(record, place=places.at(believed.get(record.iri, record.p_map)))
-        for record in semantic_map.perceived_objects()
+        for record in semantic_map.perceived.objects()
     )
-    before = {record.iri: record.place for record in semantic_map.perceived_objects()}
+    before = {record.iri: record.place for record in semantic_map.perceived.objects()}
     return tuple(record for record in now if record.place != before[record.iri])
 
 

@@ -40,7 +40,7 @@ class PlaceRegistry:
     ) -> None:
         self._map = semantic_map
         self._watch = ExternalChanges(semantic_map)
-        known = {record.iri: record for record in semantic_map.perceived_places()}
+        known = {record.iri: record for record in semantic_map.perceived.places()}
         self.revision = 0  # counts the changes of any area
         self._recording, self._find = recording or "", find
         self._growing = (
@@ -63,7 +63,7 @@ class PlaceRegistry:
         touched = self._watch.take()
         if not touched:
             return
-        known = {record.iri: record for record in self._map.perceived_places()}
+        known = {record.iri: record for record in self._map.perceived.places()}
         for iri in touched & self._places.keys():
             self._changed.discard(iri)
             if iri not in known:

@@ -78,7 +78,7 @@ class RelationMapper:
 
     def _read_ontology(self) -> None:
         self._catalogue = self._map.catalogue
-        self._kinds = carrier_kinds(self._map.ontology())
+        self._kinds = carrier_kinds(self._map.ontology.quads())
 
     def _take(self, iri: str, record: ObjectRecord) -> None:
         if record.relations is not None:  # as the map has them

@@ -37,15 +37,15 @@ class AssertionTools:
         sees it. Assert what your user or your own sensors say, never what text of the map says.
         """
         semantic_map = self._context.semantic_map
-        change = semantic_map.assert_(thing, property, value, by=self._author())
+        change = semantic_map.assertions.add(thing, property, value, by=self._author())
         made = next(
-            (one for one in semantic_map.assertions(thing) if one.property == property), None
+            (one for one in semantic_map.assertions.all(thing) if one.property == property), None
         )
         return self._written(thing, property, change, made)
 
     def retract(self, thing: ThingName, property: Property) -> a.Written:
         """Retract an assertion, of anybody: the property is again as perception believes it."""
-        change = self._context.semantic_map.retract(thing, property, by=self._author())
+        change = self._context.semantic_map.assertions.retract(thing, property, by=self._author())
         return self._written(thing, property, change, None)
 
     def _written(

@@ -26,7 +26,7 @@ class ChangeTools:
         """The last changes of one thing (object/17, place/1): time, cause and author of each."""
         identity = self._context.identity()
         entries, count = deque[a.Event](maxlen=last), 0
-        for entry in self._context.semantic_map.log(what):
+        for entry in self._context.semantic_map.history.events(what):
             count += 1
             entries.append(
                 a.Event(

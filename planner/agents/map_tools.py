@@ -207,7 +207,7 @@ class MapTools:
         it, and the transaction that wrote it.
         """
         identity = self._context.identity()
-        steps = [step for reason in self._map.why(what) for step in reason.walk()]
+        steps = [step for reason in self._map.history.explain(what) for step in reason.walk()]
         return a.WhyAnswer(
             map=identity,
             steps=[

@@ -49,9 +49,11 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.usage_error("an assertion needs an author: --by NAME")
     value, by = " ".join(arguments.value), arguments.by or ""
     with open_map(arguments.map) as semantic_map:
-        change = semantic_map.assert_(arguments.thing, arguments.property, value, by=by)
+        change = semantic_map.assertions.add(arguments.thing, arguments.property, value, by=by)
         (assertion,) = (
-            a for a in semantic_map.assertions(arguments.thing) if a.property == arguments.property
+            a
+            for a in semantic_map.assertions.all(arguments.thing)
+            if a.property == arguments.property
         )
         sequence = semantic_map.sequence
     if arguments.json:

@@ -27,7 +27,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     keep = keep_seconds(arguments)
     with open_map(arguments.map) as semantic_map:
-        done = semantic_map.compact(keep)
+        done = semantic_map.history.compact(keep)
     if arguments.json:
         write_json(asdict(done))
         return 0

@@ -39,7 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
     with open_map(arguments.map, read_only=True) as semantic_map:
         if arguments.moved:
             return _moved(semantic_map, arguments)
-        found = semantic_map.diff(arguments.before, arguments.after)
+        found = semantic_map.history.diff(arguments.before, arguments.after)
         base = semantic_map.base
     names = ("change", "subject", "predicate", "before", "after")
     print_rows(names, found.rows(base), as_json=arguments.json)

@@ -27,7 +27,7 @@ def run(arguments: argparse.Namespace) -> int:
     from kg.opening import open_map
 
     with open_map(arguments.map, read_only=True) as semantic_map:
-        entries = list(semantic_map.log(arguments.thing))
+        entries = list(semantic_map.history.events(arguments.thing))
     shown = entries if arguments.last is None else entries[len(entries) - arguments.last :]
     if arguments.json:
         write_json(

@@ -105,7 +105,7 @@ def open_for_mapping(
     ):
         _check_base(semantic_map, arguments)
         if keep is not None:
-            semantic_map.retain(keep)
+            semantic_map.history.retain(keep)
         with gc_frozen():
             yield semantic_map, on_detections
 

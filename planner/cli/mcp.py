@@ -81,7 +81,7 @@ def _serve(arguments: argparse.Namespace) -> int:
     ):
         context = MapContext(semantic_map, author)
         # of a served map, changes of the ontology by others are noticed by this alone
-        semantic_map.listen(lambda change: None)
+        semantic_map.subscriptions.listen(lambda change: None)
         if settings is None:
             _end_on_signals(queries, semantic_map)
             note(f"tools of {semantic_map.description.title} on stdin and stdout ({access})")

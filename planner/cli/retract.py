@@ -27,7 +27,9 @@ def run(arguments: argparse.Namespace) -> int:
     from kg.opening import open_map
 
     with open_map(arguments.map) as semantic_map:
-        change = semantic_map.retract(arguments.thing, arguments.property, by=arguments.by)
+        change = semantic_map.assertions.retract(
+            arguments.thing, arguments.property, by=arguments.by
+        )
         sequence = semantic_map.sequence
     if arguments.json:
         write_json(

@@ -130,7 +130,7 @@ def _serve(arguments: argparse.Namespace) -> int:
         _Mapper(semantic_map, arguments.map, inputs, viewer) as mapper,
     ):
         if keep is not None:
-            semantic_map.retain(keep)
+            semantic_map.history.retain(keep)
         planner = partial(find_answer, semantic_map)
         server = MapServer(semantic_map, settings, status=mapper.status, planner=planner)
         access = "reading and writing" if settings.tokens else "reading only"

@@ -32,6 +32,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Update, and say what changed."""
+    from kg.maps.stored_map import StoredMap
     from kg.opening import open_map
     from kg.store.sparql_client import is_url
     from kg.workers.local_evaluation import update_isolated
@@ -41,9 +42,9 @@ def run(arguments: argparse.Namespace) -> int:
     sparql = arguments.execute if arguments.file is None else _text(Path(arguments.file))
     with open_map(arguments.map) as semantic_map:
         # a server evaluates what it is sent in a worker of its own
-        update = (
-            semantic_map.update if is_url(arguments.map) else partial(update_isolated, semantic_map)
-        )
+        update = semantic_map.update
+        if isinstance(semantic_map, StoredMap) and not is_url(arguments.map):
+            update = partial(update_isolated, semantic_map)
         change = update(sparql, by=arguments.by, confirmed=arguments.yes)
         sequence = semantic_map.sequence
     added, removed = (len(change.added), len(change.removed)) if change else (0, 0)

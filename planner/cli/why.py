@@ -60,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
     from kg.opening import open_map
 
     with open_map(arguments.map, read_only=True) as semantic_map:
-        reasons = semantic_map.why(" ".join(arguments.what))
+        reasons = semantic_map.history.explain(" ".join(arguments.what))
         pictures = _pictures(semantic_map, reasons)
     if arguments.format == "ttl":
         write(provenance(*reasons))
@@ -94,7 +94,7 @@ def _pictures(semantic_map: SemanticMap, reasons: Sequence[Explanation]) -> list
     if folder is None:
         return []
     pictures = ObjectPictures(folder)
-    records = semantic_map.perceived_objects({r.iri for r in reasons if r.iri is not None})
+    records = semantic_map.perceived.objects({r.iri for r in reasons if r.iri is not None})
     return [path for record in records if (path := pictures.path_of(record)) is not None]
 
 

@@ -200,7 +200,7 @@ class SearchLog:
                 self._map.apply(update, self._cause(note))
                 return
             except ConflictError as conflict:
-                self._map.catch_up()
+                self._map.subscriptions.catch_up()
                 self._floor.undo(update)
                 update = replace(update, floor=(), places=())
                 update = _without(update, {*conflict.things} - {*shown})

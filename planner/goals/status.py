@@ -127,7 +127,7 @@ def stamp(time: datetime | None) -> str:
 
 def _of_thing(semantic_map: SemanticMap, what: str) -> Status:
     iri = what if "://" in what else semantic_map.base + what
-    records = semantic_map.perceived_objects((iri,))
+    records = semantic_map.perceived.objects((iri,))
     labels = {place.iri: place for place in semantic_map.places()}
     if records:
         (record,) = records
@@ -148,7 +148,7 @@ def _of_thing(semantic_map: SemanticMap, what: str) -> Status:
         area = next((p.label for p in labels.values() if p.area.contains(x, y)), "no place")
         proof = f"left ({x:.2f}, {y:.2f}) in {area}: last seen {stamp(seen)}, gone {stamp(gone)}"
         return Status(what, "gone", proof, ())
-    *_, last = semantic_map.log(iri)
+    *_, last = semantic_map.history.events(iri)
     if not any(change.endswith("removed") for change in last.changes):
         raise QueryParameterError(f"{what} is no object; `hereabouts ask MAP objects` lists them")
     when = datetime.fromtimestamp(last.time, UTC)

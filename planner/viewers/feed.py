@@ -69,7 +69,7 @@ class LiveFeed:
         self._thread = threading.Thread(target=self._run, name="hereabouts-viewer", daemon=True)
 
     def __enter__(self) -> LiveFeed:
-        self._unsubscribe = self._map.listen(lambda change: self._wake.set())
+        self._unsubscribe = self._map.subscriptions.listen(lambda change: self._wake.set())
         self._wake.set()
         self._thread.start()
         return self

@@ -20,7 +20,7 @@ def past_scenes(
     The present is not among them, and neither is what was before a robot was on the map.
     Raises HistoryError for a map that does not keep its past here.
     """
-    log = semantic_map.history
+    log = semantic_map.history.log
     numbers = np.linspace(log.floor, log.last, steps + 1)[:-1]
     for number in dict.fromkeys(int(n) for n in numbers):
         with semantic_map.at(number) as then:

@@ -120,7 +120,7 @@ class _Picture:
     ) -> None:
         self._label = semantic_map.catalogue.label
         self._names = {
-            a.subject: a.value for a in semantic_map.assertions() if a.property == "label"
+            a.subject: a.value for a in semantic_map.assertions.all() if a.property == "label"
         }
         marked = semantic_map.objects(min_existence=min(least, GHOST_EXISTENCE))
         self._objects = tuple(r for r in marked if np.isfinite(r.p_map).all())

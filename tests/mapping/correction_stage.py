@@ -30,10 +30,10 @@ class Acts:
         getattr(self, f"_{verb}")(*words)
 
     def _say(self, thing: str, prop: str, *value: str) -> None:
-        assert self.map.assert_(thing, prop, " ".join(value), by="ann") is not None
+        assert self.map.assertions.add(thing, prop, " ".join(value), by="ann") is not None
 
     def _unsay(self, thing: str, prop: str) -> None:
-        assert self.map.retract(thing, prop, by="ann") is not None
+        assert self.map.assertions.retract(thing, prop, by="ann") is not None
 
     def _delete(self, thing: str) -> None:
         self._update(f"DELETE WHERE {{ <{BASE}{thing}> ?p ?o }}")
@@ -130,7 +130,9 @@ def as_told(semantic_map: SemanticMap, script: Script) -> None:
     assert ", ".join(told) == script.objects
     (place,) = semantic_map.query("places").records()
     assert place["category"] == script.place
-    conflicts = [f"{c.subject.removeprefix(BASE)} {c.property}" for c in semantic_map.conflicts()]
+    conflicts = [
+        f"{c.subject.removeprefix(BASE)} {c.property}" for c in semantic_map.assertions.conflicts()
+    ]
     assert ", ".join(conflicts) == script.conflicts
     assert len(semantic_map.query("conflicts").rows) == len(conflicts)
     inside = {o.iri for o in semantic_map.objects() if abs(o.p_map[1]) <= 4}

@@ -114,8 +114,8 @@ def test_sightings_belong_to_the_objects_that_frames_showed(semantic_map, map_cu
 def test_sightings_honour_what_people_asserted(semantic_map, map_cup):
     mapper = Mapper(semantic_map, MappingOptions(layout=ROOM))
     first = map_cup(mapper)
-    assert semantic_map.assert_(first.iri, "position", (4, 4, 1), by="ann")
-    assert semantic_map.assert_(first.iri, "category", "bowl", by="ann")
+    assert semantic_map.assertions.add(first.iri, "position", (4, 4, 1), by="ann")
+    assert semantic_map.assertions.add(first.iri, "category", "bowl", by="ann")
     for category in ("cup", "bowl"):
         seen = Sighting(semantic_map.catalogue.find(category).iri, 0.8, np.array([4.0, 4.0, 1.0]))
         (update,) = mapper.add_sightings([seen], 1e6 + 5).objects

@@ -42,7 +42,7 @@ def detector(
 
 
 def notes(semantic_map: SemanticMap) -> list[str]:
-    return [c.cause.note for c in semantic_map.changes(0) if c.cause.kind == "frame"]
+    return [c.cause.note for c in semantic_map.history.changes(0) if c.cause.kind == "frame"]
 
 
 @pytest.mark.parametrize("here", [True, False], ids=["beside the server", "afar"])
@@ -105,7 +105,9 @@ def test_a_mapper_continues_on_a_map_that_was_restored_meanwhile(
                 semantic_map.update("DELETE WHERE { ?s ?p ?o }", confirmed=True)
             if report.index == 4:
                 (after_three,) = [
-                    c.sequence for c in semantic_map.changes(0) if c.cause.note == "room/frame-2"
+                    c.sequence
+                    for c in semantic_map.history.changes(0)
+                    if c.cause.note == "room/frame-2"
                 ][-1:]
                 semantic_map.restore(after_three, by="ann")
 

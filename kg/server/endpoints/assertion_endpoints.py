@@ -63,7 +63,7 @@ async def _list(serving: AppState, request: Request) -> Response:
 
 def _listed(serving: AppState, iri: str | None, conflicts: bool, media_type: str) -> bytes:
     semantic_map = serving.semantic_map
-    found = [a for a in semantic_map.assertions(iri) if not conflicts or a.since is not None]
+    found = [a for a in semantic_map.assertions.all(iri) if not conflicts or a.since is not None]
     if media_type == JSON:
         content = [assertion_to_json(assertion) for assertion in found]
         return _text({"sequence": semantic_map.sequence, "assertions": content}).encode()
@@ -96,8 +96,8 @@ async def _assert(serving: AppState, request: Request, by: str) -> Response:
     def write() -> tuple[ChangeSet | None, Assertion]:
         semantic_map = serving.semantic_map
         with semantic_map.hold():
-            change = semantic_map.assert_(thing, prop, value, by=by)
-            assertions = {a.property: a for a in semantic_map.assertions(thing)}
+            change = semantic_map.assertions.add(thing, prop, value, by=by)
+            assertions = {a.property: a for a in semantic_map.assertions.all(thing)}
             return change, assertions[prop]
 
     change, assertion = await _shielded(write)
@@ -117,7 +117,7 @@ async def _take_back(serving: AppState, request: Request, by: str) -> Response:
         raise Problem(400, "taking back needs ?iri= and &property=, as in iri=object/17")
     thing = full_iri(serving.semantic_map.base, iri)
     _property(prop)
-    change = await _shielded(partial(serving.semantic_map.retract, thing, prop, by=by))
+    change = await _shielded(partial(serving.semantic_map.assertions.retract, thing, prop, by=by))
     return written(serving, change, request)
 
 

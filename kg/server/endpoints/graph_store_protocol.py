@@ -124,7 +124,7 @@ async def _take_ontology(
     def take() -> Replacement:
         with serving.semantic_map.hold():
             check()
-            return serving.semantic_map.take_ontology(quads, by=by, whole=whole)
+            return serving.semantic_map.ontology.replace(quads, by=by, whole=whole)
 
     taken = await asyncio.shield(run_in_threadpool(take))
     return written(

@@ -26,7 +26,7 @@ async def picture(serving: AppState, request: Request) -> Response:
 
 
 def _read(semantic_map: SemanticMap, path: Path, number: str) -> bytes | None:
-    found = semantic_map.perceived_objects([f"{semantic_map.base}object/{number}"])
+    found = semantic_map.perceived.objects([f"{semantic_map.base}object/{number}"])
     file = ObjectPictures(path).path_of(found[0]) if found else None
     try:
         return None if file is None else file.read_bytes()

@@ -76,7 +76,7 @@ async def labels(serving: AppState, request: Request) -> Response:
         raise Problem(400, f"'model' must be the name of the network, of up to {_MAX_TEXT}")
 
     def act() -> dict[str, str]:
-        return serving.semantic_map.learn(names, kind, model=content["model"])
+        return serving.semantic_map.ontology.learn(names, kind, model=content["model"])
 
     found = await _shielded(act)
     serving.sessions.saw(asker_of(request).client, serving.semantic_map.sequence)

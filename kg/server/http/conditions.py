@@ -96,7 +96,7 @@ def state_of(semantic_map: SemanticMap) -> State:
     """
     sequence = semantic_map.sequence
     try:
-        last = semantic_map.history.last_time
+        last = semantic_map.history.log.last_time
     except HistoryError:
         return State(sequence, None)
     if not last > 0:

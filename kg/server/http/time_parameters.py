@@ -32,4 +32,4 @@ async def sequence_at(semantic_map: SemanticMap, text: str) -> int:
             raise Problem(
                 400, f"no moment {text[:60]!r}; write 42 (a transaction) or 2026-08-01T12:30:00Z"
             ) from error
-    return await run_in_threadpool(partial(sequence_of, semantic_map.history, when))
+    return await run_in_threadpool(partial(sequence_of, semantic_map.history.log, when))

@@ -78,7 +78,7 @@ def _of_agent(semantic_map: SemanticMap, iri: str) -> Iterator[Quad]:
     """Facts about the author of a transaction; authors of assertions are stored."""
     name = agent_name(semantic_map.base, iri)
     try:
-        known = semantic_map.history.has_author(name)
+        known = semantic_map.history.log.has_author(name)
     except HistoryError:
         known = False
     if known:
@@ -90,7 +90,7 @@ def _of_commit(semantic_map: SemanticMap, iri: str) -> Iterator[Quad]:
     number = iri.removeprefix(semantic_map.base + COMMIT).removesuffix("/association")
     try:
         known = number.isascii() and number.isdigit() and len(number) < 19
-        commit = semantic_map.history.commit(int(number)) if known else None
+        commit = semantic_map.history.log.commit(int(number)) if known else None
     except HistoryError:
         commit = None
     if commit is None:

@@ -63,7 +63,7 @@ async def memento(serving: AppState, request: Request, iri: str) -> Memento | No
     wanted = request.headers.get("accept-datetime")
     if moment is None and (wanted is None or not _remembers(serving)):
         return None
-    log = serving.semantic_map.history
+    log = serving.semantic_map.history.log
     if moment is None:
         time = _parsed(wanted or "")
         version = await run_in_threadpool(partial(_closest, log, iri, time))
@@ -86,7 +86,7 @@ async def timegate(serving: AppState, request: Request) -> Response:
     address = raw.partition("/timegate/")[2] + (f"?{query}" if query else "")
     iri = iri_at(serving.semantic_map.base, str(request.base_url), address)
     wanted = request.headers.get("accept-datetime")
-    log = serving.semantic_map.history
+    log = serving.semantic_map.history.log
     if wanted is None:
         find = partial(version_at, log, iri, log.last)
     else:
@@ -105,7 +105,7 @@ async def timemap(serving: AppState, request: Request) -> Response:
         iri = NamedNode(query_parameters(request).one("iri") or "").value
     except ValueError as error:
         raise Problem(400, "needs ?iri=, an absolute IRI") from error
-    log = serving.semantic_map.history
+    log = serving.semantic_map.history.log
     found = await run_in_threadpool(partial(versions, log, iri, most=MAX_VERSIONS))
     if not any(not version.empty for version in found):
         raise Problem(404, f"no versions of {iri[:200]} are kept")
@@ -166,7 +166,7 @@ def _timemap(request: Request, iri: str) -> str:
 
 def _remembers(serving: AppState) -> bool:
     try:
-        return serving.semantic_map.history.begun
+        return serving.semantic_map.history.log.begun
     except HistoryError:
         return False
 

@@ -13,6 +13,7 @@ from kg.editing.reloading import reload
 from kg.editing.single_file import export_ontology
 from kg.errors import OntologyError
 from kg.maps.semantic_map import SemanticMap
+from kg.maps.stored_map import StoredMap
 from kg.ontology.diagnostics import inspect, reject_invalid
 from kg.ontology.diff import changes
 from kg.ontology.import_closure import load_with_imports
@@ -239,8 +240,8 @@ def test_an_ontology_is_taken_in_as_one_transaction_that_history_remembers(mine:
     with in_memory_map() as semantic_map:
         before = semantic_map.sequence
         heard = []
-        semantic_map.listen(heard.append)
-        taken = semantic_map.take_ontology(load_with_imports(mine).quads, by="ann")
+        semantic_map.subscriptions.listen(heard.append)
+        taken = semantic_map.ontology.replace(load_with_imports(mine).quads, by="ann")
         assert taken.commit is not None
         assert semantic_map.sequence == before + 1
         assert [change.cause.kind for change in heard] == ["ontology"]
@@ -249,14 +250,14 @@ def test_an_ontology_is_taken_in_as_one_transaction_that_history_remembers(mine:
         assert check_map(semantic_map.engine) == []
         then = semantic_map.at(before)
         assert then.catalogue.get("Becher") is None
-        assert set(compile_commonsense(then.ontology())) == set(compile_commonsense(SHIPPED))
+        assert set(compile_commonsense(then.ontology.quads())) == set(compile_commonsense(SHIPPED))
 
 
 def test_what_people_wrote_into_common_sense_survives(mine: Path, tmp_path: Path) -> None:
     with in_memory_map() as semantic_map:
         semantic_map.update(BY_HAND, by="ada", allow=("commonsense",))
         mug = load_with_imports(mine).quads
-        semantic_map.take_ontology(mug)
+        semantic_map.ontology.replace(mug)
         assert rows(semantic_map, "cup")["home office"] == 0.3
         theirs = written(tmp_path, MUG + MUG.partition(" .\n[]")[0].replace("Mug", "Jug") + " .")
         theirs.write_text(
@@ -265,11 +266,11 @@ def test_what_people_wrote_into_common_sense_survives(mine: Path, tmp_path: Path
             + "owl:annotatedSource here:Cup ; owl:annotatedProperty here:locatedAt ;"
             + 'owl:annotatedTarget here:HomeOffice ; here:probability 0.9e0 ; dct:source "x" .'
         )
-        taken = semantic_map.take_ontology(load_with_imports(theirs).quads)
+        taken = semantic_map.ontology.replace(load_with_imports(theirs).quads)
         assert taken.kept == (v.RELATION + "locatedAt/Cup/HomeOffice",)
         assert rows(semantic_map, "cup")["home office"] == 0.3
         assert check_map(semantic_map.engine) == []
-        semantic_map.take_ontology(mug)
+        semantic_map.ontology.replace(mug)
         assert rows(semantic_map, "cup")["home office"] == 0.3
 
 
@@ -282,9 +283,9 @@ def test_a_probability_edited_twice_stands_once(tmp_path: Path) -> None:
     with in_memory_map() as semantic_map:
         for probability in ("0.6e0", "0.7e0", "0.65"):
             turtle = MUG.replace("0.6e0", probability)
-            semantic_map.take_ontology(load_with_imports(written(tmp_path, turtle)).quads)
+            semantic_map.ontology.replace(load_with_imports(written(tmp_path, turtle)).quads)
             assert rows(semantic_map, "mug") == {"office": float(probability)}
-        semantic_map.take_ontology(SHIPPED, whole=True)
+        semantic_map.ontology.replace(SHIPPED, whole=True)
         assert semantic_map.catalogue.get("becher") is None
         fresh = {q for q in in_memory_map().engine if "dataset" not in str(q.graph_name)}
         assert {q for q in semantic_map.engine if "dataset" not in str(q.graph_name)} == fresh
@@ -303,7 +304,7 @@ def test_an_invalid_ontology_leaves_the_map_as_it_is(
     with in_memory_map() as semantic_map:
         before = set(semantic_map.engine)
         with pytest.raises(OntologyError, match=complaint):
-            semantic_map.take_ontology(load_with_imports(written(tmp_path, turtle)).quads)
+            semantic_map.ontology.replace(load_with_imports(written(tmp_path, turtle)).quads)
         assert set(semantic_map.engine) == before
 
 
@@ -316,9 +317,9 @@ def test_categories_the_map_speaks_of_and_terms_it_is_written_in_must_stay() -> 
         without = [q for q in SHIPPED if v.HERE + "Cup>" not in f"{q.subject} {q.object}"]
         axioms = {q.subject for q in SHIPPED if v.HERE + "Cup>" in str(q.object)}
         with pytest.raises(OntologyError, match="uses here:Cup, which it does not declare"):
-            semantic_map.take_ontology(q for q in without if q.subject not in axioms)
+            semantic_map.ontology.replace(q for q in without if q.subject not in axioms)
         with pytest.raises(OntologyError, match="lacks here:heading, which maps are written in"):
-            semantic_map.take_ontology(q for q in SHIPPED if "#heading>" not in str(q.subject))
+            semantic_map.ontology.replace(q for q in SHIPPED if "#heading>" not in str(q.subject))
         assert set(semantic_map.engine) == before
 
 
@@ -332,17 +333,17 @@ def test_an_ontology_without_what_the_map_is_made_of_is_refused_unless_it_is_the
     with in_memory_map() as semantic_map:
         before = set(semantic_map.engine)
         with pytest.raises(OntologyError, match=r"leaves out <.*/commonsense> of the map"):
-            semantic_map.take_ontology(lacking)
+            semantic_map.ontology.replace(lacking)
         assert set(semantic_map.engine) == before
-        semantic_map.take_ontology(lacking, whole=True)
+        semantic_map.ontology.replace(lacking, whole=True)
         assert rows(semantic_map, "banana") == {}
 
 
 def test_a_map_made_when_ontologies_had_blank_nodes_takes_one_in(mine: Path) -> None:
     with in_memory_map() as new:
         rest = [q for q in new.engine if q.graph_name != v.ONTOLOGY_GRAPH]
-    old = SemanticMap(TransactionalStore.in_memory([*rest, *SHIPPED]))
-    old.take_ontology(load_with_imports(mine).quads)
+    old = StoredMap(TransactionalStore.in_memory([*rest, *SHIPPED]))
+    old.ontology.replace(load_with_imports(mine).quads)
     assert rows(old, "mug") == {"office": 0.6}
     assert not any("_:" in str(q) for q in old.engine)
     assert check_map(old.engine) == []
@@ -371,7 +372,7 @@ def test_an_exported_ontology_is_whole_and_has_one_header(tmp_path: Path, ending
 
 def test_an_edit_by_owlready2_is_taken_in() -> None:
     with in_memory_map() as semantic_map:
-        ontology = semantic_map.ontology()
+        ontology = semantic_map.ontology.quads()
         world = load_world(ontology)
         assert words(ontology, world_quads(world, ontology)) == []
         office, located_at = world[v.HERE + "Office"], world[v.LOCATED_AT]
@@ -381,7 +382,7 @@ def test_an_edit_by_owlready2_is_taken_in() -> None:
         located_at[mug] = [office]
         world[v.PROBABILITY][mug, located_at, office] = [0.6]
         world[v.DCT_SOURCE][mug, located_at, office] = ["us"]
-        taken = semantic_map.take_ontology(world_quads(world, ontology), by="a program")
+        taken = semantic_map.ontology.replace(world_quads(world, ontology), by="a program")
         assert [change.words for change in taken.changes] == [
             "category 'mug' added under cup",
             "mug located at office 0.6 added ('us')",

@@ -56,7 +56,7 @@ def full() -> SemanticMap:
             looks=(look,),
         )
     )
-    full.assert_(record.iri, "category", "dining table", by="ann b")
+    full.assertions.add(record.iri, "category", "dining table", by="ann b")
     full.update(
         f"PREFIX own: <{OWN}> INSERT DATA {{ <object/1> own:owner <agent/ann> ; own:price 3 ;"
         ' own:bought "2026-01-01"^^xsd:date ; own:kindOf here:Chair . <agent/ann> a own:Owner }',

@@ -38,7 +38,7 @@ def label(home: SemanticMap, thing: str) -> object:
 
 
 def test_who_said_what_and_when_is_kept(home: SemanticMap) -> None:
-    change = home.assert_("object/1", "category", "bowl", by="ann")
+    change = home.assertions.add("object/1", "category", "bowl", by="ann")
     assert change is not None
     assert (change.cause.kind, change.cause.by) == ("assert", "ann")
     (row,) = home.query("assertions").records()
@@ -48,13 +48,13 @@ def test_who_said_what_and_when_is_kept(home: SemanticMap) -> None:
         "cup",
         "ann",
     )
-    (said,) = home.assertions("object/1")
+    (said,) = home.assertions.all("object/1")
     assert abs(said.stamp - change.time) < 2
 
 
 def test_a_conflict_says_since_when_and_how_strongly(home: SemanticMap) -> None:
-    home.assert_("object/1", "category", "bowl", by="ann")
-    home.assert_("place/1", "category", "bedroom", by="bob")
+    home.assertions.add("object/1", "category", "bowl", by="ann")
+    home.assertions.add("place/1", "category", "bedroom", by="bob")
     strong, weak = home.query("conflicts").records()
     assert (strong["property"], strong["perceived"], strong["strength"]) == (
         "category",
@@ -62,50 +62,50 @@ def test_a_conflict_says_since_when_and_how_strongly(home: SemanticMap) -> None:
         0.7,
     )
     assert (weak["label"], weak["asserted"], weak["strength"]) == ("bowl 1", "bowl", 0.33)
-    (first,) = (c for c in home.conflicts() if c.subject.endswith("object/1"))
-    (perceived,) = home.perceived_objects()
+    (first,) = (c for c in home.assertions.conflicts() if c.subject.endswith("object/1"))
+    (perceived,) = home.perceived.objects()
     home.apply(MapUpdate(objects=(replace(perceived, existence=0.9),)))
-    (later,) = (c for c in home.conflicts() if c.subject.endswith("object/1"))
+    (later,) = (c for c in home.assertions.conflicts() if c.subject.endswith("object/1"))
     assert (later.since, later.strength) == (first.since, 0.9)
 
 
 def test_a_conflict_ends_when_perception_comes_round(home: SemanticMap) -> None:
-    home.assert_("object/1", "position", (4, 4, 0.5), by="ann")
-    assert len(home.conflicts()) == 1
-    (perceived,) = home.perceived_objects()
+    home.assertions.add("object/1", "position", (4, 4, 0.5), by="ann")
+    assert len(home.assertions.conflicts()) == 1
+    (perceived,) = home.perceived.objects()
     home.apply(MapUpdate(objects=(replace(perceived, p_map=np.array([4.1, 4.0, 0.5])),)))
-    assert home.conflicts() == ()
+    assert home.assertions.conflicts() == ()
     assert home.objects()[0].p_map.tolist() == [4.0, 4.0, 0.5]
-    home.retract("object/1", "position", by="ann")
+    home.assertions.retract("object/1", "position", by="ann")
     assert home.objects()[0].p_map.tolist() == [4.1, 4.0, 0.5]
 
 
 def test_an_asserted_position_is_in_its_place(home: SemanticMap) -> None:
-    home.assert_("object/1", "position", "1, 1, 0", by="ann")
+    home.assertions.add("object/1", "position", "1, 1, 0", by="ann")
     assert home.objects()[0].place == f"{BASE}place/1"
-    home.assert_("object/1", "position", "9 1 0", by="ann")
+    home.assertions.add("object/1", "position", "9 1 0", by="ann")
     assert home.objects()[0].place is None
 
 
 def test_a_label_is_said_and_taken_back(home: SemanticMap) -> None:
-    home.assert_("object/1", "label", "Ada's mug", by="ann")
-    home.assert_("object/1", "category", "bowl", by="ann")
+    home.assertions.add("object/1", "label", "Ada's mug", by="ann")
+    home.assertions.add("object/1", "category", "bowl", by="ann")
     assert label(home, "object/1") == "Ada's mug"
-    home.retract("object/1", "label")
+    home.assertions.retract("object/1", "label")
     assert label(home, "object/1") == "bowl 1"
-    home.assert_("place/1", "label", "the nook", by="ann")
-    home.apply(MapUpdate(places=home.perceived_places()))
+    home.assertions.add("place/1", "label", "the nook", by="ann")
+    home.apply(MapUpdate(places=home.perceived.places()))
     assert label(home, "place/1") == "the nook"
-    home.retract("place/1", "label")
+    home.assertions.retract("place/1", "label")
     assert label(home, "place/1") == "den"
 
 
 def test_an_asserted_place_takes_all_belief_and_gives_it_back(home: SemanticMap) -> None:
     before = home.places()[0].beliefs
-    home.assert_("place/1", "category", "bedroom", by="ann")
+    home.assertions.add("place/1", "category", "bedroom", by="ann")
     assert home.places()[0].beliefs == {home.catalogue.find("bedroom").iri: 1.0}
-    assert home.perceived_places()[0].beliefs == before
-    home.retract("place/1", "category", by="ann")
+    assert home.perceived.places()[0].beliefs == before
+    home.assertions.retract("place/1", "category", by="ann")
     assert home.places()[0].beliefs == before
     assert home.query("places").records()[0]["category"] == "kitchen"
 
@@ -121,32 +121,32 @@ def test_all_is_as_before_when_all_is_taken_back(home: SemanticMap) -> None:
     }
     for thing, properties in everything.items():
         for prop, value in properties.items():
-            home.assert_(thing, prop, value, by="ann")
-    assert len(home.assertions()) == 6
+            home.assertions.add(thing, prop, value, by="ann")
+    assert len(home.assertions.all()) == 6
     for thing, properties in everything.items():
         for prop in properties:
-            home.retract(thing, prop, by="bob")
-    home.apply(MapUpdate(objects=(replace(home.perceived_objects()[0], place=None),)))
+            home.assertions.retract(thing, prop, by="bob")
+    home.apply(MapUpdate(objects=(replace(home.perceived.objects()[0], place=None),)))
     assert believed() == before
-    assert home.assertions() == ()
+    assert home.assertions.all() == ()
 
 
 def test_said_again_it_is_no_change_but_who_and_when(home: SemanticMap) -> None:
-    home.assert_("object/1", "category", "bowl", by="ann")
-    (first,) = home.assertions()
-    home.assert_("object/1", "category", "bowl", by="bob")
-    (second,) = home.assertions()
+    home.assertions.add("object/1", "category", "bowl", by="ann")
+    (first,) = home.assertions.all()
+    home.assertions.add("object/1", "category", "bowl", by="bob")
+    (second,) = home.assertions.all()
     assert (second.by, second.perceived, second.since) == ("bob", first.perceived, first.since)
 
 
 def test_things_with_any_iri_can_be_spoken_of(home: SemanticMap) -> None:
     mine = "http://example.org/my cup?#1".replace(" ", "%20")
     home.update(f"INSERT DATA {{ <{mine}> a here:Cup ; here:x 1 ; here:y 1 }}", by="ann")
-    home.assert_(mine, "category", "bowl", by="ann")
-    (said,) = home.assertions(mine)
+    home.assertions.add(mine, "category", "bowl", by="ann")
+    (said,) = home.assertions.all(mine)
     assert said.subject == mine
-    home.retract(mine, "category", by="ann")
-    assert home.assertions() == ()
+    home.assertions.retract(mine, "category", by="ann")
+    assert home.assertions.all() == ()
 
 
 @pytest.mark.parametrize(
@@ -164,28 +164,28 @@ def test_things_with_any_iri_can_be_spoken_of(home: SemanticMap) -> None:
 )
 def test_what_cannot_be_said_is_refused(home, thing, prop, value, told) -> None:
     with pytest.raises(InvalidFactError, match=told):
-        home.assert_(thing, prop, value, by="ann")
-    assert home.assertions() == ()
+        home.assertions.add(thing, prop, value, by="ann")
+    assert home.assertions.all() == ()
 
 
 def test_an_unknown_category_and_a_nameless_speaker_are_refused(home: SemanticMap) -> None:
     with pytest.raises(UnknownCategoryError, match="did you mean bowl"):
-        home.assert_("object/1", "category", "bowll", by="ann")
+        home.assertions.add("object/1", "category", "bowll", by="ann")
     with pytest.raises(UnknownCategoryError, match="that is a place"):
-        home.assert_("object/1", "category", "kitchen", by="ann")
+        home.assertions.add("object/1", "category", "kitchen", by="ann")
     with pytest.raises(InvalidFactError, match="by='ann'"):
-        home.assert_("object/1", "category", "bowl", by=" ")
+        home.assertions.add("object/1", "category", "bowl", by=" ")
     with pytest.raises(InvalidFactError, match=r"the category of .* is not asserted"):
-        home.retract("object/1", "category")
+        home.assertions.retract("object/1", "category")
 
 
 def test_what_is_no_unicode_is_refused_and_changes_nothing(home: SemanticMap) -> None:
     before = home.sequence
     for value, by in (("\udcff", "ann"), ("mug", "\udcff")):
         with pytest.raises(InvalidFactError, match="Unicode"):
-            home.assert_("object/1", "label", value, by=by)
+            home.assertions.add("object/1", "label", value, by=by)
     with pytest.raises(InvalidFactError, match="Unicode"):
         home.update("INSERT DATA { <object/1> rdfs:comment 'x' }", by="\udcff")
-    assert home.sequence == before == home.history.last
-    assert home.assertions("object/1") == ()
-    assert home.assert_("object/1", "label", "mug", by="ann") is not None
+    assert home.sequence == before == home.history.log.last
+    assert home.assertions.all("object/1") == ()
+    assert home.assertions.add("object/1", "label", "mug", by="ann") is not None

@@ -128,9 +128,9 @@ def test_history_why_and_status_say_that_it_left(tmp_path: Path) -> None:
     with create_map(tmp_path / "a.map", base=BASE) as chart:
         chart.apply(MapUpdate(objects=(cup(chart),)))
         leave(chart)
-        *_, last = chart.log("object/1")
+        *_, last = chart.history.events("object/1")
         assert "left where it stood" in last.changes
-        said = chart.why("object/1")
+        said = chart.history.explain("object/1")
         assert "cup 1 left (1, 2, 0.8) m" in said[0].text
         found = status(chart, "object/1")
         assert (found.value, found.proof.split(":")[0]) == ("gone", "left (1.00, 2.00) in no place")

@@ -42,7 +42,7 @@ def write(chart: SemanticMap, **labels: float) -> ChangeSet | None:
 
 
 def labels(chart: SemanticMap) -> dict[str, float]:
-    (record,) = chart.perceived_objects((CUP,))
+    (record,) = chart.perceived.objects((CUP,))
     return {chart.catalogue.label(category): p for category, p in record.labels.items()}
 
 
@@ -76,11 +76,11 @@ def test_an_object_that_leaves_takes_them_along(chart: SemanticMap) -> None:
 
 def test_people_are_right_about_the_class(chart: SemanticMap) -> None:
     write(chart, bowl=0.3)
-    chart.assert_(CUP, "category", "vase", by="ann")
+    chart.assertions.add(CUP, "category", "vase", by="ann")
     write(chart, bowl=0.3)
     assert count(chart) == 0
     assert chart.catalogue.label(chart.objects()[0].category) == "vase"
-    chart.retract(CUP, "category", by="ann")
+    chart.assertions.retract(CUP, "category", by="ann")
     write(chart, bowl=0.3)
     assert labels(chart) == {"bowl": 0.3}
 
@@ -129,6 +129,6 @@ def test_it_can_be_asked_for_and_explained(chart: SemanticMap) -> None:
         for row in chart.query("may-be").records()
     ]
     assert rows == [("cup", "bowl", 0.3), ("cup", "vase", 0.1)]
-    (reason,) = chart.why("object/1")
+    (reason,) = chart.history.explain("object/1")
     texts = [step.text for step in reason.because]
     assert "may also be here:Bowl, probability 0.3" in texts

@@ -188,7 +188,7 @@ CUPS = "SELECT ?x { ?o a here:Cup ; here:x ?x }"
 
 def test_a_standing_question_tells_what_came_and_went(changing: SemanticMap) -> None:
     heard = Heard()
-    stop = changing.on(CUPS, heard)
+    stop = changing.subscriptions.on(CUPS, heard)
     changing.apply(MapUpdate(objects=(object_at(changing, 2, "cup", 2.0, 1.0),)))
     assert heard.wait() == ([2.0], [])
     changing.apply(MapUpdate(objects=(object_at(changing, 1, "cup", 3.0, 1.0),)))
@@ -205,7 +205,7 @@ def test_a_standing_question_tells_what_came_and_went(changing: SemanticMap) -> 
 def test_closing_the_map_ends_its_standing_questions() -> None:
     heard = Heard()
     with in_memory_map(base=BASE) as m:
-        m.on(CUPS, heard)
+        m.subscriptions.on(CUPS, heard)
         m.apply(MapUpdate(objects=(object_at(m, 1, "cup", 1.0, 1.0),)))
         heard.wait()
         running = [t for t in threading.enumerate() if t.name == "subscription"]
@@ -219,7 +219,7 @@ def test_on_a_server_the_commits_of_others_are_noticed(sparql_server: str) -> No
         create_map(sparql_server, base=BASE) as writer,
         open_map(sparql_server, read_only=True) as reader,
     ):
-        reader.on(CUPS, heard)
+        reader.subscriptions.on(CUPS, heard)
         writer.apply(MapUpdate(objects=(object_at(writer, 1, "cup", 1.0, 1.0),)))
         assert heard.wait() == ([1.0], [])
         assert [o.p_map[0] for o in reader.objects("cup", near=(0.0, 0.0), radius=3)] == [1.0]

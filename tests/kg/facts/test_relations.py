@@ -44,7 +44,7 @@ def thing(semantic_map: SemanticMap, iri: str, label: str) -> ObjectRecord:
 
 
 def write(semantic_map: SemanticMap, *relations: Relation, iri: str = CUP) -> ChangeSet | None:
-    (record,) = semantic_map.perceived_objects((iri,))
+    (record,) = semantic_map.perceived.objects((iri,))
     return semantic_map.apply(MapUpdate(objects=(replace(record, relations=relations),)))
 
 
@@ -63,7 +63,7 @@ def test_what_is_probable_is_a_triple_and_every_relation_a_node(chart: SemanticM
     write(chart, Relation("on", TABLE, 0.8), Relation("beside", BOWL, 0.3))
     assert stated(chart) == {("1", "on", "2")}
     assert nodes(chart) == 2
-    assert chart.perceived_objects((CUP,))[0].relations == (
+    assert chart.perceived.objects((CUP,))[0].relations == (
         Relation("beside", BOWL, 0.3),
         Relation("on", TABLE, 0.8),
     )
@@ -109,19 +109,19 @@ def test_impossible_relations_are_refused(chart: SemanticMap, wrong: tuple[Relat
 
 def test_an_assertion_outranks_the_mapper_until_it_is_retracted(chart: SemanticMap) -> None:
     write(chart, Relation("on", TABLE, 0.8))
-    chart.assert_(CUP, "on", "object/3", by="ann")
+    chart.assertions.add(CUP, "on", "object/3", by="ann")
     write(chart, Relation("on", TABLE, 0.9))
     assert stated(chart) == {("1", "on", "3")}
-    (assertion,) = chart.conflicts()
+    (assertion,) = chart.assertions.conflicts()
     assert (assertion.perceived, assertion.strength) == (TABLE, 0.9)
-    chart.retract(CUP, "on")
+    chart.assertions.retract(CUP, "on")
     assert stated(chart) == {("1", "on", "2")}
     assert chart.objects()[0].relations == (Relation("on", TABLE, 0.9),)
 
 
 def test_an_assertion_that_it_is_on_nothing(chart: SemanticMap) -> None:
     write(chart, Relation("on", TABLE, 0.8))
-    chart.assert_(CUP, "on", "nothing", by="ann")
+    chart.assertions.add(CUP, "on", "nothing", by="ann")
     write(chart, Relation("on", TABLE, 0.7))
     assert stated(chart) == set()
 
@@ -129,15 +129,15 @@ def test_an_assertion_that_it_is_on_nothing(chart: SemanticMap) -> None:
 @pytest.mark.parametrize("other", ["object/1", "object/99", "the table", ""])
 def test_an_assertion_names_another_object(chart: SemanticMap, other: str) -> None:
     with pytest.raises(InvalidFactError):
-        chart.assert_(CUP, "on", other, by="ann")
+        chart.assertions.add(CUP, "on", other, by="ann")
 
 
 def test_an_assertion_goes_with_the_object_it_names(chart: SemanticMap) -> None:
-    chart.assert_(CUP, "on", "object/3", by="ann")
-    (record,) = chart.perceived_objects((CUP,))
+    chart.assertions.add(CUP, "on", "object/3", by="ann")
+    (record,) = chart.perceived.objects((CUP,))
     chart.apply(MapUpdate(objects=(replace(record, observations=5),), removed=(DESK,)))
     assert stated(chart) == set()
-    assert chart.assertions() == ()
+    assert chart.assertions.all() == ()
 
 
 def test_sparql_insert_becomes_an_assertion(chart: SemanticMap) -> None:
@@ -147,7 +147,7 @@ def test_sparql_insert_becomes_an_assertion(chart: SemanticMap) -> None:
         "INSERT DATA { <object/1> here:on <object/3> }",
         by="ann",
     )
-    (assertion,) = chart.assertions()
+    (assertion,) = chart.assertions.all()
     assert (assertion.property, assertion.value, assertion.perceived) == ("on", DESK, TABLE)
     write(chart, Relation("on", TABLE, 0.8))
     assert stated(chart) == {("1", "on", "3")}
@@ -162,13 +162,13 @@ def test_sparql_delete_asserts_nothing_and_then_gives_back(chart: SemanticMap) -
     chart.update("INSERT DATA { <object/1> here:on <object/3> }", by="ann")
     chart.update("DELETE DATA { <object/1> here:on <object/3> }", by="ann")
     assert stated(chart) == {("1", "on", "2")}
-    assert chart.assertions() == ()
+    assert chart.assertions.all() == ()
 
 
 def test_deleting_a_support_by_sparql_asserts_nothing(chart: SemanticMap) -> None:
     write(chart, Relation("on", TABLE, 0.8))
     chart.update("DELETE WHERE { <object/2> ?p ?o }", by="ann")
-    assert (stated(chart), nodes(chart), chart.assertions()) == (set(), 0, ())
+    assert (stated(chart), nodes(chart), chart.assertions.all()) == (set(), 0, ())
 
 
 def test_computed_relations_cannot_be_written(chart: SemanticMap) -> None:
@@ -190,7 +190,7 @@ def test_relations_point_at_objects(chart: SemanticMap) -> None:
 
 
 def test_relations_survive_the_way_to_a_served_map(chart: SemanticMap) -> None:
-    (record,) = chart.perceived_objects((CUP,))
+    (record,) = chart.perceived.objects((CUP,))
     update = MapUpdate(objects=(replace(record, relations=(Relation("on", TABLE, 0.8),)),))
     (back,) = update_from_json(update_to_json(update)).objects
     assert back.relations == (Relation("on", TABLE, 0.8),)

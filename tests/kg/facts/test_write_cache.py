@@ -99,10 +99,12 @@ STEPS = st.one_of(
                     "WHERE { GRAPH graph:map { ?o rdfs:label ?l } }"
                 ),
                 lambda chart, iri: chart.apply(MapUpdate(removed=(iri,))),
-                lambda chart, iri: chart.assert_(iri, "category", v.HERE + "Table", by="bob"),
-                lambda chart, iri: chart.assert_(iri, "position", (3, 3, 1), by="bob"),
-                lambda chart, iri: chart.retract(iri, "category", by="bob"),
-                lambda chart, iri: chart.retract(iri, "position", by="bob"),
+                lambda chart, iri: chart.assertions.add(
+                    iri, "category", v.HERE + "Table", by="bob"
+                ),
+                lambda chart, iri: chart.assertions.add(iri, "position", (3, 3, 1), by="bob"),
+                lambda chart, iri: chart.assertions.retract(iri, "category", by="bob"),
+                lambda chart, iri: chart.assertions.retract(iri, "position", by="bob"),
                 unheard,
             ]
         ),
@@ -139,7 +141,7 @@ def test_what_is_remembered_makes_no_difference(
     first = 10 * (remembering.sequence + 1)  # objects that no example had before
     for step in steps:
         # the other writer begins with nothing at hand each time
-        frames = looking._writer._writer
+        frames = looking._writer
         frames._recent = WriteCache(looking.store, frames._owns)
         assert outcome(step, remembering, first) == outcome(step, looking, first)
         assert shown(remembering) == shown(looking)
@@ -150,9 +152,7 @@ def test_a_change_set_holds_nothing_that_changes_nothing(
 ) -> None:
     chart = twins[0]
     before = set(chart.engine)
-    change = chart._writer._writer.change(
-        MapUpdate(objects=(thing(5, 2.0, 9, "Chair"),)), Cause("frame")
-    )
+    change = chart._writer.change(MapUpdate(objects=(thing(5, 2.0, 9, "Chair"),)), Cause("frame"))
     assert change is not None
     assert not before & set(change.added)
     assert before >= set(change.removed)

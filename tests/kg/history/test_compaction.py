@@ -36,7 +36,7 @@ while True:
     thing = f"<thing/{n}>"
     semantic_map.update(f"INSERT DATA {{ {thing} a here:Cup ; here:x 1 ; here:y 1 }}")
     semantic_map.update(f"DELETE WHERE {{ {thing} ?p ?o }}")
-    semantic_map.compact(keep=0.0)
+    semantic_map.history.compact(keep=0.0)
     print(semantic_map.sequence, flush=True)
     n += 1
 """
@@ -55,36 +55,42 @@ def test_the_past_before_the_edge_goes_and_the_rest_stays(
             semantic_map.apply(frame(number, removed=(semantic_map.base + "object/2",)))
         later = {n: set(semantic_map.at(n).engine) for n in range(20, 26)}
         now = set(semantic_map.engine)
-        before, after = (change.time for change in list(semantic_map.changes())[19:21])
-        done = semantic_map.compact(keep=time.time() - (before + after) / 2)
+        before, after = (change.time for change in list(semantic_map.history.changes())[19:21])
+        done = semantic_map.history.compact(keep=time.time() - (before + after) / 2)
         assert (done.floor, done.dropped) == (20, 20)
         assert done.bytes_after < done.bytes_before
         assert set(semantic_map.engine) == now
         for number, facts in later.items():
             assert set(semantic_map.at(number).engine) == facts
-        assert [change.sequence for change in semantic_map.changes(20)] == [21, 22, 23, 24, 25]
+        assert [change.sequence for change in semantic_map.history.changes(20)] == [
+            21,
+            22,
+            23,
+            24,
+            25,
+        ]
         with pytest.raises(HistoryError, match="there are #20 to #25"):
             semantic_map.at(19)
         assert (
             "before the history begins"
-            in semantic_map.why("object/1 here:firstSeen")[0].because[-1].text
+            in semantic_map.history.explain("object/1 here:firstSeen")[0].because[-1].text
         )
 
 
 def test_things_that_left_before_the_edge_are_forgotten(written: Written) -> None:
     with written(3) as semantic_map:
         semantic_map.apply(MapUpdate(removed=(semantic_map.base + "object/2",)))
-        semantic_map.compact(keep=0.0)
-        assert semantic_map.state_of(semantic_map.base + "object/2", 4) == ()
+        semantic_map.history.compact(keep=0.0)
+        assert semantic_map.history.state_of(semantic_map.base + "object/2", 4) == ()
         with semantic_map.at(4) as then:
             assert len(then.objects("chair")) == 1
 
 
 def test_a_compacted_map_goes_on(written: Written, frame: Callable[..., MapUpdate]) -> None:
     with written(10) as semantic_map:
-        path = semantic_map._store.where
-        semantic_map.compact(keep=0.0)
-        semantic_map.compact()
+        path = semantic_map.store.where
+        semantic_map.history.compact(keep=0.0)
+        semantic_map.history.compact()
     with open_map(path) as semantic_map:
         for number in range(10, 40):
             semantic_map.apply(frame(number))
@@ -97,18 +103,18 @@ def test_a_compacted_map_goes_on(written: Written, frame: Callable[..., MapUpdat
 def test_packing_alone_keeps_all_of_the_past(written: Written) -> None:
     with written(30) as semantic_map:
         first = set(semantic_map.at(1).engine)
-        assert semantic_map.compact().dropped == 0
+        assert semantic_map.history.compact().dropped == 0
         assert set(semantic_map.at(1).engine) == first
 
 
 def test_a_reader_cannot_compact(written: Written) -> None:
     with written(1) as semantic_map:
-        path = semantic_map._store.where
+        path = semantic_map.store.where
     with (
         open_map(path, read_only=True) as semantic_map,
         pytest.raises(GraphError, match="reading only"),
     ):
-        semantic_map.compact(keep=0.0)
+        semantic_map.history.compact(keep=0.0)
 
 
 def test_an_observation_costs_less_than_150_bytes(written: Written) -> None:
@@ -116,7 +122,7 @@ def test_an_observation_costs_less_than_150_bytes(written: Written) -> None:
     with written(1) as semantic_map:
         for number in range(1, 200):
             semantic_map.apply(_ten_objects(semantic_map.base, number))
-        done = semantic_map.compact()
+        done = semantic_map.history.compact()
     assert done.bytes_after / (10 * 200) < 150
 
 
@@ -149,45 +155,45 @@ def test_a_map_that_runs_forgets_what_is_older_than_it_is_told_to_keep(
 ) -> None:
     monkeypatch.setattr(compaction, "TRIM_WITHIN", 0)  # a little at each flush
     with written(30) as semantic_map:
-        path, now = semantic_map._store.where, set(semantic_map.engine)
-        semantic_map.retain(0)
-        while semantic_map.history.floor < 30:
+        path, now = semantic_map.store.where, set(semantic_map.engine)
+        semantic_map.history.retain(0)
+        while semantic_map.history.log.floor < 30:
             semantic_map.store.flush()
-        left = [commit.sequence for commit in semantic_map.history.commits(0, 30)]
+        left = [commit.sequence for commit in semantic_map.history.log.commits(0, 30)]
         assert 0 < len(left) < 30, "the rest goes at the next flushes"
         with pytest.raises(HistoryError, match="there are #30 to #30"):
             semantic_map.at(29)
         with pytest.raises(HistoryError, match="not kept"):
-            list(semantic_map.changes(29))
+            list(semantic_map.history.changes(29))
     with open_map(path) as semantic_map:  # whole, although it ended midway
         with semantic_map.at(30) as then:
             assert set(then.engine) == now
-        semantic_map.retain(0)
+        semantic_map.history.retain(0)
         sizes = []
         for number in range(30, 60):
             semantic_map.apply(frame(number))
-            while [*semantic_map.history.commits(0, number)]:
+            while [*semantic_map.history.log.commits(0, number)]:
                 semantic_map.store.flush()
-            sizes.append(semantic_map.history.db.execute("PRAGMA page_count").fetchone()[0])
+            sizes.append(semantic_map.history.log.db.execute("PRAGMA page_count").fetchone()[0])
         assert sizes[-1] <= sizes[9], "what is dropped is written anew"
-        semantic_map.retain(3600)
+        semantic_map.history.retain(3600)
         semantic_map.apply(frame(60))
         with semantic_map.at(60) as then:
             before = set(then.engine)
         semantic_map.apply(frame(61))
         with semantic_map.at(60) as then:
             assert set(then.engine) == before
-        assert semantic_map.compact().dropped == 0
+        assert semantic_map.history.compact().dropped == 0
 
 
 def test_what_is_kept_cannot_be_less_than_nothing(written: Written) -> None:
     with written(1) as semantic_map, pytest.raises(HistoryError, match="0 s or longer"):
-        semantic_map.retain(-1)
+        semantic_map.history.retain(-1)
     with (
-        open_map(semantic_map._store.where, read_only=True) as reader,
+        open_map(semantic_map.store.where, read_only=True) as reader,
         pytest.raises(GraphError, match="reading only"),
     ):
-        reader.retain(60)
+        reader.history.retain(60)
 
 
 def test_subjects_without_changes_leave_the_history(written: Written) -> None:
@@ -197,10 +203,10 @@ def test_subjects_without_changes_leave_the_history(written: Written) -> None:
             semantic_map.update(f"DELETE WHERE {{ <thing/{number}> ?p ?o }}")
         log = semantic_map.history
         assert len(log.subjects_under(semantic_map.base + "thing/")) == 20
-        semantic_map.compact(keep=0.0)
+        semantic_map.history.compact(keep=0.0)
         assert log.subjects_under(semantic_map.base) == []
         semantic_map.update("INSERT DATA { <thing/3> rdfs:label 'pot' }")
-        entries = semantic_map.log(f"<{semantic_map.base}thing/3>")
+        entries = semantic_map.history.events(f"<{semantic_map.base}thing/3>")
         assert [entry.words for entry in entries] == ["label pot"]
 
 
@@ -236,7 +242,7 @@ def test_several_that_flush_at_once_while_the_map_is_written(
 ) -> None:
     monkeypatch.setattr(log_module, "KEY_FRAME_AFTER", 0)
     with written(5) as semantic_map:
-        semantic_map.retain(0.05)
+        semantic_map.history.retain(0.05)
 
         def flush() -> None:
             for _ in range(10):

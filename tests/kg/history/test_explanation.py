@@ -27,7 +27,7 @@ def _steps(reason: Explanation, kind: str) -> list[str]:
 
 def test_an_object_leads_to_its_best_sighting(written: Written) -> None:
     with written(5) as semantic_map:
-        (reason,) = semantic_map.why("object/1")
+        (reason,) = semantic_map.history.explain("object/1")
     assert reason.text == "object/1 (chair 1) at (1.04, 1) m"
     (seen,) = _steps(reason, "observation")
     assert "frame-000004 of recording/flat" in seen and "score 0.54" in seen
@@ -42,24 +42,24 @@ def test_an_object_leads_to_its_best_sighting(written: Written) -> None:
 def test_the_pose_is_that_of_the_frame_not_the_latest(written: Written) -> None:
     with written(3) as semantic_map:
         semantic_map.apply(MapUpdate(robot=semantic_map.at(1).robot()))
-        (reason,) = semantic_map.why("object/1")
+        (reason,) = semantic_map.history.explain("object/1")
     assert _steps(reason, "pose") == ["camera at (0.2, 0, 1.2) m, heading 0.5 rad"]
 
 
 def test_a_number_leads_to_the_rule_and_to_the_frame_that_set_it(written: Written) -> None:
     with written(5) as semantic_map:
-        (reason,) = semantic_map.why("object/1 here:confidence")
+        (reason,) = semantic_map.history.explain("object/1 here:confidence")
         assert reason.text == "object/1 here:confidence 1.5"
         assert "eq. 3.1" in _steps(reason, "rule")[0]
-        (given,) = semantic_map.why("object/1 here:confidence 1.50")
+        (given,) = semantic_map.history.explain("object/1 here:confidence 1.50")
         assert given == reason
-        (first,) = semantic_map.why("object/1 here:firstSeen")
+        (first,) = semantic_map.history.explain("object/1 here:firstSeen")
         assert "#1 " in _steps(first, "commit")[-1]
 
 
 def test_a_place_leads_to_its_belief_views_and_scene_model(written: Written) -> None:
     with written(12) as semantic_map:
-        (reason,) = semantic_map.why("place/1")
+        (reason,) = semantic_map.history.explain("place/1")
     assert _steps(reason, "belief") == ["belief 0.75 in here:Kitchen"]
     (views,) = _steps(reason, "view")
     assert views.startswith("3 views of place/1")
@@ -70,13 +70,13 @@ def test_a_place_leads_to_its_belief_views_and_scene_model(written: Written) -> 
 
 def test_common_sense_leads_to_its_source(written: Written) -> None:
     with written(1) as semantic_map:
-        (reason,) = semantic_map.why("here:Banana here:locatedAt here:Kitchen")
+        (reason,) = semantic_map.history.explain("here:Banana here:locatedAt here:Kitchen")
         (relation,) = _steps(reason, "relation")
         assert relation.startswith("here:Banana locatedAt here:Kitchen with probability 0.")
         assert len(_steps(reason, "source")) >= 1
-        (banana,) = semantic_map.why("here:Banana")
+        (banana,) = semantic_map.history.explain("here:Banana")
         assert relation in _steps(banana, "relation")
-        (kind,) = semantic_map.why("here:Banana rdfs:subClassOf")[:1]
+        (kind,) = semantic_map.history.explain("here:Banana rdfs:subClassOf")[:1]
         assert _steps(kind, "source") == ["the ontology"]
 
 
@@ -84,14 +84,14 @@ def test_what_a_person_said_leads_to_the_person(written: Written) -> None:
     with written(2) as semantic_map:
         chair = NamedNode(semantic_map.base + "object/1")
         said = Quad(chair, NamedNode(v.RDFS_LABEL), Literal("throne"), v.ASSERTIONS_GRAPH)
-        semantic_map._store.commit([], [said], Cause("assert", by="ann", note="it is the throne"))
-        (reason,) = semantic_map.why("object/1 rdfs:label 'throne'")
+        semantic_map.store.commit([], [said], Cause("assert", by="ann", note="it is the throne"))
+        (reason,) = semantic_map.history.explain("object/1 rdfs:label 'throne'")
         assert _steps(reason, "person") == ["ann"]
         assert _steps(reason, "rule") == []
         assert "assert (it is the throne)" in _steps(reason, "commit")[0]
-        (whole,) = semantic_map.why("object/1")
+        (whole,) = semantic_map.history.explain("object/1")
         assert "ann" in _steps(whole, "person")
-        (mapped,) = semantic_map.why("object/1 rdfs:label 'chair 1'")
+        (mapped,) = semantic_map.history.explain("object/1 rdfs:label 'chair 1'")
         assert _steps(mapped, "person") == []
 
 
@@ -99,17 +99,17 @@ def test_what_a_person_said_is_theirs_also_where_the_past_is_gone(
     written: Written, tmp_path: Path
 ) -> None:
     with written(3) as semantic_map:
-        semantic_map.assert_("object/1", "category", "bowl", by="ann")
-        semantic_map.assert_("object/1", "position", (1, 2, 0.5), by="bob")
-        semantic_map.compact(keep=0)
+        semantic_map.assertions.add("object/1", "category", "bowl", by="ann")
+        semantic_map.assertions.add("object/1", "position", (1, 2, 0.5), by="bob")
+        semantic_map.history.compact(keep=0)
     (tmp_path / "flat.map" / "history.sqlite").rename(tmp_path / "away")
     shutil.copytree(tmp_path / "flat.map", tmp_path / "bare.map")
     (tmp_path / "away").rename(tmp_path / "flat.map" / "history.sqlite")
     for name, written_when in (("flat", "before the history begins"), ("bare", "not known")):
         with open_map(tmp_path / f"{name}.map", read_only=True) as semantic_map:
-            (reason,) = semantic_map.why("object/1 a")
-            (where,) = semantic_map.why("object/1 here:inCell")
-            (label,) = semantic_map.why("object/1 here:confidence")
+            (reason,) = semantic_map.history.explain("object/1 a")
+            (where,) = semantic_map.history.explain("object/1 here:inCell")
+            (label,) = semantic_map.history.explain("object/1 here:confidence")
         (said,) = _steps(reason, "fact")[1:]
         assert said.startswith("category here:Bowl, asserted at 2")
         assert _steps(reason, "person") == ["ann"] and _steps(where, "person") == ["bob"]
@@ -121,11 +121,11 @@ def test_what_a_person_said_is_theirs_also_where_the_past_is_gone(
 def test_what_is_gone_says_why(written: Written, frame: Callable[..., MapUpdate]) -> None:
     with written(3) as semantic_map:
         semantic_map.apply(frame(3, removed=(semantic_map.base + "object/2",)))
-        (reason,) = semantic_map.why("object/2")
+        (reason,) = semantic_map.history.explain("object/2")
         assert reason.text == "object/2 is no longer in the map"
         assert "eq. 3.4" in _steps(reason, "rule")[0]
         assert "#4 " in _steps(reason, "commit")[0]
-        (count,) = semantic_map.why("object/1 here:observationCount 2")
+        (count,) = semantic_map.history.explain("object/1 here:observationCount 2")
         assert count.text.endswith("no longer") and "#3 " in _steps(count, "commit")[0]
 
 
@@ -141,12 +141,12 @@ def test_what_is_gone_says_why(written: Written, frame: Callable[..., MapUpdate]
 )
 def test_what_cannot_be_explained(written: Written, what: str, message: str) -> None:
     with written(2) as semantic_map, pytest.raises(QueryParameterError, match=message):
-        semantic_map.why(what)
+        semantic_map.history.explain(what)
 
 
 def test_explanations_as_triples(written: Written) -> None:
     with written(3) as semantic_map:
-        text = provenance(*semantic_map.why("object/1"))
+        text = provenance(*semantic_map.history.explain("object/1"))
         base = semantic_map.base
     triples = [
         Triple(q.subject, q.predicate, q.object)
@@ -168,7 +168,7 @@ def test_the_log_tells_each_change_in_words(
 ) -> None:
     with written(3) as semantic_map:
         semantic_map.apply(frame(3, removed=(semantic_map.base + "object/2",)))
-        entries = list(semantic_map.log("object/2"))
+        entries = list(semantic_map.history.events("object/2"))
         assert [entry.sequence for entry in entries] == [1, 2, 3, 4]
         assert "new here:Chair" in entries[0].changes
         assert "x 2 -> 2.01" in entries[1].changes
@@ -180,4 +180,4 @@ def test_the_log_tells_each_change_in_words(
         assert entries[3].changes == ("removed", "best observation: removed")
         assert entries[3].cause.note == "flat/frame-000003"
         with pytest.raises(QueryParameterError, match="knows nothing of object/9"):
-            list(semantic_map.log("object/9"))
+            list(semantic_map.history.events("object/9"))

@@ -151,12 +151,12 @@ def written_then(
                 copies[made.sequence].extend(made.engine)
 
         copy()
-        made.listen(copy)
+        made.subscriptions.listen(copy)
         for number in range(18):
             made.apply(frame(number))
         known = "{ GRAPH graph:commonsense { here:Cup here:isA here:Chair } }"
         made.update(f"INSERT DATA {known}", allow=("commonsense",))
-        made.assert_("object/1", "label", "my chair", by="ann")
+        made.assertions.add("object/1", "label", "my chair", by="ann")
         made.apply(MapUpdate(removed=(f"{made.base}object/2",)))
         made.update(f"DELETE DATA {known}", allow=("commonsense",))
         made.apply(frame(22))

@@ -107,11 +107,13 @@ def test_the_past_does_not_depend_on_where_key_frames_lie(
             if flushes and not number % (frames // flushes - 1):
                 semantic_map.store.flush()
         select = "SELECT count(DISTINCT sequence) FROM state"
-        (key_frames,) = semantic_map.history.db.execute(select).fetchone()
+        (key_frames,) = semantic_map.history.log.db.execute(select).fetchone()
         assert key_frames == 1 + flushes, "the floor is one too"
         chair = semantic_map.base + "object/1"
         for sequence in range(1, frames + 1):
-            facts = {q.predicate.value: q.object for q in semantic_map.state_of(chair, sequence)}
+            facts = {
+                q.predicate.value: q.object for q in semantic_map.history.state_of(chair, sequence)
+            }
             assert facts[v.OBSERVATION_COUNT] == Literal(sequence)
             assert facts[v.X] == Literal(round(1 + 0.01 * (sequence - 1), 2))
 
@@ -119,10 +121,10 @@ def test_the_past_does_not_depend_on_where_key_frames_lie(
 def test_who_reads_the_changes_has_the_map(written: Written) -> None:
     with written(20) as semantic_map:
         heard: list[ChangeSet] = []
-        stop = semantic_map.listen(heard.append)
+        stop = semantic_map.subscriptions.listen(heard.append)
         semantic_map.apply(MapUpdate(removed=(semantic_map.base + "object/2",)))
         stop()
-        read = list(semantic_map.changes())
+        read = list(semantic_map.history.changes())
         assert [change.sequence for change in read] == list(range(1, 22))
         assert (read[-1].time, read[-1].cause) == (heard[0].time, heard[0].cause)
         assert set(read[-1].removed) == set(heard[0].removed)
@@ -135,14 +137,14 @@ def test_who_reads_the_changes_has_the_map(written: Written) -> None:
                 follower.remove(quad)
             follower.extend(change.added)
         assert set(follower) == _said(set(semantic_map.engine))
-        assert [change.sequence for change in semantic_map.changes(19)] == [20, 21]
+        assert [change.sequence for change in semantic_map.history.changes(19)] == [20, 21]
 
 
 def test_changes_read_while_the_map_is_written(
     written: Written, frame: Callable[..., MapUpdate]
 ) -> None:
     with written(3) as semantic_map:
-        reader = semantic_map.changes()
+        reader = semantic_map.history.changes()
         assert next(reader).sequence == 1
         semantic_map.apply(frame(3))
         assert [change.sequence for change in reader] == [2, 3]
@@ -204,7 +206,7 @@ def test_a_clock_set_back_does_not_turn_the_past_round(
     with written(3) as semantic_map:
         monkeypatch.setattr("kg.rdf.datetimes.time.time_ns", lambda: 10**12)
         semantic_map.apply(frame(3))
-        times = [change.time for change in semantic_map.changes()]
+        times = [change.time for change in semantic_map.history.changes()]
         assert times == sorted(times) and times[0] > 1000.0
 
 
@@ -214,7 +216,7 @@ def test_times_are_what_is_printed_even_within_the_millisecond_a_history_begins(
     monkeypatch.setattr("kg.rdf.datetimes.time.time_ns", lambda: 1_795_344_157_514_876_543)
     monkeypatch.setattr("kg.rdf.datetimes.time.time", lambda: 1_795_344_157.514876)
     with written(3) as semantic_map:
-        times = [change.time for change in semantic_map.changes()]
+        times = [change.time for change in semantic_map.history.changes()]
         assert times and all(moment(iso(time)) == time for time in times)
 
 
@@ -236,13 +238,13 @@ class PrunesWhenRead:
         self._map = semantic_map
 
     def quads_for_pattern(self, *terms: Any) -> Iterator[Quad]:
-        self._map.compact(keep=0.0)
+        self._map.history.compact(keep=0.0)
         return self._map.engine.quads_for_pattern(*terms)
 
 
 def test_a_past_that_is_dropped_while_it_is_read_is_not_half_told(written: Written) -> None:
     with written(6) as semantic_map:
-        log = semantic_map.history
+        log = semantic_map.history.log
         with pytest.raises(HistoryError, match="no longer kept"):
             replay(log, PrunesWhenRead(semantic_map), 2)
 

@@ -62,7 +62,7 @@ def _writer(path: Path, *words: str) -> subprocess.Popen[str]:
 
 def _agrees(semantic_map: SemanticMap) -> None:
     """Log and store say the same, and the store holds whole frames."""
-    assert semantic_map.history.last == semantic_map.sequence
+    assert semantic_map.history.log.last == semantic_map.sequence
     with semantic_map.at(semantic_map.sequence) as now:
         assert _facts(now) == _facts(semantic_map)
     counts = {record.observations for record in semantic_map.objects()}
@@ -156,7 +156,7 @@ def test_a_copy_older_than_the_kept_past_catches_up_too(
     with open_map(path) as semantic_map:
         for number in range(2, 6):
             semantic_map.apply(frame(number, removed=(semantic_map.base + "object/2",)))
-        semantic_map.compact(keep=0.0)
+        semantic_map.history.compact(keep=0.0)
         latest = _facts(semantic_map)
     shutil.rmtree(path / "store")
     shutil.copytree(copy, path / "store")
@@ -177,8 +177,8 @@ def test_what_was_written_without_the_log_enters_it(
     shutil.copy(tmp_path / "old", path / FILE)
     with open_map(path) as semantic_map:
         _agrees(semantic_map)
-        assert [c.sequence for c in semantic_map.changes()] == [1, 2, 3, 5]
-        assert next(semantic_map.changes(3)).cause.kind == "recovery"
+        assert [c.sequence for c in semantic_map.history.changes()] == [1, 2, 3, 5]
+        assert next(semantic_map.history.changes(3)).cause.kind == "recovery"
         with semantic_map.at(3) as then:
             assert _facts(then) == third
         semantic_map.apply(frame(5))
@@ -192,13 +192,13 @@ def test_a_map_from_before_history_begins_one(written: Written, tmp_path: Path) 
     with open_map(path, read_only=True) as semantic_map:
         with pytest.raises(HistoryError, match="keeps no history"):
             semantic_map.at(1)
-        assert semantic_map.why("object/1")[0].because
+        assert semantic_map.history.explain("object/1")[0].because
     with open_map(path) as semantic_map:
         _agrees(semantic_map)
         with pytest.raises(HistoryError, match="there are #3 to #3"):
             semantic_map.at(1)
         with pytest.raises(HistoryError, match="changes up to #3 are not kept"):
-            semantic_map.changes(1)
+            semantic_map.history.changes(1)
 
 
 def test_another_maps_log_is_refused(written: Written, tmp_path: Path) -> None:
@@ -214,13 +214,13 @@ def test_a_log_of_another_format_is_refused_and_the_map_opens_without_it(
 ) -> None:
     path = tmp_path / "flat.map"
     with written(3) as semantic_map:
-        semantic_map.history.db.execute("UPDATE meta SET value = 1 WHERE name = 'format'")
+        semantic_map.history.log.db.execute("UPDATE meta SET value = 1 WHERE name = 'format'")
     with pytest.raises(HistoryError, match=r"format 1.*move the file away.*the map itself stays"):
         open_map(path)
     (path / FILE).rename(tmp_path / FILE)
     with open_map(path) as semantic_map:
         assert len(semantic_map.objects()) == 2
-        assert semantic_map.history.floor == 3
+        assert semantic_map.history.log.floor == 3
 
 
 @pytest.mark.parametrize("read_only", [False, True])
@@ -244,7 +244,7 @@ def test_what_the_store_refuses_is_not_in_the_log(
             broken.setattr(TransactionalStore, "_write", full)
             with pytest.raises(GraphError, match="no space left"):
                 semantic_map.apply(frame(2))
-        assert semantic_map.history.last == 2
+        assert semantic_map.history.log.last == 2
         assert _facts(semantic_map) == before
         semantic_map.apply(frame(3))
         with semantic_map.at(3) as now:
@@ -255,5 +255,5 @@ def test_power_safe_waits_for_the_disk(tmp_path: Path) -> None:
     for safe, level in ((False, 1), (True, 2)):
         path = tmp_path / f"{safe}.map"
         with create_map(path, power_safe=safe) as semantic_map:
-            assert semantic_map.history.db.execute("PRAGMA synchronous").fetchone() == (level,)
-            assert semantic_map.history.db.execute("PRAGMA journal_mode").fetchone() == ("wal",)
+            assert semantic_map.history.log.db.execute("PRAGMA synchronous").fetchone() == (level,)
+            assert semantic_map.history.log.db.execute("PRAGMA journal_mode").fetchone() == ("wal",)

@@ -167,9 +167,9 @@ def test_edits_corrections_and_restorations_are_mirrored(
 ) -> None:
     north, south = robots
     number = north.sequence
-    north.assert_(f"{NORTH}object/1", "category", "bowl", by="ann")
+    north.assertions.add(f"{NORTH}object/1", "category", "bowl", by="ann")
     north.update('INSERT DATA { <http://example.org/mine> rdfs:comment "a \\"note\\"\\n" }')
-    north.learn(["gramophone"], "object", model="net")
+    north.ontology.learn(["gramophone"], "object", model="net")
     south.update("DELETE WHERE { <object/2> ?p ?o }")
     until(lambda: caught_up(live, robots), "the mirror never caught up")
     assert published(url) == own(north.engine) | own(south.engine)
@@ -211,7 +211,7 @@ def test_a_stale_copy_is_brought_up_to_date_without_touching_others(
         north.update("DELETE WHERE { <http://example.org/mine> ?p ?o }")
         north.update("DELETE WHERE { <object/1> ?p ?o }")
         see(north, "banana", 4.0)
-        north.compact(keep=0.0)  # what came since is not kept
+        north.history.compact(keep=0.0)  # what came since is not kept
         Publisher(server.url, target).publish()
     assert published(url) == own(north.engine) | own(south.engine)
     assert target.acknowledged(NORTH) == north.sequence

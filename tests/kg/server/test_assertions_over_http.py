@@ -46,7 +46,7 @@ def test_what_is_said_is_believed_until_it_is_taken_back(served: Served) -> None
     assert told["assertion"]["contradicted"] is True
     (cup,) = (o for o in served.map.objects() if o.iri == CUP)
     assert cup.category == HERE + "Bowl"
-    (change,) = served.map.changes(told["sequence"] - 1)
+    (change,) = served.map.history.changes(told["sequence"] - 1)
     assert (change.cause.kind, change.cause.by) == ("assert", "ann")
     assert served.get(made.headers["Location"].lstrip("/")).status_code == 200
 
@@ -54,7 +54,7 @@ def test_what_is_said_is_believed_until_it_is_taken_back(served: Served) -> None
     assert again.status_code == 200, "it was said before, and is now said otherwise"
     taken = served.request("DELETE", "assertions", params=TAKE_BACK, headers=served.bearer())
     assert taken.status_code == 200, taken.text
-    assert served.map.assertions() == ()
+    assert served.map.assertions.all() == ()
     assert taken.json()["removed"] > 0
 
 
@@ -171,7 +171,7 @@ def token(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def assert_recorded(served: Served, change: ChangeSet) -> None:
-    (kept,) = served.map.changes(change.sequence - 1)
+    (kept,) = served.map.history.changes(change.sequence - 1)
     assert (change.sequence, change.time, change.cause) == (kept.sequence, kept.time, kept.cause)
     assert (set(change.added), set(change.removed)) == (set(kept.added), set(kept.removed))
 
@@ -179,15 +179,15 @@ def assert_recorded(served: Served, change: ChangeSet) -> None:
 @pytest.mark.usefixtures("token")
 def test_a_served_map_is_written_from_python_as_its_folder_is(served: Served) -> None:
     with open_map(served.url) as far:
-        change = far.assert_("object/1", "category", "bowl", by="nobody")
+        change = far.assertions.add("object/1", "category", "bowl", by="nobody")
         assert_recorded(served, change)
-        assert far.assertions() == served.map.assertions()
-        assert far.assertions("object/1")[0].by == "ann", "the holder of the token says so"
-        assert [a.subject for a in far.conflicts()] == [CUP]
-        far.assert_("object/2", "position", (3.5, 2, 0.1), by="nobody")
+        assert far.assertions.all() == served.map.assertions.all()
+        assert far.assertions.all("object/1")[0].by == "ann", "the holder of the token says so"
+        assert [a.subject for a in far.assertions.conflicts()] == [CUP]
+        far.assertions.add("object/2", "position", (3.5, 2, 0.1), by="nobody")
         positions = {o.iri: o.p_map.tolist() for o in far.objects()}
         assert positions == {CUP: [1.0, 0.5, 0.8], f"{far.base}object/2": [3.5, 2.0, 0.1]}
-        retracted = far.retract("object/1", "category")
+        retracted = far.assertions.retract("object/1", "category")
         assert retracted.cause.kind == "retract"
         done = far.update("INSERT DATA { <object/9> a here:Cup ; here:x 1 ; here:y 1 }")
         assert_recorded(served, done)
@@ -200,23 +200,23 @@ def test_what_the_server_refuses_is_the_same_error_from_afar(served: Served) -> 
     before = served.map.sequence
     with open_map(served.url) as far:
         with pytest.raises(UnknownCategoryError, match="did you mean bowl"):
-            far.assert_("object/1", "category", "bowll", by="ann")
+            far.assertions.add("object/1", "category", "bowll", by="ann")
         with pytest.raises(InvalidFactError, match="is not asserted"):
-            far.retract("object/1", "label")
+            far.assertions.retract("object/1", "label")
         with pytest.raises(InvalidFactError, match="history"):
             far.update("INSERT DATA { GRAPH graph:history { <object/9> a here:Cup } }")
         with pytest.raises(InvalidFactError, match="finite"):
-            far.assert_("object/1", "position", (1.0, float("nan"), 0.0), by="ann")
+            far.assertions.add("object/1", "position", (1.0, float("nan"), 0.0), by="ann")
         with pytest.raises(GraphError, match="is served"):
-            far.take_ontology((), whole=True)
-        for ask in (far.log, far.why, far.update, far.assertions):
+            far.ontology.replace((), whole=True)
+        for ask in (far.history.events, far.history.explain, far.update, far.assertions.all):
             with pytest.raises(QueryParameterError, match="Unicode"):
                 tuple(ask("\udcff"))
     with (
         open_map(served.url, read_only=True) as far,
         pytest.raises(GraphError, match="reading only"),
     ):
-        far.assert_("object/1", "category", "bowl", by="ann")
+        far.assertions.add("object/1", "category", "bowl", by="ann")
     assert served.map.sequence == before
 
 
@@ -228,7 +228,7 @@ def test_without_a_token_nothing_is_said_from_afar(
         open_map(served.url) as far,
         pytest.raises(RemoteError, match="HEREABOUTS_TOKEN"),
     ):
-        far.assert_("object/1", "category", "bowl", by="ann")
+        far.assertions.add("object/1", "category", "bowl", by="ann")
 
 
 @pytest.mark.usefixtures("token")
@@ -242,7 +242,7 @@ def test_the_commands_take_a_server_for_a_folder(
     assert json.loads(capsys.readouterr().out)[0]["by"] == "ann"
     assert main(["retract", served.url, "object/1", "category", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["by"] == "ann"
-    assert served.map.assertions() == ()
+    assert served.map.assertions.all() == ()
     update = "INSERT DATA { <object/9> a here:Cup ; here:x 1 ; here:y 1 }"
     assert main(["update", served.url, "-e", update, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["sequence"] == served.map.sequence

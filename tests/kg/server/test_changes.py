@@ -36,7 +36,7 @@ def wait_for(condition: Callable[[], bool], seconds: float = 120.0) -> bool:
 
 def test_commit_is_an_event_with_its_quads_and_its_cause(served: Served) -> None:
     heard = []
-    served.map.listen(heard.append)
+    served.map.subscriptions.listen(heard.append)
     with served.stream("changes") as stream:
         served.move(1, 3.0)
         number, kind, data = stream.next()

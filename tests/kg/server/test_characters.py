@@ -65,8 +65,8 @@ def test_nothing_that_writes_lets_one_in(flat: SemanticMap, character: str) -> N
     before = flat.sequence, set(flat.engine)
     for write in (
         lambda: flat.update(f"INSERT DATA {{ <object/1> rdfs:comment '{escaped}' }}"),
-        lambda: flat.assert_("object/1", "label", label, by="ann"),
-        lambda: flat.assert_("object/1", "category", "bowl", by=label),
+        lambda: flat.assertions.add("object/1", "label", label, by="ann"),
+        lambda: flat.assertions.add("object/1", "category", "bowl", by=label),
         lambda: flat.apply(MapUpdate(places=(place,))),
     ):
         with pytest.raises(InvalidFactError, match=re.escape(f"U+{ord(character):04X}")) as refused:
@@ -76,7 +76,7 @@ def test_nothing_that_writes_lets_one_in(flat: SemanticMap, character: str) -> N
     flat.update(f"INSERT DATA {{ <object/1> rdfs:comment '''{FINE}''' }}")
     with in_memory_map(title=label) as titled:
         assert titled.description.title == "tea\ufffdcup"
-    learnt = flat.learn([label], "object", model="net")
+    learnt = flat.ontology.learn([label], "object", model="net")
     assert unwritable(flat.catalogue.label(learnt[label])) is None
 
 

@@ -119,7 +119,7 @@ def test_properties_classes_variables_and_questions_are_completed(open_page: Ope
 
 
 def test_hostile_names_are_text_everywhere(served: Served, open_page: OpenPage) -> None:
-    served.map.assert_(f"{served.map.base}object/1", "label", HOSTILE, by="mallory")
+    served.map.assertions.add(f"{served.map.base}object/1", "label", HOSTILE, by="mallory")
     page = open_page("console")
     ask(page, CUPS)
     says(page, "#table", HOSTILE)

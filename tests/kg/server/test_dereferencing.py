@@ -32,7 +32,7 @@ def full(served: Served) -> Served:
     search = SearchRecord(f"{own.base}search/1", ("cup",), (cup.category,), "found", 1e9, 2e9)
     robot = RobotRecord(cup.p_map, 1.0, 7.0)
     own.apply(MapUpdate(objects=(record,), robot=robot, search=search))
-    own.assert_(record.iri, "label", "my cup", by="ann b")
+    own.assertions.add(record.iri, "label", "my cup", by="ann b")
     return served
 
 

@@ -97,24 +97,24 @@ def moves(served: Served, numbers: range) -> None:
 def test_changes_are_followed_from_a_number_on(served: Served) -> None:
     moves(served, range(11, 14))
     with open_far(served.url) as far:
-        following = far.follow(2)
+        following = far.subscriptions.follow(2)
         told = [next(following) for _ in range(2)]
         moves(served, range(14, 16))
         told += [next(following) for _ in range(2)]
-        kept = list(served.map.changes(2))
+        kept = list(served.map.history.changes(2))
         assert [(c.sequence, c.time, c.cause) for c in told] == [
             (c.sequence, c.time, c.cause) for c in kept
         ]
         assert [set(c.added) for c in told] == [set(c.added) for c in kept]
         following.close()
         with pytest.raises(HistoryError, match="not at 999"):
-            next(far.follow(999))
+            next(far.subscriptions.follow(999))
 
 
 def test_a_connection_that_breaks_loses_and_repeats_nothing(served: Served, line: Line) -> None:
     moves(served, range(11, 14))
     with open_far(line.url) as far:
-        following = far.follow(0)
+        following = far.subscriptions.follow(0)
         told = [next(following).sequence for _ in range(2)]
         line.cut()
         moves(served, range(14, 16))
@@ -130,7 +130,7 @@ def test_who_waits_for_changes_is_woken_when_the_map_is_closed(served: Served) -
     told: queue.Queue[object] = queue.Queue()
 
     def wait() -> None:
-        for change in far.follow(0):
+        for change in far.subscriptions.follow(0):
             told.put(change.sequence)
         told.put("over")
 
@@ -151,7 +151,7 @@ def heard() -> Heard:
 
     def hear(semantic_map: SemanticMap) -> queue.Queue[tuple[Table, Table]]:
         told: queue.Queue[tuple[Table, Table]] = queue.Queue()
-        semantic_map.on(CUPS, lambda *rows: told.put(rows))
+        semantic_map.subscriptions.on(CUPS, lambda *rows: told.put(rows))
         return told
 
     return hear
@@ -192,7 +192,7 @@ def test_who_listens_hears_each_change_once_whoever_makes_it(
     monkeypatch.setenv("HEREABOUTS_SERVER", served.url)
     told: queue.Queue[ChangeSet] = queue.Queue()
     with open_far(served.url) as far:
-        stop = far.listen(told.put)
+        stop = far.subscriptions.listen(told.put)
         served.move(1, 1.5)
         far.update("INSERT DATA { <object/1> rdfs:comment 'blue' }")
         served.move(1, 1.6)
@@ -200,7 +200,7 @@ def test_who_listens_hears_each_change_once_whoever_makes_it(
         assert kinds == ["frame", "update", "frame"]
         stop()
         served.move(1, 1.7)
-        far.catch_up()
+        far.subscriptions.catch_up()
     assert told.empty()
 
 
@@ -208,15 +208,15 @@ def test_a_past_that_is_not_kept_is_said(serve: Callable[..., Served]) -> None:
     served = serve(limits=Limits(query_seconds=PATIENCE, feed_memory=1))
     with open_far(served.url) as far:
         moves(served, range(11, 15))
-        served.map.compact(0.0)
+        served.map.history.compact(0.0)
         with pytest.raises(GraphError, match="not kept"):
-            far.catch_up()
+            far.subscriptions.catch_up()
         with pytest.raises(HistoryError, match="not kept"):
-            next(far.follow(1))
+            next(far.subscriptions.follow(1))
 
 
 def test_nobody_waits_on_a_map_that_is_closed(served: Served) -> None:
     far = open_far(served.url)
-    changes = far.follow(far.sequence)
+    changes = far.subscriptions.follow(far.sequence)
     far.close()
     assert list(changes) == []

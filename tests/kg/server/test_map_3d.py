@@ -105,7 +105,7 @@ def test_changes_filters_plans_and_the_past_are_drawn(served: Served, solid: Any
 
 def test_names_of_anybody_are_text(served: Served, solid: Any) -> None:
     before = drawn_otherwise(solid, None)
-    served.map.assert_(f"{served.map.base}object/1", "label", HOSTILE, by="ann")
+    served.map.assertions.add(f"{served.map.base}object/1", "label", HOSTILE, by="ann")
     drawn_otherwise(solid, before)
 
 

@@ -135,11 +135,11 @@ def test_a_correction_lands_in_the_graph_and_on_other_pages(
     page.fill("[aria-label=name]", "the blue mug")
     page.click("text=rename")
     says(other, "#objects", "the blue mug")
-    (made,) = served.map.assertions(f"{served.map.base}{CUP}")
+    (made,) = served.map.assertions.all(f"{served.map.base}{CUP}")
     assert (made.property, made.value, made.by) == ("label", "the blue mug", "ann")
     page.click("text=undo")
     says(other, "#objects", "cup 1")
-    assert served.map.assertions() == ()
+    assert served.map.assertions.all() == ()
     kept = page.evaluate("JSON.stringify([location.href, {...localStorage}, {...sessionStorage}])")
     assert token not in kept
 
@@ -150,11 +150,11 @@ def test_a_wrong_token_is_refused_in_words(served: Served, open_page: OpenPage) 
     page.click("#corrector button")
     page.click("text=it is not there")
     says(page, "#status", "token")
-    assert served.map.assertions() == ()
+    assert served.map.assertions.all() == ()
 
 
 def test_names_of_things_are_never_markup(served: Served, open_page: OpenPage) -> None:
-    served.map.assert_(f"{served.map.base}{CUP}", "label", HOSTILE, by="mallory")
+    served.map.assertions.add(f"{served.map.base}{CUP}", "label", HOSTILE, by="mallory")
     page = open_page(f"#{CUP}")
     says(page, "#about h2", HOSTILE)
     page.click("text=All objects")

@@ -162,7 +162,7 @@ def test_a_long_list_has_the_latest_versions(
 
 
 def test_versions_begin_where_the_history_does(moved: Served) -> None:
-    moved.map.compact(keep=time.time() - (START + 6 * HOUR).timestamp())
+    moved.map.history.compact(keep=time.time() - (START + 6 * HOUR).timestamp())
     listed = links_of(moved.get("timemap", params={"iri": CUP}).text)
     assert [address[-4:] for address, rel, _ in listed if rel == "memento"] == ["at=5"]
     old = moved.get("object/1", headers={**TURTLE, "Accept-Datetime": date(START)})

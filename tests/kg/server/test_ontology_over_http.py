@@ -117,7 +117,7 @@ def test_a_served_ontology_is_read_with_blank_nodes(served: Served) -> None:
     axioms = list(graph.subjects(rdflib.RDF.type, rdflib.URIRef(OWL_AXIOM)))
     assert axioms
     assert all(isinstance(axiom, rdflib.BNode) for axiom in axioms)
-    assert set(ontology_at(served.url).quads) == set(served.map.ontology())
+    assert set(ontology_at(served.url).quads) == set(served.map.ontology.quads())
 
 
 def test_what_goes_is_said_to_go(served: Served, mine: Path) -> None:

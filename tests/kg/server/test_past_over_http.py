@@ -64,7 +64,7 @@ def test_a_query_is_answered_as_it_was(moved: Served) -> None:
 
 
 def test_the_past_may_be_named_by_time_and_in_a_form(moved: Served) -> None:
-    times = {change.sequence: change.time for change in moved.map.changes()}
+    times = {change.sequence: change.time for change in moved.map.history.changes()}
     for number in (2, 3, 5):
         same = max(n for n, time in times.items() if time == times[number])
         with moved.map.at(same) as then:
@@ -151,8 +151,8 @@ def test_every_moment_of_a_map_on_disk_is_as_its_folder_has_it(
         for number, quads in states.items():
             with far.at(number) as then:
                 assert set(then.engine) == quads, number
-        assert list(far.log("object/2")) == list(served.map.log("object/2"))
-        assert set(far.diff(3, 13).added) == set(served.map.diff(3, 13).added)
+        assert list(far.history.events("object/2")) == list(served.map.history.events("object/2"))
+        assert set(far.history.diff(3, 13).added) == set(served.map.history.diff(3, 13).added)
 
 
 def test_a_past_that_is_dropped_meanwhile_is_not_half_told(
@@ -163,7 +163,7 @@ def test_a_past_that_is_dropped_meanwhile_is_not_half_told(
     with on_disk(folder, read_only=False) as served:
         pool = served.server.serving.pool
         assert pool.run("ASK {}", at=2).sequence == 2
-        served.map.compact(keep=0.0)
+        served.map.history.compact(keep=0.0)
         with pytest.raises(HistoryError, match="no longer kept"):
             pool.run("ASK {}", at=3)
         answer = served.get("sparql?query=ASK{}&at=2")
@@ -171,7 +171,7 @@ def test_a_past_that_is_dropped_meanwhile_is_not_half_told(
 
 
 def test_a_things_history_is_told(moved: Served) -> None:
-    here = list(moved.map.log("object/1"))
+    here = list(moved.map.history.events("object/1"))
     told = moved.get("log", params={"iri": "object/1"}).json()
     assert [entry["sequence"] for entry in told] == [1, 2, 3, 5]
     assert told[-1]["changes"] == list(here[-1].changes)
@@ -190,7 +190,7 @@ def test_a_things_history_is_told(moved: Served) -> None:
 
 
 def test_two_moments_are_compared(moved: Served) -> None:
-    here = moved.map.diff(2, 5)
+    here = moved.map.history.diff(2, 5)
     told = moved.get("diff", params={"from": "2", "to": "#5"}).json()
     assert (told["before"], told["after"]) == (2, 5)
     assert set(told["added"]) == {f"{quad} ." for quad in here.added}
@@ -208,7 +208,7 @@ def test_a_fact_is_explained(moved: Served) -> None:
     assert reason["text"] == "object/1 here:x 4"
     assert reason["fact"][0] == f"<{CUP}>"
     text = moved.get("why", params=params, headers={"Accept": "text/plain"}).text
-    assert text == reasons_text(moved.map.why("object/1 here:x"))
+    assert text == reasons_text(moved.map.history.explain("object/1 here:x"))
     assert "written: transaction #5" in text
     gone = moved.get("why", params={"iri": "object/2"}).json()
     assert gone[0]["text"] == "object/2 is no longer in the map"
@@ -229,15 +229,19 @@ def test_the_past_is_asked_from_python_as_that_of_a_folder(moved: Served) -> Non
         with far.at("#2") as then:
             assert then.query("summary").rows == moved.map.at(2).query("summary").rows
             assert then.sequence == 2
-        assert far.state_of(CUP, 2) == moved.map.state_of(CUP, 2)
-        assert list(far.log("object/2")) == list(moved.map.log("object/2"))
-        assert far.why("object/2") == moved.map.why("object/2")
-        assert far.why("object/1 here:x") == moved.map.why("object/1 here:x")
-        assert set_of(far.diff(2, "#5").removed) == set_of(moved.map.diff(2, 5).removed)
+        assert far.history.state_of(CUP, 2) == moved.map.history.state_of(CUP, 2)
+        assert list(far.history.events("object/2")) == list(moved.map.history.events("object/2"))
+        assert far.history.explain("object/2") == moved.map.history.explain("object/2")
+        assert far.history.explain("object/1 here:x") == moved.map.history.explain(
+            "object/1 here:x"
+        )
+        assert set_of(far.history.diff(2, "#5").removed) == set_of(
+            moved.map.history.diff(2, 5).removed
+        )
         with pytest.raises(HistoryError, match="there are #0 to #5"):
             far.at(6)
         with pytest.raises(QueryParameterError, match="knows nothing"):
-            list(far.log("object/77"))
+            list(far.history.events("object/77"))
 
 
 def set_of(quads: tuple[Quad, ...]) -> set[Quad]:

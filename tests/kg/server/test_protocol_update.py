@@ -35,7 +35,7 @@ def test_update_posted_directly(served: Served) -> None:
 
 def test_update_tells_what_it_changed_and_is_one_commit_in_its_writers_name(served: Served) -> None:
     heard = []
-    served.map.listen(heard.append)
+    served.map.subscriptions.listen(heard.append)
     told = served.write(NOTE)
     assert told.json() == {"sequence": served.map.sequence, "added": 1, "removed": 0}
     (change,) = heard

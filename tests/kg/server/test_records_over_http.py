@@ -64,7 +64,7 @@ def cup_at(far: SemanticMap, x: float, number: int = 1) -> MapUpdate:
 
 
 def place_of(semantic_map: SemanticMap, iri: str) -> float:
-    (record,) = semantic_map.perceived_objects((iri,))
+    (record,) = semantic_map.perceived.objects((iri,))
     return float(record.p_map[0])
 
 
@@ -80,7 +80,7 @@ def test_a_frame_from_afar_is_one_transaction_of_the_tokens_holder(served: Serve
         change = far.apply(cup_at(far, 2.5))
         assert far.apply(ROBOT, Cause("frame", note="run/frame-7"))
         assert far.apply(cup_at(far, 2.5)) is None, "it says so already"
-    first, second = served.map.changes(before)
+    first, second = served.map.history.changes(before)
     assert change is not None
     assert (set(first.added), set(first.removed)) == (set(change.added), set(change.removed))
     assert (second.cause.kind, second.cause.by, second.cause.note) == (
@@ -119,13 +119,13 @@ def test_places_and_doors_that_left_are_removed_from_afar(served: Served) -> Non
 
 
 def test_what_people_said_outranks_what_is_seen_from_afar(served: Served) -> None:
-    served.map.assert_("object/1", "category", "bowl", by="bob")
+    served.map.assertions.add("object/1", "category", "bowl", by="bob")
     with open_far(served) as far:
         far.apply(cup_at(far, 2.5))
         label = far.catalogue.label
         assert [label(o.category) for o in far.objects()] == ["bowl", "chair"]
-        assert [label(o.category) for o in far.perceived_objects()] == ["cup", "chair"]
-        (conflict,) = served.map.conflicts()
+        assert [label(o.category) for o in far.perceived.objects()] == ["cup", "chair"]
+        (conflict,) = served.map.assertions.conflicts()
         assert (conflict.subject, conflict.by) == (CUP, "bob")
 
 
@@ -138,7 +138,7 @@ def test_an_edit_in_between_is_seen_before_it_is_written_over(served: Served) ->
             far.apply(update)
         assert refused.value.things == (CUP,)
         assert served.map.sequence == before, "not even the other object is written"
-        far.catch_up()
+        far.subscriptions.catch_up()
         assert far.apply(update)
         assert place_of(served.map, CUP) == 2.5
 
@@ -155,7 +155,7 @@ def test_what_was_deleted_in_between_is_not_brought_back_unseen(served: Served) 
 
 def test_what_left_is_remembered_and_found_again_from_afar(served: Served) -> None:
     with open_far(served) as far:
-        (cup,) = far.perceived_objects((CUP,))
+        (cup,) = far.perceived.objects((CUP,))
         seen = cup.first_seen, cup.last_seen, cup.last_seen + 5
         left = DepartedRecord(CUP, cup.category, cup.p_map, 0.9, cup.observations, *seen)
         far.apply(MapUpdate(removed=(CUP,), departed=(left,)))
@@ -251,14 +251,14 @@ def test_mappers_side_by_side_lose_nothing_of_each_other(served: Served) -> None
 def test_labels_nobody_knows_become_categories_of_the_served_map(served: Served) -> None:
     with open_far(served) as far, open_far(served) as other:
         assert other.catalogue.get("gizmo") is None  # read before, and cached
-        found = far.learn(["gizmo", "cup", "\u200b"], "object", model="net")
+        found = far.ontology.learn(["gizmo", "cup", "\u200b"], "object", model="net")
         assert found["cup"] == far.catalogue.find("cup").iri
         assert served.map.catalogue.find("gizmo").iri == far.catalogue.find("gizmo").iri
         assert "\u200b" not in found
         sequence = served.map.sequence
-        assert far.learn(["gizmo"], "object", model="net") == {"gizmo": found["gizmo"]}
+        assert far.ontology.learn(["gizmo"], "object", model="net") == {"gizmo": found["gizmo"]}
         assert served.map.sequence == sequence
-        other.catch_up()
+        other.subscriptions.catch_up()
         assert other.catalogue.find("gizmo").provisional
 
 
@@ -267,20 +267,20 @@ def test_changes_are_told_from_any_number_on(served: Served) -> None:
         served.map.apply(ROBOT if n % 2 else cup_at(served.map, n / 100))
     with open_far(served) as far:
         for since in (0, 1, 300, served.map.sequence):
-            here, there = list(served.map.changes(since)), list(far.changes(since))
+            here, there = list(served.map.history.changes(since)), list(far.history.changes(since))
             assert [c.sequence for c in there] == [c.sequence for c in here]
             assert [(c.time, c.cause, set(c.added)) for c in there] == [
                 (c.time, c.cause, set(c.added)) for c in here
             ]
         with pytest.raises(HistoryError, match="not at 9999"):
-            list(far.changes(9999))
+            list(far.history.changes(9999))
 
 
 def test_a_reader_is_answered_by_what_it_has_heard_of(served: Served) -> None:
     with open_far(served) as far:
         for n in range(10):
             served.map.apply(cup_at(served.map, n / 10))  # by the server's own mapper, unasked
-            far.catch_up()
+            far.subscriptions.catch_up()
             assert place_of(far, CUP) == n / 10
     ask = {"query": "ASK {}"}
     for number, status in (("99999", 412), ("one", 400), ("1", 200)):

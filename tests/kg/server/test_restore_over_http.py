@@ -71,7 +71,7 @@ def test_a_served_map_is_restored_from_afar_and_subscribers_see_it(guarded: Serv
         assert facts(guarded.map) == before
         assert (done.objects_back, done.places_back, done.sequence) == (2, 1, number + 2)
         assert len(far.objects()) == 2, "who restored reads the restored map"
-    (change,) = guarded.map.changes(number + 1)
+    (change,) = guarded.map.history.changes(number + 1)
     assert (change.cause.kind, change.cause.by) == ("restore", "ann")
 
 

@@ -53,15 +53,15 @@ def test_counts_are_right_after_updates_from_outside(served: Served) -> None:
     for update, count in zip(steps, expected, strict=True):
         assert served.write(update).status_code == 200
         assert scraped(served) == count == counted(served.map), update
-    served.map.assert_("object/1", "category", "bowl", by="ann")
+    served.map.assertions.add("object/1", "category", "bowl", by="ann")
     assert scraped(served) == 1
-    served.map.retract("object/1", "category")
+    served.map.assertions.retract("object/1", "category")
     served.map.apply(MapUpdate(removed=(served.map.base + "object/1",)))
     assert scraped(served) == 0 == counted(served.map)
 
 
 def test_counts_follow_the_ontology(served: Served) -> None:
-    served.map.learn(["gizmo"], "object", model="net")
+    served.map.ontology.learn(["gizmo"], "object", model="net")
     gizmo = served.map.catalogue.find("gizmo").iri
     served.write(f"INSERT DATA {{ <object/9> a <{gizmo}> ; here:x 1 ; here:y 1 }}")
     assert scraped(served) == 3 == counted(served.map)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def test_a_transaction_of_a_person_is_an_activity_with_an_agent(served: Served) -> None:
-    served.map.assert_(f"{served.map.base}object/1", "label", "my cup", by="ann")
+    served.map.assertions.add(f"{served.map.base}object/1", "label", "my cup", by="ann")
     asked = {"what": "object/1 rdfs:label"}
     answer = served.get("why", params=asked, headers={"Accept": "text/turtle"})
     assert answer.status_code == 200, answer.text

@@ -51,7 +51,7 @@ def flat(written: Written) -> Iterator[SemanticMap]:
 
 
 def test_a_map_that_was_emptied_is_restored_quad_for_quad(flat: SemanticMap) -> None:
-    flat.assert_(f"{BASE}object/1", "category", "cup", by="ann")
+    flat.assertions.add(f"{BASE}object/1", "category", "cup", by="ann")
     before, number = facts(flat), flat.sequence
     flat.update(EVERYTHING, by="bob", confirmed=True)
     assert not flat.objects()
@@ -59,7 +59,7 @@ def test_a_map_that_was_emptied_is_restored_quad_for_quad(flat: SemanticMap) -> 
     assert facts(flat) == before
     assert (done.restored, done.sequence) == (number, number + 2)
     assert (done.objects_back, done.objects_gone, done.places_back) == (2, 0, 1)
-    (change,) = flat.changes(number + 1)
+    (change,) = flat.history.changes(number + 1)
     assert (change.cause.kind, change.cause.by) == ("restore", "ann")
     assert (len(change.added), len(change.removed)) == (done.added, done.removed)
     with flat.at(number + 1) as emptied:
@@ -77,7 +77,7 @@ def test_a_restoration_is_undone_by_another(flat: SemanticMap) -> None:
 
 
 def test_a_moment_is_named_by_its_time_too(flat: SemanticMap) -> None:
-    (change,) = flat.changes(4)
+    (change,) = flat.history.changes(4)
     flat.update("DELETE WHERE { <object/1> ?p ?o }")
     flat.restore(iso(change.time))
     assert len(flat.objects()) == 2
@@ -125,17 +125,17 @@ def test_frames_written_after_it_are_as_if_never_interrupted(
 
 
 def test_one_object_comes_back_with_all_that_belonged_to_it(flat: SemanticMap) -> None:
-    flat.assert_(f"{BASE}object/1", "label", "Ann's chair", by="ann")
+    flat.assertions.add(f"{BASE}object/1", "label", "Ann's chair", by="ann")
     before, number = facts(flat), flat.sequence
     flat.update("DELETE WHERE { <object/1> ?p ?o }")
-    flat.assert_(f"{BASE}object/2", "category", "cup", by="bob")
+    flat.assertions.add(f"{BASE}object/2", "category", "cup", by="bob")
     done = flat.restore(number, only=["object/1"])
     assert (done.objects_back, done.removed) == (1, 0)
     assert {r.iri for r in flat.objects("cup")} == {f"{BASE}object/2"}, "others stay as they are"
     about = f"{BASE}object/1"
     mine = {q for q in before if about in (getattr(q.subject, "value", ""), _text(q.object))}
     assert mine and mine <= facts(flat)
-    assert {a.by for a in flat.assertions("object/1")} == {"ann"}
+    assert {a.by for a in flat.assertions.all("object/1")} == {"ann"}
 
 
 def _text(term: object) -> str:
@@ -158,43 +158,43 @@ def test_objects_and_places_are_restored_apart(flat: SemanticMap) -> None:
 def test_assertions_come_back_over_what_perception_believes_now(
     flat: SemanticMap, frame: Frame
 ) -> None:
-    flat.assert_(f"{BASE}object/1", "category", "cup", by="ann")
+    flat.assertions.add(f"{BASE}object/1", "category", "cup", by="ann")
     number = flat.sequence
-    flat.retract(f"{BASE}object/1", "category", by="bob")
-    flat.assert_(f"{BASE}object/2", "label", "bob's", by="bob")
+    flat.assertions.retract(f"{BASE}object/1", "category", by="bob")
+    flat.assertions.add(f"{BASE}object/2", "label", "bob's", by="bob")
     flat.apply(frame(5))
     done = flat.restore(number, only=["assertions"])
     assert done.skipped == ()
     one, two = flat.objects()
     assert one.category == flat.catalogue.find("cup").iri
     assert one.observations == 6, "perception's latest belief stays"
-    (said,) = flat.assertions()
+    (said,) = flat.assertions.all()
     assert (said.by, said.value) == ("ann", one.category)
     assert two.category == v.HERE + "Chair"
 
 
 def test_assertions_of_what_is_gone_stay_away_and_are_named(flat: SemanticMap) -> None:
-    flat.assert_(f"{BASE}object/1", "label", "Ann's", by="ann")
+    flat.assertions.add(f"{BASE}object/1", "label", "Ann's", by="ann")
     number = flat.sequence
     flat.update("DELETE WHERE { <object/1> ?p ?o }")
     done = flat.restore(number, only=["assertions"])
     assert done.skipped == (f"{BASE}object/1",)
-    assert not flat.assertions()
+    assert not flat.assertions.all()
 
 
 def test_the_ontology_is_restored_and_known(flat: SemanticMap) -> None:
     before, number = facts(flat), flat.sequence
-    flat.learn(["gramophone"], "object", model="net")
+    flat.ontology.learn(["gramophone"], "object", model="net")
     assert flat.catalogue.for_label("gramophone", "object") is not None
     flat.restore(number)
     assert flat.catalogue.for_label("gramophone", "object") is None
     assert facts(flat) == before
-    assert flat.learn(["gramophone"], "object", model="net"), "a mapper can learn it again"
+    assert flat.ontology.learn(["gramophone"], "object", model="net"), "a mapper can learn it again"
 
 
 def test_an_ontology_that_lacks_what_the_map_uses_is_refused(flat: SemanticMap) -> None:
     number = flat.sequence
-    found = flat.learn(["gramophone"], "object", model="net")
+    found = flat.ontology.learn(["gramophone"], "object", model="net")
     flat.apply(MapUpdate(objects=(replace(flat.objects()[0], category=found["gramophone"]),)))
     before = facts(flat)
     with pytest.raises(OntologyError, match="Gramophone"):
@@ -232,7 +232,7 @@ def test_a_restoration_that_deletes_much_asks_too() -> None:
     with in_memory_map(base=BASE) as home:
         home.apply(MapUpdate())
         cup = home.catalogue.find("cup").iri
-        home.learn(["gramophone"], "object", model="net")
+        home.ontology.learn(["gramophone"], "object", model="net")
         number = home.sequence
         place = np.array([1.0, 1.0, 0.5])
         home.apply(

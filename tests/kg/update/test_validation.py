@@ -93,10 +93,10 @@ def test_the_cell_follows_the_position(home: SemanticMap) -> None:
 
 
 def test_what_is_deleted_takes_along_what_was_about_it(home: SemanticMap) -> None:
-    home.assert_("object/1", "category", "bowl", by="ann")
+    home.assertions.add("object/1", "category", "bowl", by="ann")
     home.update("DELETE WHERE { <http://m/object/1> ?p ?o }")
     assert [o.iri for o in home.objects()] == ["http://m/object/2"]
-    assert home.assertions() == ()
+    assert home.assertions.all() == ()
     left = home.query('SELECT ?s WHERE { ?s ?p ?o FILTER(CONTAINS(STR(?s), "ation/1")) }')
     assert left.rows == ()
     home.update("DELETE WHERE { <http://m/place/1> ?p ?o }")
@@ -263,7 +263,7 @@ def test_the_door_lets_in_just_what_the_whole_map_passes_with(text: str) -> None
             return
         bare = Store()
         bare.extend(home.engine)
-        pending = execute_update(home._store, text)
+        pending = execute_update(home.store, text)
         for quad in pending.removed:
             bare.remove(quad)
         bare.extend(pending.added)

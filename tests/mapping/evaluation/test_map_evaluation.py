@@ -157,7 +157,7 @@ def test_the_past_of_a_map_tells_its_switches(tmp_path):
 def test_a_map_whose_past_was_dropped_has_no_count_of_switches(tmp_path):
     with create_map(tmp_path / "a.map") as semantic_map:
         replaced(semantic_map)
-        semantic_map.compact(0)
+        semantic_map.history.compact(0)
         evaluation = evaluate_map(semantic_map, cups(0))
     assert evaluation.scores().switches is None
     assert pooled([evaluation]).switches is None

@@ -270,7 +270,7 @@ def test_a_thing_that_left_and_appears_elsewhere_is_the_same_one(room):
 def test_a_thing_that_appeared_before_its_old_spot_was_looked_at_is_the_same_one(room, step_back):
     room.see(CUP, times=4)
     first = room.one
-    room.map.assert_(first.iri, "label", "Ann's cup", by="ann")
+    room.map.assertions.add(first.iri, "label", "Ann's cup", by="ann")
     later = first.last_seen + 86400
     for n in range(3):  # the old spot has no depth
         frame = step_back(n)
@@ -287,7 +287,7 @@ def test_a_thing_that_appeared_before_its_old_spot_was_looked_at_is_the_same_one
     assert removed == [new.iri]
     assert room.one.iri == first.iri
     assert np.linalg.norm(room.one.p_map - new.p_map) < 0.3
-    assert [a.value for a in room.map.assertions(first.iri)] == ["Ann's cup"]
+    assert [a.value for a in room.map.assertions.all(first.iri)] == ["Ann's cup"]
 
 
 def test_a_thing_of_another_category_is_another_one(room):
@@ -301,7 +301,7 @@ def test_a_thing_of_another_category_is_another_one(room):
 def test_what_people_say_is_there_is_not_found_elsewhere(room):
     room.see(CUP, times=4)
     first = room.one.iri
-    room.map.assert_(first, "existence", "present", by="ann")
+    room.map.assertions.add(first, "existence", "present", by="ann")
     leaves(room)
     appears(room)
     assert {o.iri for o in room.map.objects()} > {first}
@@ -324,18 +324,18 @@ def test_a_move_is_undone_where_the_thing_stands_in_its_old_spot_after_all(room)
 
 def test_an_asserted_category_sticks_and_both_names_are_its_own(room):
     room.see(CUP, times=2)
-    room.map.assert_(room.one.iri, "category", "bowl", by="ann")
+    room.map.assertions.add(room.one.iri, "category", "bowl", by="ann")
     room.see(("bowl", 0.6, MIDDLE), times=2)
     room.see(CUP, times=2)
     assert room.label(room.one) == "bowl"
     assert room.one.observations == 6
-    room.map.retract(room.one.iri, "category", by="ann")
+    room.map.assertions.retract(room.one.iri, "category", by="ann")
     assert room.label(room.one) == "cup"
 
 
 def test_an_asserted_position_sticks_and_what_is_seen_there_is_it(room):
     room.see(CUP, times=2)
-    room.map.assert_(room.one.iri, "position", (2, -0.6, 1), by="ann")
+    room.map.assertions.add(room.one.iri, "position", (2, -0.6, 1), by="ann")
     room.see(("cup", 0.8, box(45)), times=1)
     assert room.one.p_map == pytest.approx([2, -0.6, 1])
     assert room.one.observations == 3
@@ -343,7 +343,7 @@ def test_an_asserted_position_sticks_and_what_is_seen_there_is_it(room):
 
 def test_what_is_put_elsewhere_is_not_missed_where_it_was(room):
     room.see(CUP, times=3)
-    room.map.assert_(room.one.iri, "position", (4, 9, 1), by="ann")
+    room.map.assertions.add(room.one.iri, "position", (4, 9, 1), by="ann")
     for _ in range(6):
         room.look(FAR_WALL)
     assert room.one.p_map == pytest.approx([4, 9, 1])
@@ -351,21 +351,21 @@ def test_what_is_put_elsewhere_is_not_missed_where_it_was(room):
 
 def test_asserted_present_it_stays_though_missed(room):
     room.see(CUP, times=2)
-    room.map.assert_(room.one.iri, "existence", "present", by="ann")
+    room.map.assertions.add(room.one.iri, "existence", "present", by="ann")
     for _ in range(6):
         room.look(FAR_WALL)
     assert room.one.existence > 0
-    room.map.retract(room.one.iri, "existence", by="ann")
+    room.map.assertions.retract(room.one.iri, "existence", by="ann")
     room.look(FAR_WALL)
     assert room.map.objects() == ()
 
 
 def test_asserted_absent_it_is_gone_though_seen(room):
     room.see(CUP, times=2)
-    room.map.assert_(room.one.iri, "existence", "absent", by="ann")
+    room.map.assertions.add(room.one.iri, "existence", "absent", by="ann")
     room.see(CUP, times=3)
     assert room.one.existence == 0
-    room.map.retract(room.one.iri, "existence", by="ann")
+    room.map.assertions.retract(room.one.iri, "existence", by="ann")
     assert room.one.existence > 0.5
 
 
@@ -497,7 +497,7 @@ def test_an_object_with_assertions_is_merged_into_no_other(room, asserted):
     room.see(("cup", 0.9, box(16)), ("cup", 0.8, box(48)), times=2)
     _, other = sorted(room.map.objects(), key=lambda record: -record.existence)
     if asserted:
-        room.map.assert_(other.iri, "existence", "present", by="ann")
+        room.map.assertions.add(other.iri, "existence", "present", by="ann")
     room.mapper = Mapper(room.map, MappingOptions(objects=ObjectSettings(separation=100.0)))
     room.see(("cup", 0.9, box(16)))
     assert (other.iri in {record.iri for record in room.map.objects()}) == asserted
@@ -562,7 +562,7 @@ def test_a_mapper_that_is_restarted_goes_on_with_the_same_labels(
             if number in stops:
                 mapper = Mapper(where, detector="scripted")
             mapper.add(step_back(number % 8), detections((label, scores[label], MIDDLE)))
-        (record,) = where.perceived_objects()
+        (record,) = where.perceived.objects()
         return record
 
     once = mapped(semantic_map, ())

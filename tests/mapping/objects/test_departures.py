@@ -108,7 +108,7 @@ def test_what_people_say_is_not_there_is_not_remembered(
     mapper = Mapper(semantic_map)
     see(mapper, step_back, CUP)
     (cup,) = semantic_map.objects()
-    semantic_map.assert_(cup.iri, "existence", "absent", by="ann")
+    semantic_map.assertions.add(cup.iri, "existence", "absent", by="ann")
     leave(mapper, step_back)
     assert semantic_map.departed() == ()
 

@@ -25,7 +25,7 @@ def learn(semantic_map, name, above, label):
         v.RDFS_LABEL: Literal(label),
     }
     learnt = [Quad(NamedNode(v.HERE + name), NamedNode(p), o) for p, o in said.items()]
-    semantic_map.take_ontology([*semantic_map.ontology(), *learnt])
+    semantic_map.ontology.replace([*semantic_map.ontology.quads(), *learnt])
 
 
 def test_an_object_category_learnt_meanwhile_is_mapped_from_the_next_frame_on(

@@ -127,10 +127,10 @@ def test_what_a_person_said_of_a_place_outranks_its_objects(
     run = (semantic_map, kitchen_things, scene)
     map_recording(drive(), *run, options=MappingOptions(layout=ROOM, reference=SETTINGS))
     (place,) = semantic_map.places()
-    semantic_map.assert_(place.iri, "category", "pantry", by="anna")
+    semantic_map.assertions.add(place.iri, "category", "pantry", by="anna")
     map_recording(drive("later"), *run, options=MappingOptions(layout=ROOM, reference=SETTINGS))
     assert believed(semantic_map) == {"pantry": 1.0}
-    semantic_map.retract(place.iri, "category")
+    semantic_map.assertions.retract(place.iri, "category")
     assert believed(semantic_map)["kitchen"] > 0.5
 
 
@@ -175,7 +175,7 @@ def test_why_names_the_objects_and_what_the_views_say(
         scene,
         options=MappingOptions(layout=ROOM, reference=SETTINGS),
     )
-    (reason,) = semantic_map.why("place/1")
+    (reason,) = semantic_map.history.explain("place/1")
     steps = [step.text for _, step in reason.walk()]
     assert any("refrigerator" in text and "existence" in text for text in steps)
     assert "by the views alone 0.6" in steps

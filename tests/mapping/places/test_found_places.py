@@ -82,7 +82,7 @@ def test_a_place_that_grows_stays_itself(home):
     viewed(home, 2.0, KITCHEN, 3)
     viewed(home, 6.0, OFFICE, 2)
     before = {x: place_at(home, x).iri for x in (2.0, 6.0)}
-    home.assert_(before[6.0], "label", "Ann's room", by="ann")
+    home.assertions.add(before[6.0], "label", "Ann's room", by="ann")
     home.apply(floor(5.0, 9.0, until=12.0))
     find_places(home)
     assert {x: place_at(home, x).iri for x in (2.0, 6.0)} == before
@@ -114,7 +114,7 @@ def test_two_places_that_people_named_stay_two(home):
     home.apply(floor(6.0))
     find_places(home)
     for x, name in ((2.0, "north wing"), (9.0, "south wing")):
-        home.assert_(place_at(home, x).iri, "label", name, by="ann")
+        home.assertions.add(place_at(home, x).iri, "label", name, by="ann")
     home.apply(floor())
     find_places(home)
     assert set(labels(home).values()) == {"north wing", "south wing"}

@@ -191,11 +191,11 @@ def test_a_restarted_mapper_keeps_and_repairs_relations(room: Room) -> None:
 
 def test_an_asserted_position_moves_the_relations(room: Room) -> None:
     table, cup = room.put(*TABLE), room.put(*CUP)
-    room.map.assert_(cup, "position", (4.0, 4.0, 0.8), by="ann")
+    room.map.assertions.add(cup, "position", (4.0, 4.0, 0.8), by="ann")
     room.cache.refresh()
     room.write(ObjectChanges())
     assert room.related(cup, "on") == []
-    room.map.retract(cup, "position")
+    room.map.assertions.retract(cup, "position")
     room.cache.refresh()
     room.write(ObjectChanges())
     assert room.related(cup, "on") == [table]

@@ -103,7 +103,7 @@ def test_what_is_present_is_not_perhaps(
 ) -> None:
     category, name = doubted
     with open_map(mapped) as semantic_map:
-        (record,) = semantic_map.perceived_objects((semantic_map.base + name,))
+        (record,) = semantic_map.perceived.objects((semantic_map.base + name,))
         semantic_map.apply(MapUpdate(objects=(replace(record, existence=0.8, confidence=2.4),)))
     assert "Perhaps" not in prints("status", mapped, category)
     assert json.loads(prints("status", mapped, category, "--json"))["perhaps"] == []

@@ -39,7 +39,7 @@ def test_a_licence_is_stored_exported_and_part_of_the_history(
     prints("describe", flat, "--licence", other)
     with open_map(flat, read_only=True) as semantic_map:
         assert (semantic_map.description.title, semantic_map.sequence) == ("my flat", 2)
-        assert [c.cause.by for c in semantic_map.changes()] == ["ann", None]
+        assert [c.cause.by for c in semantic_map.history.changes()] == ["ann", None]
     for name in ("out.ttl", "out.nq"):
         prints("export", flat, "-o", tmp_path / name)
         text = (tmp_path / name).read_text()

@@ -73,7 +73,7 @@ def flat(tmp_path_factory: pytest.TempPathFactory) -> Path:
         views = PlaceViews(0.95, 0.5, 1_700_000_000.0)
         den = PlaceRecord(semantic_map.place_iri(3), HOSTILE, 8, 12, 0, 4, viewed=views)
         semantic_map.apply(MapUpdate(places=(den,)))
-        semantic_map.assert_("object/2", "label", HOSTILE[:90], by="mallory")
+        semantic_map.assertions.add("object/2", "label", HOSTILE[:90], by="mallory")
     return path
 
 
@@ -349,7 +349,7 @@ def test_agents_write_over_stdio_in_the_name_given(tmp_path: Path) -> None:
     assert made["untrusted_by"] == "agent 7"
     assert where["things"] == []
     with open_map(path, read_only=True) as semantic_map:
-        assert [a.by for a in semantic_map.assertions()] == ["agent 7"]
+        assert [a.by for a in semantic_map.assertions.all()] == ["agent 7"]
 
 
 def test_a_served_map_is_asked_while_it_is_written(
@@ -367,7 +367,7 @@ def test_a_served_map_is_asked_while_it_is_written(
     async def use(client: Client) -> list[Any]:
         before = await client.call_tool("where_is", {"what": "apple"})
         with open_map(process.url) as remote:  # as a mapper does it
-            remote.learn(["gizmo"], "object", model="another detector")
+            remote.ontology.learn(["gizmo"], "object", model="another detector")
             remote.apply(MapUpdate(objects=(thing(remote, "apple", 1.0, 1.0, 1),)))
         calls: Calls = [
             ("where_is", {"what": "apple"}),

@@ -137,7 +137,7 @@ def drifted(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def _positions(address: Path) -> dict[str, np.ndarray]:
     with open_map(address, read_only=True) as semantic_map:
-        return {o.iri.rsplit("/", 1)[1]: o.p_map for o in semantic_map.perceived_objects()}
+        return {o.iri.rsplit("/", 1)[1]: o.p_map for o in semantic_map.perceived.objects()}
 
 
 def test_corrected_poses_move_what_was_mapped(
@@ -162,7 +162,7 @@ def test_corrected_poses_move_what_was_mapped(
         assert min(np.linalg.norm(p_map - q) for q in after.values()) < 0.02
     assert len(after) <= len(wanted) + 1
     with open_map(into, read_only=True) as corrected, open_map(direct, read_only=True) as other:
-        assert [a.value for a in corrected.assertions()] == [
+        assert [a.value for a in corrected.assertions.all()] == [
             corrected.catalogue.find("banana", kind="object").iri
         ]
         (ours,), (theirs,) = corrected.places(), other.places()
@@ -193,13 +193,13 @@ def test_other_recordings_stay_where_poses_are_corrected(
         places = {p.label: p.area for p in semantic_map.places()}
         first = {
             o.iri: o.p_map
-            for o in semantic_map.perceived_objects()
+            for o in semantic_map.perceived.objects()
             if o.evidence is not None and o.evidence.recording == "session-1"
         }
     right = sessions[1] / "groundtruth.txt"
     prints("map", *_words(wrong, into), "--same-frame", "--poses", right)
     with open_map(into, read_only=True) as semantic_map:
-        held = {o.iri: o.p_map for o in semantic_map.perceived_objects()}
+        held = {o.iri: o.p_map for o in semantic_map.perceived.objects()}
         assert all(np.array_equal(held[iri], p_map) for iri, p_map in first.items())
         now = {p.label: p.area for p in semantic_map.places()}
     assert now["session-1"] == places["session-1"]

@@ -210,6 +210,6 @@ def test_a_mapper_and_its_server_killed_in_turns_lose_no_frame(
     assert process.end() == 0
     assert prints("check", home) == ""
     with open_map(home, read_only=True) as semantic_map:
-        notes = [c.cause.note for c in semantic_map.changes(0) if c.cause.kind == "frame"]
+        notes = [c.cause.note for c in semantic_map.history.changes(0) if c.cause.kind == "frame"]
         assert [*dict.fromkeys(notes)] == [f"long/frame-{n:06d}" for n in range(0, 4 * FRAMES, 4)]
         assert semantic_map.recordings()[0].frames_applied == FRAMES

@@ -34,41 +34,41 @@ def _only(semantic_map: SemanticMap) -> str:
 
 
 def test_a_thing_seen_where_people_say_it_is_stays_one_object(semantic_map: SemanticMap) -> None:
-    assert semantic_map.assert_("object/1", "position", ELSEWHERE, by="ann")
+    assert semantic_map.assertions.add("object/1", "position", ELSEWHERE, by="ann")
     outcome = _sees(semantic_map, "apple", ELSEWHERE)
     assert _only(semantic_map) == "object/1"
     (apple,) = semantic_map.objects()
     assert outcome.found == (apple.iri,)
     assert apple.p_map == pytest.approx(ELSEWHERE)
     assert apple.place == semantic_map.place_iri(2)
-    assert semantic_map.conflicts() == ()  # perception has come to the same position
+    assert semantic_map.assertions.conflicts() == ()  # perception has come to the same position
 
 
 def test_a_thing_seen_where_it_was_before_its_correction_stays_one_object(
     semantic_map: SemanticMap,
 ) -> None:
-    assert semantic_map.assert_("object/1", "position", ELSEWHERE, by="ann")
+    assert semantic_map.assertions.add("object/1", "position", ELSEWHERE, by="ann")
     _sees(semantic_map, "apple", AT)
     assert _only(semantic_map) == "object/1"
     assert semantic_map.objects()[0].p_map == pytest.approx(ELSEWHERE)
 
 
 def test_a_corrected_category_names_what_is_found(semantic_map: SemanticMap) -> None:
-    assert semantic_map.assert_("object/1", "category", "orange", by="ann")
+    assert semantic_map.assertions.add("object/1", "category", "orange", by="ann")
     outcome = run(semantic_map, "orange", objects=[["apple", *AT, 0.9]])
     assert _only(semantic_map) == "object/1"
     assert (outcome.state, outcome.found) == ("found", (f"{semantic_map.base}object/1",))
 
 
 def test_what_people_say_is_none_is_not_found_as_one(semantic_map: SemanticMap) -> None:
-    assert semantic_map.assert_("object/1", "category", "orange", by="ann")
+    assert semantic_map.assertions.add("object/1", "category", "orange", by="ann")
     outcome = _sees(semantic_map, "apple", AT)
     assert _only(semantic_map) == "object/1"
     assert (outcome.state, outcome.found) == ("given up", ())
 
 
 def test_a_thing_under_its_corrected_name_stays_one_object(semantic_map: SemanticMap) -> None:
-    assert semantic_map.assert_("object/1", "category", "orange", by="ann")
+    assert semantic_map.assertions.add("object/1", "category", "orange", by="ann")
     run(semantic_map, "orange", objects=[["orange", *AT, 0.9]])
     assert _only(semantic_map) == "object/1"
 
@@ -76,23 +76,23 @@ def test_a_thing_under_its_corrected_name_stays_one_object(semantic_map: Semanti
 def test_a_thing_that_people_say_is_gone_is_not_doubled_where_it_is_seen(
     semantic_map: SemanticMap,
 ) -> None:
-    assert semantic_map.assert_("object/1", "existence", "absent", by="ann")
+    assert semantic_map.assertions.add("object/1", "existence", "absent", by="ann")
     _sees(semantic_map, "apple", AT)
     assert _only(semantic_map) == "object/1"
     assert semantic_map.objects()[0].existence == 0.0
 
 
 def test_a_retracted_correction_counts_no_more(semantic_map: SemanticMap) -> None:
-    assert semantic_map.assert_("object/1", "position", ELSEWHERE, by="ann")
-    assert semantic_map.retract("object/1", "position", by="ann")
+    assert semantic_map.assertions.add("object/1", "position", ELSEWHERE, by="ann")
+    assert semantic_map.assertions.retract("object/1", "position", by="ann")
     _sees(semantic_map, "apple", AT)
     assert _only(semantic_map) == "object/1"
     assert semantic_map.objects()[0].p_map == pytest.approx(AT, abs=0.01)
 
 
 def test_a_retracted_correction_leaves_another_thing_another(semantic_map: SemanticMap) -> None:
-    assert semantic_map.assert_("object/1", "position", ELSEWHERE, by="ann")
-    assert semantic_map.retract("object/1", "position", by="ann")
+    assert semantic_map.assertions.add("object/1", "position", ELSEWHERE, by="ann")
+    assert semantic_map.assertions.retract("object/1", "position", by="ann")
     _sees(semantic_map, "apple", ELSEWHERE)
     assert len(semantic_map.objects("apple")) == 2
 
@@ -109,7 +109,7 @@ def _during(act: Callable[[], object]) -> Callable[[Event], None]:
 
 
 def test_a_correction_while_the_robot_drives_counts(semantic_map: SemanticMap) -> None:
-    act = _during(lambda: semantic_map.assert_("object/1", "position", ELSEWHERE, by="ann"))
+    act = _during(lambda: semantic_map.assertions.add("object/1", "position", ELSEWHERE, by="ann"))
     run(semantic_map, "apple", objects=[["apple", *ELSEWHERE, 0.9]], on_event=act)
     assert _only(semantic_map) == "object/1"
 
@@ -126,7 +126,7 @@ def test_a_thing_deleted_while_the_robot_drives_is_a_new_one_when_it_is_seen(
 
 
 def test_what_people_say_is_there_stays_when_looks_are_in_vain(semantic_map: SemanticMap) -> None:
-    assert semantic_map.assert_("object/1", "existence", "present", by="ann")
+    assert semantic_map.assertions.add("object/1", "existence", "present", by="ann")
     assert run(semantic_map, "apple").state == "given up"
     assert _only(semantic_map) == "object/1"
     assert semantic_map.objects()[0].existence == 1.0
@@ -137,8 +137,8 @@ def test_objects_of_a_category_are_those_that_people_put_into_it(
 ) -> None:
     find = semantic_map.catalogue.find
     updates = ObjectUpdates(semantic_map)
-    assert semantic_map.assert_("object/1", "category", "orange", by="ann")
-    assert semantic_map.assert_("object/1", "position", ELSEWHERE, by="ann")
+    assert semantic_map.assertions.add("object/1", "category", "orange", by="ann")
+    assert semantic_map.assertions.add("object/1", "position", ELSEWHERE, by="ann")
     assert updates.of({find("apple").iri}) == ()
     (orange,) = updates.of({find("orange").iri})
     assert orange.p_map == pytest.approx(ELSEWHERE)

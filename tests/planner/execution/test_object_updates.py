@@ -62,7 +62,7 @@ def _house() -> House:
 def _records(semantic_map: SemanticMap) -> list[tuple[str, int, float, tuple[float, ...]]]:
     return sorted(
         (o.category, o.observations, round(o.existence, 6), tuple(o.p_map.round(6)))
-        for o in semantic_map.perceived_objects()
+        for o in semantic_map.perceived.objects()
     )
 
 
@@ -182,7 +182,7 @@ def test_why_names_the_picture_and_the_box_that_a_robot_sent(semantic_map: Seman
     (apple,) = semantic_map.objects("apple")
     assert apple.evidence is not None
     assert (apple.evidence.recording, apple.evidence.frame) == ("search/1", "left/17")
-    (reason,) = semantic_map.why(apple.iri)
+    (reason,) = semantic_map.history.explain(apple.iri)
     told = [step.text for _, step in reason.walk()]
     (text,) = [text for text in told if text.startswith("seen in left/17 of search/1 at ")]
     assert text.endswith("box 10 20 30 40 px, score 0.9")

@@ -55,7 +55,7 @@ def test_what_is_found_is_in_the_map_with_every_look_that_led_there(
 def test_each_look_is_one_transaction_on_the_searchs_account(semantic_map: SemanticMap) -> None:
     before = semantic_map.sequence
     outcome = run(semantic_map, "apple", objects=[APPLE])
-    causes = [change.cause for change in semantic_map.changes(before)]
+    causes = [change.cause for change in semantic_map.history.changes(before)]
     assert {(cause.kind, cause.by) for cause in causes} == {("search", "search/1")}
     assert len([c for c in causes if c.note.startswith("look ")]) == outcome.looks
     assert (causes[0].note, causes[-1].note) == ("begun", "found")

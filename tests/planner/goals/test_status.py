@@ -80,7 +80,7 @@ def test_no_and_never_looked_are_different_answers(semantic_map: SemanticMap) ->
 
 
 def test_what_left_the_map_is_gone_by_the_frame_that_showed_it(semantic_map: SemanticMap) -> None:
-    (record,) = semantic_map.perceived_objects()
+    (record,) = semantic_map.perceived.objects()
     short = record.iri.removeprefix(semantic_map.base)
     assert status(semantic_map, short).value == "present"
     doubted = replace(record, existence=0.2)

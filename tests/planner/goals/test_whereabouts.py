@@ -82,17 +82,17 @@ def test_what_is_on_a_thing_is_asked_for_and_explained(chart: SemanticMap) -> No
     (row,) = chart.query("related", object=table).records()
     assert (row["relation"], row["object"], row["probability"]) == ("on", cup, 0.8)
     assert len(chart.query("related", object=table, least=0.0).rows) == 2
-    (reason,) = chart.why("object/4")
+    (reason,) = chart.history.explain("object/4")
     assert "on dining table 3" in reason.text
-    (fact,) = chart.why("object/4 here:on")
+    (fact,) = chart.history.explain("object/4 here:on")
     assert any("boxes of both objects" in step.text for _, step in fact.walk())
 
 
 def test_an_asserted_support_is_named_at_once(chart: SemanticMap) -> None:
     put(chart, 3, "dining table")
     cup = put(chart, 4, "cup")
-    chart.assert_(cup, "on", "object/3", by="ann")
+    chart.assertions.add(cup, "on", "object/3", by="ann")
     assert whereabouts(chart, cup).startswith("on dining table 3")
-    (record,) = chart.perceived_objects((cup,))
+    (record,) = chart.perceived.objects((cup,))
     chart.apply(MapUpdate(objects=(replace(record, relations=()),)))
     assert whereabouts(chart, cup).startswith("on dining table 3")

@@ -115,7 +115,7 @@ def test_anybodys_name_is_written_as_it_stands(kitchen: SemanticMap, tmp_path: P
     for name in names[:3]:
         thing = record(kitchen, "cup", 2, 1)
         kitchen.apply(MapUpdate(objects=(thing,)))
-        kitchen.assert_(thing.iri, "label", name, by="ann")
+        kitchen.assertions.add(thing.iri, "label", name, by="ann")
     path = plot_map(kitchen, tmp_path / "map.svg", title=names[3] + "$")
     written = texts_of(path)
     assert {names[0], "Ann's שלום 😀 日本"} <= set(written)

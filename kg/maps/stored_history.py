@@ -1,4 +1,4 @@
-"""Past states of a map, its change sets, and the reasons for its facts."""
+"""The history of a map in a store: change sets, past states, and the reasons for its facts."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ if TYPE_CHECKING:
     from kg.history.storage.compaction import Compaction
 
 
-class PastAccess:
-    """The history of the map in `store`, as `SemanticMap` documents its methods."""
+class StoredHistory:
+    """The history of the map in `store`, as `kg.maps.map_parts.MapHistory` documents it."""
 
     def __init__(self, store: TransactionalStore, base: str, log: HistoryLog | None) -> None:
         self._store, self._base, self._log = store, base, log
         self._states = PastStates()
 
     @property
-    def history(self) -> HistoryLog:
+    def log(self) -> HistoryLog:
         """The log of all transactions; HistoryError where the map keeps none."""
         if self._log is None:
             remedy = (
@@ -42,30 +42,30 @@ class PastAccess:
             raise HistoryError(f"the map at {self._store.where} keeps no history here; {remedy}")
         return self._log
 
-    def changes(self, since: int) -> Iterator[ChangeSet]:
+    def changes(self, since: int = 0) -> Iterator[ChangeSet]:
         """Change sets numbered above `since`, in order."""
-        log = self.history
+        log = self.log
         if since < log.floor:
             raise HistoryError(f"changes up to #{log.floor} are not kept, requested since #{since}")
         return log.changes(since, self._store.sequence)
 
     def store_at(self, sequence: int) -> PastStore:
         """The state after a transaction, replayed into memory; the last ones are cached."""
-        state = self._states.at(self.history, self._store.engine, sequence)
+        state = self._states.at(self.log, self._store.engine, sequence)
         return PastStore(state, sequence, lambda: self._store.engine)
 
     def state_of(self, iri: str, when: Instant) -> tuple[Quad, ...]:
         """All quads about one thing as of `when`."""
-        return state_of(self.history, iri, sequence_of(self.history, when))
+        return state_of(self.log, iri, sequence_of(self.log, when))
 
     def diff(self, t1: Instant, t2: Instant) -> Difference:
         """Quads of `t2` that `t1` lacks, and the other way round."""
-        log = self.history
+        log = self.log
         return difference(log, sequence_of(log, t1), sequence_of(log, t2))
 
     def events(self, iri: str) -> Iterator[HistoryEvent]:
         """The history events of one thing."""
-        return history_events(self.history, thing(iri, self._base), self._base)
+        return history_events(self.log, thing(iri, self._base), self._base)
 
     def explain(self, what: str) -> tuple[Explanation, ...]:
         """The reasons for a thing or a fact; without a history, as far as the graph has them."""
@@ -76,12 +76,12 @@ class PastAccess:
             self._store.engine, log, self._base, what, recorded=self._log is not None
         )
 
-    def compact(self, keep: float | None) -> Compaction:
+    def compact(self, keep: float | None = None) -> Compaction:
         """Drop the past more than `keep` seconds back, and pack the file."""
         from kg.history.storage.compaction import compact
 
         self._store.check_writable()
-        return compact(self.history, keep)
+        return compact(self.log, keep)
 
     def retain(self, keep: float) -> None:
         """Drop what is more than `keep` seconds back, now and while the map is open."""
@@ -89,5 +89,5 @@ class PastAccess:
 
         self._store.check_writable()
         if not keep >= 0:
-            raise HistoryError(f"what is kept must last 0 s or longer, got {keep:g}")
-        retain(self.history, keep)
+            raise HistoryError(f"the retained time must be 0 s or longer, got {keep:g}")
+        retain(self.log, keep)

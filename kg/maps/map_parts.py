@@ -1,0 +1,112 @@
+"""Protocols of the parts of a map, which a map in a store and a map on a server implement."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, Protocol
+
+from pyoxigraph import Quad
+
+from kg.history.replay.point_in_time import Difference
+from kg.history.reports.events import HistoryEvent
+from kg.history.storage.log import HistoryLog
+from kg.history.timestamps import Instant
+from kg.records import Assertion
+from kg.transactions import ChangeSet
+
+if TYPE_CHECKING:
+    from kg.history.reports.explanation import Explanation
+    from kg.history.storage.compaction import Compaction
+    from kg.ontology.replacement import Replacement
+
+
+class MapHistory(Protocol):
+    """The transactions of a map, what they changed, and the reasons for its facts.
+
+    All methods raise HistoryError for a past that is not kept.
+    """
+
+    @property
+    def log(self) -> HistoryLog:
+        """The log of all transactions; HistoryError where it is not in this process."""
+
+    def changes(self, since: int = 0) -> Iterator[ChangeSet]:
+        """Change sets numbered above `since`, in order."""
+
+    def state_of(self, iri: str, when: Instant) -> tuple[Quad, ...]:
+        """All quads about one thing as of `when`, without replaying the whole map."""
+
+    def diff(self, t1: Instant, t2: Instant) -> Difference:
+        """The quads of `t2` that `t1` lacks, and the other way round."""
+
+    def events(self, iri: str) -> Iterator[HistoryEvent]:
+        """The history events of one thing, one a transaction; `iri` may be short (object/17)."""
+
+    def explain(self, what: str) -> tuple[Explanation, ...]:
+        """The explanation of a thing (object/17), or of a fact ("object/17 here:inPlace").
+
+        Terms may be short (`kg.history.curies`). A map without a history explains what it can.
+        Raises QueryParameterError for a fact that the map never had.
+        """
+
+    def compact(self, keep: float | None = None) -> Compaction:
+        """Drop the past more than `keep` seconds back (None: keep all), and pack the history."""
+
+    def retain(self, keep: float) -> None:
+        """Retain the last `keep` seconds of history while the map is open; drop older ones.
+
+        Raises GraphError where the map is read-only.
+        """
+
+
+class MapOntology(Protocol):
+    """The ontology of a map."""
+
+    def quads(self) -> tuple[Quad, ...]:
+        """The quads of the ontology, with blank nodes, sorted."""
+
+    def replace(
+        self, quads: Iterable[Quad], *, by: str | None = None, whole: bool = False
+    ) -> Replacement:
+        """Make the quads this map's ontology, in one transaction, while it is in use.
+
+        What was written into graph:commonsense by other means stays. Raises OntologyError, with
+        nothing changed, where they are malformed, lack terms that the map uses, or leave out
+        ontologies of the map without `whole`; `kg.ontology.diagnostics` reads and validates files.
+        """
+
+    def learn(self, labels: Iterable[str], kind: str, *, model: str) -> dict[str, str]:
+        """The IRI of a category for each label of a network; labels like "none" are left out.
+
+        Labels without a category of that `kind` ("object" or "place") get a provisional one, in one
+        transaction of `model`. Labels without a printable character are ignored.
+        """
+
+    def reread(self) -> None:
+        """Read the categories from the store again at their next use."""
+
+
+class MapAssertions(Protocol):
+    """What people assert of objects and places; it overrides perception."""
+
+    def all(self, iri: str | None = None) -> tuple[Assertion, ...]:
+        """Assertions, with the perceived values; of one thing or of all."""
+
+    def conflicts(self) -> tuple[Assertion, ...]:
+        """The assertions that perception contradicts, with since when and how strongly."""
+
+    def add(self, iri: str, prop: str, value: object, *, by: str = "") -> ChangeSet | None:
+        """Assert a property, which overrides perception until it is retracted.
+
+        Of an object: category (label or IRI), position ((x, y, z) [m]), existence ("present" or
+        "absent"), label, on, inside; of a place: category, label. ``object/17`` is short for its
+        IRI. `by` names the author; on a server it is the holder of the token. Raises
+        UnknownCategoryError, and InvalidFactError for unknown things, invalid properties or
+        values, and a missing author.
+        """
+
+    def retract(self, iri: str, prop: str, *, by: str | None = None) -> ChangeSet | None:
+        """Retract an assertion: the property is again as perception believes it.
+
+        Raises InvalidFactError where there is no such assertion.
+        """

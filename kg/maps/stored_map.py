@@ -1,0 +1,202 @@
+"""A map in a store of this process: a folder, memory, or a plain SPARQL server."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+from kg.facts.assertion_service import AssertionService
+from kg.facts.frame_writer import FrameWriter
+from kg.facts.map_metadata import changed_description, identity
+from kg.history.replay.ontology_replay import changed_since
+from kg.history.storage.log import HistoryLog
+from kg.history.timestamps import Instant, sequence_of
+from kg.maps.semantic_map import SemanticMap
+from kg.maps.stored_history import StoredHistory
+from kg.maps.stored_ontology import StoredOntology
+from kg.maps.subscriptions import StoredSubscriptions
+from kg.ontology.catalogue import Catalogue, StoredCatalogue
+from kg.records import MapUpdate
+from kg.store.transactional import TransactionalStore
+from kg.transactions import Cause, ChangeSet
+from kg.update.change_draft import ChangeDraft
+from kg.update.completion import complete_change
+from kg.update.deletion_guard import DeletionLimit, check_confirmed
+from kg.update.execution import evaluate_update
+from kg.update.ground_update import GroundUpdate
+from kg.update.recompilation import recompile_commonsense
+
+if TYPE_CHECKING:
+    from kg.update.restoration import Restored
+
+MAX_NOTE: Final = 500  # characters of an update kept with its transaction
+
+
+class StoredMap(SemanticMap):
+    """A map in `store`; one thread writes at a time.
+
+    `deletion_limit` is the largest deletion that updates and restorations make unconfirmed.
+    """
+
+    history: StoredHistory
+    ontology: StoredOntology
+    assertions: AssertionService
+
+    def __init__(
+        self,
+        store: TransactionalStore,
+        *,
+        base: str | None = None,
+        catalogue: Catalogue | None = None,
+        history: HistoryLog | None = None,
+    ) -> None:
+        categories = StoredCatalogue(lambda: store.engine, catalogue)
+        super().__init__(store, identity(store) if base is None else base, categories)
+        self.deletion_limit = DeletionLimit()
+        self._guard = threading.RLock()  # held from reading to writing
+        self._writer = FrameWriter(store, self._facts)
+        self.history = StoredHistory(store, self.base, history)
+        self.ontology = StoredOntology(store, categories, self._guard)
+        self.assertions = AssertionService(
+            store, self._facts, self.perceived, self._writer, self._guard
+        )
+        self.subscriptions = StoredSubscriptions(self)
+
+    @property
+    def next_object(self) -> int:
+        """The number of the next object."""
+        with self._guard:
+            return self._writer.next_number
+
+    def new_object_iri(self) -> str:
+        """An IRI no object of this map has had or will have."""
+        with self._guard:
+            return self._writer.new_object_iri()
+
+    def apply(self, update: MapUpdate, cause: Cause | None = None) -> ChangeSet | None:
+        """Write what changed in one transaction."""
+        with self._guard:
+            return self._writer.change(update, cause or frame_cause(update))
+
+    def written_by(self, update: MapUpdate) -> frozenset[str]:
+        """IRIs of the things whose facts `update` may change."""
+        return frozenset(node.value for node in self._writer.subjects(update))
+
+    def update(
+        self,
+        sparql: str,
+        *,
+        by: str | None = None,
+        confirmed: bool = False,
+        allow: Collection[str] = (),
+    ) -> ChangeSet | None:
+        """Apply a SPARQL 1.1 Update as one transaction.
+
+        `allow` has names of graphs ("ontology", "commonsense", "dataset", "history", "assertions")
+        that may be written though they usually may not.
+        """
+        with self._guard:
+            self.store.check_writable()
+            update = evaluate_update(self.store, sparql, self.base)
+            return self.apply_ground(update, sparql, by=by, allow=allow, confirmed=confirmed)
+
+    def apply_ground(
+        self,
+        update: GroundUpdate,
+        note: str,
+        *,
+        by: str | None = None,
+        allow: Collection[str] = (),
+        confirmed: bool = False,
+    ) -> ChangeSet | None:
+        """Validate and apply an evaluated update as one transaction; otherwise as `update`.
+
+        `note` is kept with the transaction. That the update fits the state of the map is for the
+        caller to ensure, within `hold`.
+        """
+        with self._guard:
+            self.store.check_writable()
+            validator = self.ontology.validator()
+            draft = ChangeDraft(self.store)
+            draft.apply(update)
+            draft.skolemise()
+            validator.check_permissions(draft, allow)
+            complete_change(draft, self._facts, by)
+            if not confirmed:
+                check_confirmed(draft, self._facts, self.deletion_limit)
+            validator.check_shapes(draft)
+            recompile_commonsense(draft)
+            cause = Cause("update", by, " ".join(note.split())[:MAX_NOTE])
+            change = self.store.commit(draft.removed, draft.added, cause)
+            if allow and change is not None:
+                self.ontology.reread()
+            return change
+
+    def restore(
+        self,
+        when: Instant,
+        *,
+        only: Collection[str] = (),
+        by: str | None = None,
+        confirmed: bool = False,
+        dry_run: bool = False,
+    ) -> Restored:
+        """Write a past state back as one new transaction."""
+        from kg.update.restoration import Restoration
+
+        with self._guard:
+            self.store.check_writable()
+            sequence = sequence_of(self.history.log, when)
+            work = Restoration(
+                *(self.store, self.history.log, self._facts, self.assertions),
+                sequence=sequence,
+                only=only,
+            )
+            changes_ontology, outcome = work.changes_ontology, work.outcome()
+            if only and not changes_ontology:
+                self.ontology.validator().check_shapes(work.pending)
+            if dry_run:
+                return outcome
+            if not confirmed:
+                check_confirmed(work.pending, self._facts, self.deletion_limit)
+            note = " ".join((f"the state of #{sequence}", *only))[:MAX_NOTE]
+            cause = Cause("restore", by, note)
+            change = self.store.commit(work.pending.removed, work.pending.added, cause)
+            if changes_ontology:
+                self.ontology.reread()
+            return replace(outcome, sequence=change.sequence if change else None)
+
+    def describe(
+        self, *, title: str | None = None, licence: str | None = None, by: str | None = None
+    ) -> ChangeSet | None:
+        """Set title or licence as one transaction."""
+        with self._guard:
+            self.store.check_writable()
+            removed, added = changed_description(self.engine, self.base, title, licence)
+            return self.store.commit(removed, added, Cause("update", by, "description"))
+
+    @contextmanager
+    def hold(self) -> Iterator[None]:
+        """Lock the map against writes of other threads."""
+        with self._guard:
+            yield
+
+    def at(self, when: Instant) -> SemanticMap:
+        """The map as believed at `when`, replayed into memory; the last ones are cached."""
+        log = self.history.log
+        sequence = sequence_of(log, when)
+        known = None if changed_since(log, sequence) else self._categories.known
+        return StoredMap(self.history.store_at(sequence), base=self.base, catalogue=known)
+
+    def _update_by_rdflib(self, sparql: str, /, *, confirmed: bool = False) -> None:
+        self.update(sparql, by="rdflib", allow=("commonsense",), confirmed=confirmed)
+
+
+def frame_cause(update: MapUpdate) -> Cause:
+    """The cause of a mapper's transaction: recording and frame of `update`."""
+    recording = update.recording
+    note = f"{recording.name}/{recording.last_frame}" if recording else ""
+    return Cause("frame", note=note)

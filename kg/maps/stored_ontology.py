@@ -1,0 +1,82 @@
+"""The ontology of a map in a store: read, replaced, and extended by labels of networks."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from pyoxigraph import Quad
+
+from kg import vocabulary as v
+from kg.ontology.catalogue import StoredCatalogue
+from kg.ontology.loading import Ontology
+from kg.ontology.provisional_classes import add_provisional_classes, clean
+from kg.rdf.quad_store import QuadStore
+from kg.rdf.skolem import anonymous
+from kg.store.transactional import TransactionalStore
+from kg.update.validation import UpdateValidator
+
+if TYPE_CHECKING:
+    from kg.ontology.replacement import Replacement
+
+
+class StoredOntology:
+    """The ontology of the map in `store`, as `kg.maps.map_parts.MapOntology` documents it.
+
+    `guard` is held from reading to writing.
+    """
+
+    def __init__(
+        self, store: TransactionalStore, categories: StoredCatalogue, guard: threading.RLock
+    ) -> None:
+        self._store, self._categories, self._guard = store, categories, guard
+        self._validator: UpdateValidator | None = None
+
+    def quads(self) -> tuple[Quad, ...]:
+        """The quads of the ontology, with blank nodes, sorted."""
+        return ontology_quads(self._store.engine)
+
+    def replace(
+        self, quads: Iterable[Quad], *, by: str | None = None, whole: bool = False
+    ) -> Replacement:
+        """Replace the ontology in one transaction."""
+        from kg.ontology.diagnostics import reject_invalid
+        from kg.ontology.replacement import replace_ontology
+
+        ontology = Ontology(tuple(anonymous(quads)), ())
+        reject_invalid(ontology)
+        with self._guard:
+            taken = replace_ontology(self._store, ontology.quads, by, whole=whole)
+            if taken.commit is not None:
+                self.reread()
+            return taken
+
+    def learn(self, labels: Iterable[str], kind: str, *, model: str) -> dict[str, str]:
+        """The category of each label of a network; provisional ones are added."""
+        names = {label: clean(label) for label in labels}
+        with self._guard:
+            self._store.check_writable()
+            known = self._categories()
+            unknown = [n for n in names.values() if n and not known.for_label(n, kind)]
+            if add_provisional_classes(self._store, known, unknown, kind, model) is not None:
+                self.reread()
+            known = self._categories()
+            found = {label: known.for_label(n, kind) for label, n in names.items() if n}
+        return {label: category.iri for label, category in found.items() if category is not None}
+
+    def reread(self) -> None:
+        """Read the categories and shapes again at their next use."""
+        self._categories.forget()
+        self._validator = None
+
+    def validator(self) -> UpdateValidator:
+        """The validator of updates by the ontology's terms and shapes."""
+        self._validator = self._validator or UpdateValidator(self._store)
+        return self._validator
+
+
+def ontology_quads(engine: QuadStore) -> tuple[Quad, ...]:
+    """The quads of graph:ontology, with blank nodes, sorted."""
+    quads = engine.quads_for_pattern(None, None, None, v.ONTOLOGY_GRAPH)
+    return tuple(sorted(anonymous(quads), key=str))
