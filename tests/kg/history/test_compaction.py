@@ -201,7 +201,7 @@ def test_subjects_without_changes_leave_the_history(written: Written) -> None:
         for number in range(20):
             semantic_map.update(f"INSERT DATA {{ <thing/{number}> rdfs:label 'cup' }}")
             semantic_map.update(f"DELETE WHERE {{ <thing/{number}> ?p ?o }}")
-        log = semantic_map.history
+        log = semantic_map.history.log
         assert len(log.subjects_under(semantic_map.base + "thing/")) == 20
         semantic_map.history.compact(keep=0.0)
         assert log.subjects_under(semantic_map.base) == []
