@@ -50,7 +50,7 @@ WALKS: Final = {
         "mapping.places.place_mapper",
         "kg.records",
         "kg.maps.semantic_map",
-        "kg.maps.map_writer",
+        "kg.maps.stored_map",
         "kg.facts.frame_writer",
         "kg.history.storage.log",
         "kg.store.transactional",
