@@ -10,7 +10,7 @@ from kg.errors import GraphError
 from mapping.detection_report import DetectionReport, report_from_json
 
 NAME: Final = "detections.json"  # in the folder of a map
-MOST_BYTES: Final = 2_000_000
+MAX_BYTES: Final = 2_000_000
 
 
 def read_report(folder: Path) -> DetectionReport | None:
@@ -25,12 +25,12 @@ def read_report(folder: Path) -> DetectionReport | None:
         return None
     try:
         with path.open("rb") as file:
-            data = file.read(MOST_BYTES + 1)
+            data = file.read(MAX_BYTES + 1)
     except OSError as error:
         raise GraphError(f"cannot read {path}: {error.strerror or error}") from error
-    if len(data) > MOST_BYTES:
+    if len(data) > MAX_BYTES:
         raise GraphError(
-            f"{path} is larger than {MOST_BYTES // 1_000_000} MB, and no detection report"
+            f"{path} is larger than {MAX_BYTES // 1_000_000} MB, and no detection report"
         )
     try:
         return report_from_json(json.loads(data))

@@ -1,4 +1,4 @@
-"""Detection report: what became of detections, by category, and which things are not believed."""
+"""Detection report: fates of detections by category, and the things that are not believed."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from typing import Any, Final
 
 BELIEVED: Final = 0.5  # existence from which on queries show an object
 VERSION: Final = 1
-MOST_THINGS: Final = 200  # in one report
-MOST_CATEGORIES: Final = 500
-MOST_OBJECTS: Final = 20  # of one category whose detections are told apart
-_LONGEST: Final = 1000  # characters of a name
+MAX_THINGS: Final = 200  # in one report
+MAX_CATEGORIES: Final = 500
+MAX_OBJECTS: Final = 20  # of one category whose detections are told apart
+_MAX_NAME: Final = 1000  # characters of a name
 
 
 class Fate(StrEnum):
-    """What became of a detection."""
+    """Fate of a detection: its use, or why it has none."""
 
     WEAK = "too weak"
     UNKNOWN = "unknown label"
@@ -66,7 +66,7 @@ class DoubtedThing:
 
 @dataclass(frozen=True, slots=True)
 class DetectionReport:
-    """What became of the detections in `frames` frames."""
+    """Fates of the detections in `frames` frames."""
 
     frames: int
     categories: Mapping[str, CategoryFates]
@@ -87,13 +87,13 @@ class DetectionReport:
             "categories": {
                 name: {
                     "fates": {fate.value: n for fate, n in of.fates.items() if n},
-                    "objects": dict(list(of.objects.items())[:MOST_OBJECTS]),
+                    "objects": dict(list(of.objects.items())[:MAX_OBJECTS]),
                     "merged": of.merged,
                 }
-                for name, of in list(self.categories.items())[:MOST_CATEGORIES]
+                for name, of in list(self.categories.items())[:MAX_CATEGORIES]
             },
             "doubted": self.doubted,
-            "things": [thing_json(thing) for thing in self.things[:MOST_THINGS]],
+            "things": [thing_json(thing) for thing in self.things[:MAX_THINGS]],
         }
 
 
@@ -112,12 +112,12 @@ def report_from_json(value: object) -> DetectionReport:
     record = _record(value)
     if record["version"] != VERSION:
         raise ValueError(f"it has the version {record['version']!r:.20}, not {VERSION}")
-    things = _listed(record["things"], MOST_THINGS)
+    things = _listed(record["things"], MAX_THINGS)
     return DetectionReport(
         frames=_count(record["frames"]),
         categories={
             _text(name): _category(of)
-            for name, of in _record(record["categories"], MOST_CATEGORIES).items()
+            for name, of in _record(record["categories"], MAX_CATEGORIES).items()
         },
         things=tuple(_thing(one) for one in things),
         doubted=_count(record["doubted"]),
@@ -132,7 +132,7 @@ def _category(value: object) -> CategoryFates:
     return CategoryFates(
         fates={Fate(name): _count(n) for name, n in _record(record["fates"]).items()},
         objects={
-            _text(iri): _count(n) for iri, n in _record(record["objects"], MOST_OBJECTS).items()
+            _text(iri): _count(n) for iri, n in _record(record["objects"], MAX_OBJECTS).items()
         },
         merged=_count(record["merged"]),
     )
@@ -170,7 +170,7 @@ def _listed(value: object, most: int) -> Sequence[object]:
 
 
 def _text(value: object) -> str:
-    if not isinstance(value, str) or len(value) > _LONGEST:
+    if not isinstance(value, str) or len(value) > _MAX_NAME:
         raise ValueError("a name in it is none")
     return value
 

@@ -15,8 +15,8 @@ from kg.records import Evidence, ObjectRecord
 from mapping.detection_files import read_report, write_report
 from mapping.detection_report import (
     BELIEVED,
-    MOST_OBJECTS,
-    MOST_THINGS,
+    MAX_OBJECTS,
+    MAX_THINGS,
     CategoryFates,
     DetectionReport,
     DoubtedThing,
@@ -65,7 +65,7 @@ class DetectionReporter:
         return DetectionReport(
             frames=fates.frames,
             categories=_categories(fates),
-            things=tuple(listed[:MOST_THINGS]),
+            things=tuple(listed[:MAX_THINGS]),
             doubted=len(things),
             least_score=s.min_score,
             nearest=s.min_depth,
@@ -175,7 +175,7 @@ def _categories(fates: DetectionFates) -> dict[str, CategoryFates]:
     made = {
         name: CategoryFates(
             fates={fate: counts[fate] for fate in Fate if counts[fate]},
-            objects=dict(objects.get(name, Counter()).most_common(MOST_OBJECTS)),
+            objects=dict(objects.get(name, Counter()).most_common(MAX_OBJECTS)),
             merged=fates.merged[name],
         )
         for name, counts in found.items()

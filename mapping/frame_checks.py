@@ -13,7 +13,8 @@ from perception.camera.depth_agreement import COLUMNS
 from perception.camera.poses import checked_pose
 from perception.frames import Detections, Frame, SceneScores
 
-FARTHEST: Final = 50.0  # [m] median depth that no depth camera of rooms has; millimetres have
+#: [m] no depth camera of rooms has a larger median depth; depth in millimetres has
+MAX_MEDIAN_DEPTH: Final = 50.0
 DARK: Final = 3  # frames without any depth that a stream may not begin with
 
 
@@ -45,7 +46,7 @@ class FrameChecks:
 
     def _check_depth(self, frame: Frame) -> None:
         depth = _median_depth(frame)
-        if depth is not None and (depth > FARTHEST or frame.depth.dtype.kind != "f"):
+        if depth is not None and (depth > MAX_MEDIAN_DEPTH or frame.depth.dtype.kind != "f"):
             raise FrameError(
                 f"frame {frame.id}: depth must be float32 metres, got {frame.depth.dtype} with a "
                 f"median of {depth:g}; depth.astype(np.float32) / 1000 would work if it is in "

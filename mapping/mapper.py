@@ -203,7 +203,7 @@ class Mapper:
         return self._places.places()
 
     def detection_report(self) -> DetectionReport:
-        """What became of all detections, and which things were seen but are not believed.
+        """Fates of all detections, and the things that were seen but are not believed.
 
         A map with a folder keeps it there (`detections.json`) and counts on from earlier runs.
         """
@@ -216,12 +216,12 @@ class Mapper:
 
     @property
     def looked_from(self) -> dict[str, NDArray[np.float64]]:
-        """Pose (4, 4) of the last frame that each detector, by name, looked at, also before."""
+        """Pose (4, 4) of the last frame that each detector ran on, by name; earlier runs count."""
         return self._objects.looked_from
 
     @property
     def pose_problems(self) -> tuple[str, ...]:
-        """What was found wrong with the poses so far, one line for each kind."""
+        """Problems of the poses so far, one line for each kind."""
         return () if self._monitor is None else tuple(self._monitor.problems.values())
 
     @property
@@ -231,7 +231,7 @@ class Mapper:
 
     @property
     def label_resolvers(self) -> tuple[LabelResolver, LabelResolver]:
-        """Resolvers of the detector's and of the scene classifier's labels, with what they met."""
+        """Resolvers of the detector's and of the scene classifier's labels, with unknown labels."""
         return self._objects.labels, self._place_mapper.labels
 
     def _observe(self, frame: Frame) -> None:

@@ -29,8 +29,8 @@ HALF_LIVES: Final = MappingProxyType(
 )
 #: what is in no line of that file
 UNLISTED: Final = "carried"
-LEAST_DEPARTED: Final = 0.02  # greatest prior probability that a thing left at once, ...
-MOST_DEPARTED: Final = 0.2  # ... and after any time
+MIN_DEPARTED: Final = 0.02  # greatest prior probability that a thing left at once, ...
+MAX_DEPARTED: Final = 0.2  # ... and after any time
 
 
 @cache
@@ -55,8 +55,8 @@ def departed(half_life: float, age: float) -> float:
     Of what was touched most stands where it stood before. At once it is that of a day, within
     bounds: things are carried away before the camera.
     """
-    least = min(LEAST_DEPARTED, _DAY / half_life)
-    return least + (MOST_DEPARTED - least) * (1.0 - holds(half_life, age))
+    least = min(MIN_DEPARTED, _DAY / half_life)
+    return least + (MAX_DEPARTED - least) * (1.0 - holds(half_life, age))
 
 
 def learned_half_life(listed: float, stays: Iterable[float]) -> float:

@@ -25,7 +25,7 @@ STILL: Final = 0.8  # share by no motion at all, from which a pair tells nothing
 SOUND: Final = 0.85  # share of agreeing points that clears the poses as given
 EXPLAINED: Final = 0.95  # share by another convention that refuses them; right ones reach 0.98
 ENOUGH: Final = 8  # pairs that clear sound poses
-MOST: Final = 24  # pairs, after which nothing is concluded any more
+MAX_PAIRS: Final = 24  # pairs, after which nothing is concluded any more
 GIVEN: Final = "camera-to-world"
 
 
@@ -72,7 +72,7 @@ class PoseConventionCheck:
         if share is not None and better is not None:
             self._problem = _problem(frame_id, *better)
         sound = len(self._found[GIVEN]) >= ENOUGH and share is not None and share >= SOUND
-        if self._problem is not None or sound or self._pairs >= MOST:
+        if self._problem is not None or sound or self._pairs >= MAX_PAIRS:
             self._done, self._anchor = True, None
 
 

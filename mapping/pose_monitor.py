@@ -25,7 +25,7 @@ STEP: Final = 0.1  # [m] between two frames, or ...
 STEP_TURN: Final = np.radians(5.0)  # ... so much turned, that may be a jump
 JUMP: Final = 0.15  # [m] by which the depth must show another motion, or ...
 JUMP_TURN: Final = np.radians(8.0)  # ... turn
-LEAST: Final = 200  # points that both images show, to conclude anything
+MIN_POINTS: Final = 200  # points that both images show, to conclude anything
 POOR: Final = 0.7  # share of agreeing points that is a contradiction
 GOOD: Final = 0.85  # share that says two images show one scene
 KEY_STEP: Final = 0.4  # [m] between key frames, or ...
@@ -142,7 +142,7 @@ class PoseMonitor:
 
 def _contradicts(found: Agreement) -> bool:
     """Whether two images that should show one scene by their poses do not."""
-    return found.share < POOR and found.agreeing + found.contradicting >= LEAST
+    return found.share < POOR and found.agreeing + found.contradicting >= MIN_POINTS
 
 
 def _turn(T: Floats) -> float:

@@ -11,7 +11,7 @@ from typing import Any, Final
 from mapping.detection_report import DoubtedThing, thing_json
 
 STAGES: Final = ("read", "detect", "scene", "map", "floor", "graph")
-_MOST_DOUBTED: Final = 20  # things that are seen but not believed, in JSON
+_MAX_DOUBTED: Final = 20  # things that are seen but not believed, in JSON
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +78,7 @@ class MappingReport:
             "fit": self.fit,
             "doubted": self.doubted,
             "most_probable_doubted": [
-                thing_json(thing) for thing in self.most_probable[:_MOST_DOUBTED]
+                thing_json(thing) for thing in self.most_probable[:_MAX_DOUBTED]
             ],
         }
 

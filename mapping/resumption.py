@@ -25,7 +25,7 @@ def resumed(recording: Recording, semantic_map: SemanticMap) -> Recording:
     if not known:
         return recording
     (before,) = known
-    _refuse_another(recording, before)
+    _check_same(recording, before)
     if isinstance(recording, FolderRecording) and recording.gravity_aligned:
         return recording.placed(before.T_map_world)
     if isinstance(recording, FolderRecording) and not recording.transform_given:
@@ -40,7 +40,7 @@ def resumed(recording: Recording, semantic_map: SemanticMap) -> Recording:
     return recording
 
 
-def _refuse_another(recording: Recording, before: RecordingRecord) -> None:
+def _check_same(recording: Recording, before: RecordingRecord) -> None:
     last = before.frames_applied - 1
     if 0 <= last < len(recording):
         frame = next(recording.frames(last), None)

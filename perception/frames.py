@@ -33,7 +33,7 @@ class Frame:
     stamp: float  # [s] since 1970-01-01 UTC
 
     def __post_init__(self) -> None:
-        _refuse_lists(rgb=self.rgb, depth=self.depth, K=self.K, T_map_cam=self.T_map_cam)
+        _check_arrays(rgb=self.rgb, depth=self.depth, K=self.K, T_map_cam=self.T_map_cam)
         if self.depth.ndim != 2:
             raise FrameError(f"depth must be (H, W), got {self.depth.shape}")
         shape = (*self.depth.shape, 3)
@@ -61,7 +61,7 @@ class Detections:
     mask: tuple[NDArray[np.bool_] | None, ...] = ()
 
     def __post_init__(self) -> None:
-        _refuse_lists(xyxy=self.xyxy, score=self.score)
+        _check_arrays(xyxy=self.xyxy, score=self.score)
         n = len(self.label)
         if self.mask and len(self.mask) != n:
             raise FrameError(f"mask must be ({n},), got ({len(self.mask)},)")
@@ -89,7 +89,7 @@ class Detections:
         )
 
 
-def _refuse_lists(**arrays: object) -> None:
+def _check_arrays(**arrays: object) -> None:
     for name, given in arrays.items():
         if not isinstance(given, np.ndarray):
             raise FrameError(

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from perception.annotate import encode_jpeg
 
-LONGEST: Final = 160  # [px] side of a picture
+MAX_SIDE: Final = 160  # [px] side of a picture
 _MARGIN: Final = 0.15  # of the box, shown around it
 _BLOCKS: Final = 6  # that people are coarsened to, along each side of their part of a picture
 
@@ -36,7 +36,7 @@ def object_picture(
     picture = rgb[top:bottom, left:right].copy()
     for person in people:
         _coarsen(picture, person - np.array([left, top, left, top], np.float32))
-    scale = min(LONGEST / max(picture.shape[:2]), 2.0)
+    scale = min(MAX_SIDE / max(picture.shape[:2]), 2.0)
     size = max(round(picture.shape[1] * scale), 1), max(round(picture.shape[0] * scale), 1)
     small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA if scale < 1 else 1)
     for quality in (80, 60, 40, 20):

@@ -20,8 +20,8 @@ Floats = NDArray[np.float64]
 COLUMNS: Final = 64  # pixels of the sampled image, across
 EDGE: Final = 0.05  # share of its depth by which a pixel may differ from its neighbours
 TOLERANCE: Final = 0.03  # share of its depth by which a point may be off the surface
-NEAREST: Final = 0.05  # [m] before the camera, in units that may be wrong
-FARTHEST: Final = 200.0  # [m]
+MIN_DEPTH: Final = 0.05  # [m] before the camera, in units that may be wrong
+MAX_DEPTH: Final = 200.0  # [m]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,7 +58,7 @@ def depth_samples(depth: NDArray[np.float32], K: Floats) -> DepthSamples:
     near[2, 1:], near[3, :-1] = grid[:-1], grid[1:]
     with np.errstate(invalid="ignore"):
         edge = (np.abs(near - grid) > EDGE * grid).any(axis=0)
-        grid[edge | ~(grid > 0) | (grid > FARTHEST)] = np.nan
+        grid[edge | ~(grid > 0) | (grid > MAX_DEPTH)] = np.nan
     rows, columns = np.nonzero(np.isfinite(grid))
     z = grid[rows, columns]
     scaled = K.copy()
@@ -85,7 +85,7 @@ def nearest_pixels(
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
     """Indices in view of `points` (n, 3) [m] of the camera frame, their rows and their columns."""
     z = points[:, 2]
-    ahead = np.nonzero(z > NEAREST)[0]
+    ahead = np.nonzero(z > MIN_DEPTH)[0]
     K, (height, width) = camera.K, camera.depth.shape
     column = np.rint(K[0, 0] * points[ahead, 0] / z[ahead] + K[0, 2]).astype(np.intp)
     row = np.rint(K[1, 1] * points[ahead, 1] / z[ahead] + K[1, 2]).astype(np.intp)

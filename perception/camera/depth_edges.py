@@ -17,7 +17,7 @@ SCALES: Final = np.arange(0.84, 1.161, 0.04)
 SHIFTS: Final = np.arange(-20, 20.1, 2.0)  # [px of WIDTH]
 BLUR: Final = 1.5  # [px of WIDTH]
 SAMPLES: Final = 1500  # of edge pixels a frame
-LEAST: Final = 500  # edge pixels over all frames, to conclude anything
+MIN_PIXELS: Final = 500  # edge pixels over all frames, to conclude anything
 ENOUGH: Final = 8000  # edge pixels, after which no more images are looked at
 GAIN: Final = 1.2  # by which colour's gradient along the moved edges must be stronger
 
@@ -55,7 +55,7 @@ def edge_offset(
             total += len(points) * _strength(_gradient(rgb), points)
         if count >= ENOUGH:
             break
-    if count < LEAST:
+    if count < MIN_PIXELS:
         return None
     middle = (len(SCALES) // 2, len(SHIFTS) // 2, len(SHIFTS) // 2)
     best = np.unravel_index(int(total.argmax()), total.shape)

@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 
 STEPS: Final = 12
 GATES: Final = (0.5, 0.06)  # [m] distance of a point from its plane that still counts: first, last
-LEAST: Final = 60  # points
+MIN_POINTS: Final = 60  # points
 DAMPING: Final = 0.02  # of a point's weight: what few surfaces hold stays as it is
 
 
@@ -59,7 +59,7 @@ def _step(a: DepthSamples, normals: Floats, points: Floats, gate: float) -> Floa
     with np.errstate(invalid="ignore"):
         off = np.einsum("ij,ij->i", target - p, n)
         used = np.abs(off) < gate  # nan compares false
-    if used.sum() < LEAST:
+    if used.sum() < MIN_POINTS:
         return None
     p, n, off = p[used], n[used], off[used]
     weight = 1 / (1 + (off / (0.3 * gate)) ** 2)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from kg.errors import RecordingError
 
 NO_RETURN: Final = (0, 65535)  # 65535 marks invalid pixels in 7-Scenes, elsewhere saturation
-MOST_PIXELS: Final = 1 << 27
+MAX_PIXELS: Final = 1 << 27
 PNG: Final = b"\x89PNG\r\n\x1a\n"
 MILLIMETRES: Final = 1000.0  # units a metre of 16-bit depth, where nothing else is said
 
@@ -38,7 +38,7 @@ def decode_image(data: NDArray[np.uint8], flags: int, where: str) -> NDArray[Any
 def _check_pixels(png: NDArray[np.uint8], where: str) -> None:
     """Refuse a PNG whose header names too many pixels: kilobytes may expand to gigabytes."""
     width, height = (int.from_bytes(png[place : place + 4].tobytes(), "big") for place in (16, 20))
-    if width * height > MOST_PIXELS:
+    if width * height > MAX_PIXELS:
         raise RecordingError(f"{where} cannot be decoded: its header names too large a size")
 
 

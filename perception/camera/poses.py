@@ -27,10 +27,10 @@ CONVENTIONS: dict[str, Callable[[Pose], Pose]] = {
     "opengl": lambda T: T @ np.diag([1.0, -1.0, -1.0, 1.0]),
     "ros": lambda T: T @ BODY_FROM_CAMERA,
 }
-FARTHEST = 1e7  # [m] no map is larger than the Earth
+MAX_COORDINATE = 1e7  # [m] no map is larger than the Earth
 RIGID_TOLERANCE = 5e-3  # largest entry of R'R - I that rounding and drift of trackers explain
 GRID = 2.0**40  # steps of the numbers of a quaternion that is exact
-LONGEST_GAP = 0.2  # [s] between two poses of a trajectory that are still interpolated
+MAX_GAP = 0.2  # [s] between two poses of a trajectory that are still interpolated
 
 
 def rotation_angle(R: NDArray[np.float64]) -> float:
@@ -50,8 +50,8 @@ def checked_pose(T: NDArray[np.float64], where: str) -> Pose:
     Trackers accumulate rounding: the rotations of 7-Scenes are off by up to 2e-4.
 
     Raises RecordingError, beginning with `where`, if it is not finite, not (4, 4) with the last row
-    0 0 0 1, farther than FARTHEST from the origin, or if its rotation part is no rotation (scaled,
-    sheared or mirrored).
+    0 0 0 1, farther than MAX_COORDINATE from the origin, or if its rotation part is no rotation
+    (scaled, sheared or mirrored).
     """
     if T.shape != (4, 4):
         raise RecordingError(f"{where}: a pose is a 4x4 matrix (16 numbers), got {T.size} numbers")
@@ -64,10 +64,10 @@ def checked_pose(T: NDArray[np.float64], where: str) -> Pose:
             + ("; its transpose would work" if by_columns else "")
         )
     far = float(np.abs(T[:3, 3]).max())
-    if far > FARTHEST:
+    if far > MAX_COORDINATE:
         raise RecordingError(
             f"{where}: the pose is {far:.3g} m from the origin; poses are in metres, up to "
-            f"{FARTHEST:g}"
+            f"{MAX_COORDINATE:g}"
         )
     R = T[:3, :3]
     error = float(np.abs(R.T @ R - np.eye(3)).max())
@@ -179,7 +179,7 @@ class Trajectory:
     t: NDArray[np.float64]  # (n, 3) [m]
     q: NDArray[np.float64]  # (n, 4) x y z w, length 1
 
-    def at(self, stamp: float, tolerance: float, longest_gap: float = LONGEST_GAP) -> Pose | None:
+    def at(self, stamp: float, tolerance: float, longest_gap: float = MAX_GAP) -> Pose | None:
         """Pose at `stamp` [s]: between its two neighbours, or of one nearer than `tolerance` [s].
 
         None where the trajectory does not reach: before its start, after its end, or in a gap

@@ -19,7 +19,7 @@ from perception.evaluation.coco_dataset import TrueBoxes
 
 OVERLAPS: Final = np.linspace(0.5, 0.95, 10)  # IoU
 RECALLS: Final = np.linspace(0.0, 1.0, 101)
-MOST: Final = 100  # detections of a class in an image that count
+MAX_DETECTIONS: Final = 100  # detections of a class in an image that count
 #: [px^2] areas of things: all of them, and COCO's small, medium and large ones
 AREAS: Final = {
     "all": (0.0, 1e10),
@@ -94,7 +94,7 @@ class AveragePrecision:
         boxes, scores = xyxy.astype(np.float64), score.astype(np.float64)
         for one in np.union1d(category, truth.category).tolist():
             chosen = np.nonzero(category == one)[0]
-            chosen = chosen[np.argsort(-scores[chosen], kind="stable")][:MOST]
+            chosen = chosen[np.argsort(-scores[chosen], kind="stable")][:MAX_DETECTIONS]
             there = truth.category == one
             overlaps = _overlaps(boxes[chosen], truth.xyxy[there], truth.crowd[there])
             sides = boxes[chosen, 2:] - boxes[chosen, :2]

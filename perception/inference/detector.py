@@ -27,7 +27,7 @@ from perception.inference.preprocessing import RESIZES, VALUES, Fitted, fit
 from perception.inference.session import Session
 
 OVERLAP: Final = 0.6  # IoU above which the weaker of two boxes of one class is dropped
-MOST_DETECTIONS: Final = 100  # of a class in an image, as COCO's evaluation counts
+MAX_DETECTIONS: Final = 100  # of a class in an image, as COCO's evaluation counts
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +81,7 @@ class OnnxDetector:
         real = real[[is_object(self._label(int(i))) for i in found.label[real]]]
         overlap = OVERLAP if self.head.overlapping else 1.0
         chosen = (found.xyxy[real], found.score[real], found.label[real])
-        kept = real[suppress(*chosen, overlap, MOST_DETECTIONS)]
+        kept = real[suppress(*chosen, overlap, MAX_DETECTIONS)]
         masks: list[NDArray[np.bool_] | None] = []
         if found.mask is not None:
             masks = [_mask(found.mask(int(i)), xyxy[i], shape) for i in kept]

@@ -24,7 +24,7 @@ from perception.inference.detector import load_detector
 from perception.inference.detector_pair import DetectorPair
 from perception.inference.model_zoo import bundled_pair, cards
 
-_LARGEST_MASK = 1 << 26  # pixels
+_MAX_MASK = 1 << 26  # pixels
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,9 +151,9 @@ def _mask(entry: Any) -> NDArray[np.bool_] | None:
         return None
     (height, width), runs = entry["size"], np.array(entry["runs"], np.int64)
     whole = isinstance(height, int) and isinstance(width, int) and min(height, width) > 0
-    if not whole or height * width > _LARGEST_MASK or (runs < 0).any():
+    if not whole or height * width > _MAX_MASK or (runs < 0).any():
         raise ValueError("a mask needs a size [h, w] and lengths of runs")
-    if runs.max(initial=0) > _LARGEST_MASK or int(runs.sum()) != height * width:
+    if runs.max(initial=0) > _MAX_MASK or int(runs.sum()) != height * width:
         raise ValueError(f"runs of a mask of size {entry['size']} need that many pixels in all")
     inside = np.repeat(np.arange(len(runs)) % 2 == 1, runs)
     return inside.reshape(height, width)

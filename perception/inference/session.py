@@ -30,12 +30,12 @@ _FAILURES = (
     ort_errors.RuntimeException,
 )
 THREADS_VARIABLE = "HEREABOUTS_THREADS"
-MOST_THREADS = 4
+MAX_THREADS = 4
 #: a thread that spins while it waits takes the processor from whoever it waits for
 SPINNING: Final = "0"
 #: [px] of a network's input where it takes any size and does not say which it was made for, ...
 USUAL_SIZE = 640
-LARGEST_SIZE = 4096  # ... and the largest side of any
+MAX_SIZE = 4096  # ... and the largest side of any
 _SUFFIX = "ExecutionProvider"
 #: devices that "auto" takes, best first; TensorRT builds its plans for minutes
 _PREFERRED = ("cuda", "migraphx", "rocm", "dml", "cpu")
@@ -51,7 +51,7 @@ def thread_count() -> int:
     given = os.environ.get(THREADS_VARIABLE)
     processors = os.cpu_count() or 1
     if given is None:
-        return max(1, min(MOST_THREADS, processors // 2))
+        return max(1, min(MAX_THREADS, processors // 2))
     if not given.isdecimal() or int(given) < 1:
         raise ModelError(f"{THREADS_VARIABLE} must be a positive whole number, got {given!r}")
     return min(int(given), processors)
@@ -148,10 +148,10 @@ class Session:
             side if isinstance(side, int) else usual
             for side, usual in zip(shape[1:], self._usual_size(), strict=True)
         )
-        if not 0 < min(height, width) <= max(height, width) <= LARGEST_SIZE:
+        if not 0 < min(height, width) <= max(height, width) <= MAX_SIZE:
             raise ModelError(
                 f"{self.path.name}: input {name} is {width} x {height}; "
-                f"up to {LARGEST_SIZE} a side would work"
+                f"up to {MAX_SIZE} a side would work"
             )
         return int(height), int(width)
 

@@ -26,8 +26,8 @@ from perception.frames import Frame, SceneScores
 from perception.inference.scene_classifier import OnnxSceneClassifier
 
 FILE: Final = "taught_rooms.npz"  # in the folder of a map
-MOST_EXAMPLES: Final = 5000
-_LARGEST: Final = 1 << 28  # bytes of the file
+MAX_EXAMPLES: Final = 5000
+_MAX_BYTES: Final = 1 << 28  # bytes of the file
 #: what zipfile, zlib and numpy raise for damaged files
 _DAMAGE: Final = (
     *(OSError, ValueError, KeyError, TypeError, EOFError, SyntaxError, RuntimeError),
@@ -78,7 +78,7 @@ class RoomExamples:
         n = len(self.label)
         shapes = self.features.shape, self.probability.shape
         sound = all(len(s) == 2 and s[0] == n for s in shapes) and len(self.place) == n > 0
-        if not sound or n > MOST_EXAMPLES:
+        if not sound or n > MAX_EXAMPLES:
             raise ValueError(f"{n} labels, {len(self.place)} places, arrays of shapes {shapes}")
         if not (np.isfinite(self.features).all() and np.isfinite(self.probability).all()):
             raise ValueError("numbers that are not finite")
@@ -94,8 +94,8 @@ class RoomExamples:
                 f"rooms of this map were taught to {self.network}: "
                 f"--scene {self.network} would work"
             )
-        if len(kept) + len(other.label) > MOST_EXAMPLES:
-            raise ModelError(f"more than {MOST_EXAMPLES} examples in all; fewer images would work")
+        if len(kept) + len(other.label) > MAX_EXAMPLES:
+            raise ModelError(f"more than {MAX_EXAMPLES} examples in all; fewer images would work")
         return RoomExamples(
             self.network,
             np.concatenate([self.features[kept], other.features]),
@@ -134,7 +134,7 @@ class RoomExamples:
             return None
         try:
             with zipfile.ZipFile(path) as archive:
-                if sum(entry.file_size for entry in archive.infolist()) > _LARGEST:
+                if sum(entry.file_size for entry in archive.infolist()) > _MAX_BYTES:
                     raise ValueError("it is too large")
             with np.load(path, allow_pickle=False) as data:
                 return cls(

@@ -1,4 +1,4 @@
-"""Connections to what publishes messages, and what they are given to."""
+"""Connections to publishers of messages, and the inboxes that receive the messages."""
 
 from __future__ import annotations
 
@@ -10,39 +10,39 @@ from typing import Final, Protocol
 from perception.recordings.bag_file import RawMessage
 from perception.recordings.bag_index import IMAGES
 
-FIRST_PAUSE: Final = 0.5  # [s] before a broken connection is tried again; doubled each time, ...
-LONGEST_PAUSE: Final = 10.0  # ... up to this
-LARGEST_IMAGE: Final = 1 << 27  # [bytes] of a message with an image
-LARGEST_OTHER: Final = 1 << 20  # ... of any other message
-MOST_SAID: Final = 100  # warnings of one source
+MIN_PAUSE: Final = 0.5  # [s] before a broken connection is tried again; doubled each time, ...
+MAX_PAUSE: Final = 10.0  # ... up to this
+MAX_IMAGE: Final = 1 << 27  # [bytes] of a message with an image
+MAX_OTHER: Final = 1 << 20  # ... of any other message
+MAX_WARNINGS: Final = 100  # warnings of one source
 
 _log = logging.getLogger(__name__)
 
 
 class Inbox(Protocol):
-    """What a connection asks and tells; from any thread."""
+    """Receiver of a connection's messages; called from any thread."""
 
     def wanted(self, topics: Mapping[str, str]) -> set[str]:
         """Those of `topics` (name -> type, e.g. sensor_msgs/msg/Image) to subscribe to."""
 
     def offer(self, raw: RawMessage, *, is_ros1: bool) -> None:
-        """A message came, serialised as ROS 1 or as ROS 2 does."""
+        """Take a message, serialised as ROS 1 or as ROS 2 does."""
 
 
 class Connection(Protocol):
-    """Something that publishes messages."""
+    """A source of messages."""
 
     @property
     def address(self) -> str:
-        """Where it is, for people."""
+        """Address of the source, for people."""
 
     def run(self, inbox: Inbox, ended: threading.Event) -> None:
-        """Give what comes to `inbox` until `ended`; connects again where it breaks off."""
+        """Give messages to `inbox` until `ended`; reconnects where the connection breaks off."""
 
 
-def largest(type_: str) -> int:
+def max_size(type_: str) -> int:
     """Size [bytes] above which a message of that type is refused."""
-    return LARGEST_IMAGE if type_ in IMAGES else LARGEST_OTHER
+    return MAX_IMAGE if type_ in IMAGES else MAX_OTHER
 
 
 def full_name(type_: str) -> str:
@@ -52,9 +52,10 @@ def full_name(type_: str) -> str:
 
 
 class Retry:
-    """Pauses between attempts to connect, each twice as long.
+    """Pauses between attempts to connect, each twice as long as the one before.
 
-    What fails is said once: for several connections to one peer, with the same set `said`, too.
+    Each failure gives one warning. Connections to one peer share the set `said`, so that a failure
+    of all gives one warning too.
     """
 
     def __init__(
@@ -65,26 +66,26 @@ class Retry:
         self._pauses, self._failing = _pauses(), False
 
     def failed(self, error: object) -> None:
-        """Say why, and wait."""
+        """Warn of the error, and wait."""
         reason = " ".join(str(error).split())[:200] or type(error).__name__
-        if (self._where, reason) not in self._said and len(self._said) < MOST_SAID:
+        if (self._where, reason) not in self._said and len(self._said) < MAX_WARNINGS:
             _log.warning("%s: %s; trying again", self._where, reason)
             self._said.add((self._where, reason))
         self._failing = True
         self.wait()
 
     def wait(self) -> None:
-        """Wait, longer each time."""
+        """Wait; each time twice as long, up to MAX_PAUSE."""
         self._ended.wait(next(self._pauses))
 
     def worked(self) -> None:
-        """Begin anew with short pauses."""
+        """Start again with MIN_PAUSE."""
         if self._failing:
             self._pauses, self._failing = _pauses(), False
 
 
 def _pauses() -> Iterator[float]:
-    pause = FIRST_PAUSE
+    pause = MIN_PAUSE
     while True:
         yield pause
-        pause = min(2 * pause, LONGEST_PAUSE)
+        pause = min(2 * pause, MAX_PAUSE)

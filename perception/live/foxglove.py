@@ -14,12 +14,12 @@ from typing import Any, Final
 from urllib.parse import urlsplit
 
 from kg.errors import RecordingError
-from perception.live.connection import LARGEST_IMAGE, Inbox, Retry, full_name, largest
+from perception.live.connection import MAX_IMAGE, Inbox, Retry, full_name, max_size
 from perception.recordings.bag_file import RawMessage
 
 PROTOCOLS: Final = ("foxglove.sdk.v1", "foxglove.websocket.v1")
 ENCODINGS: Final = ("ros1", "cdr")
-MOST_CHANNELS: Final = 10_000
+MAX_CHANNELS: Final = 10_000
 PATIENCE: Final = 5.0  # [s] for a connection
 TICK: Final = 0.2  # [s]
 _MESSAGE: Final = struct.Struct("<BIQ")
@@ -66,7 +66,7 @@ class FoxgloveConnection:
                     self.address,
                     subprotocols=protocols,
                     compression=None,
-                    max_size=LARGEST_IMAGE + _MESSAGE.size,
+                    max_size=MAX_IMAGE + _MESSAGE.size,
                     open_timeout=PATIENCE,
                     close_timeout=1,
                 ) as socket:
@@ -112,7 +112,7 @@ class _Session:
             raise RecordingError(f"malformed JSON of the server: {error}") from error
 
     def _advertised(self, channel: Any) -> None:
-        if channel["encoding"] in ENCODINGS and len(self._channels) < MOST_CHANNELS:
+        if channel["encoding"] in ENCODINGS and len(self._channels) < MAX_CHANNELS:
             number, is_ros1 = int(channel["id"]), channel["encoding"] == "ros1"
             kind = full_name(str(channel["schemaName"]))
             self._channels[number] = _Channel(number, str(channel["topic"]), kind, is_ros1)
@@ -139,7 +139,7 @@ class _Session:
             return  # time, or an answer to what was not asked
         _, number, stamp = _MESSAGE.unpack_from(data)
         channel = self._subscribed.get(number)
-        if channel is None or len(data) - _MESSAGE.size > largest(channel.type):
+        if channel is None or len(data) - _MESSAGE.size > max_size(channel.type):
             return
         self._retry.worked()
         raw = RawMessage(

@@ -17,14 +17,14 @@ from typing import Any, Final
 from urllib.parse import urlsplit
 
 from kg.errors import RecordingError
-from perception.live.connection import Inbox, Retry, full_name, largest
+from perception.live.connection import Inbox, Retry, full_name, max_size
 from perception.live.ros1_api import CALLER, FAILURES, PATIENCE, ask
 from perception.live.tcpros import TcprosConnection
 from perception.recordings.bag_file import RawMessage
 
 PORT: Final = 11311
 POLL: Final = 0.2  # [s] between two looks at the master
-MOST_SUBSCRIPTIONS: Final = 100
+MAX_SUBSCRIPTIONS: Final = 100
 
 _Key = tuple[str, str, str]  # topic, type as the publisher names it, node
 
@@ -70,7 +70,7 @@ class Ros1Master:
         return ask(self.uri, method, *arguments, caller=self.caller)
 
     def run(self, inbox: Inbox, ended: threading.Event) -> None:
-        """Give what comes to `inbox` until `ended`."""
+        """Give messages to `inbox` until `ended`."""
         retry = Retry(self.address, ended)
         running: dict[_Key, _Subscription] = {}
         said = set[tuple[str, str]]()
@@ -83,7 +83,7 @@ class Ros1Master:
             retry.worked()
             for key in running.keys() - wanted:
                 running.pop(key).close()
-            for key in sorted(wanted - running.keys())[: MOST_SUBSCRIPTIONS - len(running)]:
+            for key in sorted(wanted - running.keys())[: MAX_SUBSCRIPTIONS - len(running)]:
                 running[key] = _Subscription(self, key, inbox, said)
             ended.wait(POLL)
         for one in running.values():
@@ -111,7 +111,7 @@ class _Subscription:
         threading.Thread(target=self._run, name=f"ros1 {self._topic}", daemon=True).start()
 
     def close(self) -> None:
-        """End it, at the latest when the thread looks next."""
+        """End it; its thread ends at its next check."""
         self._ended.set()
 
     def _run(self) -> None:
@@ -150,6 +150,6 @@ class _Subscription:
             if fields.get("type") != self._type:
                 was = f"{fields.get('type')}, not {self._type}"
                 raise RecordingError(f"{self._topic} has messages of {was}")
-            bound = largest(full_name(self._type))
+            bound = max_size(full_name(self._type))
             while (data := connection.block(bound)) is not None:
                 yield data

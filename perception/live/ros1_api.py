@@ -11,7 +11,7 @@ from kg.errors import RecordingError
 
 CALLER: Final = "/hereabouts"
 PATIENCE: Final = 5.0  # [s] for an answer
-LARGEST_ANSWER: Final = 1 << 24  # [bytes] of the master or a node
+MAX_ANSWER: Final = 1 << 24  # [bytes] of the master or a node
 
 #: what a master, a node or something else at its address may make of a request
 FAILURES: Final = (
@@ -50,9 +50,9 @@ class _Transport(xmlrpc.client.Transport):
         return connection
 
     def parse_response(self, response: Any) -> Any:
-        data = response.read(LARGEST_ANSWER + 1)
-        if len(data) > LARGEST_ANSWER:
-            raise RecordingError(f"an answer of more than {LARGEST_ANSWER} bytes")
+        data = response.read(MAX_ANSWER + 1)
+        if len(data) > MAX_ANSWER:
+            raise RecordingError(f"an answer of more than {MAX_ANSWER} bytes")
         parser, unmarshaller = self.getparser()
         parser.feed(data)
         parser.close()

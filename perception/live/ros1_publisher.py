@@ -1,7 +1,8 @@
-"""A ROS 1 node that publishes: registered with a master, with TCPROS connections to who asks.
+"""Publisher of ROS 1 topics: a node that registers with the master and serves its subscribers.
 
-The master tells subscribers of the node (Master_API); they ask its XML-RPC API for a topic
-(Slave_API) and connect. What a topic is to be heard by is bounded in number, size and time.
+The master tells subscribers the node's address (Master_API). They ask its XML-RPC API for a topic
+(Slave_API) and connect by TCPROS. The number of connections, the size of requests and the time
+that a subscriber may take are limited.
 """
 
 from __future__ import annotations
@@ -23,18 +24,17 @@ from perception.live.ros1_api import CALLER, FAILURES, PATIENCE
 from perception.live.tcpros import TcprosConnection, block
 from perception.recordings.bag_file import message_types
 
-CHECKED: Final = 1.0  # [s] between two looks whether the master still knows the node
-MOST_CONNECTIONS: Final = 64  # of subscribers, and of those that have not said what they want
-LARGEST_REQUEST: Final = 1 << 20  # [bytes]
+CHECK_INTERVAL: Final = 1.0  # [s] between two checks that the master still knows the node
+MAX_CONNECTIONS: Final = 64  # of subscribers, also of those that have not named a topic yet
+MAX_REQUEST: Final = 1 << 20  # [bytes]
 
 
 class Ros1Publisher:
     """A node that publishes `types` (topic -> type, e.g. sensor_msgs/msg/Image); close it.
 
-    Whoever subscribes to a topic of `latched` later gets its last message as well. It registers
-    with the master from a thread of its own, again where the master was restarted. Other nodes
-    reach it at the address that ROS_HOSTNAME or ROS_IP gives, else at that of the way to the
-    master.
+    Later subscribers of a topic of `latched` get its last message first. The node registers with
+    the master on its own thread, and again after the master was restarted. Other nodes reach it at
+    ROS_HOSTNAME or ROS_IP, else at the address of the interface that leads to the master.
     """
 
     def __init__(
@@ -46,7 +46,7 @@ class Ros1Publisher:
         self._subscribers: dict[str, list[socket.socket]] = {topic: [] for topic in types}
         self._last: dict[str, bytes] = {}
         self._lock, self._ended = threading.Lock(), threading.Event()
-        self._free = threading.Semaphore(MOST_CONNECTIONS)
+        self._free = threading.Semaphore(MAX_CONNECTIONS)
         self._host, bound = _own_host(master)
         self._listener = socket.create_server((bound, 0))
         self._server = _Api((bound, 0), _Request, logRequests=False, allow_none=True)
@@ -62,16 +62,16 @@ class Ros1Publisher:
 
     @property
     def master(self) -> Ros1Master:
-        """The master, which and whose nodes know us by this node's name."""
+        """The master, called in the name of this node."""
         return self._master
 
     def subscribers(self, topic: str) -> int:
-        """How many hear a topic now."""
+        """Number of a topic's subscribers now."""
         with self._lock:
             return len(self._subscribers[topic])
 
     def publish(self, topic: str, message: Any) -> None:
-        """Send a message of the topic's type; who does not take it in PATIENCE is left."""
+        """Send a message of the topic's type; subscribers slower than PATIENCE are dropped."""
         data = block(bytes(message_types(True).serialize_ros1(message, self._types[topic])))
         with self._lock:
             if topic in self._latched:
@@ -80,7 +80,7 @@ class Ros1Publisher:
                 self._send(topic, one, data)
 
     def close(self) -> None:
-        """Leave the master, and all subscribers once they have what was sent."""
+        """Unregister, and close all connections after the messages already sent."""
         if self._ended.is_set():
             return
         self._ended.set()
@@ -96,7 +96,7 @@ class Ros1Publisher:
             for connections in self._subscribers.values():
                 for one in connections:
                     with contextlib.suppress(OSError):
-                        one.shutdown(socket.SHUT_RDWR)  # what was sent before arrives all the same
+                        one.shutdown(socket.SHUT_RDWR)  # messages sent before still arrive
         for thread in self._threads:
             thread.join(PATIENCE)
 
@@ -111,7 +111,7 @@ class Ros1Publisher:
         self._server.serve_forever(0.05)
 
     def _register(self) -> None:
-        """Be registered with the master, whenever it is started."""
+        """Keep the node registered with the master, whenever that starts."""
         retry = Retry(self._master.address, self._ended)
         while not self._ended.is_set():
             try:
@@ -121,10 +121,10 @@ class Ros1Publisher:
                         self._master.ask("registerPublisher", topic, short, self._uri)
                 retry.worked()
             except OSError:
-                retry.wait()  # who listens to the master says that it is away
+                retry.wait()  # subscriptions to the same master warn that it is away
             except FAILURES as error:
                 retry.failed(error)
-            self._ended.wait(CHECKED)
+            self._ended.wait(CHECK_INTERVAL)
 
     def _is_registered(self) -> bool:
         publishers, *_ = self._master.ask("getSystemState")
@@ -140,13 +140,13 @@ class Ros1Publisher:
             if not self._free.acquire(blocking=False):
                 connected.close()
                 continue
-            threading.Thread(target=self._greet, args=(connected,), daemon=True).start()
+            threading.Thread(target=self._answer_subscriber, args=(connected,), daemon=True).start()
 
-    def _greet(self, connected: socket.socket) -> None:
-        """Make a subscriber of whoever connects and names a topic, until it leaves."""
+    def _answer_subscriber(self, connected: socket.socket) -> None:
+        """Serve one connection: accept its subscription to a topic, and hold it until it ends."""
         try:
             connection = TcprosConnection(connected, self.name, self._ended)
-            topic = self._agreed(connection, connection.fields())
+            topic = self._accepted_topic(connection, connection.fields())
             if topic is not None:
                 connected.settimeout(PATIENCE)
                 with self._lock:
@@ -172,8 +172,8 @@ class Ros1Publisher:
         with self._lock, contextlib.suppress(ValueError):
             self._subscribers[topic].remove(connected)
 
-    def _agreed(self, connection: TcprosConnection, asked: Mapping[str, str]) -> str | None:
-        """The topic that `asked` names, answered with our header; None where it cannot be had."""
+    def _accepted_topic(self, connection: TcprosConnection, asked: Mapping[str, str]) -> str | None:
+        """Answer a subscriber's header; returns its topic, None where the topic is refused."""
         topic = asked.get("topic", "")
         if topic not in self._types:
             connection.send_fields({"error": f"{self.name} publishes no {topic[:200]}"})
@@ -216,14 +216,14 @@ class Ros1Publisher:
 
 
 class _Request(xmlrpc.server.SimpleXMLRPCRequestHandler):
-    """A request of limited size, which comes in time."""
+    """A request of limited size and duration."""
 
     protocol_version = "HTTP/1.1"
     timeout = PATIENCE
 
     def do_POST(self) -> None:  # noqa: N802 - named by http.server
         length = self.headers.get("content-length", "")
-        if not length.isdecimal() or int(length) > LARGEST_REQUEST:
+        if not length.isdecimal() or int(length) > MAX_REQUEST:
             self.close_connection = True
             self.send_error(413)
             return
@@ -234,11 +234,11 @@ class _Api(ThreadingMixIn, xmlrpc.server.SimpleXMLRPCServer):
     daemon_threads = True
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Nothing: what broke off is tried again by the other side."""
+        """Ignore errors of a request: the other node tries again."""
 
 
 def _own_host(master: Ros1Master) -> tuple[str, str]:
-    """The address that other nodes are told, and the one to listen at."""
+    """Address to announce to other nodes, and address to listen at."""
     given = os.environ.get("ROS_HOSTNAME") or os.environ.get("ROS_IP")
     if given:
         return given, ""

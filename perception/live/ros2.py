@@ -19,14 +19,14 @@ from functools import cache
 from typing import Any, Final
 
 from kg.errors import RecordingError
-from perception.live.connection import MOST_SAID, Inbox, largest
+from perception.live.connection import MAX_WARNINGS, Inbox, max_size
 from perception.recordings.bag_file import RawMessage, message_types
 from perception.recordings.bag_index import IMAGES
 
 POLL: Final = 0.2  # [s] between two looks at who publishes
-MOST_READERS: Final = 100
-MOST_WRITERS: Final = 10_000
-LARGEST_DOMAIN: Final = 232
+MAX_READERS: Final = 100
+MAX_WRITERS: Final = 10_000
+MAX_DOMAIN: Final = 232
 TAKEN: Final = 32  # messages of a topic at once
 KEPT: Final = {True: 5, False: 100}  # messages of a topic that wait, of images and others
 _TOPIC: Final = "rt"
@@ -62,9 +62,9 @@ class Ros2Domain:
         """
         text = address.removeprefix("ros2").removeprefix("://").rstrip("/")
         text = text or os.environ.get("ROS_DOMAIN_ID", "") or "0"
-        if not text.isdecimal() or int(text) > LARGEST_DOMAIN:
+        if not text.isdecimal() or int(text) > MAX_DOMAIN:
             raise RecordingError(
-                f"{text!r} is no ROS 2 domain; ros2://0 is one, up to {LARGEST_DOMAIN}"
+                f"{text!r} is no ROS 2 domain; ros2://0 is one, up to {MAX_DOMAIN}"
             )
         return cls(int(text))
 
@@ -119,9 +119,9 @@ class _Participant:
         """Have a reader of each topic that is wanted now, and of no other."""
         from cyclonedds.core import DDSException, ReadCondition
 
-        there = topics_of(self._writers.read(MOST_WRITERS, self._alive))
+        there = topics_of(self._writers.read(MAX_WRITERS, self._alive))
         names = self._inbox.wanted({topic.name: topic.type for topic in there})
-        wanted = [topic for topic in there if topic.name in names][:MOST_READERS]
+        wanted = [topic for topic in there if topic.name in names][:MAX_READERS]
         for topic in self._readers.keys() - wanted:
             self._waiting.detach(self._readers.pop(topic)[1])
         for topic in wanted:
@@ -153,13 +153,13 @@ class _Participant:
         return DataReader(self._participant, made, qos=quality)
 
     def _tell(self, topic: _Topic, error: object) -> None:
-        if topic not in self._said and len(self._said) < MOST_SAID:
+        if topic not in self._said and len(self._said) < MAX_WARNINGS:
             self._said.add(topic)
             said = " ".join(str(error).split())[:200]
             _log.warning("%s of type %s cannot be read: %s", topic.name, topic.type, said)
 
     def _received(self, topic: _Topic, data: bytes | None) -> None:
-        if data is not None and len(data) <= largest(topic.type):
+        if data is not None and len(data) <= max_size(topic.type):
             raw = RawMessage(topic.name, topic.type, time.time_ns(), data)
             self._inbox.offer(raw, is_ros1=False)
 

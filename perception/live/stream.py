@@ -45,8 +45,8 @@ from perception.ros.transform_tree import TransformTree
 PATIENCE: Final = 0.5  # [s] for a nearer partner, and for transforms that reach a pair's stamp
 SETTLING: Final = 1.0  # [s] between the first choice of topics that is possible and the choice ...
 SILENT: Final = 3.0  # ... where there are topics without a message
-TICK: Final = 0.02  # [s] between two looks at transforms
-MOST_BYTES: Final = 1 << 28  # of the images of all topics that wait
+TICK: Final = 0.02  # [s] between two checks of the transforms
+MAX_BYTES: Final = 1 << 28  # of the images of all topics that wait
 TRANSFORMS_KEPT: Final = 4000  # of a link
 STAMPS_KEPT: Final = 1000  # of a stream, before topics are chosen
 _WANTED: Final = {*IMAGES, CAMERA, *TRANSFORMS, ODOMETRY, *POSES}
@@ -56,7 +56,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(slots=True)
 class StreamCounts:
-    """What became of the colour images that came."""
+    """Counts of the received colour images, by their use."""
 
     received: int = 0
     taken: int = 0  # given to be mapped
@@ -66,7 +66,7 @@ class StreamCounts:
 
     @property
     def dropped(self) -> int:
-        """Those that newer ones replaced while earlier ones were mapped, or came last."""
+        """Images that newer ones replaced while an earlier one was mapped, and unused last ones."""
         lost = self.without_depth + self.without_pose + self.unreadable
         return self.received - self.taken - lost
 
@@ -100,7 +100,7 @@ class FrameStream:
 
     @property
     def counts(self) -> StreamCounts:
-        """What became of the images so far."""
+        """Counts of the images so far."""
         with self._changed:
             choice = self._choice
             received = (
@@ -132,7 +132,7 @@ class FrameStream:
             return None if T is None else (T, stamp)
 
     def wanted(self, topics: Mapping[str, str]) -> set[str]:
-        """Topics to subscribe to: all that may be of use, and once they are chosen those."""
+        """Topics to subscribe to: all that may be used, and after the choice the chosen ones."""
         with self._changed:
             wanted = {name for name, type_ in topics.items() if type_ in _WANTED}
             given, choice = self.options.streams, self._choice
@@ -147,7 +147,7 @@ class FrameStream:
             return wanted
 
     def offer(self, raw: RawMessage, *, is_ros1: bool) -> None:
-        """Take a message; what cannot be read is said once for each topic."""
+        """Take a message; unreadable ones give one warning for each topic."""
         decoder = LiveDecoder(self.address, is_ros1)
         with self._changed:
             try:
@@ -185,7 +185,7 @@ class FrameStream:
             stamp = header_stamp(raw, decoder.is_ros1, self.address) or raw.time
             image = LiveImage(raw, decoder, stamp, time.monotonic())
             self._held.setdefault(raw.topic, HeldImages()).add(image)
-            while sum(held.size for held in self._held.values()) > MOST_BYTES:
+            while sum(held.size for held in self._held.values()) > MAX_BYTES:
                 largest = max(self._held.values(), key=lambda held: held.size)
                 largest.drop(largest.images[0])
             self._changed.notify_all()
@@ -195,7 +195,7 @@ class FrameStream:
         return chosen is None or topic in (chosen.colour.topic, chosen.depth.topic)
 
     def _trim(self, topic: str, poses: int = STAMPS_KEPT) -> None:
-        """Keep what is bounded of a stream, and the last `poses` of one of poses."""
+        """Drop old stamps of a stream, and of a stream of poses all but the last `poses`."""
         stream, index = self._index.streams[topic], self._index
         if len(stream.stamps) > 2 * STAMPS_KEPT:
             del stream.stamps[:-STAMPS_KEPT], stream.times[:-STAMPS_KEPT]
@@ -264,7 +264,7 @@ class FrameStream:
         return False, None
 
     def _drop_unpaired(self, colours: HeldImages, depths: HeldImages) -> None:
-        """Drop colour images that no depth will come for."""
+        """Drop colour images older than the newest depth that have none within the tolerance."""
         if not depths.images:
             return
         passed = max(image.seconds for image in depths.images) - self.options.streams.tolerance
@@ -298,7 +298,7 @@ class FrameStream:
         return True
 
     def _judge(self) -> Choice | RecordingError:
-        """The choice as it would be now, or what is missing."""
+        """The choice by the messages so far, or an error that names the missing topic."""
         try:
             choice = choose(self._index, self.options.streams)
             if choice.camera is None and self.options.intrinsics is None:
@@ -326,7 +326,7 @@ class FrameStream:
         return frame
 
     def _opened(self, entry: FrameEntry) -> FolderRecording:
-        """What decodes the frames: the cameras, fitted to the first image."""
+        """Recording without frames that decodes images: the cameras, fitted to the first image."""
         assert self._choice is not None
         choice = self._choice
         camera = self.options.intrinsics or camera_of(self._index, choice.camera, choice.colour)

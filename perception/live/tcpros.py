@@ -1,4 +1,4 @@
-"""TCPROS: a header of `key=value` fields, then messages, each behind its length.
+"""TCPROS: a header of `key=value` fields, then messages, each with its length before it.
 
 Lengths are 4 bytes, little-endian (wiki.ros.org: ROS/TCPROS).
 """
@@ -16,17 +16,17 @@ from typing import Final
 
 from kg.errors import RecordingError
 
-TICK: Final = 0.5  # [s] after which a silent connection looks whether it is still wanted
+TICK: Final = 0.5  # [s] after which a silent connection checks whether it is still wanted
 HEADER_WITHIN: Final = 5.0  # [s]
-LARGEST_HEADER: Final = 1 << 20  # [bytes]; it has the message's definition
+MAX_HEADER: Final = 1 << 20  # [bytes]; it has the message's definition
 
 
 @dataclass(frozen=True, slots=True)
 class TcprosConnection:
-    """One end of a connection; reading ends once `ended` is set."""
+    """TCPROS connection over an open socket; reading ends once `ended` is set."""
 
     connected: socket.socket
-    what: str  # topic, for people
+    name: str  # of the topic or node, for messages
     ended: threading.Event
 
     def __post_init__(self) -> None:
@@ -34,10 +34,10 @@ class TcprosConnection:
         self.connected.settimeout(TICK)
 
     def block(self, bound: int, within: float = math.inf) -> bytes | None:
-        """What comes behind its length; None once ended, by either side.
+        """The next block of data; None once either side has ended the connection.
 
-        Raises RecordingError above `bound` [bytes], OSError where the connection breaks off or it
-        has not come `within` [s].
+        Raises RecordingError for more than `bound` [bytes], OSError where the connection breaks
+        off or the block is not complete after `within` [s].
         """
         until = time.monotonic() + within
         length = self._exactly(4, until, may_end=True)
@@ -45,7 +45,7 @@ class TcprosConnection:
             return None
         (size,) = struct.unpack("<I", length)
         if size > bound:
-            raise RecordingError(f"{self.what}: a message of {size} bytes; up to {bound} are taken")
+            raise RecordingError(f"{self.name}: a message of {size} bytes; up to {bound} are taken")
         return self._exactly(size, until)
 
     def _exactly(self, size: int, until: float, *, may_end: bool = False) -> bytes | None:
@@ -54,7 +54,7 @@ class TcprosConnection:
             if self.ended.is_set():
                 return None
             if time.monotonic() > until:
-                raise TimeoutError(f"{self.what}: the other side is silent")
+                raise TimeoutError(f"{self.name}: the other side is silent")
             try:
                 part = self.connected.recv(min(missing, 1 << 20))
             except TimeoutError:
@@ -69,13 +69,13 @@ class TcprosConnection:
 
     def fields(self) -> dict[str, str]:
         """Fields of the other side's header; raises RecordingError where it is malformed."""
-        header, at = self.block(LARGEST_HEADER, HEADER_WITHIN) or b"", 0
+        header, at = self.block(MAX_HEADER, HEADER_WITHIN) or b"", 0
         fields = dict[str, str]()
         while at < len(header):
             size = struct.unpack_from("<I", header, at)[0] if at + 4 <= len(header) else len(header)
             line = header[at + 4 : at + 4 + size]
             if len(line) < size:
-                raise RecordingError(f"{self.what}: the other side's header is malformed")
+                raise RecordingError(f"{self.name}: the other side's header is malformed")
             key, _, value = line.decode("utf-8", "replace").partition("=")
             fields[key] = value
             at += 4 + size
@@ -88,5 +88,5 @@ class TcprosConnection:
 
 
 def block(data: bytes) -> bytes:
-    """`data` behind its length."""
+    """`data` with its length before it."""
     return struct.pack("<I", len(data)) + data

@@ -17,7 +17,7 @@ from typing import Any, Final
 
 from kg.errors import RecordingError
 
-LARGEST_CHUNK: Final = 1 << 29  # [bytes] decompressed
+MAX_CHUNK: Final = 1 << 29  # [bytes] decompressed
 _FILES: Final = (".mcap", ".db3")
 _ROS1: Final = ".bag"
 _TRANSFORMS: Final = "geometry_msgs/TransformStamped[] transforms"
@@ -179,11 +179,11 @@ def _bound_decompression() -> None:
     def zstd(data: bytes, size: int) -> bytes:
         return _bounded(vars(storage_mcap)["zstd"].ZstdDecompressor(), data, size)
 
-    def lz4_(data: bytes, size: int = LARGEST_CHUNK) -> bytes:
+    def lz4_(data: bytes, size: int = MAX_CHUNK) -> bytes:
         return _bounded(lz4.frame.LZ4FrameDecompressor(), data, size)
 
     def bz2_(data: bytes) -> bytes:
-        return _bounded(bz2.BZ2Decompressor(), data, LARGEST_CHUNK)
+        return _bounded(bz2.BZ2Decompressor(), data, MAX_CHUNK)
 
     tables: tuple[tuple[dict[str, Callable[..., bytes]], dict[str, Callable[..., bytes]]], ...] = (
         (storage_mcap.DECOMPRESSORS, {"zstd": zstd, "lz4": lz4_}),
@@ -195,7 +195,7 @@ def _bound_decompression() -> None:
 
 def _bounded(decompressor: Any, data: bytes, size: int) -> bytes:
     """What `data` expands to, of `size` bytes at most; raises RecordingError where it is more."""
-    if size > LARGEST_CHUNK:
+    if size > MAX_CHUNK:
         raise RecordingError(f"a chunk of {size} bytes is larger than any chunk of a bag")
     out: bytes = decompressor.decompress(data, max_length=size + 1)
     if len(out) > size:

@@ -24,7 +24,7 @@ TRANSFORMS: Final = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 ODOMETRY: Final = "nav_msgs/msg/Odometry"
 POSES: Final = ("geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PoseWithCovarianceStamped")
 STRING: Final = "std_msgs/msg/String"
-EARLIEST: Final = 1  # [ns] when a message may be recorded; `rosbag play` leaves out those at 0
+MIN_TIME: Final = 1  # [ns] when a message may be recorded; `rosbag play` leaves out those at 0
 NOTE_TOPIC: Final = "/hereabouts/recording"  # what `hereabouts convert` adds to ROS' own messages
 
 
@@ -131,7 +131,7 @@ def _add_stamped(index: BagIndex, bag: Decoder, raw: RawMessage) -> None:
         _add_pose(index, raw.topic, message)
     stamp = nanoseconds(message.header) if message else header_stamp(raw, bag.is_ros1, index.path)
     stream.times.append(raw.time)
-    stream.stamps.append(stamp or (raw.time if raw.time > EARLIEST else 0))
+    stream.stamps.append(stamp or (raw.time if raw.time > MIN_TIME else 0))
 
 
 def _add_pose(index: BagIndex, topic: str, message: Any) -> None:

@@ -20,7 +20,7 @@ from kg.errors import RecordingError
 from perception.camera.poses import Pose
 from perception.frames import Frame
 from perception.recordings.bag_file import message_types
-from perception.recordings.bag_index import EARLIEST, NOTE_TOPIC
+from perception.recordings.bag_index import MIN_TIME, NOTE_TOPIC
 from perception.recordings.recording import FolderRecording
 from perception.ros.headers import NANOSECONDS
 from perception.ros.message_maker import MessageMaker
@@ -197,5 +197,5 @@ class _Writer:
     def _write(self, topic: str, stamp: int, message: Any) -> None:
         types, kind = self._types, _TOPICS[topic]
         serialize = types.serialize_ros1 if self._is_ros1 else types.serialize_cdr
-        time = max(stamp, EARLIEST)
+        time = max(stamp, MIN_TIME)
         self._bag.write(self._connections[topic], time, serialize(message, kind))

@@ -29,7 +29,7 @@ APART: Final = 0.3  # [m] between the two frames of a pair ...
 TURNED: Final = np.radians(25.0)  # ... that are not turned more against each other
 REACH: Final = 60  # frames between the two, at most
 EDGE_FRAMES: Final = 24  # whose edges are compared
-LEAST: Final = 5  # pairs that show enough of one scene, to conclude anything
+MIN_PAIRS: Final = 5  # pairs that show enough of one scene, to conclude anything
 OVERLAP: Final = 0.15  # share of a pair's points that both frames show
 GOOD: Final = 0.85  # share of points that agree; sound recordings have 0.95
 POOR: Final = 0.8  # another reading may be the right one
@@ -201,7 +201,7 @@ def _median_share(pairs: list[FramePair], convention: str, scale: float) -> floa
 def median_share(found: Sequence[Agreement]) -> float | None:
     """Median share of agreeing points; None where too few pairs show one scene."""
     shares = [one.share for one in found if one.overlap >= OVERLAP]
-    return float(np.median(shares)) if len(shares) >= LEAST else None
+    return float(np.median(shares)) if len(shares) >= MIN_PAIRS else None
 
 
 def _best_scale(pairs: list[FramePair], convention: str) -> tuple[float, float]:

@@ -45,7 +45,7 @@ def read(folder: Path, streams: Streams) -> RecordingListing:
             f"{folder}: {len(colour)} colour images, {len(depth)} depth images and "
             f"{len(poses)} poses; there must be as many of each"
         )
-    _refuse_gaps(folder, list(colour), list(depth))
+    _check_gaps(folder, list(colour), list(depth))
     entries = tuple(
         FrameEntry(path.stem, ImageFile(path), ImageFile(depth_path), T, stamp_of_number(place))
         for place, (path, depth_path, T) in enumerate(
@@ -55,7 +55,7 @@ def read(folder: Path, streams: Streams) -> RecordingListing:
     return RecordingListing(entries, find_intrinsics(folder), DEPTH_SCALE)
 
 
-def _refuse_gaps(folder: Path, colour: list[int], depth: list[int]) -> None:
+def _check_gaps(folder: Path, colour: list[int], depth: list[int]) -> None:
     """Refuse colour without image 3 beside depth without image 5: their places do not correspond.
 
     Another first number, or other numbers altogether (time stamps of two cameras), are fine.

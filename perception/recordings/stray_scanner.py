@@ -36,7 +36,7 @@ from perception.recordings.video import Video, VideoFrame
 DEPTH_SCALE: Final = 1000.0
 UP: Final = np.array([0.0, 1.0, 0.0])  # in ARKit's world
 UNSURE: Final = 0  # confidence of depth that is left out
-MOST_POSES: Final = 1_000_000
+MAX_POSES: Final = 1_000_000
 _POSE: Final = ("x", "y", "z", "qx", "qy", "qz", "qw")
 
 
@@ -142,7 +142,7 @@ def _poses(path: Path) -> dict[int, tuple[float, Pose]]:
     try:
         with path.open(encoding="utf-8", newline="") as file:
             table = csv.DictReader(file, skipinitialspace=True)
-            for row in islice(table, MOST_POSES):
+            for row in islice(table, MAX_POSES):
                 where = f"{path}, line {table.line_num}"
                 number, stamp = floats(
                     [_cell(row, "frame", where), _cell(row, "timestamp", where)], where

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from kg.errors import RecordingError
 
 LONGER_SIDE: Final = 640  # [px] larger frames are shrunk to
-MOST_PIXELS: Final = 1 << 26  # of a frame
+MAX_PIXELS: Final = 1 << 26  # of a frame
 _FTYP: Final = slice(4, 8)  # first box of an MP4 or QuickTime file (ISO 14496-12)
 
 
@@ -45,7 +45,7 @@ class Video:
         width, height = (
             int(capture.get(p)) for p in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
         )
-        if count < 1 or not 0 < width * height <= MOST_PIXELS:
+        if count < 1 or not 0 < width * height <= MAX_PIXELS:
             raise RecordingError(f"{path} is damaged: {count} frames of {width}x{height}")
         return cls(path, count, (width, height), capture)
 

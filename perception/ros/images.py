@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.errors import RecordingError
-from perception.camera.image_decoding import MOST_PIXELS, decode_image
+from perception.camera.image_decoding import MAX_PIXELS, decode_image
 from perception.ros.rvl import decode_rvl
 
 #: by the colours of the first two rows' first two pixels; OpenCV calls a mosaic by its second row
@@ -145,7 +145,7 @@ def _raw_image(message: Any, where: str) -> NDArray[Any]:
     item = np.dtype(type_).newbyteorder(">" if message.is_bigendian else "<")
     row = width * channels * item.itemsize
     data = _bytes(message)
-    _refuse_size(width, height, where)
+    _check_size(width, height, where)
     if step < row or len(data) < step * (height - 1) + row:
         raise RecordingError(
             f"{where}: {len(data)} bytes in rows of {step} are no {width}x{height} image of "
@@ -185,12 +185,12 @@ def _rvl(body: NDArray[np.uint8], where: str) -> NDArray[np.uint16]:
     if len(body) < _SIZE.size:
         raise RecordingError(f"{where}: RVL depth is cut short before its size")
     width, height = _SIZE.unpack(bytes(body[: _SIZE.size]))
-    _refuse_size(width, height, where)
+    _check_size(width, height, where)
     return decode_rvl(body[_SIZE.size :], width * height, where).reshape(height, width)
 
 
-def _refuse_size(width: int, height: int, where: str) -> None:
-    if min(width, height) < 1 or width * height > MOST_PIXELS:
+def _check_size(width: int, height: int, where: str) -> None:
+    if min(width, height) < 1 or width * height > MAX_PIXELS:
         raise RecordingError(f"{where}: an image of {width}x{height} pixels cannot be read")
 
 

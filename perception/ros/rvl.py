@@ -17,7 +17,7 @@ from kg.errors import RecordingError
 
 GROUPS: Final = 11  # of a number of 32 bits
 #: [bytes] a pixel: 6 groups for its difference, 2 for the lengths of runs as short as it
-LONGEST: Final = 4
+MAX_BYTES_PER_PIXEL: Final = 4
 
 
 def decode_rvl(data: NDArray[np.uint8], pixels: int, where: str) -> NDArray[np.uint16]:
@@ -25,7 +25,7 @@ def decode_rvl(data: NDArray[np.uint8], pixels: int, where: str) -> NDArray[np.u
 
     Raises RecordingError, beginning with `where`, where it does not hold as many.
     """
-    numbers = _numbers(data[: LONGEST * (pixels + 2)], where)
+    numbers = _numbers(data[: MAX_BYTES_PER_PIXEL * (pixels + 2)], where)
     runs: list[tuple[int, int, int]] = []  # of pixels that are not 0: first, count, first's number
     place, filled = 0, 0
     while filled < pixels and place + 2 <= len(numbers):

@@ -16,8 +16,8 @@ from kg.errors import RecordingError, did_you_mean
 from perception.camera.poses import Pose, Trajectory, pose_from_quaternion
 from perception.ros.headers import NANOSECONDS, frame_name, nanoseconds
 
-LONGEST_GAP: Final = 1.0  # [s] between two transforms of one link that are still interpolated
-MOST_LINKS: Final = 10_000  # in a tree that keeps little
+MAX_GAP: Final = 1.0  # [s] between two transforms of one link that are still interpolated
+MAX_LINKS: Final = 10_000  # in a tree that keeps little
 TOLERANCE: Final = 0.02  # [s] before its first and after its last that a transform still holds
 
 
@@ -31,7 +31,7 @@ class TransformTree:
     """Links of frames to their parents, each a static transform or one over time.
 
     With `kept` a link has that many transforms at most, the latest; it forgets those before time
-    went back, as where a simulation begins anew; and links are MOST_LINKS at most.
+    went back, as where a simulation begins anew; and links are MAX_LINKS at most.
     """
 
     def __init__(self, kept: int | None = None) -> None:
@@ -65,8 +65,8 @@ class TransformTree:
         t, q = np.array(numbers[:3], np.float64), np.array(numbers[3:], np.float64)
         pose_from_quaternion(t, q, where)
         if self._kept is not None and parent not in self._links.get(child, ()):
-            if self._count >= MOST_LINKS:
-                raise RecordingError(f"{where}: there are {MOST_LINKS} other links already")
+            if self._count >= MAX_LINKS:
+                raise RecordingError(f"{where}: there are {MAX_LINKS} other links already")
             self._count += 1
         link = self._links.setdefault(child, {}).setdefault(parent, _Link())
         if self._kept is not None:
@@ -191,7 +191,7 @@ class _Link:
         """Forget what is not needed once a transform of `stamp` [ns] comes."""
         if self.static or not len(self):
             return
-        if stamp / NANOSECONDS < self._rows[-8] - LONGEST_GAP:
+        if stamp / NANOSECONDS < self._rows[-8] - MAX_GAP:
             self._rows = array("d")
         elif len(self) >= 2 * kept:
             self._rows = self._rows[-8 * kept :]
@@ -211,4 +211,4 @@ class _Link:
         trajectory = self.trajectory()
         if self.static:
             return pose_from_quaternion(trajectory.t[0], trajectory.q[0], "static transform")
-        return trajectory.at(stamp, TOLERANCE, LONGEST_GAP)
+        return trajectory.at(stamp, TOLERANCE, MAX_GAP)

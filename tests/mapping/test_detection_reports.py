@@ -12,9 +12,9 @@ import pytest
 from kg.errors import GraphError
 from kg.opening import create_map, open_map
 from kg.records import MapUpdate
-from mapping.detection_files import MOST_BYTES, read_report
+from mapping.detection_files import MAX_BYTES, read_report
 from mapping.detection_report import (
-    MOST_THINGS,
+    MAX_THINGS,
     CategoryFates,
     DetectionReport,
     DoubtedThing,
@@ -254,7 +254,7 @@ REPORT = DetectionReport(3, {"cup": CategoryFates({Fate.WEAK: 2}, {"o": 1}, 1)},
 def test_a_report_survives_json():
     assert report_from_json(json.loads(json.dumps(REPORT.to_json()))) == REPORT
     many = replace(REPORT, things=(THING,) * 500)
-    assert len(report_from_json(many.to_json()).things) == MOST_THINGS
+    assert len(report_from_json(many.to_json()).things) == MAX_THINGS
 
 
 HOSTILE = {
@@ -270,7 +270,7 @@ HOSTILE = {
     "thing": json.dumps({**REPORT.to_json(), "things": [[]]}).encode(),
     "many things": json.dumps({**REPORT.to_json(), "things": [{}] * 201}).encode(),
     "fate": json.dumps({**REPORT.to_json(), "categories": {"a": {"fates": {"eaten": 1}}}}).encode(),
-    "huge": b" " * (MOST_BYTES + 1),
+    "huge": b" " * (MAX_BYTES + 1),
 }
 
 
@@ -318,5 +318,5 @@ def test_labels_may_be_any_text_without_end(semantic_map, step_back, make_detect
             mapper.add(step_back(frame), make_detections(*found))
         report = mapper.detection_report()
     assert sum(of.detections for of in report.categories.values()) == 1800
-    assert len(json.dumps(report.to_json())) < MOST_BYTES
+    assert len(json.dumps(report.to_json())) < MAX_BYTES
     assert report_from_json(report.to_json()).frames == 3

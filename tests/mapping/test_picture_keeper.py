@@ -9,7 +9,7 @@ from kg.opening import create_map, in_memory_map
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
 from perception.frames import Frame
-from perception.object_picture import LONGEST, object_picture
+from perception.object_picture import MAX_SIDE, object_picture
 
 BOX = (20.0, 14.0, 44.0, 34.0)
 RED = (200, 30, 30)
@@ -49,7 +49,7 @@ def test_each_object_has_the_picture_of_its_best_observation(tmp_path, coloured,
     picture = decoded(path.read_bytes())
     middle = picture[picture.shape[0] // 2, picture.shape[1] // 2].astype(int)
     assert np.abs(middle - RED).max() < 30
-    assert max(picture.shape) <= LONGEST and path.stat().st_size <= MAX_BYTES
+    assert max(picture.shape) <= MAX_SIDE and path.stat().st_size <= MAX_BYTES
     assert cup.evidence is not None
 
 

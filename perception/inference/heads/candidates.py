@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from perception.inference.heads.masks import MaskGrid
 from perception.inference.preprocessing import Fitted
 
-MOST_CANDIDATES: Final = 30_000  # pairs of box and class, the best of them
-MOST_OF_A_CLASS: Final = 1_000  # that suppression compares
+MAX_CANDIDATES: Final = 30_000  # pairs of box and class, the best of them
+MAX_OF_A_CLASS: Final = 1_000  # that suppression compares
 
 Floats = NDArray[np.float32]
 
@@ -68,10 +68,10 @@ class Head(Protocol):
 def pairs_above(
     scores: NDArray[np.floating], threshold: float
 ) -> tuple[NDArray[np.intp], NDArray[np.int64]]:
-    """(rows, classes) of scores (n, C) above `threshold`, at most the MOST_CANDIDATES best."""
+    """(rows, classes) of scores (n, C) above `threshold`, at most the MAX_CANDIDATES best."""
     rows, classes = np.nonzero(scores > threshold)  # nan compares false
-    if len(rows) > MOST_CANDIDATES:
-        best = np.argpartition(-scores[rows, classes], MOST_CANDIDATES)[:MOST_CANDIDATES]
+    if len(rows) > MAX_CANDIDATES:
+        best = np.argpartition(-scores[rows, classes], MAX_CANDIDATES)[:MAX_CANDIDATES]
         best.sort()
         rows, classes = rows[best], classes[best]
     return rows, classes.astype(np.int64)
@@ -90,7 +90,7 @@ def suppress(
     for one in np.unique(label):
         of_class = np.nonzero(label == one)[0]
         best = cv2.dnn.NMSBoxes(
-            boxes[of_class].tolist(), score[of_class].tolist(), 0.0, overlap, top_k=MOST_OF_A_CLASS
+            boxes[of_class].tolist(), score[of_class].tolist(), 0.0, overlap, top_k=MAX_OF_A_CLASS
         )
         kept.append(of_class[np.asarray(best, np.int64).ravel()[:most]])
     chosen = np.concatenate(kept)

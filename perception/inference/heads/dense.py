@@ -62,7 +62,7 @@ class DenseHead:
         """Every pair of box and class above the threshold."""
         arrays = [output.astype(np.float32)[0] for output in outputs]
         found = self.decode(arrays)
-        refuse_unequal(found.xyxy, found.scores)
+        check_equal_length(found.xyxy, found.scores)
         # a box that is not finite would suppress every other: nan compares as overlapping
         usable = np.isfinite(found.xyxy).all(axis=1, keepdims=True)
         rows, classes = pairs_above(np.where(usable, found.scores, 0), threshold)
@@ -73,7 +73,7 @@ class DenseHead:
         return Candidates(boxes, found.scores[rows, classes], classes, mask)
 
 
-def refuse_unequal(boxes: NDArray[Any], *others: NDArray[Any]) -> None:
+def check_equal_length(boxes: NDArray[Any], *others: NDArray[Any]) -> None:
     """Raises ModelError where an output has not one row for each box (n, 4)."""
     shapes = [boxes.shape, *(other.shape for other in others)]
     if boxes.ndim != 2 or any(not s or s[0] != len(boxes) for s in shapes) or shapes[0][1] != 4:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from kg.errors import ModelError
 from perception.inference.heads.candidates import Candidates, pairs_above
-from perception.inference.heads.dense import prototype_masks, refuse_unequal
+from perception.inference.heads.dense import check_equal_length, prototype_masks
 from perception.inference.heads.masks import MaskGrid, input_extent
 from perception.inference.preprocessing import Fitted
 
@@ -50,7 +50,7 @@ class SetPredictionHead:
     ) -> Candidates:
         """Those above the threshold."""
         labels, boxes, scores = (output[0] for output in outputs)
-        refuse_unequal(boxes, scores, labels)
+        check_equal_length(boxes, scores, labels)
         return _listed(boxes, scores, labels, threshold)
 
 
@@ -80,7 +80,7 @@ class QueryHead:
     ) -> Candidates:
         """Every pair of query and class above the threshold."""
         logits, shares = (output.astype(np.float32)[0] for output in outputs[:2])
-        refuse_unequal(shares, logits)
+        check_equal_length(shares, logits)
         with np.errstate(over="ignore"):
             if self.no_object:
                 weight = np.exp(logits - logits.max(1, keepdims=True, initial=-np.inf))
@@ -152,7 +152,7 @@ class RegionHead:
     ) -> Candidates:
         """Those above the threshold."""
         boxes, labels, scores, *masks = (o[0] if self.batched else o for o in outputs)
-        refuse_unequal(boxes, scores, labels, *masks)
+        check_equal_length(boxes, scores, labels, *masks)
         found = _listed(boxes, scores, labels, threshold)
         chosen = np.nonzero(scores.astype(np.float32) > threshold)[0]
         image = fitted.to_image(found.xyxy)

@@ -13,7 +13,7 @@ from kg.errors import ModelError
 from perception.frames import box_pixels
 from perception.inference.preprocessing import Fitted
 
-LARGEST: Final = 8192  # cells of a grid's side
+MAX_SIDE: Final = 8192  # cells of a grid's side
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,8 +33,8 @@ class MaskGrid:
             return np.zeros((0, 0), bool)
         top, bottom, left, right = pixels
         height, width = self.values.shape
-        if min(height, width) < 1 or max(height, width) > LARGEST:
-            raise ModelError(f"a mask of {width} x {height}; up to {LARGEST} a side would work")
+        if min(height, width) < 1 or max(height, width) > MAX_SIDE:
+            raise ModelError(f"a mask of {width} x {height}; up to {MAX_SIDE} a side would work")
         x1, y1, x2, y2 = self.extent
         across, down = width / max(x2 - x1, 1e-6), height / max(y2 - y1, 1e-6)
         # centre of pixel (column, row) -> edges of the image -> centres of the grid's cells

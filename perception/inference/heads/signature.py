@@ -41,7 +41,7 @@ _QUERIES: Final = (
     ("pred_logits", "pred_boxes", "pred_masks", "0..1"),
     ("labels", "dets", "masks", "imagenet"),  # RF-DETR
 )
-_LONGEST_LIST: Final = 1000  # rows of an end-to-end head
+_MAX_ROWS: Final = 1000  # rows of an end-to-end head
 _OTHER_TASKS: Final = ("classify", "pose", "obb")
 
 Shape = list[Any]
@@ -157,7 +157,7 @@ def _rows(session: Session, labels: int | None) -> Head | None:
 
 
 def _is_list(rows: int | str) -> bool:
-    return isinstance(rows, str) or rows <= _LONGEST_LIST
+    return isinstance(rows, str) or rows <= _MAX_ROWS
 
 
 _Rest = tuple[int, str, str, Callable[..., Any]]

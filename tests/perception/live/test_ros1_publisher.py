@@ -27,12 +27,12 @@ TOPIC, TYPE = "/said", "std_msgs/msg/String"
 
 @pytest.fixture(autouse=True)
 def soon(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(connection, "FIRST_PAUSE", 0.02)
-    monkeypatch.setattr(connection, "LONGEST_PAUSE", 0.1)
+    monkeypatch.setattr(connection, "MIN_PAUSE", 0.02)
+    monkeypatch.setattr(connection, "MAX_PAUSE", 0.1)
     monkeypatch.setattr(ros1, "POLL", 0.02)
     monkeypatch.setattr(tcpros, "TICK", 0.02)
     monkeypatch.setattr(tcpros, "HEADER_WITHIN", 0.5)
-    monkeypatch.setattr(ros1_publisher, "CHECKED", 0.02)
+    monkeypatch.setattr(ros1_publisher, "CHECK_INTERVAL", 0.02)
 
 
 @pytest.fixture

@@ -232,7 +232,7 @@ def test_all_that_waits_is_bounded_in_size(
 ) -> None:
     raws = [raw for raw in messages(".bag") if raw.topic == DEPTH]
     most = 3 * len(raws[0].data)
-    monkeypatch.setattr(stream, "MOST_BYTES", most)
+    monkeypatch.setattr(stream, "MAX_BYTES", most)
     made = FrameStream("peer")
     for number in range(20):
         offered(made, [replace(raw, topic=f"/depth_{number}") for raw in raws])

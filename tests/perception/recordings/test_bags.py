@@ -428,7 +428,7 @@ def test_chunks_that_expand_to_more_than_they_say(
     from perception.recordings import bag_file
 
     path = written(source, tmp_path / "room.mcap")
-    monkeypatch.setattr(bag_file, "LARGEST_CHUNK", 1000)
+    monkeypatch.setattr(bag_file, "MAX_CHUNK", 1000)
     assert "larger than any chunk" in refusal(path)
 
 

@@ -144,7 +144,7 @@ BUSY = MapBusyError("somebody else maps")
 def test_what_is_an_outage_and_what_an_error(
     monkeypatch: pytest.MonkeyPatch, opened: bool, happens: list[Any], raised: Exception | None
 ) -> None:
-    monkeypatch.setattr(connection, "FIRST_PAUSE", 0.001)
+    monkeypatch.setattr(connection, "MIN_PAUSE", 0.001)
     mapped, left = MappedFrames(opened=opened), list(happens)
 
     def run() -> None:

@@ -47,7 +47,7 @@ M = TypeVar("M")
 def soon(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stream, "SETTLING", 0.1)
     monkeypatch.setattr(stream, "SILENT", 0.2)
-    monkeypatch.setattr(connection, "FIRST_PAUSE", 0.02)
+    monkeypatch.setattr(connection, "MIN_PAUSE", 0.02)
     monkeypatch.setattr(ros1, "POLL", 0.05)
     monkeypatch.setattr(tcpros, "TICK", 0.05)
 
