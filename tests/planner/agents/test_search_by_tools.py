@@ -20,7 +20,7 @@ from mapping.projection import to_map
 from mapping.reference.depth_histogram import localise
 from mapping.reference.settings import ReferenceSettings
 from planner.agents.map_context import MapContext
-from planner.agents.open_searches import MOST, OpenSearch, OpenSearches
+from planner.agents.open_searches import MAX_SEARCHES, OpenSearch, OpenSearches
 from planner.agents.tool_server import tool_server
 from planner.execution.protocol import (
     Aborted,
@@ -232,4 +232,4 @@ def test_the_searches_kept_are_bounded(flat: SemanticMap) -> None:
     assert searches.get(names[0]).name == names[0]
     with pytest.raises(Exception, match="dropped for later ones"):
         searches.get(names[1])
-    assert MOST < 100
+    assert MAX_SEARCHES < 100
