@@ -59,6 +59,15 @@ class MappedFloor:
         return column, row
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class FloorView:
+    """Cells of a floor that a camera had in view."""
+
+    p_map: NDArray[np.float64]  # (n, 2) [m] their middles
+    metres: NDArray[np.float64]  # (n,) [m] their distance
+    cell: float  # [m] their side
+
+
 def mapped_floor(
     tiles: Iterable[FloorTile], height: float | None = None, *, storey: int | None = None
 ) -> MappedFloor | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -11,19 +11,11 @@ from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
 from kg.records import FloorTile, MapUpdate, PlaceRecord
+from mapping.occupancy.mapped_floor import FloorView
 from mapping.occupancy.occupancy_map import OccupancyMap
 from mapping.occupancy.occupancy_settings import OccupancySettings
 from mapping.occupancy.room_segmentation import SegmentationSettings
 from mapping.places.place_registry import PlaceRegistry
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FloorView:
-    """Cells of a floor that a look had in view."""
-
-    p_map: NDArray[np.float64]  # (n, 2) [m] their middles
-    metres: NDArray[np.float64]  # (n,) [m] their distance
-    cell: float  # [m] their side
 
 
 class ViewedFloor:

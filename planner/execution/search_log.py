@@ -23,7 +23,8 @@ from kg.records import (
 )
 from kg.transactions import Cause
 from mapping.objects.object_mapper import ObjectChanges
-from mapping.places.viewed_floor import FloorView, ViewedFloor
+from mapping.occupancy.mapped_floor import FloorView
+from mapping.places.viewed_floor import ViewedFloor
 from planner.execution.protocol import RobotPose
 
 TRIES: Final = 10  # to write what others get in the way of

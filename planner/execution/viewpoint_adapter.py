@@ -16,7 +16,7 @@ import numpy as np
 from kg.errors import LayoutError, RobotError
 from kg.maps.semantic_map import SemanticMap
 from kg.records import LookRecord, ObstacleRecord
-from mapping.places.viewed_floor import FloorView
+from mapping.occupancy.mapped_floor import FloorView
 from planner.execution.protocol import Hello, RobotPose
 from planner.goals.candidate_queries import Candidate
 from planner.plans.search_state import PlanningState, build_search

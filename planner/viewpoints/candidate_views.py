@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mapping.places.viewed_floor import FloorView
+from mapping.occupancy.mapped_floor import FloorView
 from planner.freespace.geodesic import distance_fields
 from planner.freespace.grid import Cells, FreeSpace, visible_cells
 from planner.viewpoints.coverage import covering_viewpoints
