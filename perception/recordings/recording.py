@@ -21,10 +21,9 @@ from perception.camera.registration import register_depth
 from perception.frames import Frame
 from perception.recordings import (
     bag,
-    hololens,
+    numbered_images,
     seven_scenes,
     stray_scanner,
-    trajectory_log,
     tum,
 )
 from perception.recordings.depth_check import check_depth
@@ -35,8 +34,8 @@ from perception.recordings.recording_options import DEFAULT_OPTIONS, RecordingOp
 FORMATS: tuple[Format, ...] = (
     seven_scenes.FORMAT,
     tum.FORMAT,
-    trajectory_log.FORMAT,
-    hololens.FORMAT,
+    numbered_images.TRAJECTORY_LOG,
+    numbered_images.HOLOLENS,
     stray_scanner.FORMAT,
     bag.FORMAT,
 )
