@@ -36,7 +36,7 @@ def add_keep(parser: argparse.ArgumentParser, otherwise: str) -> None:
     parser.add_argument(
         "--keep",
         metavar="DURATION",
-        help=f"how far back to remember: 30d, 12h, 90m, 2w or 1y ({otherwise})",
+        help=f"length of the history to keep: 30d, 12h, 90m, 2w or 1y ({otherwise})",
     )
 
 

@@ -32,10 +32,14 @@ if TYPE_CHECKING:
 def add(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument(
-        "--folder", default=".", metavar="DIR", help="where to leave the results (default: here)"
+        "--folder", default=".", metavar="DIR", help="folder for the results (default: here)"
     )
     parser.add_argument(
-        "--seed", type=count, default=0, metavar="N", help="what the senses get wrong (default: 0)"
+        "--seed",
+        type=count,
+        default=0,
+        metavar="N",
+        help="seed of the simulated sensing errors (default: 0)",
     )
     add_json(parser)
 

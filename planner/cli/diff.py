@@ -27,7 +27,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("before", metavar="T1", help="first instant")
     parser.add_argument("after", metavar="T2", help="second instant")
     parser.add_argument(
-        "--moved", action="store_true", help="only things that stand elsewhere: from where to where"
+        "--moved", action="store_true", help="only things that moved, with both positions"
     )
     add_json(parser)
 

@@ -66,7 +66,8 @@ def add(parser: argparse.ArgumentParser) -> None:
         "--recording",
         action="append",
         metavar="DIR",
-        help="recording to map and score, or whose world the truth of a MAP is in; repeatable",
+        help="recording to map and score; with MAP, the recording in whose world the truth is "
+        "(repeatable)",
     )
     mapping.add_argument(
         "--truth",
@@ -80,7 +81,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         type=positive,
         default=0.5,
         metavar="M",
-        help="greatest distance of a match, of a complete truth, large things apart (default: 0.5)",
+        help="complete truth: maximum distance of a match, except of large things (default: 0.5)",
     )
     mapping.add_argument(
         "--compare",
@@ -98,7 +99,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     mapping.add_argument(
         "--picture",
         metavar="FILE",
-        help="draw map and truth from above; of several, each into a file with its name added",
+        help="draw map and truth from above; of several maps, each into a file with its name added",
     )
     mapping.add_argument(
         "--plot",

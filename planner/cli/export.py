@@ -53,19 +53,19 @@ def add(parser: argparse.ArgumentParser) -> None:
         help="json, geojson, mcap, rrd, bag: objects of any existence, not only 0.5 and above",
     )
     parser.add_argument(
-        "--find", metavar="OBJECT", help="mcap, rrd, bag: the search for this object as well"
+        "--find", metavar="OBJECT", help="mcap, rrd, bag: add the search plan for this object"
     )
     add_start(parser)
     parser.add_argument(
         "--past",
         type=whole,
         metavar="N",
-        help="mcap, rrd, bag: what the map believed before as well, at N moments of its past",
+        help="mcap, rrd, bag: add N moments of the map's past",
     )
     parser.add_argument(
         "--pictures",
         metavar="FOLDER",
-        help="copy the pictures of the objects there, that of object/17 as 17.jpg",
+        help="copy the pictures of the objects to this folder, that of object/17 as 17.jpg",
     )
 
 

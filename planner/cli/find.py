@@ -43,10 +43,10 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--speed", type=speed, metavar="M/S", help="driving speed")
     parser.add_argument("--turn-rate", type=positive, metavar="DEG/S", help="turning speed")
     parser.add_argument(
-        "--range", type=_range, metavar="NEAR,FAR", help="what the camera sees [m] (0.8,4.6)"
+        "--range", type=_range, metavar="NEAR,FAR", help="range of the camera [m] (0.8,4.6)"
     )
     parser.add_argument(
-        "--recall", type=share, metavar="R", help="chance that a look shows what is there (0.7)"
+        "--recall", type=share, metavar="R", help="chance that a look shows an object in view (0.7)"
     )
     parser.add_argument(
         "--at", metavar="TIME", help="moment of the search, ISO 8601 or 'now' (default: the map's)"
@@ -58,7 +58,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--grid", metavar="FILE", help="the floor as a map_server YAML file, instead of the places'"
     )
-    parser.add_argument("--explain", action="store_true", help="every step with its facts")
+    parser.add_argument("--explain", action="store_true", help="print every step with its facts")
     parser.add_argument("--picture", metavar="FILE", help="draw the plan: PNG, SVG or PDF")
     add_json(parser)
 

@@ -42,7 +42,7 @@ def add(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     parser.add_argument(
         "--into", metavar="FILE.ttl", help="Turtle file to write or bring up to date"
     )
-    parser.add_argument("--language", default="en", help="whose assertions (default: en)")
+    parser.add_argument("--language", default="en", help="language of the assertions (default: en)")
     parser.add_argument(
         "--ontologies", metavar="DIR", help="folder of the categories (default: those shipped)"
     )
@@ -52,7 +52,7 @@ def add(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     parser.add_argument(
         "--cache",
         metavar="DIR",
-        help="where answers of the web API are kept (default: in the user's cache folder)",
+        help="folder for answers of the web API (default: in the user's cache folder)",
     )
     add_json(parser)
     parser.set_defaults(run=run)

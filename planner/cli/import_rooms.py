@@ -25,7 +25,9 @@ def add(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         metavar="FILE.ttl|MAP",
         help=f"an ontology file to write, or {MAP_HELP}",
     )
-    rooms.add_argument("--source", metavar="NAME", help="what was counted (default: the file name)")
+    rooms.add_argument(
+        "--source", metavar="NAME", help="name of the statistics (default: the file name)"
+    )
     rooms.add_argument("--license", metavar="IRI", default="", help="the licence of the counts")
     add_json(rooms)
     rooms.set_defaults(run=run)

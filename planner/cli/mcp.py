@@ -48,7 +48,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="NAME",
-        help="with --http: a name by which other machines know this server (again for more)",
+        help="with --http: a name by which other machines know this server (repeatable)",
     )
     parser.add_argument(
         "--write",

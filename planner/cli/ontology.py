@@ -64,7 +64,7 @@ def _add_reload(parts: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
         "reload",
         help="load an edited ontology into a map, also while it is served",
         description="Validate an ontology and load it into a map, in one transaction; print what "
-        "changes. A refused one leaves the map as it is. What people wrote into "
+        "changes. A refused one leaves the map as it is. Statements that people wrote into "
         "graph:commonsense stays. A running server needs its token in HEREABOUTS_TOKEN, its "
         "address in HEREABOUTS_SERVER.",
         epilog="example: hereabouts ontology reload http://127.0.0.1:8008 mine.ttl",
@@ -74,7 +74,7 @@ def _add_reload(parts: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
     parser.add_argument("source", metavar="FILE|FOLDER", help=_SOURCE_HELP)
     add_author(parser)
     parser.add_argument(
-        "--whole", action="store_true", help="remove what the file neither holds nor imports"
+        "--whole", action="store_true", help="remove terms that the file neither holds nor imports"
     )
     parser.add_argument("--dry-run", action="store_true", help="only print what would change")
     _add_reason(parser)
@@ -104,7 +104,7 @@ def _add_vocabulary(parts: argparse._SubParsersAction[argparse.ArgumentParser]) 
         epilog="example: hereabouts ontology vocabulary -o vocabulary.md",
     )
     parser.add_argument("source", nargs="?", metavar="FILE|FOLDER", help=_SOURCE_HELP)
-    parser.add_argument("-o", "--output", metavar="FILE", help="write there instead of to stdout")
+    parser.add_argument("-o", "--output", metavar="FILE", help="file to write instead of stdout")
     parser.set_defaults(run=_vocabulary)
 
 

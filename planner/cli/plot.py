@@ -23,20 +23,20 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--find",
         metavar="OBJECT",
-        help="draw the plan of `hereabouts find` as well: the way, the looks, why and how long",
+        help="draw the plan of `hereabouts find` too: path, looks, reasons and times",
     )
     add_start(parser)
     parser.add_argument(
         "--legend",
         choices=("class", "place"),
         default="class",
-        help="what objects share colour and mark with: their class, or the category of their "
-        "place (default: class)",
+        help="give objects the colour and mark of their class, or of the category of their place "
+        "(default: class)",
     )
     parser.add_argument(
         "--all",
         action="store_true",
-        help="name objects of any existence; others than those of 0.5 and above are faint marks",
+        help="name objects of any existence; by default those below 0.5 are faint marks",
     )
 
 

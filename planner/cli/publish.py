@@ -28,9 +28,9 @@ def add(parser: argparse.ArgumentParser) -> None:
         "--to", required=True, metavar="URL", help="SPARQL server, e.g. http://127.0.0.1:7878"
     )
     parser.add_argument(
-        "--token-file", metavar="FILE", help="bearer token of that server, alone in the file"
+        "--token-file", metavar="FILE", help="file that holds only the bearer token of that server"
     )
-    parser.add_argument("--once", action="store_true", help="publish what there is now, and end")
+    parser.add_argument("--once", action="store_true", help="publish the present state and end")
     add_json(parser)
 
 

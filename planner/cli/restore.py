@@ -34,13 +34,13 @@ def add(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="WHAT",
-        help="objects, places, assertions, ontology, or one thing by IRI (again for more)",
+        help="objects, places, assertions, ontology, or one thing by IRI (repeatable)",
     )
     add_author(parser)
     parser.add_argument(
         "--yes", action="store_true", help="confirm that a large share of the map is deleted"
     )
-    parser.add_argument("--dry-run", action="store_true", help="count what would change, no more")
+    parser.add_argument("--dry-run", action="store_true", help="only count what would change")
     add_json(parser)
 
 

@@ -92,7 +92,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     )
     add_hide(parser, "sim: ")
     parser.add_argument(
-        "--seed", type=count, default=0, metavar="N", help="sim: what the senses get wrong"
+        "--seed", type=count, default=0, metavar="N", help="sim: seed of the sensing errors"
     )
     add_ros1_arguments(parser)
     add_viewers(parser)

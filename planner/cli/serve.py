@@ -52,14 +52,14 @@ def add(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="NAME",
-        help="a name by which other machines know this server (again for more)",
+        help="a name by which other machines know this server (repeatable)",
     )
     parser.add_argument(
         "--allow-origin",
         action="append",
         default=[],
         metavar="ORIGIN",
-        help="let scripts of web pages from there use the server (again for more)",
+        help="let scripts of web pages from there use the server (repeatable)",
     )
     parser.add_argument(
         "--public",
@@ -71,7 +71,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="URL",
-        help="let queries ask this SPARQL endpoint by SERVICE (again for more)",
+        help="let queries ask this SPARQL endpoint by SERVICE (repeatable)",
     )
     parser.add_argument(
         "--timeout", type=positive, default=10.0, metavar="S", help="a query may take (10 s)"
@@ -90,7 +90,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="DIR",
-        help="map this recording meanwhile (again for more, one after the other)",
+        help="map this recording meanwhile (repeatable; mapped one after the other)",
     )
     add_all_arguments(parser)
 

@@ -30,7 +30,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         "simulated detector, for --detector) and places.json (the rooms, for --places).",
         epilog="example: hereabouts simulate house --seed 7 --senses hard -o house7",
     )
-    house.add_argument("--seed", type=count, required=True, metavar="N", help="which house")
+    house.add_argument("--seed", type=count, required=True, metavar="N", help="seed of the house")
     house.add_argument(
         "--sessions",
         type=int,

@@ -20,7 +20,7 @@ def add_hide(parser: argparse.ArgumentParser, whose: str = "") -> None:
         "--hide",
         action="append",
         metavar="LABEL@X,Y,Z",
-        help=f"{whose}what stands in the house since it was mapped (default: apple, which alone "
+        help=f"{whose}a thing placed in the house after it was mapped (default: apple, which alone "
         "needs no place: it is the demo's)",
     )
 

@@ -27,9 +27,9 @@ if TYPE_CHECKING:
 def add(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     add_map(parser)
-    parser.add_argument("object", metavar="OBJECT", help="what to ask about, e.g. cup or object/17")
+    parser.add_argument("object", metavar="OBJECT", help="category or thing, e.g. cup or object/17")
     parser.add_argument(
-        "--in", dest="place", metavar="PLACE", help="only there: label, number, IRI"
+        "--in", dest="place", metavar="PLACE", help="only in this place: label, number or IRI"
     )
     add_json(parser)
 

@@ -19,10 +19,10 @@ def add_viewers(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--mcap",
         metavar="OUT",
-        help="keep what happens as a new MCAP file for Foxglove: frames, boxes, map, robot, plan",
+        help="record frames, boxes, map, robot and plan in a new MCAP file for Foxglove",
     )
     parser.add_argument(
-        "--rerun", metavar="OUT", help="the same as a new .rrd file for the Rerun viewer"
+        "--rerun", metavar="OUT", help="record the same in a new .rrd file for Rerun"
     )
 
 

@@ -36,8 +36,8 @@ def add(parser: argparse.ArgumentParser) -> None:
         "--candidates",
         nargs="*",
         metavar="CATEGORY",
-        help="what became of all detections, or of those of a category, and what was seen but is "
-        "not believed",
+        help="fates of all detections, or of those of a category, and the things that were seen "
+        "but are not believed",
     )
     parser.add_argument(
         "--format",
