@@ -89,7 +89,7 @@ def application(serving: AppState) -> ASGIApp:
         serving.feed.stop()
 
     app = Starlette(
-        routes=routes, lifespan=lifespan, exception_handlers={HTTPException: not_this_way}
+        routes=routes, lifespan=lifespan, exception_handlers={HTTPException: routing_error}
     )
     app.router.redirect_slashes = False
     return RequestGuard(app, serving.settings, serving.metrics)
@@ -135,11 +135,11 @@ async def _metrics(serving: AppState, request: Request) -> Response:
     return Response(text, headers={"Content-Type": MEDIA_TYPE})
 
 
-async def not_this_way(request: Request, error: Exception) -> Response:
+async def routing_error(request: Request, error: Exception) -> Response:
     """Error response for an unknown path, or for a method that the path does not have."""
     assert isinstance(error, HTTPException)
     if error.status_code == 405:
-        message = f"{request.method} is not for {request.url.path[:200]}"
+        message = f"{request.url.path[:200]} does not allow {request.method}"
     else:
         message = f"nothing is at {request.url.path[:200]}"
     problem = Problem(error.status_code, message, error.headers)

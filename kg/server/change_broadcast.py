@@ -128,7 +128,7 @@ class ChangeBroadcast:
         """
         now = self._map.sequence
         if sequence > now:
-            message = f"this map is at {now}, not at {sequence}; read it anew"
+            message = f"this map is at transaction {now}, not at {sequence}; read it again"
             raise Problem(410, message, kind="HistoryError")
         if sequence == now:
             return ()

@@ -37,7 +37,7 @@ def past_store(states: PastStates, store: Store, request: Mapping[str, Any]) -> 
 def history_report(store: Store, request: Mapping[str, Any]) -> str:
     """A report on the history, in the media type of the request."""
     with _frozen(request) as log:
-        return _TELLERS[request["what"]](store, log, request)
+        return _REPORTS[request["what"]](store, log, request)
 
 
 def _log(store: Store, log: HistoryLog, request: Mapping[str, Any]) -> str:
@@ -68,7 +68,7 @@ def _why(store: Store, log: HistoryLog, request: Mapping[str, Any]) -> str:
     return _dumped([reason_to_json(reason) for reason in reasons])
 
 
-_TELLERS: Final[dict[str, Callable[[Store, HistoryLog, Mapping[str, Any]], str]]] = {
+_REPORTS: Final[dict[str, Callable[[Store, HistoryLog, Mapping[str, Any]], str]]] = {
     "log": _log,
     "diff": _diff,
     "why": _why,

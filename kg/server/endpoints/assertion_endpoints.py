@@ -114,7 +114,7 @@ async def _take_back(serving: AppState, request: Request, by: str) -> Response:
     given = bodies.query_parameters(request)
     iri, prop = given.one("iri"), given.one("property")
     if not iri or not prop:
-        raise Problem(400, "taking back needs ?iri= and &property=, as in iri=object/17")
+        raise Problem(400, "a retraction needs ?iri= and &property=, as in iri=object/17")
     thing = full_iri(serving.semantic_map.base, iri)
     _property(prop)
     change = await _shielded(partial(serving.semantic_map.assertions.retract, thing, prop, by=by))

@@ -34,7 +34,7 @@ async def restore(serving: AppState, request: Request) -> Response:
     """
     by = serving.settings.tokens.holder(request.headers.get("authorization"))
     if bodies.media_type(request) != _JSON:
-        raise Problem(415, f"a restoration is described in {_JSON}: {', '.join(_MEMBERS)}")
+        raise Problem(415, f"a restoration needs a body of type {_JSON} with {', '.join(_MEMBERS)}")
     body = await bodies.read_body(request, serving.settings.limits)
     given = bodies.json_object(body, _MEMBERS)
     if not isinstance(given["to"], str) or not isinstance(given["dry_run"], bool):

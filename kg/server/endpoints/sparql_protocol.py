@@ -103,7 +103,7 @@ def _least(serving: AppState, request: Request) -> int:
         raise Problem(400, f"{SEQUENCE} must be a sequence number, got {given[:40]!r}")
     if int(given) > serving.semantic_map.sequence:
         now = serving.semantic_map.sequence
-        raise Problem(412, f"this map is at {now}, not at {given}; read it anew")
+        raise Problem(412, f"this map is at transaction {now}, not at {given}; read it again")
     return int(given)
 
 

@@ -73,7 +73,7 @@ def json_object(body: bytes, members: Iterable[str]) -> Mapping[str, Any]:
     try:
         content = json.loads(body)
     except (ValueError, RecursionError) as error:
-        raise Problem(400, f"the body is no JSON: {str(error)[:200]}") from error
+        raise Problem(400, f"the body is not JSON: {str(error)[:200]}") from error
     if not isinstance(content, dict) or set(content) != {*members}:
         raise Problem(400, f"the body must be a JSON object of {', '.join(members) or 'nothing'}")
     level: list[Any] = [content]

@@ -35,14 +35,14 @@ def check_host(settings: Settings, headers: Headers) -> None:
     host = headers.get("host", "")
     match = _HOST.fullmatch(host)
     if match is None:
-        raise Problem(400, f"no host: {host[:100]!r}; write a name or an address, and a port")
+        raise Problem(400, f"invalid Host {host[:100]!r}; write a name or an address, and a port")
     name = match[1].lower()
     if name in settings.hosts or (not settings.loopback and _is_address(name)):
         return
     if settings.loopback:
-        raise Problem(421, "this server answers to localhost and to its own address alone")
+        raise Problem(421, "this server answers only to localhost and to its own address")
     name = name[:100]
-    raise Problem(421, f"this server is not called {name}; start it with --public-host {name}")
+    raise Problem(421, f"{name} is not a name of this server; start it with --public-host {name}")
 
 
 def check_site(settings: Settings, path: str, method: str, headers: Headers) -> None:
@@ -59,7 +59,8 @@ def check_site(settings: Settings, path: str, method: str, headers: Headers) -> 
     in_frame = headers.get("sec-fetch-dest", "document") != "document"
     if not is_link or in_frame or path.strip("/").partition("/")[0] in _NO_LINKS:
         raise Problem(
-            403, "a web page elsewhere may not ask this server: start it with --allow-origin ORIGIN"
+            403,
+            "web pages of other sites may not use this server; start it with --allow-origin ORIGIN",
         )
 
 
