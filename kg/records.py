@@ -1,4 +1,4 @@
-"""What the other rooms see of the graph: frozen records, one for each kind of thing in the map.
+"""Records of a map: frozen dataclasses, one for each kind of thing, for the other packages.
 
 Metres and radians in the map frame (z up, floor about z = 0), seconds since 1970-01-01 UTC.
 """
@@ -114,7 +114,7 @@ class PlaceRecord:
 
     @property
     def area(self) -> Area:
-        """What it covers of the floor."""
+        """The area of floor that it covers."""
         return Area(self.xmin, self.xmax, self.ymin, self.ymax, outline=self.outline)
 
     def with_area(self, area: Rectangle) -> PlaceRecord:
@@ -130,7 +130,7 @@ class PlaceRecord:
 
     @property
     def from_views(self) -> Mapping[str, float]:
-        """What the views alone make it believed to be."""
+        """Beliefs in its categories from the views alone."""
         return self.scene_beliefs if self.evidence_objects else self.beliefs
 
 

@@ -1,4 +1,4 @@
-"""What one transaction did to the graph, and on whose account."""
+"""Transactions: the quads added and removed, the time, and the cause."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Kind = Literal[
 
 @dataclass(frozen=True, slots=True)
 class Cause:
-    """Why the graph changed: what kind of act, by whom, and what about."""
+    """Reason for a transaction: kind of act, author, and a note."""
 
     kind: Kind
     by: str | None = None  # the person or program; None = the mapper itself
@@ -32,7 +32,7 @@ class Cause:
 
 @dataclass(frozen=True, slots=True)
 class ChangeSet:
-    """One transaction: quads that were not there before, and quads that are there no more."""
+    """One transaction: the quads it added to the graph, and those it removed."""
 
     sequence: int  # 1, 2, 3, ... without gaps
     time: float  # [s] since 1970-01-01 UTC, when it was applied
@@ -44,7 +44,7 @@ class ChangeSet:
         return len(self.added) + len(self.removed)
 
     def reversed(self) -> ChangeSet:
-        """What undoes it, under the same number."""
+        """The change that undoes it, under the same number."""
         return ChangeSet(self.sequence, self.time, self.cause, self.removed, self.added)
 
 

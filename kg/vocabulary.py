@@ -15,15 +15,15 @@ HERE: Final = "https://w3id.org/hereabouts#"
 GRAPH: Final = "https://w3id.org/hereabouts/graph/"
 CELL: Final = "https://w3id.org/hereabouts/cell/"
 RELATION: Final = "https://w3id.org/hereabouts/relation/"
-#: the ontology that declares what maps are written in
+#: the ontology that declares the terms of maps
 CORE_ONTOLOGY: Final = "https://w3id.org/hereabouts/ontology/hereabouts"
-#: what stands for a blank node in a map (RDF 1.1 Concepts, section 3.5)
+#: prefix of IRIs that replace blank nodes in a map (RDF 1.1 Concepts, section 3.5)
 GENID: Final = "https://w3id.org/.well-known/genid/hereabouts/"
 ROOM_TYPE: Final = "https://w3id.org/hereabouts/room/"  # kinds of rooms that statistics bring
 STATISTICS: Final = "https://w3id.org/hereabouts/statistics/"
 ROOMS_ONTOLOGY: Final = "https://w3id.org/hereabouts/ontology/rooms/"  # + the source
 
-#: + kind#name of a category made for a network's label that nothing else was called
+#: + kind#name: category of a detector's label that no other category has
 PROVISIONAL: Final = "https://w3id.org/hereabouts/provisional/"
 
 # named graphs
@@ -102,7 +102,7 @@ WIDTH: Final = HERE + "width"
 
 # individuals: in what relation to others
 SPATIAL_RELATION: Final = HERE + "SpatialRelation"
-SPATIAL: Final = HERE + "spatialRelation"  # of which these are:
+SPATIAL: Final = HERE + "spatialRelation"  # super-property of the next three
 ON: Final = HERE + "on"
 INSIDE: Final = HERE + "inside"
 BESIDE: Final = HERE + "beside"

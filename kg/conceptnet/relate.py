@@ -142,7 +142,7 @@ def _direct(collection: EdgeCollection, senses: SenseFilter, iri: str, keys: lis
 
 
 def _move_indoors(collection: EdgeCollection, tallies: _Tallies) -> None:
-    """What is found in rooms and in a hotel is found inside it, not at "hotel outdoor"."""
+    """Count outdoor places, as "hotel outdoor", as indoor ones for things also found in rooms."""
     rooms = [tally for place, tally in tallies.items() if place in collection.names.rooms]
     if not any(_enough(v.LOCATED_AT, tally) for tally in rooms):
         return
@@ -178,7 +178,7 @@ def _indirect(
 def _links(
     collection: EdgeCollection, senses: SenseFilter, iri: str, keys: list[Key]
 ) -> list[tuple[Key, float]]:
-    """What a category is in, part of, or, another one, a kind of, with the votes; sorted."""
+    """Concepts that a category is in, part of, or a kind of, with the votes; sorted."""
     own = senses.group(iri)
     votes: dict[Key, float] = defaultdict(float)
     for key in keys:

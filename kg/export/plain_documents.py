@@ -7,8 +7,8 @@ from collections.abc import Iterable
 from typing import Any
 
 from kg.areas import Ring
-from kg.facts.wkt import CRS
 from kg.maps.semantic_map import SemanticMap
+from kg.rdf.geosparql import CRS
 from kg.records import DepartedRecord, ObjectRecord, PlaceRecord, RobotRecord
 
 _FRAME = "local frame of this map: metres, z up, the floor about z = 0; not geographic"

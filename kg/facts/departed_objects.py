@@ -13,7 +13,7 @@ from pyoxigraph import Literal, NamedNode, Quad
 
 from kg import vocabulary as v
 from kg.errors import InvalidFactError
-from kg.facts.literals import (
+from kg.rdf.literals import (
     AXES,
     SIDES,
     Properties,

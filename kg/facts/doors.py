@@ -8,7 +8,7 @@ from pyoxigraph import Literal, NamedNode, Quad
 
 from kg import vocabulary as v
 from kg.errors import InvalidFactError
-from kg.facts.literals import first, iri_node, iri_order, known_iri, number_literal, properties_of
+from kg.rdf.literals import first, iri_node, iri_order, known_iri, number_literal, properties_of
 from kg.rdf.quad_store import QuadStore
 from kg.records import DoorRecord
 

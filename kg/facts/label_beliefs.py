@@ -13,7 +13,7 @@ from urllib.parse import quote
 from pyoxigraph import Literal, NamedNode, Quad
 
 from kg import vocabulary as v
-from kg.facts.literals import Properties, first, iri_node, known_iri, number_literal, quantised
+from kg.rdf.literals import Properties, first, iri_node, known_iri, number_literal, quantised
 from kg.rdf.quad_store import QuadStore
 
 STEP: Final = 0.05  # probabilities are quantised to; less common alternatives are not stored

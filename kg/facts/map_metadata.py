@@ -10,9 +10,9 @@ from pyoxigraph import Literal, NamedNode, Quad
 
 from kg import vocabulary as v
 from kg.errors import GraphError, InvalidFactError, MapNotFoundError
-from kg.facts.literals import first, properties_of
 from kg.ontology.shipped import CompiledOntology, shipped_ontology
 from kg.rdf.datetimes import now
+from kg.rdf.literals import first, properties_of
 from kg.rdf.quad_store import QuadStore
 from kg.rdf.xml_characters import shown
 from kg.store.transactional import TransactionalStore

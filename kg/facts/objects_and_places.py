@@ -18,7 +18,14 @@ from kg import vocabulary as v
 from kg.areas import Area, Outline, area_of
 from kg.errors import InvalidFactError
 from kg.facts.label_beliefs import label_quads, labels_of
-from kg.facts.literals import (
+from kg.facts.observations import evidence_of, observation_quads
+from kg.facts.place_views import facts_of_views, views_of
+from kg.facts.relations import relation_quads, relations_of
+from kg.iris import observation_iri
+from kg.ontology.catalogue import Catalogue
+from kg.rdf.geosparql import CRS
+from kg.rdf.grid_cells import cell_of
+from kg.rdf.literals import (
     AXES,
     SIDES,
     Properties,
@@ -37,13 +44,6 @@ from kg.facts.literals import (
     subject_quads,
     time_literal,
 )
-from kg.facts.observations import evidence_of, observation_quads
-from kg.facts.place_views import facts_of_views, views_of
-from kg.facts.relations import relation_quads, relations_of
-from kg.facts.wkt import CRS
-from kg.iris import observation_iri
-from kg.ontology.catalogue import Catalogue
-from kg.rdf.grid_cells import cell_of
 from kg.rdf.quad_store import QuadStore
 from kg.rdf.wkt import area_of_polygon, polygon_text
 from kg.records import (

@@ -8,7 +8,9 @@ from pyoxigraph import Literal, Quad
 
 from kg import vocabulary as v
 from kg.errors import InvalidFactError
-from kg.facts.literals import (
+from kg.facts.robot_and_recordings import recording_iri, recording_name
+from kg.iris import observation_iri
+from kg.rdf.literals import (
     Properties,
     first,
     iri_node,
@@ -18,8 +20,6 @@ from kg.facts.literals import (
     subject_quads,
     time_literal,
 )
-from kg.facts.robot_and_recordings import recording_iri, recording_name
-from kg.iris import observation_iri
 from kg.records import Evidence
 
 

@@ -17,9 +17,9 @@ from pyoxigraph import Literal, NamedNode, Quad
 
 from kg import vocabulary as v
 from kg.errors import InvalidFactError
-from kg.facts.literals import number_literal, properties_of, time_literal
 from kg.query.evaluation import Value
 from kg.rdf.datetimes import seconds
+from kg.rdf.literals import number_literal, properties_of, time_literal
 from kg.rdf.quad_store import QuadStore
 from kg.records import TALL, FloorTile
 from kg.store.sparql_backend import reading_ahead

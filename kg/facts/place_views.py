@@ -8,7 +8,7 @@ from pyoxigraph import Literal
 
 from kg import vocabulary as v
 from kg.errors import InvalidFactError
-from kg.facts.literals import Properties, first, number_literal, stamp_of, time_literal
+from kg.rdf.literals import Properties, first, number_literal, stamp_of, time_literal
 from kg.records import PlaceViews
 
 

@@ -14,7 +14,7 @@ from pyoxigraph import NamedNode, Quad
 
 from kg import vocabulary as v
 from kg.errors import InvalidFactError
-from kg.facts.literals import Properties, first, iri_node, iri_order, known_iri, number_literal
+from kg.rdf.literals import Properties, first, iri_node, iri_order, known_iri, number_literal
 from kg.rdf.quad_store import QuadStore
 from kg.records import Relation, RelationKind
 
@@ -23,7 +23,7 @@ PREDICATES: Final[Mapping[RelationKind, str]] = {
     "inside": v.INSIDE,
     "beside": v.BESIDE,
 }
-#: Kinds of which an object has one at most; people can assert them.
+#: An object has at most one relation of each of these kinds; people can assert them.
 SINGLE: Final[tuple[RelationKind, ...]] = ("on", "inside")
 NOTHING: Final = "nothing"  # asserted or perceived instead of an object
 BELIEVED: Final = 0.5  # probability from which on a relation is a triple of the object
@@ -112,7 +112,7 @@ def asserted_relations(
 
 
 def perceived_value(relations: Iterable[Relation], kind: RelationKind) -> tuple[str, float]:
-    """What an object is believed to be on or inside of, or "nothing", and how probable that is."""
+    """The object that an object is believed to be on or inside, or "nothing"; the probability."""
     found = [relation for relation in relations if relation.kind == kind]
     for relation in believed_relations(found):
         return relation.target, relation.probability

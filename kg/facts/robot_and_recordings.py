@@ -11,7 +11,7 @@ from pyoxigraph import Literal, NamedNode, Quad
 
 from kg import vocabulary as v
 from kg.errors import InvalidFactError
-from kg.facts.literals import (
+from kg.rdf.literals import (
     AXES,
     axes_of,
     axis_literals,

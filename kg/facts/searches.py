@@ -10,7 +10,8 @@ from pyoxigraph import Literal, NamedNode, Quad
 
 from kg import vocabulary as v
 from kg.errors import InvalidFactError
-from kg.facts.literals import (
+from kg.rdf.datetimes import seconds
+from kg.rdf.literals import (
     Properties,
     first,
     iri_node,
@@ -22,7 +23,6 @@ from kg.facts.literals import (
     text_of,
     time_literal,
 )
-from kg.rdf.datetimes import seconds
 from kg.rdf.quad_store import QuadStore
 from kg.records import LookRecord, MapUpdate, ObstacleRecord, SearchRecord, SearchState
 from kg.store.transactional import TransactionalStore

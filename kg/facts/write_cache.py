@@ -26,7 +26,7 @@ class WriteCache:
         self._store = store
         self._owns = owns
         self._held: dict[NamedNode, dict[Quad, None]] = {}
-        self._at: int | None = None  # the transaction as of which it holds
+        self._at: int | None = None  # the transaction after which it was read
 
     def catch_up(self) -> int | None:
         """Drop what another writer may have changed; returns the transaction as of which it holds.

@@ -1,1 +1,1 @@
-"""RDF terms, syntaxes and SHACL; independent of what a map holds."""
+"""RDF: literals, syntaxes, stores, SHACL, and triples in standard vocabularies."""

@@ -15,7 +15,7 @@ from pyoxigraph import Quad, RdfFormat, parse
 
 from kg.errors import OntologyError
 
-#: What is wrong with RDF/XML that `has_document_type`.
+#: Message for RDF/XML that `has_document_type`.
 DOCUMENT_TYPE: Final = (
     "RDF/XML with a DOCTYPE is refused, since its entities can grow without limit; "
     "write IRIs in full, or use Turtle"

@@ -44,7 +44,7 @@ class XmlPieces:
         self._kept = b""
 
     def take(self, piece: bytes) -> bytes:
-        """What can be written by now."""
+        """The characters that can be written by now."""
         body = self._kept + piece
         # the beginning of a character of three bytes may be one that is to be replaced
         cut = next((n for n in (2, 1) if body.endswith(b"\xef\xbf"[:n])), 0)
@@ -52,7 +52,7 @@ class XmlPieces:
         return in_xml(body)
 
     def rest(self) -> bytes:
-        """What was kept back."""
+        """The characters that were held back."""
         rest, self._kept = self._kept, b""
         return rest
 

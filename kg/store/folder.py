@@ -93,6 +93,6 @@ def remove_abandoned(path: Path, kind: str = "new") -> None:
 
 
 def reason_of(error: OSError | RuntimeError) -> str:
-    """What an error of the file system says, in one line."""
+    """The message of a file system error in one line."""
     reason = error.strerror if isinstance(error, OSError) else None
     return " ".join((reason or str(error)).split())

@@ -285,7 +285,7 @@ class SparqlClient:
 
 
 def _detail_of(reply: requests.Response) -> str:
-    """What a refusal says, out of its JSON where it is one of RFC 9457."""
+    """The message of a refused request, from its problem details (RFC 9457) where it has them."""
     return str(_problem(reply).get("detail", reply.text))
 
 

@@ -1,8 +1,8 @@
-"""What Virtuoso 7 says and takes otherwise than the standards have it.
+"""Deviations of Virtuoso 7 from the SPARQL standards, and how they are handled.
 
 It names blank nodes ``nodeID://...``, writes numbers in a lexical form of its own and booleans as 0
 and 1, answers CONSTRUCT with a table where it may, takes no blank node in INSERT DATA, and compiles
-no request of more than some ten thousand lines. Here is what makes up for that.
+no request of more than some ten thousand lines.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def plain(triple: Triple) -> Triple:
 
 
 def complaint(body: str) -> str:
-    """What an error says, without the query it repeats, and its line where it names one."""
+    """The message of an error without the query it repeats, with its line where it has one."""
     text = " ".join(body.split("SPARQL query:")[0].split())
     found = _LINE.search(text)
     return f"error at {found[1]}:1: {found[2]}" if found else text

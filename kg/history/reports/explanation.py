@@ -99,7 +99,7 @@ class Explainer:
         )
 
     def _alternatives(self, facts: list[Quad]) -> Iterator[Explanation]:
-        """What else an object may be."""
+        """Other categories that an object may have."""
         nodes = [q.object for q in facts if q.predicate.value == v.HAS_LABEL_BELIEF]
         likely = {n: self._text(n, v.LABEL_PROBABILITY) for n in nodes if isinstance(n, NamedNode)}
         for node in sorted(likely, key=lambda n: (likely[n], n.value), reverse=True):
@@ -184,7 +184,7 @@ class Explainer:
             yield from self._observation(subject)
 
     def _known(self, quad: Quad) -> Iterator[Explanation]:
-        """What is behind a fact of the ontology: the relation with its source, or its file."""
+        """Reasons for a fact of the ontology: the relation with its source, or the ontology."""
         if quad.predicate.value in _RELATIONS and isinstance(quad.object, NamedNode):
             for node in self._engine.quads_for_pattern(None, _SUBJECT, quad.subject, None):
                 relation = node.subject
@@ -231,7 +231,7 @@ class Explainer:
                 yield Explanation("belief", text, node.value, tuple(self._grounds(node)))
 
     def _grounds(self, node: NamedNode) -> Iterator[Explanation]:
-        """What a belief of a place rests on: views, and the objects in it where they count."""
+        """Evidence for a belief of a place: views, and the objects in it where they count."""
         place = NamedNode(node.value.partition("/belief/")[0])
         telling = [x for x in self._values(place, v.TOLD_BY) if isinstance(x, NamedNode)]
         yield Explanation("rule", BELIEF_OF_PLACE if telling else RULES[v.BELIEF])

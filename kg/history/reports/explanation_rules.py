@@ -1,4 +1,4 @@
-"""What the reference mapper does to come by a fact, in a sentence a predicate.
+"""Rules by which the reference mapper derives facts, a sentence for each predicate.
 
 Equations and sections are those of the thesis the reference mapper follows; its numbers are in
 `mapping.reference.settings`.

@@ -10,7 +10,7 @@ from kg.history.reports.events import HistoryEvent
 from kg.history.reports.explanation import Explanation
 from kg.history.timestamps import iso
 
-#: What a step of an explanation is to the one before it; things and facts speak for themselves.
+#: Relation of a step of an explanation to the one before it; things and facts need no word.
 WORDS: Final = {
     "observation": "evidence",
     "pose": "pose",

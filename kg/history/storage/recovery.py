@@ -52,8 +52,9 @@ def attach(
 def one_reader_at_a_time(folder: Path) -> Iterator[None]:
     """Within, no other reader is between looking at the log and catching up.
 
-    Two that came at once after a crash would keep each other from the lock it takes, and both stay
-    behind. The lock is on the folder itself, so that it needs no file and no right to write.
+    After a crash a reader that finds the store behind its log opens the map for writing. Two at
+    once would keep each other from the writer's lock. The lock here is on the folder itself, so
+    that it needs no file and no right to write.
     """
     with ExitStack() as held:
         with suppress(OSError):  # opening the folder reports what is wrong with it
@@ -93,7 +94,7 @@ def _replay(store: TransactionalStore, log: HistoryLog) -> None:
 def _difference(
     store: TransactionalStore, log: HistoryLog, sequence: int, cause: Cause
 ) -> ChangeSet:
-    """What leads from the log's last state to the store's, but for the background graphs."""
+    """The change from the log's last state to the store's, without the background graphs."""
     recorded = {*quads_of(log.facts(log.last))}
     stored = {*_recorded(store.native)}
     added, removed = tuple(stored - recorded), tuple(recorded - stored)
@@ -101,7 +102,7 @@ def _difference(
 
 
 def _recorded(engine: Store) -> Iterator[Quad]:
-    """What a log keeps of a store, graph by graph: all but the background graphs."""
+    """The quads of a store that its log keeps, graph by graph: all but the background graphs."""
     for graph in (*engine.named_graphs(), DefaultGraph()):
         if graph not in BACKGROUND:
             quads = engine.quads_for_pattern(None, None, None, graph)

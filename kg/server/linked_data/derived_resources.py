@@ -14,13 +14,13 @@ from pyoxigraph import Literal, NamedNode, Quad
 from kg import vocabulary as v
 from kg.errors import HistoryError
 from kg.facts.assertions import agent_quads
-from kg.facts.literals import properties_of
 from kg.facts.objects_and_places import RecordCodec
-from kg.facts.standard_terms import PROGRAM, SENSOR, program_quads, sensor_quads, standard_quads
-from kg.facts.wkt import CRS, GEOMETRY, crs_quads, geometry_quads
 from kg.iris import AGENT, agent_iri, agent_name
 from kg.maps.semantic_map import SemanticMap
 from kg.rdf.datetimes import date_time
+from kg.rdf.geosparql import CRS, GEOMETRY, crs_quads, geometry_quads
+from kg.rdf.literals import properties_of
+from kg.rdf.standard_terms import PROGRAM, SENSOR, program_quads, sensor_quads, standard_quads
 
 COMMIT: Final = "commit/"  # IRI of a transaction: base, this, number
 _PARTS: Final = (GEOMETRY, "/time", "/association")  # of a stored resource

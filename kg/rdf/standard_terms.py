@@ -1,7 +1,7 @@
 """Derived triples in standard vocabularies: SSN/SOSA, PROV-O and OWL-Time.
 
-They follow from what the map stores, so they are not stored: an export and the document of a
-resource have them, and a frame costs no more writes.
+They follow from stored triples, so the map does not store them: exports and the documents of
+resources have them.
 """
 
 from __future__ import annotations
@@ -12,17 +12,17 @@ from urllib.parse import quote, unquote
 from pyoxigraph import Literal, NamedNode, Quad
 
 from kg import vocabulary as v
-from kg.facts.literals import Properties, first
+from kg.rdf.literals import Properties, first
 
 _STAMP = NamedNode(v.XSD + "dateTimeStamp")
 SENSOR = "sensor/"  # + the model's name, behind the map's IRI
-PROGRAM = "agent/hereabouts"  # what carries out searches, behind the map's IRI
+PROGRAM = "agent/hereabouts"  # the agent of searches, behind the map's IRI
 
 _Fact = tuple[str, str, NamedNode | Literal]
 
 
 def standard_quads(base: str, subjects: Mapping[str, Properties]) -> Iterator[Quad]:
-    """What follows for observations and searches among `subjects` of the map with IRI `base`."""
+    """Triples derived from the observations and searches among `subjects`."""
     facts: dict[_Fact, None] = {}
     for iri, held in subjects.items():
         types = held.get(v.RDF_TYPE.value, ())
@@ -35,13 +35,13 @@ def standard_quads(base: str, subjects: Mapping[str, Properties]) -> Iterator[Qu
 
 
 def sensor_quads(base: str, iri: str) -> Iterator[Quad]:
-    """What is known of the sensor with that IRI: a detection network."""
+    """Type, label and observed property of a sensor: a detection network."""
     for subject, predicate, value in _of_sensor(iri, unquote(iri.removeprefix(base + SENSOR))):
         yield Quad(NamedNode(subject), NamedNode(predicate), value, v.MAP_GRAPH)
 
 
 def program_quads(base: str) -> Iterator[Quad]:
-    """What is known of the agent that carries out searches."""
+    """Types and label of the agent that carries out searches."""
     for subject, predicate, value in _of_program(base):
         yield Quad(NamedNode(subject), NamedNode(predicate), value, v.MAP_GRAPH)
 

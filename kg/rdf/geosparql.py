@@ -24,7 +24,7 @@ def geometry_quads(
     places: tuple[PlaceRecord, ...],
     robot: RobotRecord | None,
 ) -> Iterator[Quad]:
-    """geo:Feature, geo:hasGeometry and geo:asWKT of everything, and the reference system."""
+    """geo:Feature, geo:hasGeometry and geo:asWKT of each record, and the reference system."""
     crs = NamedNode(base + CRS)
     yield from crs_quads(base)
     for record in objects:
