@@ -19,12 +19,12 @@ _WATCHED: Final = {v.MAP_GRAPH.value, v.ASSERTIONS_GRAPH.value}
 
 
 class ExternalChanges:
-    """Collects the things of graph:map that anybody but the mapper changed.
+    """Collects the things of graph:map that writers other than the mapper changed.
 
-    Cheap where nothing changed; unsubscribes when it is garbage-collected. The changes on a running
-    `hereabouts serve` are requested at each `take`. A plain SPARQL server sends no notifications,
-    so the sequence number of the map is polled: after a transaction of another program every thing
-    counts as changed. An update there that does not increment that number is not noticed.
+    It costs little while nothing changes, and unsubscribes when it is garbage-collected. Each
+    `take` requests the changes from a running `hereabouts serve`. A plain SPARQL server sends no
+    notifications: there `take` polls the map's sequence number, and after a transaction of another
+    program it counts every thing as changed. An update that leaves that number is not noticed.
     """
 
     def __init__(self, semantic_map: SemanticMap) -> None:
@@ -47,7 +47,7 @@ class ExternalChanges:
         weakref.finalize(self, semantic_map.store.listen(notify))
 
     def take(self) -> frozenset[str]:
-        """IRIs of what was changed, or pointed at by what was, since the last call."""
+        """IRIs of the things that changed since the last call, and of the objects of changed quads."""
         self._map.subscriptions.catch_up()
         if self._polls:
             self._poll()
@@ -64,7 +64,7 @@ class ExternalChanges:
         return restored
 
     def _poll(self) -> None:
-        """Read whether others wrote to the server; if so, every thing counts as changed."""
+        """Compare the sequence number; if others wrote, count every thing as changed."""
         number = self._map.sequence
         with self._lock:
             missed = self._missed or number != self._sequence

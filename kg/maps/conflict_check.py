@@ -1,8 +1,8 @@
 """Optimistic concurrency control for updates of remote writers.
 
 A remote mapper or robot cannot lock the map between reading and writing. It sends the number of the
-last transaction it has read: if others have changed a thing that it writes since then, nothing is
-written, and it has to read that thing again.
+last transaction that it has read. If others changed a thing after that transaction, an update of
+this thing is refused, and the writer has to read it again.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from kg.maps.stored_map import StoredMap
 from kg.records import MapUpdate
 from kg.transactions import Cause, ChangeSet
 
-_NAMED: Final = 3  # things listed in one message
+_MAX_NAMED: Final = 3  # things listed in one message
 _NUMBER: Final = r"(?:0|[1-9][0-9]{0,14})"
 #: local names of things, N being a number
 _NAMES: Final = {
@@ -29,7 +29,7 @@ _NAMES: Final = {
     "look": "search/N/look/N",
     "obstacle": "search/N/obstacle/N",
 }
-_AHEAD: Final = 1_000_000  # a number this far beyond the next one would use them up
+_AHEAD: Final = 1_000_000  # largest distance of a new object number from the next free one
 _WATCHED: Final = {v.MAP_GRAPH.value, v.DATASET_GRAPH.value}
 
 
@@ -67,8 +67,8 @@ def _check_conflicts(
             f"what changed since #{known_sequence} is not known: {error}", writes
         ) from error
     if touched:
-        named = ", ".join(sorted(iri.removeprefix(base) for iri in touched)[:_NAMED])
-        more = f" and {len(touched) - _NAMED} more" if len(touched) > _NAMED else ""
+        named = ", ".join(sorted(iri.removeprefix(base) for iri in touched)[:_MAX_NAMED])
+        more = f" and {len(touched) - _MAX_NAMED} more" if len(touched) > _MAX_NAMED else ""
         raise ConflictError(
             f"others have changed {named}{more} since #{known_sequence}; read it again",
             sorted(touched),
@@ -96,9 +96,9 @@ def _touched(semantic_map: StoredMap, known_sequence: int, own: Collection[int])
 def _check_things(semantic_map: StoredMap, update: MapUpdate) -> None:
     """Raise InvalidFactError for records of things that are not of this map."""
     base = semantic_map.base
-    most = semantic_map.next_object + _AHEAD
+    highest = semantic_map.next_object + _AHEAD
     strange = {
-        (iri, kind) for iri, kind in _things(update, base) if not _is_own(base, iri, kind, most)
+        (iri, kind) for iri, kind in _things(update, base) if not _is_own(base, iri, kind, highest)
     }
     if not strange:
         return
@@ -129,9 +129,9 @@ def _removed_kind(iri: str, base: str) -> str:
     return first if first in ("place", "door") else "object"
 
 
-def _is_own(base: str, iri: str, kind: str, most: int) -> bool:
-    """Whether an IRI has the form of this map's things of a kind; object numbers up to `most`."""
+def _is_own(base: str, iri: str, kind: str, highest: int) -> bool:
+    """Whether an IRI has the form of this map's things of a kind; object numbers up to `highest`."""
     local = iri.removeprefix(base)
     if local == iri or not re.fullmatch(_NAMES[kind].replace("N", _NUMBER), local):
         return False
-    return kind != "object" or int(local.removeprefix("object/")) <= most
+    return kind != "object" or int(local.removeprefix("object/")) <= highest

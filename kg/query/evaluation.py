@@ -1,7 +1,7 @@
 """Query evaluation: a table of plain values, or triples.
 
-As JSON a table is a list of records, one object a row, keys in the order of the columns: what jq,
-pandas and people expect. Times are ISO 8601, IRIs strings, what is unbound null.
+As JSON a table is a list of objects, one per row, with the keys in the order of the columns. Times
+are ISO 8601, IRIs are strings, and unbound values are null.
 """
 
 from __future__ import annotations

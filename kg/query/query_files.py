@@ -9,11 +9,12 @@
     #+ cells: disc x y radius
     SELECT ?object ... WHERE { GRAPH graph:map { ?object here:inCell ?cell ... } ... }
 
-`$name` is a parameter, `?name` a variable, two things even where spelt alike. A ``cells`` line
-(``disc x y radius`` or ``box xmin xmax ymin ymax``, naming parameters) makes the loader start
-the pattern with ``VALUES ?cell {...}``, the cells that the area touches; the answer is the same
-without it, only later. `answer` is the cost class of a query: a ``lookup`` depends on the rows it
-returns, not on the size of the map; a ``listing`` returns all of a kind; a ``survey`` scans all.
+`$name` is a parameter and `?name` a variable; they are distinct even if the names are equal. A
+``cells`` line names the parameters of an area (``disc x y radius`` or ``box xmin xmax ymin ymax``).
+With it the loader begins the pattern with ``VALUES ?cell {...}``, the grid cells that the area
+touches, which makes the query faster and leaves its result unchanged. `answer` is the cost class of
+a query: the cost of a ``lookup`` depends on the rows it returns, not on the size of the map; a
+``listing`` returns all things of a kind; a ``survey`` scans the map.
 """
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ __all__ = [
     "shipped_queries",
 ]
 
-#: parameter type, given text -> IRI; raises HereaboutsError for what the map does not know
+#: (parameter type, text) -> IRI; raises HereaboutsError for names that the map lacks
 Resolver = Callable[[str, str], str]
 
 ANSWERS = ("lookup", "listing", "survey")
@@ -73,7 +74,7 @@ _AREAS: dict[str, tuple[Callable[..., tuple[str, ...] | None], int]] = {
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A parameter of a question; without a `default` it must be given."""
+    """A parameter of a query; it must be given if it has no `default`."""
 
     name: str
     type: str  # category, place, iri, string, double or integer
@@ -185,7 +186,7 @@ class ParameterizedQuery:
 
 
 def load_query(path: Path | str) -> ParameterizedQuery:
-    """The question in a query file; raises QueryError where that is missing or malformed."""
+    """The query in a file; raises QueryError if that is missing or malformed."""
     path = Path(path)
     try:
         text = path.read_text(encoding="utf-8")
@@ -195,7 +196,7 @@ def load_query(path: Path | str) -> ParameterizedQuery:
 
 
 def parse_query_file(text: str, name: str) -> ParameterizedQuery:
-    """The question in the text of a query file.
+    """The query in the text of a query file.
 
     Raises QueryError where the header is malformed or disagrees with the `$names` of the query.
     """
@@ -220,12 +221,12 @@ def parse_query_file(text: str, name: str) -> ParameterizedQuery:
         sparql=text,
         answer=fields.get("answer", ""),
     )
-    _reject_mismatch(question)
+    _check_header(question)
     return question
 
 
 def inline_query(sparql: str, values: Mapping[str, object]) -> ParameterizedQuery:
-    """The question in a text that may lack a header; types of parameters then follow the values.
+    """The query in a text. Without a header, the values determine the types of parameters.
 
     Text that starts like ``http://``, ``urn:`` or a prefix such as ``here:`` is an IRI, other text
     a string.
@@ -234,14 +235,14 @@ def inline_query(sparql: str, values: Mapping[str, object]) -> ParameterizedQuer
         return parse_query_file(sparql, "query")
     parameters = tuple(Parameter(name, _type_of(value), None, "") for name, value in values.items())
     question = ParameterizedQuery("query", "", parameters, (), (), sparql)
-    _reject_mismatch(question)
+    _check_header(question)
     return question
 
 
 def resolve_query(
     question: str | Path | ParameterizedQuery, values: Mapping[str, object]
 ) -> ParameterizedQuery:
-    """The question by name, in a ``.rq`` file, or in SPARQL text (with a brace, or DESCRIBE)."""
+    """The shipped query of a name, or the query in a ``.rq`` file or in SPARQL text."""
     if isinstance(question, ParameterizedQuery):
         return question
     text = str(question)
@@ -253,12 +254,12 @@ def resolve_query(
 
 
 def shipped_queries() -> tuple[ParameterizedQuery, ...]:
-    """All questions that ship with hereabouts, by name."""
+    """All shipped queries, by name."""
     return tuple(load_query(path) for path in sorted(QUERIES.glob("*.rq")))
 
 
 def find_query(name: str) -> ParameterizedQuery:
-    """The shipped question called `name`; raises UnknownQueryError that lists what there is."""
+    """The shipped query called `name`; UnknownQueryError, which lists the names, if none is."""
     names = _names(QUERIES)
     if name not in names:
         raise UnknownQueryError(
@@ -274,7 +275,7 @@ def _names(folder: Path) -> tuple[str, ...]:
 
 @cache
 def _shipped(path: Path) -> ParameterizedQuery:
-    # read once: they do not change while a program runs, and are used many times a second
+    # cached: shipped files do not change while a program runs, and some run often
     return replace(load_query(path), shipped=True)
 
 
@@ -298,7 +299,7 @@ def _parameter(question: str, match: re.Match[str]) -> Parameter:
     return Parameter(match["key"], kind, default.strip("\"'") if equals else None, match["text"])
 
 
-def _reject_mismatch(question: ParameterizedQuery) -> None:
+def _check_header(question: ParameterizedQuery) -> None:
     declared = {parameter.name for parameter in question.parameters}
     used = parameters_in(question.sparql)
     for name in sorted(used - declared):

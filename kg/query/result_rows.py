@@ -1,8 +1,9 @@
 """Result rows as plain values, parsed from the engine's tab-separated results.
 
-Each step of an answer's iterator takes the interpreter's lock anew, and between steps Python code
-holds it: two threads that read keep a third from writing. The engine evaluates and serialises a
-whole answer without the lock; what is left to do with it is quick, and done in pieces.
+Each step of the engine's result iterator takes the interpreter's lock, and Python code holds it
+between the steps, so two reading threads keep a third one from writing. Therefore the engine
+evaluates and serialises a whole result without the lock. Parsing that text is quick, and pauses
+after every few hundred rows.
 """
 
 from __future__ import annotations

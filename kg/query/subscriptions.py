@@ -1,7 +1,7 @@
 """Query subscriptions: a query is evaluated after each commit, its changed rows are reported.
 
-A subscription runs on a thread of its own, never on the writer's: a slow query falls behind and
-then covers several commits at once, but delays no writer.
+Each subscription has its own thread, so a slow query delays no writer. If it falls behind, its next
+evaluation covers several commits.
 """
 
 from __future__ import annotations

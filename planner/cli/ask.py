@@ -99,8 +99,8 @@ def _ask(
     opened: ExitStack,
 ) -> Table:
     """The answer; text that did not come with hereabouts is evaluated in an isolated process."""
+    from kg.ontology.declared_terms import undeclared_terms
     from kg.query.query_files import inline_query, resolve_query
-    from kg.query.undeclared_terms import undeclared_terms
     from kg.store.sparql_client import is_url
 
     values = {name: plain_value(str(text)) for name, text in parameters.items()}

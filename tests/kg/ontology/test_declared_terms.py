@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from kg.ontology.declared_terms import undeclared_terms
 from kg.opening import in_memory_map
-from kg.query.undeclared_terms import undeclared_terms
 from planner.cli import main
 
 
