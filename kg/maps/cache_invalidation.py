@@ -47,7 +47,7 @@ class ExternalChanges:
         weakref.finalize(self, semantic_map.store.listen(notify))
 
     def take(self) -> frozenset[str]:
-        """IRIs of the things that changed since the last call, and of the objects of changed quads."""
+        """IRIs of subjects and objects of the quads that changed since the last call."""
         self._map.subscriptions.catch_up()
         if self._polls:
             self._poll()

@@ -130,7 +130,7 @@ def _removed_kind(iri: str, base: str) -> str:
 
 
 def _is_own(base: str, iri: str, kind: str, highest: int) -> bool:
-    """Whether an IRI has the form of this map's things of a kind; object numbers up to `highest`."""
+    """Whether an IRI has the form of a thing of this map; object numbers up to `highest`."""
     local = iri.removeprefix(base)
     if local == iri or not re.fullmatch(_NAMES[kind].replace("N", _NUMBER), local):
         return False
