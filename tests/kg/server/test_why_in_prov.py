@@ -9,7 +9,6 @@ import rdflib
 from kg import vocabulary as v
 
 if TYPE_CHECKING:
-    import requests
     from conftest import Served
 
 
@@ -27,9 +26,7 @@ def test_a_transaction_of_a_person_is_an_activity_with_an_agent(served: Served) 
     assert graph.value(agent, rdflib.RDF.type) == rdflib.URIRef(v.PROV_AGENT)
 
 
-def test_an_author_is_one_resource_in_explanations_transactions_and_changes(
-    served: Served,
-) -> None:
+def test_an_author_is_one_resource_in_explanations_and_transactions(served: Served) -> None:
     cup = f"{served.map.base}object/1"
     sparql = f"INSERT DATA {{ GRAPH graph:map {{ <{cup}> rdfs:comment 'chipped' }} }}"
     served.map.update(sparql, by="bob / b")
@@ -37,7 +34,7 @@ def test_an_author_is_one_resource_in_explanations_transactions_and_changes(
     turtle = {"Accept": "text/turtle"}
     why = served.get("why", params={"what": "object/1 rdfs:comment"}, headers=turtle)
     commit = rdflib.URIRef(f"{served.map.base}commit/2")
-    for answer in (why, served.get("commit/2", headers=turtle), changes(served, turtle)):
+    for answer in (why, served.get("commit/2", headers=turtle)):
         graph = rdflib.Graph().parse(data=answer.text, format="turtle")
         assert graph.value(commit, rdflib.URIRef(v.PROV_ASSOCIATED_WITH)) == agent
     answer = served.get("agent/bob%20%2F%20b", headers=turtle)
@@ -45,7 +42,3 @@ def test_an_author_is_one_resource_in_explanations_transactions_and_changes(
     graph = rdflib.Graph().parse(data=answer.text, format="turtle")
     assert graph.value(agent, rdflib.RDFS.label) == rdflib.Literal("bob / b")
     assert served.get("agent/nobody", headers=turtle).status_code == 404
-
-
-def changes(served: Served, accept: dict[str, str]) -> requests.Response:
-    return served.get("changes", params={"page": 0}, headers=accept)
