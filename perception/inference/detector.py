@@ -44,7 +44,7 @@ class OnnxDetector:
 
     @property
     def device(self) -> str:
-        """What the network runs on: "cpu", "cuda", ..."""
+        """Device of the network: "cpu", "cuda", ..."""
         device: str = self.session.device
         return device
 

@@ -34,7 +34,7 @@ class DetectorPair:
 
     @property
     def device(self) -> str:
-        """What the first runs on: "cpu", "cuda", ...; "" where it is no network."""
+        """Device of the first detector: "cpu", "cuda", ...; "" where it is no network."""
         return str(getattr(self._first, "device", ""))
 
     def resume(self, looked_from: Mapping[str, NDArray[np.float64]]) -> None:

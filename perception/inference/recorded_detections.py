@@ -37,7 +37,7 @@ class RecordedDetector:
     threshold: float
 
     def detect(self, frame: Frame) -> Detections:
-        """What is recorded for `frame`; raises ModelError where the file does not list it."""
+        """Detections recorded for `frame`; raises ModelError where the file does not list it."""
         found = self.frames.get(frame.id)
         if found is None:
             raise ModelError(

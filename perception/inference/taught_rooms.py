@@ -125,7 +125,7 @@ class RoomExamples:
 
     @classmethod
     def load(cls, folder: Path) -> Self | None:
-        """What the folder of a map has; None where nothing was taught.
+        """Examples in the folder of a map; None where nothing was taught.
 
         Raises ModelError for a file that is damaged.
         """
@@ -177,7 +177,7 @@ class TaughtSceneClassifier:
 
     @property
     def device(self) -> str:
-        """What the network runs on."""
+        """Device of the network."""
         return self._network.device
 
     def classify(self, frame: Frame) -> SceneScores:

@@ -208,7 +208,7 @@ def idl_type(name: str) -> Any:
 
 
 def _idl_of(node: tuple[Any, Any]) -> Any:
-    """What a field's type is called in cyclonedds.idl."""
+    """Name of a field's type in cyclonedds.idl."""
     from cyclonedds.idl import types
     from rosbags.interfaces import Nodetype
 

@@ -58,7 +58,7 @@ class RawMessage:
 
 
 def bag_path(path: Path) -> Path | None:
-    """What of `path` is to be opened: itself, or the one storage file in it; None: no bag."""
+    """Path to open: `path` itself, or the one storage file in it; None where it is no bag."""
     if path.is_file():
         return path if path.suffix in (_ROS1, *_FILES) else None
     if (path / "metadata.yaml").is_file():
@@ -194,7 +194,7 @@ def _bound_decompression() -> None:
 
 
 def _bounded(decompressor: Any, data: bytes, size: int) -> bytes:
-    """What `data` expands to, of `size` bytes at most; raises RecordingError where it is more."""
+    """Decompressed `data`; raises RecordingError where it has more than `size` bytes."""
     if size > MAX_CHUNK:
         raise RecordingError(f"a chunk of {size} bytes is larger than any chunk of a bag")
     out: bytes = decompressor.decompress(data, max_length=size + 1)

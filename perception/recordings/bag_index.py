@@ -29,7 +29,7 @@ NOTE_TOPIC: Final = "/hereabouts/recording"  # what `hereabouts convert` adds to
 
 
 class Decoder(Protocol):
-    """What messages are decoded by: an open bag, or a live connection."""
+    """Decoder of messages: an open bag, or a live connection."""
 
     @property
     def is_ros1(self) -> bool:

@@ -62,7 +62,7 @@ class FramePair:
 
 @dataclass(frozen=True, slots=True)
 class DepthFindings:
-    """What a sample of a recording's depth shows."""
+    """Findings of a sample of a recording's depth."""
 
     share: float | None  # of points that two frames share and agree on; None: too few to tell
     registration: EdgeOffset | None  # of depth's edges against colour's; None: too few to tell
@@ -89,7 +89,7 @@ def check_depth(
 def depth_findings(
     name: str, poses: Sequence[Pose], convention: str, depth_scale: float, frame_at: FrameAt
 ) -> DepthFindings:
-    """What `check_depth` refuses and warns of."""
+    """Findings by which `check_depth` raises and warns."""
     read = dict[int, Frame]()
 
     def frame(index: int) -> Frame:
@@ -160,7 +160,7 @@ def better_convention(
 
 
 def _another_convention(name: str, pairs: list[FramePair], convention: str) -> str | None:
-    """What to say where another convention of poses fits, None where none does."""
+    """Message for poses that fit by another convention; None where none fits."""
     found = {one: [pair.share(one, 1.0) for pair in pairs] for one in CONVENTIONS}
     better = better_convention(found, convention)
     if better is None:
@@ -175,7 +175,7 @@ def _another_convention(name: str, pairs: list[FramePair], convention: str) -> s
 def _another_scale(
     name: str, pairs: list[FramePair], convention: str, depth_scale: float
 ) -> str | None:
-    """What to say where another scale of depth fits, None where none does."""
+    """Message for depth that fits by another scale; None where none fits."""
     given = _median_share(pairs, convention, 1.0) or 0.0
     best, scale = _best_scale(pairs, convention)
     if best >= max(GOOD, given + BETTER):

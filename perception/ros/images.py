@@ -64,7 +64,7 @@ _PNG: Final = b"\x89PNG"
 
 @dataclass(frozen=True, slots=True)
 class ImageKind:
-    """What a message holds, as far as its fields say."""
+    """Content of a message, by its fields."""
 
     encoding: str  # of ENCODINGS, where it is raw or compressedDepth; "" if its bytes say it
     compression: str  # "" (raw), "jpeg", "png", "compressedDepth"

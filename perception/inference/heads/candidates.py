@@ -30,7 +30,7 @@ class Candidates:
 
 
 class Head(Protocol):
-    """What a network's inputs and outputs mean."""
+    """Meaning of a network's inputs and outputs."""
 
     @property
     def image_input(self) -> str:

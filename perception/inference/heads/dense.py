@@ -33,7 +33,7 @@ Floats = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True)
 class Dense:
-    """What a dense head says of n cells."""
+    """Output of a dense head for n cells."""
 
     xyxy: Floats  # (n, 4) [px of the input]
     scores: Floats  # (n, C)

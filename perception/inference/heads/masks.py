@@ -56,7 +56,7 @@ class MaskGrid:
 
 
 def input_extent(fitted: Fitted) -> tuple[float, float, float, float]:
-    """What part of the image a network's whole input shows: xyxy [px], edge to edge."""
+    """Part of the image that a network's whole input shows: xyxy [px], edge to edge."""
     height, width = fitted.tensor.shape[2:]
     low, high = ((at - np.array(fitted.shift)) / fitted.scale for at in (0.0, (width, height)))
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])
