@@ -1,14 +1,14 @@
 """Existence: how probable it is that a thing of a category is there, from all looks at its place.
 
-A hit of score s counts strength(s) = 2 + logit(s), kept within 0.3..4. A look that shows the whole
-place without a detection is a miss; it counts by how large the thing is in the image. Looks from
-one viewpoint are correlated: the n-th counts 1 / n. With S the sum of the hits and M of the misses,
-the log-odds against there being nothing are
+A hit of score s counts its odds, s / (1 - s), at most 5. A look that shows the whole place without
+a detection is a miss; it counts by how large the thing is in the image. Looks from one viewpoint
+are correlated: the n-th counts 1 / n. With S the sum of the hits and M of the misses, the log-odds
+against there being nothing are
 
     SEEN ln(1 + S) - MISSED ln(1 + M) + SIZE size_log_likelihood - NOTHING
 
 The logarithm lets evidence saturate, since detectors repeat their mistakes. One look never reaches
-0.5. The four numbers are a logistic regression over tracks of real rooms and simulated houses
+0.9. The four numbers are a logistic regression over tracks of real rooms and simulated houses
 (`python -m benchmarks.existence`); they hold for every detector.
 """
 
@@ -19,10 +19,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
-SEEN: Final = 2.0
-MISSED: Final = 1.7
-SIZE: Final = 0.8
-NOTHING: Final = 3.25
+SEEN: Final = 2.25
+MISSED: Final = 1.55
+SIZE: Final = 0.95
+NOTHING: Final = 2.65
+MAX_ODDS: Final = 5.0  # of one detection
 HALF_SEEN: Final = 0.2  # side, as a share of the image's, of a thing whose miss counts half
 
 
@@ -54,7 +55,7 @@ class CategoryEvidence:
 
 def strength(score: float) -> float:
     """Evidence of one detection with `score` in 0..1."""
-    return min(max(2.0 + logit(score), 0.3), 4.0)
+    return score / max(1 - score, score / MAX_ODDS)
 
 
 def visibility(side: float) -> float:

@@ -29,7 +29,7 @@ from benchmarks.rooms import houses
 from benchmarks.rooms.houses import HOUSES
 from mapping.evaluation.complete_truth import TrueObject
 from mapping.evaluation.truth_matching import MappedObject, TruthMatcher
-from mapping.objects.existence import CategoryEvidence
+from mapping.objects.existence import MISSED, NOTHING, SEEN, SIZE, CategoryEvidence
 from perception.frames import Frame
 from planner.simulation.robot.mapping_tour import SimulatedTour
 
@@ -153,7 +153,7 @@ def test_the_report_judges_each_group_by_the_others() -> None:
     assert a.endswith(f"| {of_b} |")
     assert [line.split(" | ")[0][2:] for line in rest[2:-1]] == list(TRIED)
     numbers = [float(part.split()[1]) for part in rest[-1].strip().split(", ")]
-    assert numbers == pytest.approx([2.0, 1.7, 0.8, 3.3], abs=0.25)
+    assert numbers == pytest.approx([SEEN, MISSED, SIZE, NOTHING], abs=0.25)
 
 
 def test_one_group_cannot_be_judged(
