@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from typing import Final
 
 SEEN: Final = 2.25
-MISSED: Final = 1.55
+MISSED: Final = 1.5
 SIZE: Final = 0.95
 NOTHING: Final = 2.65
 MAX_ODDS: Final = 5.0  # of one detection

@@ -27,7 +27,7 @@ from mapping.objects.tracks import Track
 
 FILE: Final = "tracks.sqlite"
 MAX_BYTES: Final = 1 << 28  # of a file that is read
-_VERSION: Final = 1
+_VERSION: Final = 2
 _SCHEMA: Final = (
     "CREATE TABLE tracks (number INTEGER, mark INTEGER, state TEXT, boxes BLOB,"
     " PRIMARY KEY (number, mark))"
