@@ -387,11 +387,14 @@ class BayesObjectMapper:
         return [track for track in touched if track.iri is None and track.existence >= s.confirmed]
 
     def _improbable(self, track: Track) -> bool:
+        """Whether an object is to leave the map: looks in vain alone do not prove that it left."""
         assert track.iri is not None
         if self._objects.asserted_present(track.iri):
             return False
         s = self._settings
-        return track.existence < s.removed or len(track.clear_views) >= s.clear_views
+        if len(track.clear_views) >= s.clear_views or track.presence < s.removed:
+            return True
+        return bool(track.clear_views) and track.existence < s.removed
 
     def _drop(self, lost: Sequence[Track]) -> None:
         """Forget what left the map, and candidates that are improbable or long unseen."""

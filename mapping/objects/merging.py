@@ -14,6 +14,7 @@ from mapping.objects.usual_sizes import UNUSUAL, SizeOf, UsualSize
 _LARGE = 1.2  # [m] usual size of things that are seen in parts
 _PARTS = 0.1  # footprint that large things of one name share at most, as they are seen in parts
 _TOLERANCE = 1.15  # of the usual size
+_LIKELY = 0.5  # existence
 
 
 def duplicates(
@@ -21,7 +22,8 @@ def duplicates(
 ) -> list[tuple[Track, Track]]:
     """Pairs (kept, absorbed) of tracks that are one thing; only `touched` ones are looked at.
 
-    Objects of the map absorb candidates, older ones younger ones.
+    Objects of the map absorb candidates, those that were once likely absorb others, older ones
+    younger ones.
     """
     if not touched or len(tracks) < 2:
         return []
@@ -48,9 +50,9 @@ def duplicates(
     return found
 
 
-def _seniority(track: Track) -> tuple[bool, float]:
-    """Sorts objects of the map first, then what exists more probably."""
-    return track.iri is None, -track.existence
+def _seniority(track: Track) -> tuple[bool, bool, float]:
+    """Sorts objects of the map first, among them those that were once likely, then older ones."""
+    return track.iri is None, track.peak < _LIKELY, track.first_seen
 
 
 def same_thing(a: Track, b: Track, usual: SizeOf, s: ObjectSettings) -> bool:

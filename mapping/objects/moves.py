@@ -86,7 +86,9 @@ def weight(
     stretch = math.log(n.size / o.size) ** 2 / 2
     narrow, wide = s.same_size, s.other_size
     size = wide / narrow * math.exp(stretch / wide**2 - stretch / narrow**2)
-    place = s.returned if distance < _gate(o, n, s) else math.exp(-distance / s.short_way)
+    if distance < _gate(o, n, s):  # it stood there all the time
+        return s.returned * o.peak * alike * max(size, s.any_size)
+    place = math.exp(-distance / s.short_way)
     time = departed(o, n.first_seen - o.last_seen)
     if one.looked:  # it left, or was never there
         time = one.left * time / (departed(o, now - o.last_seen) + s.mistaken)

@@ -94,7 +94,8 @@ class Track:
     log_odds: dict[str, float] = field(default_factory=dict)  # by category, as last assessed
     category: str = ""  # IRI of the most probable one
     plausible: frozenset[str] = frozenset()  # categories that a detection of it may have
-    existence: float = 0.0  # probability that a thing of `category` is there
+    presence: float = 0.0  # probability that a thing of `category` was where it was last seen
+    existence: float = 0.0  # probability that it is still there
     changed: bool = True  # since it was last stored
 
     @property
@@ -190,7 +191,8 @@ class Track:
         self.category = max(odds, key=lambda c: (odds[c], c))
         top = odds[self.category]
         self.plausible = frozenset(c for c, value in odds.items() if value > top - 3)
-        self.existence = category_probabilities(odds)[self.category] * (1 - self.absent)
+        self.presence = category_probabilities(odds)[self.category]
+        self.existence = self.presence * (1 - self.absent)
         self.peak = max(self.peak, self.existence)
 
     @property
