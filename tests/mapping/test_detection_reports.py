@@ -63,7 +63,7 @@ def fates(report, category):
 
 
 def test_detections_of_an_object_are_counted_as_its_own(detected, make_detections):
-    report = detected(*[make_detections(("cup", 0.4, MIDDLE))] * 5)
+    report = detected(*[make_detections(("cup", 0.65, MIDDLE))] * 5)
     cup = report.categories["cup"]
     assert (report.frames, cup.fates) == (5, {Fate.OBJECT: 5})
     assert cup.objects == {f"{BASE}object/1": 5}

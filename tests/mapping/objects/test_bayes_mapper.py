@@ -485,7 +485,7 @@ def test_looks_in_vain_count_against_an_object(semantic_map, step_back):
 
 def test_settings_are_the_callers(semantic_map, step_back):
     room = Room(semantic_map, step_back)
-    room.mapper = Mapper(semantic_map, MappingOptions(objects=ObjectSettings(confirmed=0.9)))
+    room.mapper = Mapper(semantic_map, MappingOptions(objects=ObjectSettings(confirmed=0.6)))
     room.see(CUP)
     assert semantic_map.objects() == ()
     room.see(CUP, times=3)

@@ -78,19 +78,24 @@ def test_a_cup_on_a_table_is_another_thing(make_track, same):
     assert not same(table, make_track("cup", (2, 0, 0.8)))
 
 
-def test_objects_of_the_map_absorb_candidates_and_surer_ones_others(make_track, usual_size):
+def test_objects_of_the_map_absorb_candidates_and_likely_ones_others(make_track, usual_size):
     def pair(a, b):
         ((kept, absorbed),) = duplicates([a], [a, b], usual_size, SETTINGS)
         return kept, absorbed
 
-    known, surer = make_track("cup", (2, 0, 1), views=1), make_track("cup", (2, 0.01, 1), views=4)
-    assert pair(known, surer) == pair(surer, known) == (surer, known)
-    known.iri = "object/1"
-    assert pair(known, surer) == pair(surer, known) == (known, surer)
+    one, other = make_track("cup", (2, 0, 1)), make_track("cup", (2, 0.01, 1))
+    one.peak, other.peak, other.first_seen = 0.4, 0.6, one.first_seen + 1
+    assert pair(one, other) == pair(other, one) == (other, one)
+    one.peak = 0.6
+    assert pair(one, other) == pair(other, one) == (one, other)
+    other.iri = "object/1"
+    assert pair(one, other) == pair(other, one) == (other, one)
 
 
 def test_each_track_is_absorbed_once_and_absorbs_nothing_then(make_track, usual_size):
-    tracks = [make_track("cup", (2, 0.01 * n, 1), views=n + 1) for n in range(4)]
+    tracks = [make_track("cup", (2, 0.01 * n, 1)) for n in range(4)]
+    for n, track in enumerate(reversed(tracks)):
+        track.first_seen = float(n)
     found = duplicates(tracks, tracks, usual_size, SETTINGS)
     absorbed = [id(gone) for _, gone in found]
     assert len(set(absorbed)) == len(absorbed) == 3
