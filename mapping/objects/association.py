@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from mapping.objects.assignment import assign
 from mapping.objects.settings import ObjectSettings
-from mapping.objects.sightings import ThingSighting
 from mapping.objects.tracks import Track
+from mapping.sighting import ThingSighting
 
 Floats = NDArray[np.float64]
 #: position (3,) [m] and categories of a track as people assert them; None where they do not

@@ -26,7 +26,7 @@ from mapping.objects.merging import duplicates
 from mapping.objects.object_cache import ObjectCache
 from mapping.objects.object_mapper import ObjectChanges
 from mapping.objects.settings import ObjectSettings
-from mapping.objects.sightings import SightingExtractor, ThingSighting
+from mapping.objects.sightings import SightingExtractor
 from mapping.objects.track_store import RunState, TrackStore
 from mapping.objects.track_updater import TrackUpdater
 from mapping.objects.tracks import (
@@ -42,7 +42,7 @@ from mapping.objects.tracks import (
 from mapping.objects.volume_view import in_front
 from mapping.places.place_registry import PlaceRegistry
 from mapping.reference.settings import UnknownLabels
-from mapping.sighting import Sighting
+from mapping.sighting import Sighting, ThingSighting
 from perception.frames import Detections, Frame
 
 _NEARBY = 6.0  # [m] tracks farther from every sighting are not looked at

@@ -11,16 +11,13 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
+import numpy as np
 from numpy.typing import NDArray
 
 from mapping.detection_report import Fate
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from mapping.objects.tracks import Track
+from mapping.objects.tracks import Track
 
 _ONE_SIDE: Final = math.radians(30)  # from the first direction, up to which all are one side
 _SWEEP: Final = 100  # frames between two looks for things that are no longer held

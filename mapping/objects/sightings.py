@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,11 +15,8 @@ from mapping.objects.settings import ObjectSettings
 from mapping.objects.usual_sizes import UNUSUAL, SizeOf
 from mapping.projection import back_project, to_map
 from mapping.reference.depth_histogram import box_depth
-from mapping.sighting import Sighting
+from mapping.sighting import Box, Floats, Sighting, ThingSighting
 from perception.frames import Detections, Frame
-
-Floats = NDArray[np.float64]
-Box = tuple[float, float, float, float]  # xyxy [px]
 
 _SAMPLES = 1000  # pixels of a box that are looked at
 _LEAST_DEPTH = 0.05  # share of a box with depth; lit screens and glass have less
@@ -27,30 +24,6 @@ _LEAST_PIXELS = 10
 _PERCENTILE = 35  # of the depths in a box
 _THICKNESS = 0.25  # share of its longer side that a thing's surface lies before or behind its depth
 _RING = 0.15  # width of the ring around such a box, as a share of its side
-
-
-@dataclass(frozen=True, slots=True)
-class ThingSighting:
-    """One thing in one frame: its detections, position and extent."""
-
-    scores: Mapping[tuple[str, str], float]  # (detector, category IRI) -> best score
-    p_map: Floats  # (3,) [m] mean of the visible surface
-    low: Floats  # (3,) [m] corners of the visible points' box, in the map's axes
-    high: Floats
-    size: float  # [m] longer side of the box at its depth
-    depth: float | None  # [m] along the optical axis; None: not from a depth image
-    box: Box | None  # of the strongest detection
-    cut: bool  # whether the image's border cuts the box
-    categories: frozenset[str] = frozenset()  # IRIs of its detections' categories
-    point: bool = False  # whether nothing but its position was measured; `size` is the usual one
-
-    @property
-    def best(self) -> dict[str, float]:
-        """Best score of each category."""
-        found: dict[str, float] = {}
-        for (_, category), score in self.scores.items():
-            found[category] = max(found.get(category, 0.0), score)
-        return found
 
 
 @dataclass(frozen=True, slots=True)

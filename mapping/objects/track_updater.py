@@ -11,11 +11,11 @@ from kg.records import Evidence
 from mapping.objects.absence import recall
 from mapping.objects.existence import visibility
 from mapping.objects.settings import ObjectSettings
-from mapping.objects.sightings import ThingSighting
 from mapping.objects.tracks import Track, Viewpoint
 from mapping.objects.usual_sizes import UsualSize, size_log_likelihood, usual_sizes
 from mapping.objects.volume_view import VolumeView, ray_test
 from mapping.persistence import departed, listed_half_life
+from mapping.sighting import ThingSighting
 from perception.frames import Frame
 
 

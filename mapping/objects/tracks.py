@@ -16,8 +16,8 @@ from kg.records import DepartedRecord, Evidence, ObjectRecord
 from mapping.objects.absence import KNOWN, Absence
 from mapping.objects.existence import CategoryEvidence, category_probabilities, strength
 from mapping.objects.settings import ObjectSettings
-from mapping.objects.sightings import ThingSighting
 from mapping.objects.usual_sizes import UNUSUAL, SizeOf, size_log_likelihood
+from mapping.sighting import ThingSighting
 
 Floats = NDArray[np.float64]
 _VIEWPOINTS = 100  # remembered of each track

@@ -15,10 +15,9 @@ from kg.maps.semantic_map import SemanticMap
 from kg.records import ObjectRecord
 from mapping.objects.bayes_mapper import BayesObjectMapper
 from mapping.objects.object_mapper import ObjectChanges
-from mapping.objects.sightings import ThingSighting
 from mapping.places.place_registry import PlaceRegistry
 from mapping.relations.relation_mapper import RelationMapper
-from mapping.sighting import Sighting
+from mapping.sighting import Sighting, ThingSighting
 from planner.execution.protocol import Detected, DetectionsMessage, RobotPose, View
 from planner.execution.search_log import SearchLog
 from planner.execution.viewpoint_adapter import ViewpointAdapter

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from mapping.objects.settings import ObjectSettings
-from mapping.objects.sightings import ThingSighting
 from mapping.objects.tracks import Track
 from mapping.objects.usual_sizes import SizeOf, UsualSize
+from mapping.sighting import ThingSighting
 
 SETTINGS = ObjectSettings()
 USUAL = {
