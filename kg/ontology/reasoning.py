@@ -35,7 +35,7 @@ def load_world(quads: Iterable[Quad]) -> Any:
 
 
 def world_quads(world: Any, given: Iterable[Quad]) -> tuple[Quad, ...]:
-    """Quads of a world that `load_world` made of `given`, for `SemanticMap.take_ontology`.
+    """Quads of a world that `load_world` made of `given`, for `SemanticMap.ontology.replace`.
 
     The headers are those of `given`; what OWL holds of any term (that it is a subclass of
     owl:Thing) is left out.
