@@ -208,7 +208,7 @@ class RemoteOntology:
         return found
 
     def replace(self, quads: object, *, by: str | None = None, whole: bool = False) -> Never:
-        """Not on a server: raises GraphError (`kg.editing.reloading.reload` does it, here too)."""
+        """Raises GraphError; `kg.editing.reloading.reload` replaces it, here too."""
         raise GraphError(
             f"the map at {self._served.where} is served: its ontology is replaced by "
             "hereabouts ontology reload"
