@@ -16,7 +16,12 @@ import importlib
 
 TYPE_CHECKING = False  # type checkers take it for true; `typing` takes longer than this module
 if TYPE_CHECKING:
-    from kg.errors import (
+    from kg.export.exporter import Exporter
+    from kg.knowledge.ontology.reasoning import load_world, world_quads
+    from kg.maps.query.evaluation import Table
+    from kg.maps.room_statistics import placement_table
+    from kg.maps.semantic_map import SemanticMap
+    from kg.model.errors import (
         ConflictError,
         ExtensionError,
         GraphError,
@@ -29,17 +34,19 @@ if TYPE_CHECKING:
         QueryError,
         RecordingError,
     )
-    from kg.export.exporter import Exporter
-    from kg.maps.room_statistics import placement_table
-    from kg.maps.semantic_map import SemanticMap
-    from kg.ontology.reasoning import load_world, world_quads
-    from kg.opening import create_map, in_memory_map, open_map, open_or_create_map
-    from kg.publishing.merging import merged
-    from kg.query.evaluation import Table
-    from kg.records import Assertion, Evidence, MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
-    from kg.server.http.bearer_tokens import BearerTokens
-    from kg.server.http.settings import Settings as ServerSettings
-    from kg.server.map_server import MapServer
+    from kg.model.records import (
+        Assertion,
+        Evidence,
+        MapUpdate,
+        ObjectRecord,
+        PlaceRecord,
+        RobotRecord,
+    )
+    from kg.serving.opening import create_map, in_memory_map, open_map, open_or_create_map
+    from kg.serving.publishing.merging import merged
+    from kg.serving.server.http.bearer_tokens import BearerTokens
+    from kg.serving.server.http.settings import Settings as ServerSettings
+    from kg.serving.server.map_server import MapServer
     from mapping.mapper import Mapper
     from mapping.mapping_options import MappingOptions
     from mapping.recording_mapper import map_recording
@@ -47,12 +54,12 @@ if TYPE_CHECKING:
     from perception.camera.intrinsics import Intrinsics
     from perception.frames import Detections, Frame, SceneScores
     from perception.inference.detector import load_detector
-    from perception.recordings.listing import Format as RecordingFormat
-    from perception.recordings.listing import FrameEntry, RecordingListing
-    from perception.recordings.recording import open_recording
-    from perception.recordings.recording_options import RecordingOptions
-    from planner.plans.search_state import build_search
-    from planner.plans.view_plan import plan as find
+    from perception.sources.listing import Format as RecordingFormat
+    from perception.sources.listing import FrameEntry, RecordingListing
+    from perception.sources.recording import open_recording
+    from perception.sources.recording_options import RecordingOptions
+    from planner.search.plans.search_state import build_search
+    from planner.search.plans.view_plan import plan as find
 
     __version__: str
 
@@ -109,30 +116,30 @@ __all__ = [
 
 #: module -> its public names; ``name:public`` where a name differs here
 _SOURCES = {
-    "kg.opening": "create_map open_map open_or_create_map in_memory_map",
-    "kg.publishing.merging": "merged",
+    "kg.serving.opening": "create_map open_map open_or_create_map in_memory_map",
+    "kg.serving.publishing.merging": "merged",
     "kg.maps.semantic_map": "SemanticMap",
-    "kg.query.evaluation": "Table",
-    "kg.records": "MapUpdate ObjectRecord PlaceRecord RobotRecord Assertion Evidence",
+    "kg.maps.query.evaluation": "Table",
+    "kg.model.records": "MapUpdate ObjectRecord PlaceRecord RobotRecord Assertion Evidence",
     "kg.maps.room_statistics": "placement_table",
-    "kg.ontology.reasoning": "load_world world_quads",
-    "kg.server.map_server": "MapServer",
-    "kg.server.http.settings": "Settings:ServerSettings",
-    "kg.server.http.bearer_tokens": "BearerTokens",
+    "kg.knowledge.ontology.reasoning": "load_world world_quads",
+    "kg.serving.server.map_server": "MapServer",
+    "kg.serving.server.http.settings": "Settings:ServerSettings",
+    "kg.serving.server.http.bearer_tokens": "BearerTokens",
     "perception.frames": "Frame Detections SceneScores",
     "perception.camera.intrinsics": "Intrinsics",
-    "perception.recordings.listing": "Format:RecordingFormat RecordingListing FrameEntry",
+    "perception.sources.listing": "Format:RecordingFormat RecordingListing FrameEntry",
     "kg.export.exporter": "Exporter",
-    "perception.recordings.recording": "open_recording",
-    "perception.recordings.recording_options": "RecordingOptions",
+    "perception.sources.recording": "open_recording",
+    "perception.sources.recording_options": "RecordingOptions",
     "perception.inference.detector": "load_detector",
     "mapping.mapper": "Mapper",
     "mapping.mapping_options": "MappingOptions",
     "mapping.sighting": "Sighting",
     "mapping.recording_mapper": "map_recording",
-    "planner.plans.search_state": "build_search",
-    "planner.plans.view_plan": "plan:find",
-    "kg.errors": (
+    "planner.search.plans.search_state": "build_search",
+    "planner.search.plans.view_plan": "plan:find",
+    "kg.model.errors": (
         "HereaboutsError GraphError MapNotFoundError MapBusyError HistoryError ConflictError "
         "InvalidFactError QueryError OntologyError RecordingError ExtensionError"
     ),

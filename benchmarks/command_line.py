@@ -6,7 +6,7 @@ import argparse
 import sys
 from collections.abc import Callable, Sequence
 
-from kg.errors import HereaboutsError
+from kg.model.errors import HereaboutsError
 
 
 def run(

@@ -1,8 +1,8 @@
 """What the ConceptNet import comes to: Table 6.1 of the thesis, the fit of probability, the cost.
 
 python -m benchmarks.conceptnet table GRAPH        docs/research/table_6_1.md, on stdout
-python -m benchmarks.conceptnet ship GRAPH         kg/placement/tables/conceptnet.csv, on stdout
-python -m benchmarks.conceptnet fit GRAPH HOMES    probability over weight, in real homes
+python -m benchmarks.conceptnet ship GRAPH         kg/knowledge/placement/tables/conceptnet.csv, on
+stdout python -m benchmarks.conceptnet fit GRAPH HOMES    probability over weight, in real homes
 python -m benchmarks.conceptnet cost FILE [LINES]  time and memory; with LINES, of a file that long
 
 GRAPH is ConceptNet 4's graph (or any file the import reads), HOMES a folder of homes as JSON.
@@ -25,13 +25,13 @@ from pathlib import Path
 
 import numpy as np
 
-from kg import vocabulary as v
-from kg.conceptnet.importing import import_conceptnet
-from kg.conceptnet.relate import ImportedRelation
-from kg.conceptnet.strength import LOCATED, NEAR, probability_of
-from kg.ontology.catalogue import Catalogue
-from kg.ontology.loading import load_ontologies
-from kg.placement.shipped_conceptnet import table_text
+from kg.knowledge.conceptnet.importing import import_conceptnet
+from kg.knowledge.conceptnet.relate import ImportedRelation
+from kg.knowledge.conceptnet.strength import LOCATED, NEAR, probability_of
+from kg.knowledge.ontology.catalogue import Catalogue
+from kg.knowledge.ontology.loading import load_ontologies
+from kg.knowledge.placement.shipped_conceptnet import table_text
+from kg.model import vocabulary as v
 
 TABLE = Path(__file__).parent / "thesis" / "table_6_1.csv"
 #: Room labels of the homes that are another name than ours, as in docs/explanation/ontology.md.

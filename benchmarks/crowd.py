@@ -43,11 +43,11 @@ class Server:
         data.write_text("INSERT DATA { GRAPH <urn:objects> { " + "\n".join(lines) + " } }")
         made = "from kg.maps.semantic_map import SemanticMap as M; M.create"
         if subprocess.run(
-            [sys.executable, "-c", "import kg.opening"], capture_output=True
+            [sys.executable, "-c", "import kg.serving.opening"], capture_output=True
         ).returncode:
             code = f"import sys; {made}(sys.argv[1]).close()"
         else:
-            made = "import sys; from kg.opening import create_map"
+            made = "import sys; from kg.serving.opening import create_map"
             code = f"{made}; create_map(sys.argv[1]).close()"
         subprocess.run([sys.executable, "-c", code, str(path)], check=True)
         words = [sys.executable, "-m", "planner.cli", "serve", str(path), "--port", "0"]

@@ -31,7 +31,7 @@ from benchmarks.command_line import run
 from benchmarks.rooms.houses import HOUSES, toured
 from benchmarks.rooms.measuring import each, parts
 from benchmarks.rooms.recordings import detector_of, look, looks, networks, room_folders
-from kg.opening import in_memory_map
+from kg.serving.opening import in_memory_map
 from mapping.evaluation.truth_matching import MappedObject, TruthMatcher
 from mapping.objects.bayes_mapper import BayesObjectMapper
 from mapping.objects.existence import MISSED, NOTHING, SEEN, SIZE, logit

@@ -25,9 +25,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks.map_page import filled
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import in_memory_map
-from kg.records import MapUpdate, ObjectRecord
-from kg.server import MapServer, Settings
+from kg.model.records import MapUpdate, ObjectRecord
+from kg.serving.opening import in_memory_map
+from kg.serving.server import MapServer, Settings
 
 SECONDS = 10.0  # of each row
 

@@ -18,17 +18,17 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from kg.facts.occupancy import encoded
+from kg.maps.facts.occupancy import encoded
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import create_map, in_memory_map
+from kg.serving.opening import create_map, in_memory_map
 from mapping.mapping_options import MappingOptions
 from mapping.occupancy.occupancy_map import OccupancyMap
 from mapping.recording_mapper import map_recording
 from perception.frames import Detector, Frame, Recording, SceneClassifier
 from perception.inference.detector import load_detector
 from perception.inference.scene_classifier import load_scene_classifier
-from perception.recordings.recording import open_recording
-from perception.recordings.recording_options import RecordingOptions
+from perception.sources.recording import open_recording
+from perception.sources.recording_options import RecordingOptions
 from planner.simulation.houses.house import furnished_house
 from planner.simulation.robot.mapping_tour import SimulatedTour
 from planner.simulation.sensing.camera import SimulatedCamera

@@ -21,19 +21,19 @@ from pyoxigraph import Literal, NamedNode, Quad, Store
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from kg import vocabulary as v
-from kg.facts.map_metadata import first_quads
 from kg.history.replay.past_state import PastStates, replay
 from kg.history.replay.point_in_time import state_of
 from kg.history.storage.compaction import compact
 from kg.history.storage.log import HistoryLog
-from kg.ontology.catalogue import Catalogue
-from kg.query.evaluation import Table, evaluate
-from kg.query.query_files import find_query
+from kg.knowledge.ontology.catalogue import Catalogue
+from kg.maps.map_metadata import first_quads
+from kg.maps.query.evaluation import Table, evaluate
+from kg.maps.query.query_files import find_query
+from kg.model import vocabulary as v
+from kg.model.transactions import Cause, ChangeSet
 from kg.rdf.grid_cells import cell_of
 from kg.rdf.quad_store import QuadStore
 from kg.store.transactional import sequence_quad
-from kg.transactions import Cause, ChangeSet
 
 BASE = "https://w3id.org/hereabouts/maps/bench/"
 _TIME = NamedNode(v.XSD + "dateTime")

@@ -23,10 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.command_line import run as run_benchmark
-from perception.recordings.bag_writer import write_bag
-from perception.recordings.listing import FrameEntry, StoredImage
-from perception.recordings.recording import FolderRecording, open_recording
-from perception.recordings.recording_options import RecordingOptions
+from perception.sources.bag_writer import write_bag
+from perception.sources.listing import FrameEntry, StoredImage
+from perception.sources.recording import FolderRecording, open_recording
+from perception.sources.recording_options import RecordingOptions
 
 RATE = 5.0  # frames a second
 SIZE = (160, 120)  # [px]

@@ -19,9 +19,9 @@ from playwright.sync_api import Page, sync_playwright
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import in_memory_map
-from kg.records import MapUpdate, ObjectRecord, PlaceRecord
-from kg.server import MapServer, Settings
+from kg.model.records import MapUpdate, ObjectRecord, PlaceRecord
+from kg.serving.opening import in_memory_map
+from kg.serving.server import MapServer, Settings
 
 QUIET = ("background-networking", "component-update", "sync", "quic", "gpu")
 PAN = """async (canvas) => {

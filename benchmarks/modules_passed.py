@@ -94,14 +94,14 @@ def find_walk(semantic_map: Path) -> ModuleCounter:
 def _open(path: Path) -> Any:
     """The map at `path`, opened by this version of the packages or an earlier one."""
     try:
-        return importlib.import_module("kg.opening").open_map(path)
+        return importlib.import_module("kg.serving.opening").open_map(path)
     except ModuleNotFoundError:
         return importlib.import_module("kg.semantic_map").SemanticMap.open(path)
 
 
 def query_walk(path: Path) -> ModuleCounter:
     """Serve the map and ask it twice over HTTP; count the second query."""
-    from kg.server import MapServer, Settings
+    from kg.serving.server import MapServer, Settings
 
     counter = ModuleCounter()
     counter.start()

@@ -21,14 +21,14 @@ from pathlib import Path
 
 import numpy as np
 
-from kg.opening import in_memory_map
+from kg.serving.opening import in_memory_map
 from mapping.recording_mapper import map_recording
 from perception.frames import Detections, Detector, Frame, Recording, SceneClassifier
 from perception.inference import session
 from perception.inference.recorded_detections import open_detector
 from perception.inference.repeated_frames import RememberingDetector
 from perception.inference.scene_classifier import load_scene_classifier
-from perception.recordings.recording import open_recording
+from perception.sources.recording import open_recording
 
 HEADER = (
     "| recording | frames | read | detect | rest: map | one after the other "

@@ -27,9 +27,9 @@ from numpy.typing import NDArray
 
 from benchmarks.command_line import run
 from benchmarks.search.homes import Home, read_homes
-from kg.opening import in_memory_map
-from kg.placement.rooms import room_types
-from kg.placement.table import table_of
+from kg.knowledge.placement.rooms import room_types
+from kg.knowledge.placement.table import table_of
+from kg.serving.opening import in_memory_map
 from mapping.places.evidence_from_objects import ObjectEvidence
 from mapping.places.place_registry import PlaceRegistry
 from mapping.reference.belief_filters import bayes_update, mean_update

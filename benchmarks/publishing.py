@@ -20,12 +20,12 @@ from pathlib import Path
 import numpy as np
 
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import create_map
-from kg.publishing.publisher import Publisher
-from kg.publishing.target import PublishTarget
-from kg.records import MapUpdate, ObjectRecord
-from kg.server import MapServer, Settings
-from kg.transactions import ChangeSet
+from kg.model.records import MapUpdate, ObjectRecord
+from kg.model.transactions import ChangeSet
+from kg.serving.opening import create_map
+from kg.serving.publishing.publisher import Publisher
+from kg.serving.publishing.target import PublishTarget
+from kg.serving.server import MapServer, Settings
 from tests.conftest import running_server
 
 OBJECTS = 20

@@ -25,8 +25,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.errors import LayoutError, RecordingError
-from kg.opening import in_memory_map
+from kg.model.errors import LayoutError, RecordingError
+from kg.serving.opening import in_memory_map
 from mapping.alignment.floor_match import floor_field, floor_of_frames
 from mapping.alignment.object_match import about_z
 from mapping.alignment.recording_fit import CHECKED, FITS, aligned, spread
@@ -38,9 +38,9 @@ from perception.camera.gravity_alignment import gravity_aligned_transform
 from perception.camera.poses import CONVENTIONS, Pose
 from perception.frames import Frame
 from perception.inference.recorded_detections import load_recorded_detections
-from perception.recordings.depth_check import check_depth
-from perception.recordings.recording import FolderRecording, open_recording
-from perception.recordings.recording_options import RecordingOptions
+from perception.sources.depth_check import check_depth
+from perception.sources.recording import FolderRecording, open_recording
+from perception.sources.recording_options import RecordingOptions
 
 Floats = NDArray[np.float64]
 _MISREAD = ("world-to-camera", "opengl")  # conventions that undo themselves

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from benchmarks.command_line import run
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import in_memory_map
+from kg.serving.opening import in_memory_map
 from mapping.evaluation.complete_truth import load_complete_truth
 from mapping.evaluation.map_evaluation import evaluate_map
 from mapping.evaluation.session_identity import SessionIdentity, pooled_identity, session_identity
@@ -30,7 +30,7 @@ from mapping.evaluation.truth_matching import TruthMatcher
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
 from perception.inference.recorded_detections import open_detector
-from perception.recordings.recording import open_recording
+from perception.sources.recording import open_recording
 
 HEADER: Final = (
     "| restart after | of | things | right | wrong | F1 | ms a frame | triples | departed |\n"

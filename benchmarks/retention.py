@@ -17,10 +17,10 @@ from pathlib import Path
 
 import numpy as np
 
-from kg import vocabulary as v
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import create_map
-from kg.records import Evidence, MapUpdate, ObjectRecord
+from kg.model import vocabulary as v
+from kg.model.records import Evidence, MapUpdate, ObjectRecord
+from kg.serving.opening import create_map
 
 OBJECTS = 200
 SEEN = 20  # objects a frame

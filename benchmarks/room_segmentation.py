@@ -29,8 +29,8 @@ from numpy.typing import NDArray
 
 from benchmarks.command_line import run
 from benchmarks.search.homes import read_homes
-from kg.opening import open_map
-from kg.records import FREE, LOW, TALL, UNKNOWN
+from kg.model.records import FREE, LOW, TALL, UNKNOWN
+from kg.serving.opening import open_map
 from mapping.occupancy.mapped_floor import MappedFloor, mapped_floor
 from mapping.occupancy.room_segmentation import segmented
 from planner.freespace.floor_plan import free_space

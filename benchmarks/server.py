@@ -20,11 +20,11 @@ import requests
 from pyoxigraph import Literal, NamedNode, Quad
 
 from benchmarks.workers import RUNAWAY, _objects
-from kg import vocabulary as v
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import create_map, open_map
-from kg.server import Limits, MapServer, Settings
-from kg.transactions import Cause
+from kg.model import vocabulary as v
+from kg.model.transactions import Cause
+from kg.serving.opening import create_map, open_map
+from kg.serving.server import Limits, MapServer, Settings
 
 ASK = "ASK {here:Kitchen here:isA here:Place}"
 LOOKUP = "SELECT ?p ?o {<urn:object:7> ?p ?o}"

@@ -29,12 +29,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import in_memory_map
+from kg.serving.opening import in_memory_map
 from mapping.mapping_options import MappingOptions
 from mapping.recording_mapper import map_recording
 from perception.frames import Frame
 from planner.cli.console import print_table
-from planner.goals.status import Value, status
+from planner.search.goals.status import Value, status
 from planner.simulation.demo.house_demo import layout_of
 from planner.simulation.houses.furniture import OBJECTS
 from planner.simulation.houses.house import House, HouseRoom

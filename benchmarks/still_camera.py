@@ -16,7 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import in_memory_map
+from kg.serving.opening import in_memory_map
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
 from planner.simulation.houses.house import House

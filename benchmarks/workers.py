@@ -18,14 +18,14 @@ from pathlib import Path
 import numpy as np
 from pyoxigraph import Literal, NamedNode, Quad
 
-from kg import vocabulary as v
-from kg.errors import QueryTimeoutError, QueryTooLargeError
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import create_map
-from kg.transactions import Cause
-from kg.workers.pool import QueryPool
-from kg.workers.process import WorkerProcess
-from kg.workers.snapshots import Snapshots
+from kg.model import vocabulary as v
+from kg.model.errors import QueryTimeoutError, QueryTooLargeError
+from kg.model.transactions import Cause
+from kg.serving.opening import create_map
+from kg.serving.workers.pool import QueryPool
+from kg.serving.workers.process import WorkerProcess
+from kg.serving.workers.snapshots import Snapshots
 
 ASK = "ASK {here:Kitchen here:isA here:Place}"
 TABLE = "SELECT ?o ?x {?o a here:Chair ; here:x ?x} LIMIT 1000"

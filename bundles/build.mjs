@@ -1,9 +1,9 @@
-// Makes kg/server/files/vendor/NAME.min.js of the folder NAME it is run in, and the licences of what is in it.
+// Makes kg/serving/server/files/vendor/NAME.min.js of the folder NAME it is run in, and the licences of what is in it.
 import { readdirSync, readFileSync, writeFileSync } from "node:fs";
 import { createRequire } from "node:module";
 import { basename } from "node:path";
 
-const VENDOR = new URL("../kg/server/files/vendor/", import.meta.url), NAME = basename(process.cwd());
+const VENDOR = new URL("../kg/serving/server/files/vendor/", import.meta.url), NAME = basename(process.cwd());
 const { build } = createRequire(`${process.cwd()}/`)("esbuild");
 const { dependencies } = JSON.parse(readFileSync("package.json", "utf8"));
 const versions = Object.entries(dependencies).map(([name, version]) => `${name} ${version}`);

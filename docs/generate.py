@@ -56,7 +56,7 @@ PUBLIC: Final = {
 #: Modules of the classes that a map is composed of; their members are described with it.
 _PARTS: Final = (
     *("kg.maps.map_parts", "kg.maps.subscriptions"),
-    *("kg.facts.assertion_service", "kg.facts.searches"),
+    *("kg.maps.facts.assertion_service", "kg.maps.facts.searches"),
 )
 _MADE: Final = "<!-- made by python docs/generate.py; edit the source, not this page -->\n"
 
@@ -149,7 +149,7 @@ def _value(action: argparse.Action) -> str:
 
 def queries() -> str:
     """The shipped query files, by their headers."""
-    from kg.query.query_files import shipped_queries
+    from kg.maps.query.query_files import shipped_queries
 
     parts = [
         f"# Query files\n\n{_MADE}\nThe files of `queries/`, each by its own header. "
@@ -173,9 +173,9 @@ def queries() -> str:
 
 def vocabulary() -> str:
     """The terms and categories of the shipped ontologies."""
-    from kg.ontology.import_closure import load_with_imports
-    from kg.ontology.vocabulary_page import vocabulary_page
-    from kg.resources import ONTOLOGIES
+    from kg.knowledge.ontology.import_closure import load_with_imports
+    from kg.knowledge.ontology.vocabulary_page import vocabulary_page
+    from kg.model.resources import ONTOLOGIES
 
     return vocabulary_page(load_with_imports(ONTOLOGIES).quads)
 

@@ -23,9 +23,9 @@ from typing import TYPE_CHECKING, Final
 
 from PIL import Image
 
-from kg.opening import open_map
-from kg.server import MapServer, Settings
-from planner.plans.report import find_answer
+from kg.serving.opening import open_map
+from kg.serving.server import MapServer, Settings
+from planner.search.plans.report import find_answer
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page

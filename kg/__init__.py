@@ -2,5 +2,5 @@
 
 Everything the map knows lives in one RDF dataset. `kg.maps.semantic_map.SemanticMap` is its front
 door;
-the other rooms see the frozen records of `kg.records`, never a triple.
+the other rooms see the frozen records of `kg.model.records`, never a triple.
 """

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Final
 
-from kg.errors import GraphError
+from kg.model.errors import GraphError
 from mapping.detection_report import DetectionReport, report_from_json
 
 NAME: Final = "detections.json"  # in the folder of a map

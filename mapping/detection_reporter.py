@@ -9,9 +9,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
-from kg.errors import GraphError
 from kg.maps.semantic_map import SemanticMap
-from kg.records import Evidence, ObjectRecord
+from kg.model.errors import GraphError
+from kg.model.records import Evidence, ObjectRecord
 from mapping.detection_files import read_report, write_report
 from mapping.detection_report import (
     BELIEVED,

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from kg.errors import FrameError
+from kg.model.errors import FrameError
 from mapping.pose_convention import PoseConventionCheck
 from perception.camera.depth_agreement import COLUMNS
 from perception.camera.poses import checked_pose

@@ -11,13 +11,20 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.errors import ConflictError
 from kg.maps.semantic_map import SemanticMap
-from kg.records import FloorTile, MapUpdate, ObjectRecord, PlaceRecord, RecordingRecord, RobotRecord
+from kg.model.errors import ConflictError
+from kg.model.records import (
+    FloorTile,
+    MapUpdate,
+    ObjectRecord,
+    PlaceRecord,
+    RecordingRecord,
+    RobotRecord,
+)
 from mapping.detection_report import DetectionReport
 from mapping.detection_reporter import DetectionReporter
 from mapping.frame_checks import FrameChecks, check_detections
-from mapping.label_resolver import LabelResolver
+from mapping.labels.label_resolver import LabelResolver
 from mapping.mapper_lease import MapperLease
 from mapping.mapping_options import DEFAULT_OPTIONS, MappingOptions
 from mapping.objects.bayes_mapper import BayesObjectMapper

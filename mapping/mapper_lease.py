@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from kg.errors import MapBusyError
 from kg.maps.cache_invalidation import ExternalChanges
 from kg.maps.semantic_map import SemanticMap
-from kg.records import RecordingRecord
+from kg.model.errors import MapBusyError
+from kg.model.records import RecordingRecord
 
 
 class MapperLease:

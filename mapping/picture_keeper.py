@@ -7,10 +7,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.errors import GraphError
 from kg.maps.object_pictures import MAX_BYTES, ObjectPictures
 from kg.maps.semantic_map import SemanticMap
-from kg.records import MapUpdate, ObjectRecord
+from kg.model.errors import GraphError
+from kg.model.records import MapUpdate, ObjectRecord
 from perception.frames import Detections, Frame
 from perception.object_picture import object_picture
 

@@ -3,7 +3,7 @@
 Depth of two frames some motion apart agrees by camera-to-map poses of a camera that looks along
 +z. Where it does not, but does with the poses inverted or the camera's axes exchanged
 (`perception.camera.poses.CONVENTIONS`), that is what they are. A recording is checked in the same
-way before it is mapped (`perception.recordings.depth_check`).
+way before it is mapped (`perception.sources.depth_check`).
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from typing import Final
 
 import numpy as np
 
-from kg.errors import FrameError
+from kg.model.errors import FrameError
 from perception.camera.depth_agreement import Agreement, agreement, depth_samples
 from perception.camera.poses import CONVENTIONS, motion
 from perception.frames import Frame
-from perception.recordings.depth_check import FramePair, better_convention, median_share
+from perception.sources.depth_check import FramePair, better_convention, median_share
 
 APART: Final = (0.15, 1.0)  # [m] between the two frames of a pair: one that tells, and the most
 TURNED: Final = (np.radians(6.0), np.radians(35.0))

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kg.errors import RecordingError
 from kg.maps.semantic_map import SemanticMap
+from kg.model.errors import RecordingError
 from mapping.alignment.recording_fit import check_fit
 from mapping.mapper import Mapper
 from mapping.mapping_options import DEFAULT_OPTIONS, MappingOptions

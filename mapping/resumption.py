@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from kg.errors import LayoutError
 from kg.maps.semantic_map import SemanticMap
-from kg.records import RecordingRecord
+from kg.model.errors import LayoutError
+from kg.model.records import RecordingRecord
 from perception.frames import Recording
-from perception.recordings.recording import FolderRecording
+from perception.sources.recording import FolderRecording
 
 
 def resumed(recording: Recording, semantic_map: SemanticMap) -> Recording:

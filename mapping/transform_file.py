@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.errors import LayoutError, did_you_mean
+from kg.model.errors import LayoutError, did_you_mean
 
 
 def checked_rigid(matrix: object, what: str) -> NDArray[np.float64]:

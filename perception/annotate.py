@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.errors import RecordingError
+from kg.model.errors import RecordingError
 from perception.frames import Detections, Frame, SceneScores
 
 FONT = cv2.FONT_HERSHEY_SIMPLEX

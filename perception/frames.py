@@ -14,7 +14,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.errors import FrameError
+from kg.model.errors import FrameError
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.errors import RecordingError
+from kg.model.errors import RecordingError
 
 
 def rows(path: Path) -> Iterator[tuple[str, list[str]]]:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.kg.server.browser_pages import ARGUMENTS, CHROMIUM
+from tests.kg.serving.server.browser_pages import ARGUMENTS, CHROMIUM
 
 pytest.importorskip("material", reason="pip install 'hereabouts[docs]'")
 

@@ -12,7 +12,7 @@ from typing import IO, Any, Self
 
 import requests
 
-from kg.opening import create_map
+from kg.serving.opening import create_map
 
 TOKEN = "a-token-of-the-attacks-0123"
 SECONDS = 2.0  # a query's time limit

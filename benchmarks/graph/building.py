@@ -8,10 +8,10 @@ from collections.abc import Iterator
 import numpy as np
 from pyoxigraph import Quad
 
-from kg.facts.objects_and_places import RecordCodec
+from kg.knowledge.ontology.catalogue import Catalogue
+from kg.maps.facts.objects_and_places import RecordCodec
 from kg.maps.semantic_map import SemanticMap
-from kg.ontology.catalogue import Catalogue
-from kg.records import Evidence, MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
+from kg.model.records import Evidence, MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
 
 BASE = "https://example.org/building/"
 ROOM = 10.0  # [m]

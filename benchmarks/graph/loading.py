@@ -9,11 +9,11 @@ from typing import Final
 from pyoxigraph import Literal, NamedNode, Quad
 
 from benchmarks.graph.building import BASE, Building
-from kg import vocabulary as v
-from kg.facts.objects_and_places import RecordCodec
 from kg.history.storage.recovery import FILE
+from kg.maps.facts.objects_and_places import RecordCodec
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import create_map, open_map
+from kg.model import vocabulary as v
+from kg.serving.opening import create_map, open_map
 from kg.store.transactional import TransactionalStore
 
 PIECE: Final = 200_000  # quads loaded at once; the engine holds them in memory several times over

@@ -13,9 +13,9 @@ import numpy as np
 from benchmarks.graph.building import BASE, Building
 from benchmarks.graph.timing import Timing, goes_on, measured, timing
 from kg.export.serialization import export_map
+from kg.maps.query.query_files import ParameterizedQuery, shipped_queries
 from kg.maps.semantic_map import SemanticMap
-from kg.query.query_files import ParameterizedQuery, shipped_queries
-from kg.records import MapUpdate
+from kg.model.records import MapUpdate
 from kg.store.gc_freezing import gc_frozen
 
 STORE = "hereabouts on disk"

@@ -16,13 +16,13 @@ from pyoxigraph import NamedNode, Quad, RdfFormat, serialize
 from benchmarks.graph.building import Building
 from benchmarks.graph.ours import STORE
 from benchmarks.graph.timing import Timing, measured
-from kg import vocabulary as v
-from kg.facts.objects_and_places import RecordCodec
+from kg.maps.facts.objects_and_places import RecordCodec
+from kg.maps.query.evaluation import evaluate
 from kg.maps.semantic_map import SemanticMap
-from kg.query.evaluation import evaluate
+from kg.model import vocabulary as v
 from kg.rdf.grid_cells import cell_of
 from kg.rdf.shacl import as_rdflib
-from kg.sparql.parameters import substitute
+from kg.rdf.sparql.parameters import substitute
 
 CHANGING = {v.X, v.Y, v.Z, v.IN_CELL, v.CONFIDENCE, v.EXISTENCE, v.OBSERVATION_COUNT, v.LAST_SEEN}
 _HERE = Path(__file__).parent

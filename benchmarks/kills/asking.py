@@ -21,11 +21,11 @@ from benchmarks.kills.examination import Known, examine
 from benchmarks.kills.frames import BASE, OBJECTS, frame_update
 from benchmarks.kills.processes import Child
 from benchmarks.kills.tally import Tally
-from kg.errors import HereaboutsError
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import create_map
-from kg.workers.pool import QueryPool
-from kg.workers.process import Answer, WorkerDiedError
+from kg.model.errors import HereaboutsError
+from kg.serving.opening import create_map
+from kg.serving.workers.pool import QueryPool
+from kg.serving.workers.process import Answer, WorkerDiedError
 
 LONGEST = 0.6  # [s] from one kill to the next
 WORKERS = 2

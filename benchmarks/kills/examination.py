@@ -10,10 +10,10 @@ from pathlib import Path
 from pyoxigraph import CanonicalizationAlgorithm, Dataset, Literal, Quad
 
 from benchmarks.kills.frames import NOTES, expected, facts
-from kg import vocabulary as v
 from kg.history.storage.log import BACKGROUND
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import open_map
+from kg.model import vocabulary as v
+from kg.serving.opening import open_map
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,7 +25,7 @@ from pyoxigraph import (
 
 from benchmarks.kills.examination import digest, isomorphic_digest
 from benchmarks.kills.processes import Child
-from kg import vocabulary as v
+from kg.model import vocabulary as v
 
 _EVERYTHING = "SELECT ?s ?p ?o ?g { GRAPH ?g { ?s ?p ?o } }"
 _BROKEN = (OSError, http.client.HTTPException, EOFError)

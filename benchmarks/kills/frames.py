@@ -9,11 +9,10 @@ from __future__ import annotations
 import numpy as np
 from pyoxigraph import Quad
 
-from kg import vocabulary as v
 from kg.history.storage.log import BACKGROUND
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import in_memory_map
-from kg.records import (
+from kg.model import vocabulary as v
+from kg.model.records import (
     Evidence,
     MapUpdate,
     ObjectRecord,
@@ -21,6 +20,7 @@ from kg.records import (
     RecordingRecord,
     RobotRecord,
 )
+from kg.serving.opening import in_memory_map
 
 BASE = "https://example.org/killed/"
 OBJECTS = 12

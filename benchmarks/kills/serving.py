@@ -24,8 +24,8 @@ from benchmarks.kills.frames import frame_update, note_update
 from benchmarks.kills.processes import Child
 from benchmarks.kills.tally import Tally
 from benchmarks.kills.writing import create, replayed, settle
-from kg.opening import open_map
-from kg.server import BearerTokens, Limits, MapServer, Settings
+from kg.serving.opening import open_map
+from kg.serving.server import BearerTokens, Limits, MapServer, Settings
 
 LONGEST = 0.7  # [s] from when the server answers to the kill
 A_MAP = 50  # kills of one map and one follower

@@ -13,7 +13,7 @@ from benchmarks.kills.examination import Finding, Known, examine, replay
 from benchmarks.kills.frames import BASE, frame_update
 from benchmarks.kills.processes import Child
 from benchmarks.kills.tally import Tally
-from kg.opening import create_map, open_map
+from kg.serving.opening import create_map, open_map
 
 LONGEST = 0.5  # [s] from the fork to the kill
 A_MAP = 100  # kills of one map; then another begins

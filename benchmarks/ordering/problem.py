@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kg.errors import HereaboutsError
-from planner.plans.thesis_rules import SearchModel, expected_seconds
+from kg.model.errors import HereaboutsError
+from planner.search.plans.thesis_rules import SearchModel, expected_seconds
 
 FloatArray = NDArray[np.floating]
 

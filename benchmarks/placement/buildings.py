@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from kg.errors import InvalidFactError
-from kg.ontology.catalogue import Catalogue
-from kg.placement.rooms import room_types
+from kg.knowledge.ontology.catalogue import Catalogue
+from kg.knowledge.placement.rooms import room_types
+from kg.model.errors import InvalidFactError
 
 #: S3DIS' names of rooms and objects where they differ from ours
 _S3DIS_ROOMS: Final = {"office": "office (building)", "pantry": "kitchenette"}

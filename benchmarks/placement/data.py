@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from benchmarks.placement.buildings import TrialBuilding, load_homes, load_s3dis
 from benchmarks.placement.fitting import Sample
-from kg import vocabulary as v
-from kg.ontology.catalogue import Catalogue
-from kg.ontology.loading import load_ontologies
-from kg.placement.evidence import PlacementEvidence, placement_evidence, room_counts
-from kg.placement.model import EvidenceArrays, Matrix
-from kg.placement.rooms import RoomType, room_types
-from kg.placement.statistics_export import room_type_quads
-from kg.placement.statistics_import import read_rooms
+from kg.knowledge.ontology.catalogue import Catalogue
+from kg.knowledge.ontology.loading import load_ontologies
+from kg.knowledge.placement.belief_model import EvidenceArrays, Matrix
+from kg.knowledge.placement.evidence import PlacementEvidence, placement_evidence, room_counts
+from kg.knowledge.placement.rooms import RoomType, room_types
+from kg.knowledge.placement.statistics_export import room_type_quads
+from kg.knowledge.placement.statistics_import import read_rooms
+from kg.model import vocabulary as v
 
 _STATISTICS: Final = frozenset({v.ROOM_COUNT, v.ROOMS_WITH_OBJECT, v.STATISTICS_PLACE})
 

@@ -2,8 +2,8 @@
 
     python benchmarks/placement/fit.py ../shared/data
 
-Deterministic. What it prints belongs into `kg/placement/settings.py` (FITTED). Reads homes/ of
-the folder; needs numpy only.
+Deterministic. What it prints belongs into `kg/knowledge/placement/settings.py` (FITTED). Reads
+homes/ of the folder; needs numpy only.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from pathlib import Path
 
 from benchmarks.placement.data import Sources, load
 from benchmarks.placement.fitting import fit, log_likelihood
-from kg.placement.settings import FITTED
+from kg.knowledge.placement.settings import FITTED
 
 
 def main(folder: Path) -> None:

@@ -15,8 +15,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.placement.model import EvidenceArrays, Matrix, posterior_belief, sigmoid
-from kg.placement.settings import KnowledgeWeights, PlacementParameters, SurveyWeights
+from kg.knowledge.placement.belief_model import EvidenceArrays, Matrix, posterior_belief, sigmoid
+from kg.knowledge.placement.settings import KnowledgeWeights, PlacementParameters, SurveyWeights
 
 Vector = NDArray[np.float64]
 

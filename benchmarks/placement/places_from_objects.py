@@ -21,9 +21,9 @@ import numpy as np
 
 from benchmarks.placement.data import Sources, TrialData, load
 from benchmarks.placement.methods import one_building
-from kg.placement.model import posterior_belief
-from kg.placement.posterior import posterior
-from kg.placement.settings import FITTED
+from kg.knowledge.placement.belief_model import posterior_belief
+from kg.knowledge.placement.posterior import posterior
+from kg.knowledge.placement.settings import FITTED
 
 WEIGHTS: Final = (0.0, 0.1, 0.25, 0.5, 0.75, 1.0)
 RIGHT: Final = (0.2, 0.4, 0.6, 0.8)  # mean probability that views give the true kind

@@ -1,9 +1,10 @@
 """Write the room statistics that ship: counts of S3DIS (Apache-2.0), 156 rooms of offices.
 
-    python benchmarks/placement/s3dis_statistics.py rooms_objects.csv kg/placement/tables/s3dis.csv
+    python benchmarks/placement/s3dis_statistics.py rooms_objects.csv
+    kg/knowledge/placement/tables/s3dis.csv
 
 Chairs, sofas (couches) and tables, the only objects of S3DIS that a detector of COCO's categories
-knows; rooms under the names that ``kg/placement/rooms.csv`` has. Deterministic.
+knows; rooms under the names that ``kg/knowledge/placement/rooms.csv`` has. Deterministic.
 """
 
 from __future__ import annotations
@@ -14,9 +15,9 @@ from collections import Counter
 from pathlib import Path
 
 from benchmarks.placement.buildings import load_s3dis
-from kg.ontology.catalogue import Catalogue
-from kg.ontology.loading import load_ontologies
-from kg.placement.statistics_import import COLUMNS
+from kg.knowledge.ontology.catalogue import Catalogue
+from kg.knowledge.ontology.loading import load_ontologies
+from kg.knowledge.placement.statistics_import import COLUMNS
 
 
 def main(table: Path, into: Path) -> None:

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.ordering.problem import OrderingProblem
-from planner.plans.thesis_rules import SearchModel
+from planner.search.plans.thesis_rules import SearchModel
 
-SPEED = 0.2412  # [m/s]; planner/plans/thesis_rules.py
+SPEED = 0.2412  # [m/s]; planner/search/plans/thesis_rules.py
 EXPLORE = 41.79  # [s]
 CATEGORIES = 12
 #: how the reference problems spread their probability

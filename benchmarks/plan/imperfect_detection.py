@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from benchmarks.ordering.problem import OrderingError, OrderingProblem
-from planner.plans.thesis_rules import SearchModel
+from planner.search.plans.thesis_rules import SearchModel
 
 Array = NDArray[np.float64]
 #: why a plan ends

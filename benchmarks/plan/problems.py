@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.ordering.problem import OrderingError, OrderingProblem
-from kg.errors import did_you_mean
+from kg.model.errors import did_you_mean
 
 
 @dataclass(frozen=True, slots=True, eq=False)

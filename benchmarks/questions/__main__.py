@@ -18,9 +18,9 @@ from benchmarks.questions.graph_maps import mapped, true, truths
 from benchmarks.questions.house_drives import SESSIONS, drive
 from benchmarks.questions.plain_map import PlainMap
 from benchmarks.questions.question_file import Question, load_questions, read_json, save_questions
-from kg.errors import GraphError
-from kg.opening import in_memory_map
-from perception.recordings.recording_writer import write_text
+from kg.model.errors import GraphError
+from kg.serving.opening import in_memory_map
+from perception.sources.recording_writer import write_text
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -19,8 +19,8 @@ from benchmarks.questions.question_file import FAMILIES, Question
 from benchmarks.questions.row_doors import HttpDoor, SparqlDoor
 from benchmarks.questions.scoring import score
 from kg.export.plain_documents import rooms_document
-from kg.server import MapServer, Settings
-from planner.plans.report import find_answer
+from kg.serving.server import MapServer, Settings
+from planner.search.plans.report import find_answer
 
 DOORS: Final = ("SPARQL", "Python", "HTTP", "MCP")  # of which the answers have to agree
 EXPORT: Final = "JSON"  # the plain export, answered by `benchmarks.questions.plain_map`

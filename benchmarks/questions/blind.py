@@ -10,7 +10,7 @@ from benchmarks.questions.question_file import Question
 from benchmarks.questions.scoring import score
 from kg.maps.room_statistics import placement_table
 from kg.maps.semantic_map import SemanticMap
-from planner.goals.search_goals import resolve_target
+from planner.search.goals.search_goals import resolve_target
 
 
 class BlindAnswers:

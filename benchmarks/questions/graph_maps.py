@@ -12,8 +12,7 @@ import numpy as np
 from benchmarks.questions.house_drives import SESSIONS
 from benchmarks.questions.question_file import read_json
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import in_memory_map
-from kg.records import (
+from kg.model.records import (
     DepartedRecord,
     Evidence,
     MapUpdate,
@@ -23,12 +22,13 @@ from kg.records import (
     RecordingRecord,
     Relation,
 )
+from kg.serving.opening import in_memory_map
 from mapping.mapping_options import MappingOptions
 from mapping.places.layout import load_layout
 from mapping.recording_mapper import map_recording
 from perception.inference.recorded_detections import open_detector
-from perception.recordings.recording import open_recording
-from perception.recordings.recording_options import RecordingOptions
+from perception.sources.recording import open_recording
+from perception.sources.recording_options import RecordingOptions
 
 THRESHOLD: Final = 0.2  # of detections, as `hereabouts map` has it
 _BASE: Final = "https://example.org/house/"

@@ -17,7 +17,7 @@ import numpy as np
 from benchmarks.status import HouseTruth, Session, surfaces
 from perception.frames import Detections
 from perception.inference.recorded_detections import save_recorded_detections
-from perception.recordings.recording_writer import RecordingWriter, write_text
+from perception.sources.recording_writer import RecordingWriter, write_text
 from planner.simulation.houses.house import House, HouseRoom, Wall
 from planner.simulation.houses.random_house import random_house
 from planner.simulation.recording.house_changes import changed_house

@@ -23,7 +23,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from kg.errors import GraphError
+from kg.model.errors import GraphError
 
 PRESENT: Final = 0.5  # existence from which on a thing counts as there
 MOVED: Final = 0.3  # [m]

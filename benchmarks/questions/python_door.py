@@ -8,10 +8,10 @@ import numpy as np
 
 from benchmarks.questions.graph_maps import AskedMap
 from benchmarks.questions.row_doors import in_order
-from kg.records import ObjectRecord
-from planner.goals.moves import moved_things
-from planner.goals.status import status
-from planner.plans.view_plan import planned
+from kg.model.records import ObjectRecord
+from planner.search.goals.moves import moved_things
+from planner.search.goals.status import status
+from planner.search.plans.view_plan import planned
 
 _PRESENT = 0.5  # existence
 _EVERYWHERE = 100.0  # [m]

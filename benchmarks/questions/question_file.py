@@ -8,8 +8,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from kg.errors import GraphError
-from perception.recordings.recording_writer import write_text
+from kg.model.errors import GraphError
+from perception.sources.recording_writer import write_text
 
 FILE: Final = "questions.json"
 #: family -> type of its answers

@@ -20,7 +20,7 @@ from benchmarks.rooms.stretches import SHOW_ALL, matcher_of, stretches
 from mapping.evaluation.complete_truth import load_complete_truth
 from mapping.evaluation.truth_matching import TruthMatcher
 from perception.frames import Frame
-from perception.recordings.recording import open_recording
+from perception.sources.recording import open_recording
 
 T = TypeVar("T")
 

@@ -10,7 +10,7 @@ from typing import Final
 
 from benchmarks.rooms.recordings import detector_of
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import in_memory_map
+from kg.serving.opening import in_memory_map
 from mapping.evaluation.average_precision import existence_curve
 from mapping.evaluation.existence_scores import THRESHOLDS, matchings_by_existence
 from mapping.evaluation.identity_switches import SHOWN

@@ -17,7 +17,7 @@ from typing import Final
 
 import numpy as np
 
-from kg.errors import ModelError, RecordingError
+from kg.model.errors import ModelError, RecordingError
 from perception.frames import Detections, Detector, Frame
 from perception.inference.detector import load_detector
 from perception.inference.detector_pair import DetectorPair
@@ -27,7 +27,7 @@ from perception.inference.recorded_detections import (
     load_recorded_detections,
     save_recorded_detections,
 )
-from perception.recordings.recording import open_recording
+from perception.sources.recording import open_recording
 
 TRUTH: Final = "objects_full_gt.json"
 THRESHOLD: Final = 0.05  # least score that is kept

@@ -14,10 +14,10 @@ from planner.freespace.floor_plan import free_space, shifts
 from planner.freespace.geodesic import distance_fields
 from planner.freespace.grid import Cells, FreeSpace
 from planner.freespace.planning_map import PlanningMap
-from planner.plans.search_state import with_fresh_viewpoints
-from planner.viewpoints.candidate_views import CandidateViews, candidate_views
-from planner.viewpoints.coverage import room_viewpoints
-from planner.viewpoints.sensor import Motion, Sensor
+from planner.search.plans.search_state import with_fresh_viewpoints
+from planner.search.viewpoints.candidate_views import CandidateViews, candidate_views
+from planner.search.viewpoints.coverage import room_viewpoints
+from planner.search.viewpoints.sensor import Motion, Sensor
 
 
 class HomeSpace:

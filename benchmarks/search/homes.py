@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from kg.errors import InvalidFactError
+from kg.model.errors import InvalidFactError
 from planner.freespace.grid import Room
 
 

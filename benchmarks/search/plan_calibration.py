@@ -18,8 +18,8 @@ from benchmarks.search.home_space import HomeSpace
 from benchmarks.search.room_beliefs import room_weights
 from benchmarks.search.view_policy import PRESENT, Ablation, initial_state
 from planner.freespace.grid import Cells, FreeSpace
-from planner.plans.view_plan import plan
-from planner.viewpoints.next_best_view import RobotState
+from planner.search.plans.view_plan import plan
+from planner.search.viewpoints.next_best_view import RobotState
 
 #: Shares of a plan's time.
 PARTS: Final = (0.1, 0.25, 0.5, 0.75, 0.9, 1.0)
@@ -72,7 +72,7 @@ def room_instances(
 ) -> NDArray[np.float64]:
     """(k, c) chance that what a room holds lies in each cell, room by room.
 
-    Rooms are independent of each other, as in `planner.belief`. A share `everywhere`
+    Rooms are independent of each other, as in `planner.search.belief`. A share `everywhere`
     of each is spread over all cells. Where no room holds any, all may.
     """
     weight = room_weights(space, cells, chances)

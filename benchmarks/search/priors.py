@@ -15,15 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.search.homes import Home
-from kg import vocabulary as v
-from kg.ontology.catalogue import Catalogue
-from kg.ontology.loading import load_ontologies, superclasses
-from kg.ontology.relations import relations
-from kg.placement.rooms import RoomType, room_types
-from kg.placement.statistics import RoomStatistics, statistics_quads
-from kg.placement.statistics_export import room_type_quads
-from kg.placement.statistics_import import RoomTable, read_rooms
-from kg.placement.table import PlacementTable, table_of
+from kg.knowledge.ontology.catalogue import Catalogue
+from kg.knowledge.ontology.loading import load_ontologies, superclasses
+from kg.knowledge.ontology.relations import relations
+from kg.knowledge.placement.rooms import RoomType, room_types
+from kg.knowledge.placement.statistics import RoomStatistics, statistics_quads
+from kg.knowledge.placement.statistics_export import room_type_quads
+from kg.knowledge.placement.statistics_import import RoomTable, read_rooms
+from kg.knowledge.placement.table import PlacementTable, table_of
+from kg.model import vocabulary as v
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ class PriorKnowledge:
     """The shipped ontology, and statistics of rooms (CSV) where they are given.
 
     `apart` says that the statistics did not count the homes. Raises InvalidFactError for a CSV that
-    is none (`kg.placement.statistics_import.read_rooms`).
+    is none (`kg.knowledge.placement.statistics_import.read_rooms`).
     """
 
     def __init__(self, homes: Sequence[Home], rooms: Path | None = None, *, apart: bool = False):

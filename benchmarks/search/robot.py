@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from benchmarks.search.ground_truth import HiddenObject
 from planner.freespace.geodesic import shortest_path
 from planner.freespace.grid import FreeSpace
-from planner.viewpoints.sensor import Motion, Sensor, angle_between
+from planner.search.viewpoints.sensor import Motion, Sensor, angle_between
 
 #: [m] driven between two pictures on the way
 EVERY: Final = 1.0

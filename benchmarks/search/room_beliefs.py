@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planner.belief import CellBelief
 from planner.freespace.grid import Cells, FreeSpace
+from planner.search.belief import CellBelief
 
 
 def room_weights(

@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 
 from benchmarks.ordering.problem import OrderingProblem
 from benchmarks.ordering.solver import solve
-from kg.records import PlaceRecord
-from planner.goals.search_goals import Goal
-from planner.plans.thesis_rules import Travel, distances
-from planner.viewpoints.sensor import Motion, Sensor, angle_between
+from kg.model.records import PlaceRecord
+from planner.search.goals.search_goals import Goal
+from planner.search.plans.thesis_rules import Travel, distances
+from planner.search.viewpoints.sensor import Motion, Sensor, angle_between
 
 Point = NDArray[np.float64]
 

@@ -35,11 +35,11 @@ from benchmarks.search.stopping_on_sight import (
 )
 from benchmarks.search.view_policy import Ablation, ours
 from benchmarks.thesis.table_4_5 import TableRow, reference_world, table_4_5
-from kg.records import PlaceRecord
+from kg.model.records import PlaceRecord
 from planner.freespace.grid import Room
-from planner.goals.search_goals import Goal, derive_goals
-from planner.plans.thesis_rules import Travel, distances, nearest_first
-from planner.viewpoints.sensor import Motion
+from planner.search.goals.search_goals import Goal, derive_goals
+from planner.search.plans.thesis_rules import Travel, distances, nearest_first
+from planner.search.viewpoints.sensor import Motion
 
 
 @dataclass(frozen=True, slots=True)

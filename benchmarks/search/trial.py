@@ -21,9 +21,9 @@ from benchmarks.search.priors import Prior, PriorKnowledge
 from benchmarks.search.robot import TrialOutcome
 from benchmarks.search.room_policies import brute_force, oracle, thesis_rule
 from benchmarks.search.view_policy import Ablation, ours
-from kg.errors import InvalidFactError
+from kg.model.errors import InvalidFactError
+from planner.search.viewpoints.sensor import Motion, Sensor
 from planner.settings import BELIEF
-from planner.viewpoints.sensor import Motion, Sensor
 
 METHODS: Final = ("ours", "thesis", "brute_force", "clairvoyant")
 #: Ours without some of its parts.

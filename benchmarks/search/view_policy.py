@@ -13,13 +13,13 @@ from benchmarks.search.ground_truth import HiddenObject
 from benchmarks.search.home_space import HomeSpace
 from benchmarks.search.robot import TrialOutcome
 from benchmarks.search.room_beliefs import belief_from, room_weights
-from planner.belief import TargetBelief
 from planner.freespace.planning_map import PlanningMap
-from planner.goals.targets import Target
-from planner.plans.search_state import PlanningState
+from planner.search.belief import TargetBelief
+from planner.search.goals.targets import Target
+from planner.search.plans.search_state import PlanningState
+from planner.search.viewpoints.candidate_views import CandidateViews
+from planner.search.viewpoints.next_best_view import RobotState
 from planner.settings import BELIEF
-from planner.viewpoints.candidate_views import CandidateViews
-from planner.viewpoints.next_best_view import RobotState
 
 #: Probability that it is there at all, before the search.
 PRESENT: Final = 0.9

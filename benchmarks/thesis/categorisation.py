@@ -16,13 +16,13 @@ from typing import Final
 import numpy as np
 
 from benchmarks.thesis.scenarios import DATA, rows_of
-from kg.errors import RecordingError
-from kg.opening import in_memory_map
-from mapping.label_resolver import LabelResolver
+from kg.model.errors import RecordingError
+from kg.serving.opening import in_memory_map
+from mapping.labels.label_resolver import LabelResolver
 from mapping.reference.belief_filters import bayes_update, mean_update, with_prior
 from mapping.reference.settings import INDOOR_CATEGORIES, ReferenceSettings
 from perception.inference.scene_classifier import load_scene_classifier
-from perception.recordings.image_files import read_colour
+from perception.sources.folders.image_files import read_colour
 
 Belief = Mapping[str, float]
 

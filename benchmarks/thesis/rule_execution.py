@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
 
-from planner.goals.search_goals import Goal
-from planner.plans.thesis_rules import Plan, distances
+from planner.search.goals.search_goals import Goal
+from planner.search.plans.thesis_rules import Plan, distances
 
 #: The author's finder counts an object as found when it is detected nearer than this [m].
 FOUND_WITHIN = 2.80

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.errors import LayoutError
+from kg.model.errors import LayoutError
 
 #: Where the tables lie.
 DATA = Path(__file__).resolve().parent

@@ -23,10 +23,10 @@ from benchmarks.thesis.scenarios import (
     scenarios,
 )
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import in_memory_map
-from kg.records import MapUpdate, PlaceRecord
-from planner.goals.search_goals import derive_goals
-from planner.plans.thesis_rules import Travel, brute_force, nearest_first
+from kg.model.records import MapUpdate, PlaceRecord
+from kg.serving.opening import in_memory_map
+from planner.search.goals.search_goals import derive_goals
+from planner.search.plans.thesis_rules import Travel, brute_force, nearest_first
 
 _ABOUT = """\
 Printed by `python -m benchmarks.thesis` from `benchmarks/thesis/`; a test keeps it equal. The

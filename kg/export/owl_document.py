@@ -14,8 +14,8 @@ from typing import Final
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
-from kg import vocabulary as v
-from kg.ontology.import_closure import headers_of
+from kg.knowledge.ontology.import_closure import headers_of
+from kg.model import vocabulary as v
 
 _KEPT: Final = {v.DCT_LICENSE, v.OWL_VERSION_INFO}  # of the merged headers
 _BUILT_IN: Final = tuple(v.PREFIXES[name] for name in ("rdf", "rdfs", "owl", "xsd"))

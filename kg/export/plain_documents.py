@@ -6,10 +6,10 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
-from kg.areas import Ring
 from kg.maps.semantic_map import SemanticMap
+from kg.model.areas import Ring
+from kg.model.records import DepartedRecord, ObjectRecord, PlaceRecord, RobotRecord
 from kg.rdf.geosparql import CRS
-from kg.records import DepartedRecord, ObjectRecord, PlaceRecord, RobotRecord
 
 _FRAME = "local frame of this map: metres, z up, the floor about z = 0; not geographic"
 

@@ -15,11 +15,11 @@ from typing import Final
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Quad, RdfFormat, Triple, serialize
 
-from kg import vocabulary as v
-from kg.errors import GraphError, did_you_mean
 from kg.export.owl_document import owl_document
-from kg.facts.objects_and_places import RecordCodec
+from kg.maps.facts.objects_and_places import RecordCodec
 from kg.maps.semantic_map import SemanticMap
+from kg.model import vocabulary as v
+from kg.model.errors import GraphError, did_you_mean
 from kg.rdf.geosparql import geometry_quads
 from kg.rdf.jsonld import to_jsonld
 from kg.rdf.literals import by_subject

@@ -19,12 +19,12 @@ from typing import Any, Final, TypeVar
 
 import numpy as np
 
-from kg.errors import InvalidFactError
+from kg.knowledge.ontology.catalogue import Catalogue
 from kg.maps.semantic_map import SemanticMap
-from kg.ontology.catalogue import Catalogue
-from kg.records import MapUpdate, ObjectRecord, PlaceRecord
+from kg.model.errors import InvalidFactError
+from kg.model.records import MapUpdate, ObjectRecord, PlaceRecord
+from kg.model.transactions import Cause
 from kg.store.atomic_file import write_atomically
-from kg.transactions import Cause
 
 NU: Final = 3.0  # greatest confidence of an object, eq. 3.1
 MAX_VIEWS: Final = 50  # counter of a loaded belief, so that new views still count

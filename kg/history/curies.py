@@ -7,8 +7,8 @@ import shlex
 
 from pyoxigraph import BlankNode, Literal, NamedNode
 
-from kg import vocabulary as v
-from kg.errors import QueryParameterError
+from kg.model import vocabulary as v
+from kg.model.errors import QueryParameterError
 from kg.rdf.quad_store import Term
 
 _BELIEF = re.compile(r"/belief/([^/]+)$")

@@ -6,8 +6,8 @@ import re
 from datetime import UTC, datetime
 from typing import Final
 
-from kg.errors import HistoryError
 from kg.history.storage.log import HistoryLog
+from kg.model.errors import HistoryError
 
 #: ``#42`` or 42 (the 42nd transaction), ISO 8601 text (UTC where it names no zone), or a datetime
 Instant = int | str | datetime

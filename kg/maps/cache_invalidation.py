@@ -9,11 +9,11 @@ from typing import Final
 
 from pyoxigraph import NamedNode
 
-from kg import vocabulary as v
-from kg.facts.assertions import Assertions
+from kg.maps.facts.assertions import Assertions
 from kg.maps.semantic_map import SemanticMap
-from kg.records import ObjectRecord
-from kg.transactions import ChangeSet
+from kg.model import vocabulary as v
+from kg.model.records import ObjectRecord
+from kg.model.transactions import ChangeSet
 
 _WATCHED: Final = {v.MAP_GRAPH.value, v.ASSERTIONS_GRAPH.value}
 

@@ -11,12 +11,12 @@ import re
 from collections.abc import Collection, Iterator
 from typing import Final
 
-from kg import vocabulary as v
-from kg.errors import ConflictError, HistoryError, InvalidFactError
-from kg.facts.assertions import Assertions
+from kg.maps.facts.assertions import Assertions
 from kg.maps.stored_map import StoredMap
-from kg.records import MapUpdate
-from kg.transactions import Cause, ChangeSet
+from kg.model import vocabulary as v
+from kg.model.errors import ConflictError, HistoryError, InvalidFactError
+from kg.model.records import MapUpdate
+from kg.model.transactions import Cause, ChangeSet
 
 _MAX_NAMED: Final = 3  # things listed in one message
 _NUMBER: Final = r"(?:0|[1-9][0-9]{0,14})"

@@ -11,13 +11,13 @@ from kg.history.replay.point_in_time import Difference
 from kg.history.reports.events import HistoryEvent
 from kg.history.storage.log import HistoryLog
 from kg.history.timestamps import Instant
-from kg.records import Assertion
-from kg.transactions import ChangeSet
+from kg.model.records import Assertion
+from kg.model.transactions import ChangeSet
 
 if TYPE_CHECKING:
     from kg.history.reports.explanation import Explanation
     from kg.history.storage.compaction import Compaction
-    from kg.ontology.replacement import Replacement
+    from kg.knowledge.ontology.replacement import Replacement
 
 
 class MapHistory(Protocol):
@@ -72,7 +72,8 @@ class MapOntology(Protocol):
 
         What was written into graph:commonsense by other means stays. Raises OntologyError, with
         nothing changed, where they are malformed, lack terms that the map uses, or leave out
-        ontologies of the map without `whole`; `kg.ontology.diagnostics` reads and validates files.
+        ontologies of the map without `whole`; `kg.knowledge.ontology.diagnostics` reads and
+        validates files.
         """
 
     def learn(self, labels: Iterable[str], kind: str, *, model: str) -> dict[str, str]:

@@ -7,8 +7,8 @@ import zlib
 from pathlib import Path
 from typing import Final
 
-from kg.errors import GraphError
-from kg.records import ObjectRecord
+from kg.model.errors import GraphError
+from kg.model.records import ObjectRecord
 
 FOLDER: Final = "pictures"  # in the folder of a map
 MAX_BYTES: Final = 10_000  # of one picture

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from kg import vocabulary as v
+from kg.knowledge.ontology.loading import compile_commonsense
+from kg.knowledge.placement.settings import FITTED, PlacementParameters
+from kg.knowledge.placement.statistics import statistics, statistics_quads
+from kg.knowledge.placement.statistics_export import table_quads
+from kg.knowledge.placement.statistics_import import RoomTable
+from kg.knowledge.placement.table import PlacementTable, table_of
 from kg.maps.semantic_map import SemanticMap
-from kg.ontology.loading import compile_commonsense
-from kg.placement.settings import FITTED, PlacementParameters
-from kg.placement.statistics import statistics, statistics_quads
-from kg.placement.statistics_export import table_quads
-from kg.placement.statistics_import import RoomTable
-from kg.placement.table import PlacementTable, table_of
-from kg.transactions import Cause
+from kg.model import vocabulary as v
+from kg.model.transactions import Cause
 
 
 def placement_table(

@@ -8,27 +8,26 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
-from kg import vocabulary as v
-from kg.errors import QueryParameterError
-from kg.facts.assertion_service import PerceivedRecords
-from kg.facts.departed_objects import departed_in
-from kg.facts.doors import doors_in
-from kg.facts.map_metadata import Description, description_of
-from kg.facts.networkx_graph import network
-from kg.facts.object_filters import is_believed, select_objects, subcategories
-from kg.facts.objects_and_places import RecordCodec
-from kg.facts.occupancy import tiles_in
-from kg.facts.robot_and_recordings import recordings_in, robot_in
-from kg.facts.searches import SearchRecords
 from kg.history.timestamps import Instant
+from kg.knowledge.ontology.catalogue import Catalogue, StoredCatalogue
+from kg.maps.facts.assertion_service import PerceivedRecords
+from kg.maps.facts.departed_objects import departed_in
+from kg.maps.facts.doors import doors_in
+from kg.maps.facts.object_filters import is_believed, select_objects, subcategories
+from kg.maps.facts.objects_and_places import RecordCodec
+from kg.maps.facts.occupancy import tiles_in
+from kg.maps.facts.robot_and_recordings import recordings_in, robot_in
+from kg.maps.facts.searches import SearchRecords
+from kg.maps.map_metadata import Description, description_of
 from kg.maps.map_parts import MapAssertions, MapHistory, MapOntology
+from kg.maps.networkx_graph import network
+from kg.maps.query.evaluation import evaluate
+from kg.maps.query.parameter_resolution import ParameterResolver
+from kg.maps.query.query_files import ParameterizedQuery, Table, resolve_query
 from kg.maps.subscriptions import MapSubscriptions
-from kg.ontology.catalogue import Catalogue, StoredCatalogue
-from kg.query.evaluation import evaluate
-from kg.query.parameter_resolution import ParameterResolver
-from kg.query.query_files import ParameterizedQuery, Table, resolve_query
-from kg.rdf.quad_store import QuadStore
-from kg.records import (
+from kg.model import vocabulary as v
+from kg.model.errors import QueryParameterError
+from kg.model.records import (
     DepartedRecord,
     DoorRecord,
     FloorTile,
@@ -38,18 +37,19 @@ from kg.records import (
     RecordingRecord,
     RobotRecord,
 )
+from kg.model.transactions import Cause, ChangeSet
+from kg.rdf.quad_store import QuadStore
 from kg.store.transactional import TransactionalStore
-from kg.transactions import Cause, ChangeSet
 
 if TYPE_CHECKING:
     import networkx as nx
     import rdflib
 
-    from kg.update.restoration import Restored
+    from kg.maps.update.restoration import Restored
 
 
 class SemanticMap(ABC):
-    """A map in a folder, in memory or on a server; `kg.opening` opens maps.
+    """A map in a folder, in memory or on a server; `kg.serving.opening` opens maps.
 
     A context manager that closes itself. Safe to use from several threads of one process.
     """
@@ -261,9 +261,9 @@ class SemanticMap(ABC):
 
         A triple without GRAPH is one of graph:map; WHERE reads all graphs; relative IRIs are the
         map's (``<object/17>``). What follows from the edit is written with it
-        (`kg.update.completion`). A large deletion must be `confirmed`. Raises QueryError for what
-        does not parse or would reach out, ProtectedError, ShapeError and UnconfirmedDeletionError
-        for what may not be written; the graph is then untouched.
+        (`kg.maps.update.completion`). A large deletion must be `confirmed`. Raises QueryError for
+        what does not parse or would reach out, ProtectedError, ShapeError and
+        UnconfirmedDeletionError for what may not be written; the graph is then untouched.
         """
 
     @abstractmethod

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 from pyoxigraph import Quad
 
-from kg.errors import HistoryError
 from kg.history.curies import thing
 from kg.history.replay.past_state import PastStates, PastStore
 from kg.history.replay.point_in_time import Difference, difference, state_of
@@ -15,8 +14,9 @@ from kg.history.reports.events import HistoryEvent, history_events
 from kg.history.storage.log import HistoryLog
 from kg.history.storage.recovery import without_past
 from kg.history.timestamps import Instant, sequence_of
+from kg.model.errors import HistoryError
+from kg.model.transactions import ChangeSet
 from kg.store.transactional import TransactionalStore
-from kg.transactions import ChangeSet
 
 if TYPE_CHECKING:
     from kg.history.reports.explanation import Explanation

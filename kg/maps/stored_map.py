@@ -8,29 +8,29 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-from kg.facts.assertion_service import AssertionService
-from kg.facts.frame_writer import FrameWriter
-from kg.facts.map_metadata import changed_description, identity
 from kg.history.replay.ontology_replay import changed_since
 from kg.history.storage.log import HistoryLog
 from kg.history.timestamps import Instant, sequence_of
+from kg.knowledge.ontology.catalogue import Catalogue, StoredCatalogue
+from kg.maps.facts.assertion_service import AssertionService
+from kg.maps.facts.frame_writer import FrameWriter
+from kg.maps.map_metadata import changed_description, identity
 from kg.maps.semantic_map import SemanticMap
 from kg.maps.stored_history import StoredHistory
 from kg.maps.stored_ontology import StoredOntology
 from kg.maps.subscriptions import StoredSubscriptions
-from kg.ontology.catalogue import Catalogue, StoredCatalogue
-from kg.records import MapUpdate
+from kg.maps.update.change_draft import ChangeDraft
+from kg.maps.update.completion import complete_change
+from kg.maps.update.deletion_guard import DeletionLimit, check_confirmed
+from kg.maps.update.execution import evaluate_update
+from kg.maps.update.ground_update import GroundUpdate
+from kg.maps.update.recompilation import recompile_commonsense
+from kg.model.records import MapUpdate
+from kg.model.transactions import Cause, ChangeSet
 from kg.store.transactional import TransactionalStore
-from kg.transactions import Cause, ChangeSet
-from kg.update.change_draft import ChangeDraft
-from kg.update.completion import complete_change
-from kg.update.deletion_guard import DeletionLimit, check_confirmed
-from kg.update.execution import evaluate_update
-from kg.update.ground_update import GroundUpdate
-from kg.update.recompilation import recompile_commonsense
 
 if TYPE_CHECKING:
-    from kg.update.restoration import Restored
+    from kg.maps.update.restoration import Restored
 
 MAX_NOTE: Final = 500  # characters of an update kept with its transaction
 
@@ -145,7 +145,7 @@ class StoredMap(SemanticMap):
         dry_run: bool = False,
     ) -> Restored:
         """Write a past state back as one new transaction."""
-        from kg.update.restoration import Restoration
+        from kg.maps.update.restoration import Restoration
 
         with self._guard:
             self.store.check_writable()

@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING
 
 from pyoxigraph import Quad
 
-from kg import vocabulary as v
-from kg.ontology.catalogue import StoredCatalogue
-from kg.ontology.loading import Ontology
-from kg.ontology.provisional_classes import add_provisional_classes, clean
+from kg.knowledge.ontology.catalogue import StoredCatalogue
+from kg.knowledge.ontology.loading import Ontology
+from kg.knowledge.ontology.provisional_classes import add_provisional_classes, clean
+from kg.maps.update.validation import UpdateValidator
+from kg.model import vocabulary as v
 from kg.rdf.quad_store import QuadStore
 from kg.rdf.skolem import anonymous
 from kg.store.transactional import TransactionalStore
-from kg.update.validation import UpdateValidator
 
 if TYPE_CHECKING:
-    from kg.ontology.replacement import Replacement
+    from kg.knowledge.ontology.replacement import Replacement
 
 
 class StoredOntology:
@@ -41,8 +41,8 @@ class StoredOntology:
         self, quads: Iterable[Quad], *, by: str | None = None, whole: bool = False
     ) -> Replacement:
         """Replace the ontology in one transaction."""
-        from kg.ontology.diagnostics import reject_invalid
-        from kg.ontology.replacement import replace_ontology
+        from kg.knowledge.ontology.diagnostics import reject_invalid
+        from kg.knowledge.ontology.replacement import replace_ontology
 
         ontology = Ontology(tuple(anonymous(quads)), ())
         reject_invalid(ontology)

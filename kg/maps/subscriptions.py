@@ -7,9 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from kg.query.query_files import resolve_query
-from kg.query.subscriptions import RowsListener, Subscription
-from kg.transactions import ChangeSet, Listener
+from kg.maps.query.query_files import resolve_query
+from kg.maps.query.subscriptions import RowsListener, Subscription
+from kg.model.transactions import ChangeSet, Listener
 
 if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap

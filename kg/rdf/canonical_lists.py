@@ -10,7 +10,7 @@ from typing import Final
 
 from pyoxigraph import BlankNode, NamedNode, Quad
 
-from kg import vocabulary as v
+from kg.model import vocabulary as v
 from kg.rdf.quad_store import Object, Subject
 
 #: what points at lists whose order means nothing (not owl:propertyChainAxiom)

@@ -8,7 +8,7 @@ from functools import lru_cache
 
 from pyoxigraph import Literal, NamedNode
 
-from kg import vocabulary as v
+from kg.model import vocabulary as v
 
 _DATE_TIME = NamedNode(v.XSD + "dateTime")
 

@@ -10,9 +10,9 @@ from collections.abc import Iterator
 
 from pyoxigraph import Literal, NamedNode, Quad
 
-from kg import vocabulary as v
+from kg.model import vocabulary as v
+from kg.model.records import ObjectRecord, PlaceRecord, RobotRecord
 from kg.rdf.wkt import polygon_text
-from kg.records import ObjectRecord, PlaceRecord, RobotRecord
 
 GEOMETRY = "/geometry"  # behind the IRI of a feature
 CRS = "crs"  # behind the IRI of the map

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from kg.vocabulary import CELL
+from kg.model.vocabulary import CELL
 
 SIDE = 5.0  # [m]
 MAX_CELLS = 2500  # cells worth naming in a query; beyond it a plain filter is as quick

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
-from kg import vocabulary as v
+from kg.model import vocabulary as v
 
 Node = dict[str, object]
 

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pyoxigraph import Literal, NamedNode, Quad
 
-from kg import vocabulary as v
-from kg.errors import InvalidFactError
+from kg.model import vocabulary as v
+from kg.model.errors import InvalidFactError
 from kg.rdf.datetimes import date_time, seconds
 from kg.rdf.quad_store import QuadStore
 

@@ -13,7 +13,7 @@ from xml.parsers import expat
 
 from pyoxigraph import Quad, RdfFormat, parse
 
-from kg.errors import OntologyError
+from kg.model.errors import OntologyError
 
 #: Message for RDF/XML that `has_document_type`.
 DOCUMENT_TYPE: Final = (
@@ -48,9 +48,9 @@ def _parse_here(data: bytes, form: RdfFormat) -> Iterable[Quad]:
 def parse_file(path: Path, parse: Parse = _parse_here) -> Iterator[Quad]:
     """The triples of an ontology file in Turtle, RDF/XML or N-Triples, as quads without a graph.
 
-    `parse` may run elsewhere (`kg.workers.document_parsing`). Raises OntologyError, with the line,
-    for what does not parse or cannot be read, for RDF/XML with a DOCTYPE, and for OWL's other
-    syntaxes.
+    `parse` may run elsewhere (`kg.serving.workers.document_parsing`). Raises OntologyError, with
+    the line, for what does not parse or cannot be read, for RDF/XML with a DOCTYPE, and for OWL's
+    other syntaxes.
     """
     try:
         data = path.read_bytes()

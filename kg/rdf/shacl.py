@@ -14,8 +14,8 @@ import rdflib
 from pyshacl import validate as pyshacl_validate
 from rdflib.term import Node
 
-from kg import vocabulary as v
-from kg.errors import OntologyError
+from kg.model import vocabulary as v
+from kg.model.errors import OntologyError
 from kg.rdf.findings import Finding
 
 #: beginnings of IRIs that pyshacl takes as they are; of others it makes prefixed names

@@ -16,8 +16,8 @@ from hashlib import blake2s
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Quad, Store, Triple
 
-from kg import vocabulary as v
-from kg.errors import OntologyError
+from kg.model import vocabulary as v
+from kg.model.errors import OntologyError
 from kg.rdf.canonical_lists import with_sorted_sets
 from kg.rdf.quad_store import Object, Subject
 

@@ -11,7 +11,7 @@ from urllib.parse import quote, unquote
 
 from pyoxigraph import Literal, NamedNode, Quad
 
-from kg import vocabulary as v
+from kg.model import vocabulary as v
 from kg.rdf.literals import Properties, first
 
 _STAMP = NamedNode(v.XSD + "dateTimeStamp")

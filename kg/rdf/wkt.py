@@ -6,7 +6,7 @@ import math
 import re
 from typing import TYPE_CHECKING, Final, Literal
 
-from kg.areas import Area, Outline, area_of
+from kg.model.areas import Area, Outline, area_of
 
 if TYPE_CHECKING:
     import shapely

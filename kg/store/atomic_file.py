@@ -6,7 +6,7 @@ import os
 import uuid
 from pathlib import Path
 
-from kg.errors import GraphError
+from kg.model.errors import GraphError
 
 
 def write_atomically(path: Path, text: str | bytes) -> None:

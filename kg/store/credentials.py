@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Final
 from urllib.parse import urlsplit
 
-from kg.errors import RemoteError
+from kg.model.errors import RemoteError
 
 TOKEN_VARIABLE: Final = "HEREABOUTS_TOKEN"
 SERVER_VARIABLE: Final = "HEREABOUTS_SERVER"

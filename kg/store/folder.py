@@ -11,7 +11,7 @@ from pathlib import Path
 
 from pyoxigraph import Quad, Store
 
-from kg.errors import GraphError, MapBusyError, MapNotFoundError
+from kg.model.errors import GraphError, MapBusyError, MapNotFoundError
 
 
 def fill(folder: Path, quads: Iterable[Quad]) -> None:

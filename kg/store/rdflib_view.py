@@ -9,7 +9,7 @@ import pyoxigraph
 from oxrdflib import OxigraphStore
 from rdflib.plugins.sparql.sparql import Update
 
-from kg.errors import ProtectedError
+from kg.model.errors import ProtectedError
 
 
 class ApplyUpdate(Protocol):

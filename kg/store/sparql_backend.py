@@ -16,10 +16,10 @@ from typing import Any
 
 from pyoxigraph import BlankNode, DefaultGraph, Literal, NamedNode, Quad, QueryBoolean
 
-from kg import vocabulary as v
-from kg.errors import QueryError, RemoteError
+from kg.model import vocabulary as v
+from kg.model.errors import QueryError, RemoteError
 from kg.rdf.quad_store import Functions, Object, QuadStore, Subject
-from kg.sparql.parameters import has_relative, has_word
+from kg.rdf.sparql.parameters import has_relative, has_word
 from kg.store.sparql_client import Answer, Solutions, SparqlClient
 from kg.store.virtuoso import loads
 

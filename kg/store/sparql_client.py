@@ -25,7 +25,7 @@ from pyoxigraph import (
     parse_query_results,
 )
 
-from kg.errors import (
+from kg.model.errors import (
     HistoryError,
     QueryTimeoutError,
     QueryTooLargeError,

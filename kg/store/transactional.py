@@ -21,8 +21,9 @@ from typing import Protocol, Self
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Quad, Store
 
-from kg import vocabulary as v
-from kg.errors import GraphError, InvalidFactError
+from kg.model import vocabulary as v
+from kg.model.errors import GraphError, InvalidFactError
+from kg.model.transactions import Cause, ChangeSet, Listener
 from kg.rdf.datetimes import transaction_time
 from kg.rdf.quad_store import QuadStore
 from kg.rdf.xml_characters import unwritable
@@ -37,7 +38,6 @@ from kg.store.folder import (
 )
 from kg.store.heap_trimming import TRIM_EVERY, trim_heap
 from kg.store.sparql_backend import SparqlBackend, graph_blocks, reading_ahead
-from kg.transactions import Cause, ChangeSet, Listener
 
 FLUSH_EVERY = 3.0  # [s]
 

@@ -16,8 +16,8 @@ from typing import Final
 
 from pyoxigraph import BlankNode, Literal, Quad, Triple
 
-from kg import vocabulary as v
-from kg.sparql.lexer import keywords_of
+from kg.model import vocabulary as v
+from kg.rdf.sparql.lexer import keywords_of
 
 AT_ONCE: Final = 400  # quads of one request
 _FORMS: Final = ("SELECT", "ASK", "CONSTRUCT", "DESCRIBE")

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.records import FREE, LOW, TALL, FloorTile
+from kg.model.records import FREE, LOW, TALL, FloorTile
 from mapping.occupancy.connected_components import neighbours
 from mapping.occupancy.depth_projection import floor_evidence, frame_points
 from mapping.occupancy.occupancy_settings import OccupancySettings

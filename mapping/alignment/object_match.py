@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.records import ObjectRecord
+from kg.model.records import ObjectRecord
 
 Floats = NDArray[np.float64]
 

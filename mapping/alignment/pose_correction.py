@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
-from kg.records import UNKNOWN, FloorTile, MapUpdate, ObjectRecord, RecordingRecord
+from kg.model.records import UNKNOWN, FloorTile, MapUpdate, ObjectRecord, RecordingRecord
 from mapping.alignment.floor_match import floor_tiles
 from mapping.alignment.temporary_map import temporary_map
 from mapping.mapper import Mapper
@@ -29,7 +29,7 @@ from mapping.places.layout import Layout
 from mapping.places.place_registry import PlaceRegistry
 from mapping.progress_report import MappingReport
 from mapping.resumption import resumed
-from perception.recordings.recording import FolderRecording
+from perception.sources.recording import FolderRecording
 
 Floats = NDArray[np.float64]
 

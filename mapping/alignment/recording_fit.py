@@ -14,18 +14,18 @@ from typing import Final
 
 import numpy as np
 
-from kg.errors import LayoutError
 from kg.maps.semantic_map import SemanticMap
+from kg.model.errors import LayoutError
 from mapping.alignment.floor_match import Match, floor_field, floor_of_frames, floor_of_map
 from mapping.alignment.object_match import landmarks
 from mapping.alignment.search import Alignment, AlignmentSearch
 from mapping.alignment.temporary_map import temporary_map
-from mapping.label_table import LabelTable
+from mapping.labels.label_table import LabelTable
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
 from mapping.occupancy.occupancy_settings import OccupancySettings
 from perception.frames import Detector, Frame, Recording
-from perception.recordings.recording import FolderRecording
+from perception.sources.recording import FolderRecording
 
 FITS: Final = 0.9  # `Match.quality` of a floor that is taken for the map's
 ALIGNED: Final = 0.6  # ... of one whose place was searched, and ...

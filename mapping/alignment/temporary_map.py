@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
-from kg.errors import OntologyError
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import in_memory_map
+from kg.model.errors import OntologyError
+from kg.serving.opening import in_memory_map
 
 
 @contextmanager

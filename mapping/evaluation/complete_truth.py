@@ -17,7 +17,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.errors import RecordingError
+from kg.model.errors import RecordingError
 
 _KEYS: Final = frozenset({"also", "ignore", "extent", "reach"})  # that no other truth has
 

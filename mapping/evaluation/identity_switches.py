@@ -10,11 +10,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, Final
 
-from kg.facts.objects_and_places import RecordCodec
+from kg.maps.facts.objects_and_places import RecordCodec
 from kg.maps.semantic_map import SemanticMap
-from kg.records import ObjectRecord
-from kg.transactions import ChangeSet
-from kg.vocabulary import MAP_GRAPH
+from kg.model.records import ObjectRecord
+from kg.model.transactions import ChangeSet
+from kg.model.vocabulary import MAP_GRAPH
 from mapping.evaluation.truth_matching import MappedObject, TruthMatcher
 
 SHOWN: Final = 0.5  # existence from which an object takes part

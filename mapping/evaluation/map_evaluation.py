@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from kg.errors import HistoryError
 from kg.maps.semantic_map import SemanticMap
-from kg.records import ObjectRecord
+from kg.model.errors import HistoryError
+from kg.model.records import ObjectRecord
 from mapping.evaluation.average_precision import ExistenceCurve, existence_curve, pooled_curve
 from mapping.evaluation.existence_calibration import calibration
 from mapping.evaluation.existence_scores import (

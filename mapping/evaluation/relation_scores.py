@@ -14,7 +14,7 @@ from typing import Final
 
 import numpy as np
 
-from kg.records import ObjectRecord, Relation, RelationKind
+from kg.model.records import ObjectRecord, Relation, RelationKind
 from mapping.evaluation.complete_truth import TrueObject
 from mapping.evaluation.truth_matching import TruthMatcher
 from mapping.relations.boxes import Box, Boxes

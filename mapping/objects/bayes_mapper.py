@@ -14,17 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
-from kg.records import ObjectRecord
+from kg.model.records import ObjectRecord
 from mapping.detection_report import Fate
-from mapping.label_resolver import LabelResolver
-from mapping.label_table import LabelTable
+from mapping.labels.label_resolver import LabelResolver
+from mapping.labels.label_table import LabelTable
 from mapping.objects.absence import RECALL
 from mapping.objects.association import associate
 from mapping.objects.existence import logit
-from mapping.objects.identity import IdentityResolver
-from mapping.objects.merging import duplicates
 from mapping.objects.object_cache import ObjectCache
 from mapping.objects.object_mapper import ObjectChanges
+from mapping.objects.reidentification.identity import IdentityResolver
+from mapping.objects.reidentification.merging import duplicates
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.sightings import SightingExtractor
 from mapping.objects.track_store import RunState, TrackStore

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from mapping.label_resolver import LabelResolver
+from mapping.labels.label_resolver import LabelResolver
 from mapping.projection import to_map
 from mapping.reference.depth_histogram import localise
 from mapping.reference.settings import ReferenceSettings

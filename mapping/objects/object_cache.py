@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.facts.assertions import PropertyAssertions, believed_object
 from kg.maps.cache_invalidation import PerceivedObjects
+from kg.maps.facts.assertions import PropertyAssertions, believed_object
 from kg.maps.semantic_map import SemanticMap
-from kg.records import ObjectRecord
+from kg.model.records import ObjectRecord
 
 
 class ObjectCache:

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
-from kg.records import DepartedRecord, Evidence, ObjectRecord
-from mapping.label_resolver import LabelResolver
-from mapping.label_table import LabelTable
+from kg.model.records import DepartedRecord, Evidence, ObjectRecord
+from mapping.labels.label_resolver import LabelResolver
+from mapping.labels.label_table import LabelTable
 from mapping.objects.detection_fates import DetectionFates
 from mapping.objects.detection_localiser import DetectionLocaliser
 from mapping.objects.object_cache import ObjectCache

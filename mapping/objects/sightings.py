@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapping.detection_report import Fate
-from mapping.label_resolver import LabelResolver
+from mapping.labels.label_resolver import LabelResolver
 from mapping.objects.detection_fates import DetectionFates
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.usual_sizes import UNUSUAL, SizeOf

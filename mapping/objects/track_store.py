@@ -19,7 +19,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.records import Evidence
+from kg.model.records import Evidence
 from mapping.objects.absence import Absence
 from mapping.objects.existence import CategoryEvidence
 from mapping.objects.settings import ObjectSettings

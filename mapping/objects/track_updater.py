@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from kg.maps.semantic_map import SemanticMap
-from kg.records import Evidence
+from kg.model.records import Evidence
 from mapping.objects.absence import recall
 from mapping.objects.existence import visibility
 from mapping.objects.settings import ObjectSettings

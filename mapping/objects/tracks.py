@@ -11,8 +11,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.facts.label_beliefs import STEP
-from kg.records import DepartedRecord, Evidence, ObjectRecord
+from kg.maps.facts.label_beliefs import STEP
+from kg.model.records import DepartedRecord, Evidence, ObjectRecord
 from mapping.objects.absence import KNOWN, Absence
 from mapping.objects.existence import CategoryEvidence, category_probabilities, strength
 from mapping.objects.settings import ObjectSettings

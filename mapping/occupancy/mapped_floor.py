@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.records import FREE, LOW, TALL, UNKNOWN, FloorTile
+from kg.model.records import FREE, LOW, TALL, UNKNOWN, FloorTile
 
 _MAX_CAMERA_HEIGHT: Final = 2.4  # [m] above its floor
 _CELLS: Final = (0.001, 1.0)  # [m] least and greatest side of a cell

@@ -11,11 +11,11 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.areas import Area
-from kg.facts.occupancy import tile_iri, tile_of
 from kg.maps.cache_invalidation import ExternalChanges
+from kg.maps.facts.occupancy import tile_iri, tile_of
 from kg.maps.semantic_map import SemanticMap
-from kg.records import UNKNOWN, FloorTile, PlaceViews
+from kg.model.areas import Area
+from kg.model.records import UNKNOWN, FloorTile, PlaceViews
 from mapping.occupancy.depth_projection import Floats, FloorEvidence, floor_evidence, frame_points
 from mapping.occupancy.occupancy_settings import OccupancySettings
 from mapping.occupancy.storeys import Storeys

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.areas import Area, area_of
+from kg.model.areas import Area, area_of
 from mapping.occupancy.connected_components import connected_components, runs
 
 _MIN_HOLE: Final = 0.5  # [m^2] smaller ones are part of the room

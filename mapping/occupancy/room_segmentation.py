@@ -16,8 +16,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.areas import Area
-from kg.records import FREE, LOW, TALL, UNKNOWN
+from kg.model.areas import Area
+from kg.model.records import FREE, LOW, TALL, UNKNOWN
 from mapping.occupancy.connected_components import connected_components
 from mapping.occupancy.mapped_floor import MappedFloor
 from mapping.occupancy.room_outlines import room_areas

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.records import FREE, LOW, TALL, UNKNOWN
+from kg.model.records import FREE, LOW, TALL, UNKNOWN
 from mapping.occupancy.depth_projection import FloorEvidence
 from mapping.occupancy.occupancy_settings import OccupancySettings
 

@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.areas import Area
-from kg.records import FloorTile, PlaceViews
+from kg.model.areas import Area
+from kg.model.records import FloorTile, PlaceViews
 from mapping.occupancy.depth_projection import Floats
 from mapping.occupancy.occupancy_settings import OccupancySettings
 from mapping.occupancy.tiles import Key, ViewTimes

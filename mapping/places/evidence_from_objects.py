@@ -1,8 +1,9 @@
 """Object evidence for place categories: Bayes' rule with the objects in each place.
 
-The views of a place make the prior, the objects mapped in it the likelihood (`kg.placement`): each
-kind of object counts as far as one of it is believed to exist there. What this map itself believes
-of its places is no part of the table, or a place would confirm itself.
+The views of a place make the prior, the objects mapped in it the likelihood
+(`kg.knowledge.placement`): each kind of object counts as far as one of it is believed to exist
+there. What this map itself believes of its places is no part of the table, or a place would confirm
+itself.
 """
 
 from __future__ import annotations
@@ -11,9 +12,9 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
+from kg.knowledge.placement.table import PlacementTable, table_of
 from kg.maps.semantic_map import SemanticMap
-from kg.placement.table import PlacementTable, table_of
-from kg.records import ObjectRecord, PlaceRecord
+from kg.model.records import ObjectRecord, PlaceRecord
 from mapping.places.place_registry import PlaceRegistry
 from mapping.reference.settings import ReferenceSettings
 

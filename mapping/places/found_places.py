@@ -15,9 +15,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.areas import Area
 from kg.maps.semantic_map import SemanticMap
-from kg.records import DoorRecord, MapUpdate, ObjectRecord, PlaceRecord
+from kg.model.areas import Area
+from kg.model.records import DoorRecord, MapUpdate, ObjectRecord, PlaceRecord
 from mapping.occupancy.mapped_floor import mapped_floor
 from mapping.occupancy.room_segmentation import Segmentation, SegmentationSettings, segmented
 from mapping.places.place_registry import PlaceRegistry

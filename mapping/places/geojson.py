@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
-from kg.areas import Area, area_of
-from kg.errors import LayoutError
+from kg.model.areas import Area, area_of
+from kg.model.errors import LayoutError
 
 _GEOGRAPHIC: Final = ("CRS84", "4326", "WGS84", "WGS 84")
 _MIN_AREA: Final = 0.01  # [m^2] of a place; a room in degrees has some 1e-9

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from kg.areas import MAX_COORDINATE, Rectangle
-from kg.errors import LayoutError
+from kg.model.areas import MAX_COORDINATE, Rectangle
+from kg.model.errors import LayoutError
 from mapping.places.geojson import is_geojson, polygons
 
 SIDES: Final = ("xmin", "xmax", "ymin", "ymax")

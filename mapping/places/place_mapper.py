@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
-from kg.records import PlaceRecord
-from mapping.label_resolver import LabelResolver
-from mapping.label_table import LabelTable
+from kg.model.records import PlaceRecord
+from mapping.labels.label_resolver import LabelResolver
+from mapping.labels.label_table import LabelTable
 from mapping.places.place_registry import PlaceRegistry
 from mapping.projection import map_points
 from mapping.reference.belief_filters import bayes_update, mean_update, with_prior

@@ -9,12 +9,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.areas import Rectangle
-from kg.errors import LayoutError, UnknownCategoryError
+from kg.knowledge.ontology.catalogue import Catalogue
 from kg.maps.cache_invalidation import ExternalChanges
 from kg.maps.semantic_map import SemanticMap
-from kg.ontology.catalogue import Catalogue
-from kg.records import PlaceRecord
+from kg.model.areas import Rectangle
+from kg.model.errors import LayoutError, UnknownCategoryError
+from kg.model.records import PlaceRecord
 from mapping.places.layout import Layout, LayoutPlace
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
-from kg.records import FloorTile, MapUpdate, PlaceRecord
+from kg.model.records import FloorTile, MapUpdate, PlaceRecord
 from mapping.occupancy.mapped_floor import FloorView
 from mapping.occupancy.occupancy_map import OccupancyMap
 from mapping.occupancy.occupancy_settings import OccupancySettings

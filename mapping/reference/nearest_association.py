@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kg.records import ObjectRecord
+from kg.model.records import ObjectRecord
 from mapping.sighting import Sighting
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from kg.records import ObjectRecord
+from kg.model.records import ObjectRecord
 from mapping.reference.confidence import existence, mean_position, reinforced
 from mapping.reference.settings import ReferenceSettings
 from mapping.sighting import Sighting

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.records import ObjectRecord
+from kg.model.records import ObjectRecord
 
 Floats = NDArray[np.float64]
 SHOWN = 0.5  # existence from which on an object takes part in relations

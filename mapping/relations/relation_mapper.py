@@ -11,9 +11,9 @@ from typing import Final
 
 import numpy as np
 
+from kg.knowledge.ontology.carriers import carrier_kinds
 from kg.maps.semantic_map import SemanticMap
-from kg.ontology.carriers import carrier_kinds
-from kg.records import ObjectRecord, Relation, RelationKind
+from kg.model.records import ObjectRecord, Relation, RelationKind
 from mapping.objects.object_cache import ObjectCache
 from mapping.objects.object_mapper import ObjectChanges
 from mapping.objects.usual_sizes import usual_sizes

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.errors import RecordingError
+from kg.model.errors import RecordingError
 from perception.frames import Frame, Recording
 from perception.number_tables import all_numbers
 

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.errors import RecordingError
+from kg.model.errors import RecordingError
 
 NO_RETURN: Final = (0, 65535)  # 65535 marks invalid pixels in 7-Scenes, elsewhere saturation
 MAX_PIXELS: Final = 1 << 27

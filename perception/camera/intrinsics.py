@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.errors import RecordingError
+from kg.model.errors import RecordingError
 from perception.number_tables import all_numbers
 
 JSON_NAMES = (

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.errors import RecordingError
+from kg.model.errors import RecordingError
 from perception.number_tables import all_numbers, floats, rows
 
 Pose = NDArray[np.float64]  # (4, 4)

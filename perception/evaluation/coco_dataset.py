@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.errors import ModelError
+from kg.model.errors import ModelError
 
 _LAYOUT = "a folder with instances.json and images/, or annotations/instances_NAME.json and NAME/"
 

@@ -12,12 +12,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.errors import ModelError
+from kg.model.errors import ModelError
 from perception.evaluation.average_precision import AveragePrecision, DetectionScores
 from perception.evaluation.coco_dataset import CocoDataset, CocoImage
 from perception.frames import Detections
 from perception.inference.detector import OnnxDetector
-from perception.recordings.image_files import read_colour
+from perception.sources.folders.image_files import read_colour
 
 THRESHOLD: Final = 0.001  # least score; precision at high recall needs the weak ones
 

@@ -7,10 +7,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from kg.errors import ModelError
+from kg.model.errors import ModelError
 from perception.evaluation.calibration import Calibration, reliability
 from perception.inference.scene_classifier import OnnxSceneClassifier
-from perception.recordings.image_files import COLOUR_SUFFIXES, read_colour
+from perception.sources.folders.image_files import COLOUR_SUFFIXES, read_colour
 
 TOP: Final = 5
 

@@ -7,7 +7,7 @@ import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from kg.errors import ModelError
+from kg.model.errors import ModelError
 from perception.inference.model_zoo import NETWORKS, ModelCard
 
 NO_OBJECT = "n/a"

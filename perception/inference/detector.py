@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.errors import ModelError
+from kg.model.errors import ModelError
 from perception.frames import Detections, Frame
 from perception.inference.class_labels import COCO_IDS, is_object, labels_for
 from perception.inference.heads.candidates import Head, suppress

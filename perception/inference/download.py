@@ -9,7 +9,7 @@ from pathlib import Path
 
 import requests
 
-from kg.errors import ModelError
+from kg.model.errors import ModelError
 
 BLOCK = 1 << 16  # bytes
 TIMEOUT = (10, 60)  # [s] to connect, and between two blocks

@@ -13,8 +13,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from kg.errors import ModelError, did_you_mean
-from kg.extensions import DETECTORS, extensions
+from kg.model.errors import ModelError, did_you_mean
+from kg.model.extensions import DETECTORS, extensions
 from perception.inference.download import Expected, download, sha256_of
 
 NETWORKS = Path(__file__).resolve().parent / "networks"

@@ -17,8 +17,8 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.errors import ExtensionError, ModelError
-from kg.extensions import DETECTORS, extensions, load_extension
+from kg.model.errors import ExtensionError, ModelError
+from kg.model.extensions import DETECTORS, extensions, load_extension
 from perception.frames import Detections, Detector, Frame
 from perception.inference.detector import load_detector
 from perception.inference.detector_pair import DetectorPair

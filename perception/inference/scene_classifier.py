@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.errors import ModelError
+from kg.model.errors import ModelError
 from perception.frames import Frame, SceneScores
 from perception.inference.class_labels import labels_for
 from perception.inference.model_zoo import resolve

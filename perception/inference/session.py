@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.errors import ModelError
+from kg.model.errors import ModelError
 
 # Before the import, which is when it is read: onnxruntime reports its use to its makers and keeps a
 # number for this machine on disk. Nobody asked for either; who wants them sets it to 0.

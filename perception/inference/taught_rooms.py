@@ -21,7 +21,7 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.errors import ModelError
+from kg.model.errors import ModelError
 from perception.frames import Frame, SceneScores
 from perception.inference.scene_classifier import OnnxSceneClassifier
 

@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from kg.records import Assertion
-from kg.transactions import ChangeSet
+from kg.model.records import Assertion
+from kg.model.transactions import ChangeSet
 from planner.agents import answers as a
 from planner.agents.map_context import MapContext
 from planner.agents.map_tools import ThingName

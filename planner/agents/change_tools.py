@@ -11,7 +11,7 @@ from kg.history.timestamps import iso
 from planner.agents import answers as a
 from planner.agents.map_context import MapContext
 from planner.agents.map_tools import Limit, ThingName, thing
-from planner.goals.moves import FAR, moved_things
+from planner.search.goals.moves import FAR, moved_things
 
 _CHANGES: Final = 12  # listed of a transaction
 

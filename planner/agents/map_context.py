@@ -6,12 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
-from kg.errors import QueryParameterError, UnknownCategoryError
 from kg.history.timestamps import iso
 from kg.maps.semantic_map import SemanticMap
+from kg.model.errors import QueryParameterError, UnknownCategoryError
 from planner.agents.answers import MapIdentity
 from planner.freespace.planning_map import Row
-from planner.goals.candidate_queries import map_time
+from planner.search.goals.candidate_queries import map_time
 
 
 @dataclass(frozen=True, slots=True)

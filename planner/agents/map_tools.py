@@ -9,18 +9,18 @@ from typing import Annotated, Final
 
 from pydantic import Field
 
-from kg.errors import QueryParameterError
 from kg.history.timestamps import iso
 from kg.maps.semantic_map import SemanticMap
-from kg.records import PlaceRecord
-from kg.workers.limited_queries import LimitedQueries
+from kg.model.errors import QueryParameterError
+from kg.model.records import PlaceRecord
+from kg.serving.workers.limited_queries import LimitedQueries
 from planner.agents import answers as a
 from planner.agents.map_context import MapContext, number_or_none, time_or_none
 from planner.freespace.planning_map import Row
-from planner.goals.known_objects import KnownObject, known_objects
-from planner.goals.search_goals import whereabouts
-from planner.goals.status import PlaceStatus, status
-from planner.goals.targets import resolve
+from planner.search.goals.known_objects import KnownObject, known_objects
+from planner.search.goals.search_goals import whereabouts
+from planner.search.goals.status import PlaceStatus, status
+from planner.search.goals.targets import resolve
 
 Word = Annotated[str, Field(min_length=1, max_length=100)]
 ThingName = Annotated[str, Field(min_length=1, max_length=300, description="object/17 or its IRI")]

@@ -13,13 +13,13 @@ from typing import Final
 
 import numpy as np
 
-from kg.errors import QueryParameterError, UnknownCategoryError
 from kg.maps.semantic_map import SemanticMap
-from kg.records import LookRecord, ObstacleRecord
+from kg.model.errors import QueryParameterError, UnknownCategoryError
+from kg.model.records import LookRecord, ObstacleRecord
 from planner.execution.protocol import Hello, RobotPose
 from planner.execution.viewpoint_adapter import NextView, ViewpointAdapter
-from planner.goals.candidate_queries import map_time
-from planner.goals.targets import resolve
+from planner.search.goals.candidate_queries import map_time
+from planner.search.goals.targets import resolve
 
 MAX_SEARCHES: Final = 8  # searches kept, the latest used ones
 MAX_REPORTS: Final = 500  # of one search

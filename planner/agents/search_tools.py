@@ -10,16 +10,16 @@ from typing import Annotated, Any, Final
 
 from pydantic import Field
 
-from kg.errors import PoolBusyError, QueryParameterError
+from kg.model.errors import PoolBusyError, QueryParameterError
 from planner.agents import answers as a
 from planner.agents.map_context import MapContext
 from planner.agents.map_tools import Limit, Metres, Word, known_things
 from planner.agents.open_searches import OpenSearch, OpenSearches
 from planner.execution.protocol import RobotPose
 from planner.execution.viewpoint_adapter import NextView
-from planner.goals.known_objects import known_objects
-from planner.goals.targets import resolve
-from planner.plans.view_plan import Start, ViewStep, planned, robot_start
+from planner.search.goals.known_objects import known_objects
+from planner.search.goals.targets import resolve
+from planner.search.plans.view_plan import Start, ViewStep, planned, robot_start
 
 Wanted = Annotated[
     list[Word], Field(min_length=1, max_length=5, description='cup, or "something to sit on"')

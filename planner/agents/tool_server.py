@@ -18,10 +18,10 @@ from mcp.server.transport_security import TransportSecuritySettings
 from mcp_types import ToolAnnotations
 from pydantic import AnyHttpUrl
 
-from kg.errors import HereaboutsError, ServerError
-from kg.server import BearerTokens, Settings
-from kg.server.http.lifecycle import ServerLifecycle
-from kg.workers.limited_queries import LimitedQueries
+from kg.model.errors import HereaboutsError, ServerError
+from kg.serving.server import BearerTokens, Settings
+from kg.serving.server.http.lifecycle import ServerLifecycle
+from kg.serving.workers.limited_queries import LimitedQueries
 from planner.agents.assertion_tools import AssertionTools
 from planner.agents.change_tools import ChangeTools
 from planner.agents.map_context import MapContext

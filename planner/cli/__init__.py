@@ -16,7 +16,7 @@ from collections.abc import Iterable, Sequence
 from itertools import chain
 from pathlib import Path
 
-from kg.errors import GraphError, HereaboutsError, MapNotFoundError
+from kg.model.errors import GraphError, HereaboutsError, MapNotFoundError
 from planner.cli.arguments import join_signed
 from planner.cli.text_table import printable
 

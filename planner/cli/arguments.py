@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from kg.errors import QueryParameterError
+from kg.model.errors import QueryParameterError
 
 MAP_HELP = "folder of the map, e.g. kitchen.map, or the address of a SPARQL server that holds it"
 #: [m] no map is larger than the Earth

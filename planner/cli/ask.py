@@ -16,8 +16,8 @@ from planner.cli.arguments import MAP_HELP, add_at, name_value, plain_value
 from planner.cli.console import counted, note, print_table, write
 
 if TYPE_CHECKING:
+    from kg.maps.query.query_files import Table
     from kg.maps.semantic_map import SemanticMap
-    from kg.query.query_files import Table
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -83,11 +83,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _opened(arguments: argparse.Namespace) -> SemanticMap:
     """The map, or the members merged into one in memory."""
-    from kg.opening import open_map
+    from kg.serving.opening import open_map
 
     if not arguments.member:
         return open_map(arguments.map, read_only=True)
-    from kg.publishing.merging import merged
+    from kg.serving.publishing.merging import merged
 
     return merged(arguments.member)
 
@@ -99,8 +99,8 @@ def _ask(
     opened: ExitStack,
 ) -> Table:
     """The answer; text that did not come with hereabouts is evaluated in an isolated process."""
-    from kg.ontology.declared_terms import undeclared_terms
-    from kg.query.query_files import inline_query, resolve_query
+    from kg.knowledge.ontology.declared_terms import undeclared_terms
+    from kg.maps.query.query_files import inline_query, resolve_query
     from kg.store.sparql_client import is_url
 
     values = {name: plain_value(str(text)) for name, text in parameters.items()}
@@ -114,7 +114,9 @@ def _ask(
         for line in undeclared_terms(question.sparql, semantic_map.engine):
             note(line)
     if not question.shipped and not is_url(arguments.map or ""):
-        from kg.workers.local_evaluation import query_isolated  # which shipped queries do not need
+        from kg.serving.workers.local_evaluation import (
+            query_isolated,  # which shipped queries do not need
+        )
 
         return query_isolated(semantic_map, question, parameters, at=arguments.at)
     if arguments.at is not None:

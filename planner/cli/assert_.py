@@ -42,7 +42,7 @@ def add_what(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Assert, in one transaction."""
-    from kg.opening import open_map
+    from kg.serving.opening import open_map
     from kg.store.sparql_client import is_url
 
     if arguments.by is None and not is_url(arguments.map):

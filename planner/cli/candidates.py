@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from kg.errors import GraphError, UnknownCategoryError
 from kg.maps.semantic_map import SemanticMap
+from kg.model.errors import GraphError, UnknownCategoryError
 from mapping.detection_files import NAME, read_report
 from mapping.detection_report import CategoryFates, DetectionReport, DoubtedThing, Fate
 from planner.cli.console import counted, heading, note, print_table, write, write_json

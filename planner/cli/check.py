@@ -24,9 +24,9 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Check, and list what was found."""
-    from kg.ontology.lint import check_map, check_ontologies
-    from kg.opening import open_map
-    from kg.resources import ONTOLOGIES
+    from kg.knowledge.ontology.lint import check_map, check_ontologies
+    from kg.model.resources import ONTOLOGIES
+    from kg.serving.opening import open_map
 
     folder = Path(arguments.ontologies) if arguments.ontologies else ONTOLOGIES
     findings = list(check_ontologies(folder))

@@ -23,7 +23,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Compact."""
-    from kg.opening import open_map
+    from kg.serving.opening import open_map
 
     keep = keep_seconds(arguments)
     with open_map(arguments.map) as semantic_map:

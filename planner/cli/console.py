@@ -10,15 +10,15 @@ from collections.abc import Iterable, Sequence
 from datetime import datetime
 from typing import TYPE_CHECKING, TextIO
 
-from kg.vocabulary import GRAPH, HERE, PREFIXES
+from kg.model.vocabulary import GRAPH, HERE, PREFIXES
 from planner.cli.text_table import printable, text_blocks, text_table
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Progress
 
-    from planner.plans.thesis_rules import Plan
-    from planner.plans.view_plan import ViewPlan
+    from planner.search.plans.thesis_rules import Plan
+    from planner.search.plans.view_plan import ViewPlan
 
 # wide enough that a table piped into a file or pager is not squeezed into 80 columns
 _PIPE_WIDTH = 200
@@ -82,7 +82,7 @@ def print_plan(plan: Plan) -> None:
 
 def print_looks(plan: ViewPlan, most: int | None = None) -> None:
     """Looks of a plan as a table, the first `most` of them, and below it each reason once."""
-    from planner.plans.report import looks_table, reason_lines
+    from planner.search.plans.report import looks_table, reason_lines
 
     steps = plan.steps[:most]
     print_table(*looks_table(steps))

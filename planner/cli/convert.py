@@ -32,8 +32,8 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the file."""
-    from perception.recordings.bag_writer import write_bag
-    from perception.recordings.recording import open_recording
+    from perception.sources.bag_writer import write_bag
+    from perception.sources.recording import open_recording
 
     path = arguments.recording
     recording = open_recording(path, recording_options(arguments, path))

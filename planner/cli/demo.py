@@ -24,7 +24,7 @@ from planner.cli.console import (
 )
 
 if TYPE_CHECKING:
-    from kg.query.query_files import Table
+    from kg.maps.query.query_files import Table
     from mapping.evaluation.class_scores import MapScore
     from planner.simulation.demo.house_demo import DemoProgress, DemoReport
 
@@ -113,7 +113,7 @@ def _print_answer(table: Table) -> None:
 
 
 def _tell_plan(report: DemoReport) -> None:
-    from planner.plans.report import baseline_line, plan_lines
+    from planner.search.plans.report import baseline_line, plan_lines
     from planner.simulation.demo.house_demo import TARGET
 
     plan, thesis = report.planned.plan, report.planned.thesis

@@ -27,7 +27,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Set what is given, and print the description."""
-    from kg.opening import open_map
+    from kg.serving.opening import open_map
 
     writes = arguments.title is not None or arguments.licence is not None
     with open_map(arguments.map, read_only=not writes) as semantic_map:

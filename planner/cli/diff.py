@@ -34,7 +34,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Compare."""
-    from kg.opening import open_map
+    from kg.serving.opening import open_map
 
     with open_map(arguments.map, read_only=True) as semantic_map:
         if arguments.moved:
@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _moved(semantic_map: SemanticMap, arguments: argparse.Namespace) -> int:
-    from planner.goals.moves import moved_things
+    from planner.search.goals.moves import moved_things
 
     found = moved_things(semantic_map, arguments.before, arguments.after)
     rows = [

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from kg.errors import LayoutError
+from kg.model.errors import LayoutError
 from planner.cli.arguments import title_for
 from planner.cli.map_recording import map_with_progress
 from planner.cli.mapping_options import MODES, open_inputs
@@ -95,7 +95,7 @@ def evaluated_maps(arguments: argparse.Namespace) -> Iterator[EvaluatedMap]:
 def _given(
     arguments: argparse.Namespace, number: int, address: str, folder: str | None
 ) -> Iterator[EvaluatedMap]:
-    from kg.opening import open_map
+    from kg.serving.opening import open_map
 
     with open_map(address, read_only=True) as semantic_map:
         T_map_world = _transform(arguments, address, semantic_map, folder)
@@ -108,7 +108,7 @@ def _transform(
     """The transform from the world of a truth to the map: that of its recording."""
     import numpy as np
 
-    from perception.recordings.recording import open_recording
+    from perception.sources.recording import open_recording
 
     known = {record.name: record.T_map_world for record in semantic_map.recordings()}
     name = arguments.name or (Path(folder).resolve().name if folder else None)
@@ -163,7 +163,7 @@ def _remembering(networks: Networks) -> Networks:
 def _temporary_map() -> Iterator[SemanticMap]:
     import tempfile
 
-    from kg.opening import create_map
+    from kg.serving.opening import create_map
 
     with (
         tempfile.TemporaryDirectory(prefix="hereabouts-evaluate-") as folder,

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from kg.errors import PictureError
+from kg.model.errors import PictureError
 from planner.cli.console import note
 from planner.cli.evaluated_maps import EvaluatedMap, Run
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 def check_pictures(arguments: argparse.Namespace, truths: Sequence[object]) -> None:
     """Raise PictureError for a picture that cannot be drawn, before anything is mapped."""
-    from planner.visualization.picture_file import checked_ending
+    from planner.display.plots.picture_file import checked_ending
 
     for picture in filter(None, (arguments.picture, arguments.plot)):
         checked_ending(picture)
@@ -34,7 +34,7 @@ def draw_truth(
 ) -> None:
     """Draw one map against its truth; of several, each into a file of its own."""
     from mapping.occupancy.mapped_floor import mapped_floor
-    from planner.visualization.truth_plot import plot_truth
+    from planner.display.plots.truth_plot import plot_truth
 
     robot = evaluated.semantic_map.robot()
     height = None if robot is None else float(robot.p_map[2])
@@ -50,7 +50,7 @@ def draw_truth(
 
 def draw_reliability(scored: Sequence[tuple[Run, MapScores]], path: Path) -> None:
     """Draw the calibration of all maps into one diagram."""
-    from planner.visualization.reliability_plot import plot_reliability
+    from planner.display.plots.reliability_plot import plot_reliability
 
     calibrations = [(run.title, scores.calibration) for run, scores in scored]
     plot_reliability(calibrations, path, title="Reliability of existence")

@@ -16,15 +16,15 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from kg.errors import GraphError, QueryParameterError, did_you_mean
-from kg.extensions import EXPORTERS, extensions, load_extension
+from kg.model.errors import GraphError, QueryParameterError, did_you_mean
+from kg.model.extensions import EXPORTERS, extensions, load_extension
 from planner.cli.arguments import add_at, add_map, add_start, whole
 from planner.cli.console import note
 
 if TYPE_CHECKING:
     from kg.export.exporter import Exporter
     from kg.maps.semantic_map import SemanticMap
-    from planner.viewers.scene import Scene, ScenePlan
+    from planner.display.viewers.scene import Scene, ScenePlan
 
 #: format -> ending of its files, by which it is chosen; none for JSON, which JSON-LD has
 _DOCUMENTS: Final = {"geojson": ".geojson", "json": ""}
@@ -71,7 +71,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the file."""
-    from kg.opening import open_map
+    from kg.serving.opening import open_map
 
     output = Path(arguments.output)
     chosen = _chosen_format(arguments.format, output)
@@ -161,7 +161,7 @@ def _write_reference(semantic_map: SemanticMap, folder: Path) -> str:
 
 def _least(arguments: argparse.Namespace) -> float:
     """Existence from which on objects are exported for people."""
-    from planner.visualization.drawing import SHOWN_EXISTENCE
+    from planner.display.plots.drawing import SHOWN_EXISTENCE
 
     return 0.0 if arguments.all else SHOWN_EXISTENCE
 
@@ -201,7 +201,7 @@ def _write_scene(
     semantic_map: SemanticMap, output: Path, chosen: str, arguments: argparse.Namespace
 ) -> str:
     from kg.store.atomic_file import write_atomically
-    from planner.viewers.past_scenes import past_scenes, present_scene
+    from planner.display.viewers.past_scenes import past_scenes, present_scene
 
     make = _scene_writer(chosen)
     plan = None if arguments.find is None else _plan(semantic_map, arguments)
@@ -213,27 +213,27 @@ def _write_scene(
 
 
 def _scene_writer(chosen: str) -> Callable[[Iterable[tuple[Scene, float]]], bytes]:
-    from planner.viewers.viewer import require
+    from planner.display.viewers.viewer import require
 
     if chosen == "mcap":
         require("foxglove", "foxglove")
-        from planner.viewers.foxglove_viewer import scenes_as_mcap
+        from planner.display.viewers.foxglove_viewer import scenes_as_mcap
 
         return scenes_as_mcap
     if chosen == "rrd":
         require("rerun", "rerun")
-        from planner.viewers.rerun_viewer import scenes_as_rrd
+        from planner.display.viewers.rerun_viewer import scenes_as_rrd
 
         return scenes_as_rrd
     require("rosbags", "ros")
-    from planner.viewers.ros_bag import scenes_as_bag
+    from planner.display.viewers.ros_bag import scenes_as_bag
 
     return scenes_as_bag
 
 
 def _plan(semantic_map: SemanticMap, arguments: argparse.Namespace) -> ScenePlan | None:
     """The looks of `hereabouts find`, as far as `find --picture` draws them."""
-    from planner.viewers.search_plan import planned_search
+    from planner.display.viewers.search_plan import planned_search
 
     plan = planned_search(semantic_map, arguments.find, arguments.start)
     if plan is None:

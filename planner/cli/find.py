@@ -15,16 +15,16 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from kg.errors import QueryParameterError
+from kg.model.errors import QueryParameterError
 from planner.cli.arguments import add_json, add_map, add_start, positive, share, speed
 from planner.cli.console import heading, note, print_looks, print_plan, write, write_json
 
 if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
     from planner.freespace.grid import FreeSpace
-    from planner.plans.search_state import PlanningState
-    from planner.plans.thesis_rules import Plan
-    from planner.plans.view_plan import ViewPlan
+    from planner.search.plans.search_state import PlanningState
+    from planner.search.plans.thesis_rules import Plan
+    from planner.search.plans.view_plan import ViewPlan
 
 _WORTH_A_LOOK = 0.01  # chance to find from which on a plan is worth printing
 _RULES = ("viewpoints", "nearest-first", "brute-force")
@@ -65,7 +65,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Plan the search and print it."""
-    from kg.opening import open_map
+    from kg.serving.opening import open_map
 
     with open_map(arguments.map, read_only=True) as semantic_map:
         if arguments.rule != _RULES[0]:
@@ -79,8 +79,8 @@ def run(arguments: argparse.Namespace) -> int:
 def _planning_state(
     semantic_map: SemanticMap, arguments: argparse.Namespace
 ) -> PlanningState | None:
-    from planner.plans.search_state import build_search
-    from planner.viewpoints.sensor import Motion, Sensor
+    from planner.search.plans.search_state import build_search
+    from planner.search.viewpoints.sensor import Motion, Sensor
 
     default, usual = Sensor(), Motion()
     near, far = arguments.range or (default.near, default.far)
@@ -108,12 +108,12 @@ def _floor(semantic_map: SemanticMap, grid: Path) -> FreeSpace:
 def _by_viewpoints(
     semantic_map: SemanticMap, state: PlanningState, arguments: argparse.Namespace
 ) -> int:
-    from planner.plans.report import answer_json
-    from planner.plans.view_plan import plan_from
+    from planner.search.plans.report import answer_json
+    from planner.search.plans.view_plan import plan_from
 
     found = plan_from(semantic_map, state, arguments.start, budget=arguments.budget)
     if arguments.picture:
-        from planner.visualization.plan_plot import plot_plan
+        from planner.display.plots.plan_plot import plot_plan
 
         path = plot_plan(semantic_map, state, found, Path(arguments.picture))
         note(f"wrote {path}")
@@ -139,9 +139,9 @@ def _print_known(
 ) -> None:
     """Print what the map has of each target."""
     from planner.cli.candidates import detections_in_vain
-    from planner.goals.candidate_queries import map_time
-    from planner.goals.known_objects import LISTED, answer_lines, known_objects
-    from planner.goals.status import status
+    from planner.search.goals.candidate_queries import map_time
+    from planner.search.goals.known_objects import LISTED, answer_lines, known_objects
+    from planner.search.goals.status import status
 
     now = _moment(arguments.at) or map_time(semantic_map)
     for target in state.targets:
@@ -165,7 +165,7 @@ def _nothing(found: ViewPlan, budget: float | None) -> str:
 
 
 def _print(found: ViewPlan, *, explain: bool) -> None:
-    from planner.plans.report import plan_lines, step_lines
+    from planner.search.plans.report import plan_lines, step_lines
 
     if explain:
         for number, step in enumerate(found.steps, start=1):
@@ -180,9 +180,9 @@ def _print(found: ViewPlan, *, explain: bool) -> None:
 
 def _by_reference(semantic_map: SemanticMap, arguments: argparse.Namespace) -> int:
     """The thesis' rule or its baseline, on one target and without geometry."""
-    from planner.goals.search_goals import resolve_target
-    from planner.plans.thesis_rules import Travel, brute_force, plan_search
-    from planner.plans.view_plan import robot_start
+    from planner.search.goals.search_goals import resolve_target
+    from planner.search.plans.thesis_rules import Travel, brute_force, plan_search
+    from planner.search.plans.view_plan import robot_start
 
     if len(arguments.object) > 1:
         raise QueryParameterError(
@@ -209,9 +209,9 @@ def _by_reference(semantic_map: SemanticMap, arguments: argparse.Namespace) -> i
 
 def _without_floor(semantic_map: SemanticMap, arguments: argparse.Namespace) -> int:
     """Error for a map without places: why there is nowhere to look."""
-    from planner.goals.search_goals import explain_none
-    from planner.goals.targets import resolve
-    from planner.plans.report import empty_answer
+    from planner.search.goals.search_goals import explain_none
+    from planner.search.goals.targets import resolve
+    from planner.search.plans.report import empty_answer
 
     targets = resolve(semantic_map, arguments.object)
     if arguments.json:

@@ -11,7 +11,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from kg.errors import LayoutError
+from kg.model.errors import LayoutError
 from planner.cli.arguments import add_at, add_json, add_map, count
 from planner.cli.console import note, write_json
 
@@ -36,7 +36,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the files."""
-    from kg.opening import open_map
+    from kg.serving.opening import open_map
     from planner.freespace.map_server import write_grid
 
     output = Path(arguments.output)

@@ -12,9 +12,9 @@ from planner.cli.arguments import add_json
 from planner.cli.console import note, print_table, progress, shorten, write_json
 
 if TYPE_CHECKING:
-    from kg.conceptnet.edits import RelationChange
-    from kg.conceptnet.importing import ConceptNetImport
-    from kg.conceptnet.relate import ImportedRelation
+    from kg.knowledge.conceptnet.edits import RelationChange
+    from kg.knowledge.conceptnet.importing import ConceptNetImport
+    from kg.knowledge.conceptnet.relate import ImportedRelation
 
 _FOUND = ("what", "", "where", "p", "weight", "against", "wording")
 _CHANGES = ("change", "what", "", "where", "p before", "p after")
@@ -60,7 +60,7 @@ def add(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Import, and print what changed, or what was found where nothing is to be written."""
-    from kg.conceptnet.importing import import_conceptnet
+    from kg.knowledge.conceptnet.importing import import_conceptnet
     from perception.inference.model_zoo import cache_folder
 
     options: dict[str, Any] = {"language": arguments.language, "dry_run": arguments.dry_run}

@@ -30,7 +30,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Import the files, all or nothing."""
     from kg.export.thesis_json import import_reference_maps
-    from kg.opening import in_memory_map, open_or_create_map
+    from kg.serving.opening import in_memory_map, open_or_create_map
 
     if arguments.objects is None and arguments.places is None:
         arguments.usage_error("give --objects, --places, or both")

@@ -35,12 +35,12 @@ def add(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Import the table, all or nothing."""
+    from kg.knowledge.ontology.catalogue import Catalogue
+    from kg.knowledge.ontology.loading import load_ontologies
+    from kg.knowledge.placement.statistics_export import write_rooms
+    from kg.knowledge.placement.statistics_import import SHIPPED, read_rooms
     from kg.maps.room_statistics import import_rooms
-    from kg.ontology.catalogue import Catalogue
-    from kg.ontology.loading import load_ontologies
-    from kg.opening import open_or_create_map
-    from kg.placement.statistics_export import write_rooms
-    from kg.placement.statistics_import import SHIPPED, read_rooms
+    from kg.serving.opening import open_or_create_map
 
     path = Path(arguments.table)
     path, name, terms = SHIPPED.get(arguments.table, (path, path.stem, ""))
@@ -74,7 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def is_ontology_file(into: str) -> bool:
     """Whether a Turtle file is meant, not a map; raises InvalidFactError for other syntaxes."""
-    from kg.errors import InvalidFactError
+    from kg.model.errors import InvalidFactError
     from kg.rdf.parsing import ENDINGS
 
     ending = Path(into).suffix.lower()
@@ -85,8 +85,8 @@ def is_ontology_file(into: str) -> bool:
 
 def checked_iri(text: str) -> str:
     """`text` where it may be an IRI, or empty; raises InvalidFactError otherwise."""
-    from kg.errors import InvalidFactError
-    from kg.placement.statistics import is_iri
+    from kg.knowledge.placement.statistics import is_iri
+    from kg.model.errors import InvalidFactError
 
     if text and not is_iri(text):
         raise InvalidFactError(

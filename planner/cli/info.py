@@ -13,18 +13,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from kg.errors import RecordingError
+from kg.model.errors import RecordingError
 from planner.cli.arguments import add_json
 from planner.cli.console import print_table, write, write_json
 from planner.cli.recording_options import add_recording_arguments, recording_options
 from planner.cli.text_table import printable
 
 if TYPE_CHECKING:
-    from perception.recordings.depth_check import DepthFindings
-    from perception.recordings.listing import RecordingListing
-    from perception.recordings.recording import FolderRecording
-    from perception.recordings.recording_options import RecordingOptions
-    from perception.recordings.summary import StreamSummary
+    from perception.sources.depth_check import DepthFindings
+    from perception.sources.listing import RecordingListing
+    from perception.sources.recording import FolderRecording
+    from perception.sources.recording_options import RecordingOptions
+    from perception.sources.summary import StreamSummary
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -36,15 +36,15 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the streams, the choice and the findings; exit code 1 where it cannot be mapped."""
-    from perception.recordings import bag
-    from perception.recordings.recording import format_of, open_recording
+    from perception.sources.bags import bag
+    from perception.sources.recording import format_of, open_recording
 
     path = Path(arguments.recording)
     options = replace(recording_options(arguments, arguments.recording), check=False)
     if format_of(path, options.format) is bag.FORMAT:
         return _bag(arguments, path, options)
     recording = open_recording(path, options)
-    from perception.recordings.summary import file_streams
+    from perception.sources.summary import file_streams
 
     camera = recording.rectifier.camera
     streams = file_streams(recording.listing.entries, camera.size)
@@ -53,10 +53,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _bag(arguments: argparse.Namespace, path: Path, options: RecordingOptions) -> int:
     """Print the streams of a bag, also of one that cannot be mapped."""
-    from perception.recordings.bag import choose, listing_of, opened
-    from perception.recordings.bag_index import read_index
-    from perception.recordings.recording import open_recording
-    from perception.recordings.summary import bag_streams
+    from perception.sources.bags.bag import choose, listing_of, opened
+    from perception.sources.bags.bag_index import read_index
+    from perception.sources.recording import open_recording
+    from perception.sources.summary import bag_streams
 
     index = read_index(opened(path))
     streams = options.streams
@@ -93,7 +93,7 @@ def _tell(
     recording: FolderRecording,
     used: dict[str, Any],
 ) -> int:
-    from perception.recordings.depth_check import depth_findings
+    from perception.sources.depth_check import depth_findings
 
     entries = recording.listing.entries
     findings = depth_findings(

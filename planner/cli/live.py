@@ -19,7 +19,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from kg.errors import RecordingError
+from kg.model.errors import RecordingError
 from planner.cli.arguments import positive, title_for, whole
 from planner.cli.console import note
 from planner.cli.map_recording import (
@@ -42,10 +42,10 @@ from planner.cli.viewers import open_viewers
 
 if TYPE_CHECKING:
     from mapping.mapping_options import MappingOptions
-    from perception.live.connection import Connection
-    from perception.live.stream import StreamCounts
-    from perception.recordings.recording_options import RecordingOptions
-    from planner.viewers.viewer import Viewer
+    from perception.sources.live.connection import Connection
+    from perception.sources.live.stream import StreamCounts
+    from perception.sources.recording_options import RecordingOptions
+    from planner.display.viewers.viewer import Viewer
 
 SOURCES: Final = (
     "ros1 or ros1://HOST:11311, ros2 or ros2://DOMAIN, ws://HOST:8765 (Foxglove), or a folder that "
@@ -93,17 +93,17 @@ def _connection(source: str) -> Connection | None:
     if scheme in ("ros1", "ros2", "ws", "wss"):
         require_ros(source, "rosbags")
     if scheme == "ros1":
-        from perception.live.ros1 import Ros1Master
+        from perception.sources.live.ros1 import Ros1Master
 
         return Ros1Master.at(source)
     if scheme == "ros2":
         require_ros(source, "cyclonedds", "dds")
-        from perception.live.ros2 import Ros2Domain
+        from perception.sources.live.ros2 import Ros2Domain
 
         return Ros2Domain.at(source)
     if scheme in ("ws", "wss"):
         require_ros(source, "websockets")
-        from perception.live.foxglove import FoxgloveConnection
+        from perception.sources.live.foxglove import FoxgloveConnection
 
         return FoxgloveConnection.at(source)
     if scheme or not Path(source).is_dir():
@@ -156,8 +156,8 @@ def _stream_run(
     mapped: MappedFrames,
 ) -> Callable[[], None]:
     """A function that maps a connection's frames until it is ended."""
-    from perception.live.live_recording import LiveRecording
-    from perception.live.stream import FrameStream
+    from perception.sources.live.live_recording import LiveRecording
+    from perception.sources.live.stream import FrameStream
 
     stream = FrameStream(connection.address, source)
 
@@ -212,8 +212,8 @@ def _folder_run(
     """A function that maps a growing folder's frames until it is ended; None where none came."""
     from mapping.alignment.recording_fit import check_fit
     from mapping.resumption import resumed
-    from perception.live.growing_folder import GrowingRecording, first_opened
-    from perception.recordings.recording import FolderRecording, open_recording
+    from perception.sources.live.growing_folder import GrowingRecording, first_opened
+    from perception.sources.recording import FolderRecording, open_recording
 
     path = arguments.recording
     first = first_opened(lambda: open_recording(path, source), ended, level=source.up is not None)

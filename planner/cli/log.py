@@ -24,7 +24,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Tell the history."""
     from kg.history.timestamps import iso
-    from kg.opening import open_map
+    from kg.serving.opening import open_map
 
     with open_map(arguments.map, read_only=True) as semantic_map:
         entries = list(semantic_map.history.events(arguments.thing))

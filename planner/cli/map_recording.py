@@ -14,7 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from kg.errors import GraphError, LayoutError, MapNotFoundError, RecordingError
+from kg.model.errors import GraphError, LayoutError, MapNotFoundError, RecordingError
 from planner.cli.arguments import MAP_HELP, add_json, add_keep, keep_seconds, title_for
 from planner.cli.console import note, print_table, progress, write_json
 from planner.cli.mapping_options import Inputs, add_all_arguments, open_inputs
@@ -23,13 +23,13 @@ from planner.cli.viewers import add_viewers, open_viewers
 
 if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
-    from mapping.label_table import LabelTable
+    from mapping.labels.label_table import LabelTable
     from mapping.mapping_options import MappingOptions
     from mapping.progress_report import FrameReport, MappingReport
     from mapping.recording_mapper import OnDetections
     from perception.frames import Detections, Frame, Recording, SceneScores
     from planner.cli.network_options import Networks
-    from planner.viewers.viewer import Viewer
+    from planner.display.viewers.viewer import Viewer
 
 _MAX_NAMED = 10  # labels in one note
 
@@ -87,7 +87,7 @@ def open_for_mapping(
     arguments: argparse.Namespace, options: MappingOptions, viewer: Viewer | None
 ) -> Iterator[tuple[SemanticMap, OnDetections | None]]:
     """The map to write into, and a callback for each mapped frame, which also feeds `viewer`."""
-    from kg.opening import open_or_create_map
+    from kg.serving.opening import open_or_create_map
     from kg.store.gc_freezing import gc_frozen
 
     keep = keep_seconds(arguments)
@@ -124,7 +124,7 @@ def _correct_poses(
 ) -> bool:
     """Move the recording's part of the map to its corrected poses; False where there is none."""
     from mapping.alignment.pose_correction import correct_poses, is_mapped
-    from perception.recordings.recording import open_recording
+    from perception.sources.recording import open_recording
 
     if not is_mapped(inputs.recording, semantic_map):
         return False
@@ -238,9 +238,9 @@ def map_frames(
 
 def _check_categories(labels: LabelTable, address: str) -> None:
     """Check a labels map before its map is made or opened for writing; raises LabelsError."""
-    from kg.ontology.catalogue import Catalogue
-    from kg.ontology.loading import load_ontologies
-    from kg.opening import open_map
+    from kg.knowledge.ontology.catalogue import Catalogue
+    from kg.knowledge.ontology.loading import load_ontologies
+    from kg.serving.opening import open_map
 
     try:
         with open_map(address, read_only=True) as semantic_map:
@@ -258,7 +258,7 @@ def _watched(
     if viewer is None:
         yield save
         return
-    from planner.viewers.feed import MappingFeed
+    from planner.display.viewers.feed import MappingFeed
 
     feed = MappingFeed(semantic_map, viewer)
 

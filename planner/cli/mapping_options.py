@@ -18,8 +18,8 @@ from planner.cli.recording_options import add_recording_arguments, recording_opt
 if TYPE_CHECKING:
     from mapping.mapping_options import MappingOptions, Mode
     from mapping.places.layout import Layout
-    from perception.recordings.recording import FolderRecording
-    from perception.recordings.recording_options import RecordingOptions
+    from perception.sources.recording import FolderRecording
+    from perception.sources.recording_options import RecordingOptions
 
 #: values of `--mode`, the default first
 MODES: Final[tuple[Mode, ...]] = ("bayes", "reference")
@@ -59,7 +59,7 @@ def open_inputs(arguments: argparse.Namespace, path: str, mode: str | None = Non
     `mode` takes the place of `--mode`. Raises HereaboutsError.
     """
     from perception.inference.recorded_detections import RecordedDetector
-    from perception.recordings.recording import open_recording
+    from perception.sources.recording import open_recording
 
     options = mapping_options(arguments, mode)
     reading = recording_options(arguments, path)
@@ -79,7 +79,7 @@ def open_inputs(arguments: argparse.Namespace, path: str, mode: str | None = Non
 
 def mapping_options(arguments: argparse.Namespace, mode: str | None = None) -> MappingOptions:
     """Options of mapping, by `mode` in place of `--mode`; raises HereaboutsError."""
-    from mapping.label_table import LabelTable, load_label_table
+    from mapping.labels.label_table import LabelTable, load_label_table
     from mapping.mapping_options import MappingOptions
     from mapping.objects.settings import ObjectSettings
     from mapping.reference.settings import ReferenceSettings

@@ -15,7 +15,7 @@ import os
 import signal
 from typing import TYPE_CHECKING
 
-from kg.errors import RemoteError, ServerError
+from kg.model.errors import RemoteError, ServerError
 from planner.cli.arguments import add_map, end_on_signal
 from planner.cli.console import note
 
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from kg.maps.semantic_map import SemanticMap
-    from kg.server import Settings
-    from kg.workers.limited_queries import LimitedQueries
+    from kg.serving.server import Settings
+    from kg.serving.workers.limited_queries import LimitedQueries
 
 _INTERRUPTED = 130  # exit code, as shells have it
 
@@ -68,8 +68,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _serve(arguments: argparse.Namespace) -> int:
-    from kg.opening import open_map
-    from kg.workers.limited_queries import LimitedQueries
+    from kg.serving.opening import open_map
+    from kg.serving.workers.limited_queries import LimitedQueries
     from planner.agents.map_context import MapContext
     from planner.agents.tool_server import PATH, ToolHttpServer, tool_server
 
@@ -140,7 +140,7 @@ def _author(arguments: argparse.Namespace) -> Callable[[], str] | None:
 
 
 def _settings(arguments: argparse.Namespace) -> Settings | None:
-    from kg.server import BearerTokens, Settings
+    from kg.serving.server import BearerTokens, Settings
 
     if arguments.http is None:
         return None

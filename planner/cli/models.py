@@ -67,7 +67,7 @@ def run_fetch(arguments: argparse.Namespace) -> int:
 
 def named_detector(name: str) -> str:
     """The name of a detector; that of the best one there is, fetched, for "best"."""
-    from kg.errors import ModelError
+    from kg.model.errors import ModelError
     from perception.inference.model_zoo import best_detector
 
     if name != "best":

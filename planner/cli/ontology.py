@@ -15,7 +15,7 @@ from planner.cli.arguments import MAP_HELP, add_author, add_json
 from planner.cli.console import note, print_table, write, write_json
 
 if TYPE_CHECKING:
-    from kg.ontology.diff import OntologyChange
+    from kg.knowledge.ontology.diff import OntologyChange
 
 _SOURCE_HELP = "ontology file (Turtle, RDF/XML, N-Triples) or folder of them; imports are followed"
 _ANY_HELP = "ontology file or folder, folder of a map, or address of a server with a map"
@@ -115,10 +115,10 @@ def _add_reason(parser: argparse.ArgumentParser) -> None:
 
 
 def _check(arguments: argparse.Namespace) -> int:
-    from kg.ontology.diagnostics import inspect, line_of
-    from kg.ontology.import_closure import load_with_imports
-    from kg.resources import ONTOLOGIES
-    from kg.workers.document_parsing import IsolatedParser
+    from kg.knowledge.ontology.diagnostics import inspect, line_of
+    from kg.knowledge.ontology.import_closure import load_with_imports
+    from kg.model.resources import ONTOLOGIES
+    from kg.serving.workers.document_parsing import IsolatedParser
 
     rows = []
     with IsolatedParser() as parse:
@@ -144,8 +144,8 @@ def _check(arguments: argparse.Namespace) -> int:
 
 
 def _diff(arguments: argparse.Namespace) -> int:
-    from kg.editing.ontology_sources import ontology_at
-    from kg.ontology.diff import changes
+    from kg.knowledge.ontology.diff import changes
+    from kg.serving.editing.ontology_sources import ontology_at
 
     old, new = ontology_at(arguments.old), ontology_at(arguments.new)
     found = changes(old.quads, new.quads)
@@ -157,7 +157,7 @@ def _diff(arguments: argparse.Namespace) -> int:
 
 
 def _reload(arguments: argparse.Namespace) -> int:
-    from kg.editing.reloading import reload
+    from kg.serving.editing.reloading import reload
 
     done = reload(
         arguments.map,
@@ -181,8 +181,8 @@ def _reload(arguments: argparse.Namespace) -> int:
 
 
 def _export(arguments: argparse.Namespace) -> int:
-    from kg.editing.single_file import export_ontology
-    from kg.opening import open_map
+    from kg.serving.editing.single_file import export_ontology
+    from kg.serving.opening import open_map
 
     output = Path(arguments.output)
     with open_map(arguments.map, read_only=True) as semantic_map:
@@ -192,11 +192,11 @@ def _export(arguments: argparse.Namespace) -> int:
 
 
 def _vocabulary(arguments: argparse.Namespace) -> int:
-    from kg.ontology.import_closure import load_with_imports
-    from kg.ontology.vocabulary_page import vocabulary_page
-    from kg.resources import ONTOLOGIES
+    from kg.knowledge.ontology.import_closure import load_with_imports
+    from kg.knowledge.ontology.vocabulary_page import vocabulary_page
+    from kg.model.resources import ONTOLOGIES
+    from kg.serving.workers.document_parsing import IsolatedParser
     from kg.store.atomic_file import write_atomically
-    from kg.workers.document_parsing import IsolatedParser
 
     with IsolatedParser() as parse:
         source = Path(arguments.source) if arguments.source else ONTOLOGIES

@@ -27,7 +27,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Find places with --find, and list all."""
-    from kg.opening import open_map
+    from kg.serving.opening import open_map
     from mapping.places.found_places import find_places
 
     with open_map(arguments.map, read_only=not arguments.find) as semantic_map:

@@ -42,12 +42,12 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Draw the picture."""
-    from kg.opening import open_map
-    from planner.plans.search_state import build_search
-    from planner.plans.view_plan import plan_from
-    from planner.visualization.drawing import SHOWN_EXISTENCE
-    from planner.visualization.map_plot import plot_map
-    from planner.visualization.plan_plot import plot_plan
+    from kg.serving.opening import open_map
+    from planner.display.plots.drawing import SHOWN_EXISTENCE
+    from planner.display.plots.map_plot import plot_map
+    from planner.display.plots.plan_plot import plot_plan
+    from planner.search.plans.search_state import build_search
+    from planner.search.plans.view_plan import plan_from
 
     output = Path(arguments.output)
     least = 0.0 if arguments.all else SHOWN_EXISTENCE

@@ -36,8 +36,8 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Publish until interrupted, or once; 1 where one of the maps could not be."""
-    from kg.publishing.publisher import Publisher
-    from kg.publishing.target import PublishTarget
+    from kg.serving.publishing.publisher import Publisher
+    from kg.serving.publishing.target import PublishTarget
 
     token = _token(arguments.token_file) if arguments.token_file else None
     target = PublishTarget(arguments.to, token)
@@ -57,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _published(publish: Callable[[], object], address: str) -> bool:
-    from kg.errors import HereaboutsError
+    from kg.model.errors import HereaboutsError
 
     try:
         publish()
@@ -68,7 +68,7 @@ def _published(publish: Callable[[], object], address: str) -> bool:
 
 
 def _token(file: str) -> str:
-    from kg.errors import ServerError
+    from kg.model.errors import ServerError
 
     try:
         token = Path(file).read_text(encoding="utf-8").strip()

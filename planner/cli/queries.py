@@ -16,7 +16,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """List the questions."""
-    from kg.query.query_files import shipped_queries
+    from kg.maps.query.query_files import shipped_queries
 
     questions = shipped_queries()
     if arguments.json:

@@ -7,11 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from kg.errors import HistoryError
+from kg.model.errors import HistoryError
 from planner.cli.arguments import positive, whole
 
 if TYPE_CHECKING:
-    from perception.recordings.recording_options import RecordingOptions
+    from perception.sources.recording_options import RecordingOptions
 
 
 def add_recording_arguments(parser: argparse.ArgumentParser) -> None:
@@ -64,7 +64,7 @@ def add_source_arguments(parser: argparse.ArgumentParser) -> None:
 def recording_options(arguments: argparse.Namespace, path: str) -> RecordingOptions:
     """Options of the recording at `path`; raises HereaboutsError for unreadable files."""
     from mapping.transform_file import load_transform
-    from perception.recordings.recording_options import Selection
+    from perception.sources.recording_options import Selection
 
     if arguments.sequence is not None and arguments.transform is None:
         arguments.usage_error("--sequence names a transform of the file that --transform gives")
@@ -104,8 +104,8 @@ def source_options(arguments: argparse.Namespace) -> RecordingOptions:
 def stream_options(arguments: argparse.Namespace) -> RecordingOptions:
     """Options of topics and of the camera; raises RecordingError for unreadable intrinsics."""
     from perception.camera.intrinsics import load_intrinsics
-    from perception.recordings.listing import Streams
-    from perception.recordings.recording_options import RecordingOptions
+    from perception.sources.listing import Streams
+    from perception.sources.recording_options import RecordingOptions
 
     return RecordingOptions(
         intrinsics=load_intrinsics(Path(arguments.intrinsics)) if arguments.intrinsics else None,

@@ -17,7 +17,7 @@ from planner.cli.arguments import add_author, add_json, add_map
 from planner.cli.console import note, write_json
 
 if TYPE_CHECKING:
-    from kg.update.restoration import Restored
+    from kg.maps.update.restoration import Restored
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -46,7 +46,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Restore, and print what changed."""
-    from kg.opening import open_map
+    from kg.serving.opening import open_map
 
     with open_map(arguments.map) as semantic_map:
         done = semantic_map.restore(

@@ -24,7 +24,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Retract, in one transaction."""
-    from kg.opening import open_map
+    from kg.serving.opening import open_map
 
     with open_map(arguments.map) as semantic_map:
         change = semantic_map.assertions.retract(

@@ -12,7 +12,7 @@ from planner.cli.network_options import NetworkOptions, open_networks
 from planner.cli.recording_options import add_stream_arguments, stream_options
 
 if TYPE_CHECKING:
-    from perception.recordings.recording_options import RecordingOptions
+    from perception.sources.recording_options import RecordingOptions
     from planner.execution.robot import Robot
 
 #: share of --patience after which this robot itself reports the missing messages
@@ -88,9 +88,9 @@ def ros1_options(arguments: argparse.Namespace) -> Ros1Options:
 def open_ros1_robot(address: str, options: Ros1Options) -> Robot:
     """The robot behind the master at `address`; raises HereaboutsError before it is moved."""
     require_ros(address, "rosbags")
-    from perception.live.ros1 import Ros1Master
-    from perception.live.stream import FrameStream
-    from planner.execution.ros1_robot import Ros1Robot
+    from perception.sources.live.ros1 import Ros1Master
+    from perception.sources.live.stream import FrameStream
+    from planner.execution.transports.ros1_robot import Ros1Robot
 
     master = Ros1Master.at(address)
     return Ros1Robot(

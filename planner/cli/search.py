@@ -34,9 +34,9 @@ from planner.settings import BELIEF
 
 if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
+    from planner.display.viewers.viewer import Viewer
     from planner.execution.options import Event, SearchOptions
     from planner.execution.robot import Robot
-    from planner.viewers.viewer import Viewer
 
 #: exit codes; 1 is an error, 2 wrong usage
 FOUND: Final = 0
@@ -101,7 +101,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Search, and print each event on stderr or, with --json, on stdout."""
-    from kg.opening import open_map
+    from kg.serving.opening import open_map
 
     _check_usage(arguments)
     from planner.execution.search_loop import search
@@ -164,10 +164,10 @@ def _robot(arguments: argparse.Namespace, semantic_map: SemanticMap) -> Robot:
     if is_ros1(arguments.robot):
         return open_ros1_robot(arguments.robot, ros1_options(arguments))
     if arguments.robot.startswith("http"):
-        from planner.execution.http_transport import HttpRobot
+        from planner.execution.transports.http_transport import HttpRobot
 
         return HttpRobot(arguments.robot)
-    from planner.execution.line_transport import ChildRobot, on_our_own_pipes
+    from planner.execution.transports.line_transport import ChildRobot, on_our_own_pipes
 
     if arguments.robot == "stdio":
         return on_our_own_pipes()
@@ -201,7 +201,7 @@ def _watched(
     semantic_map: SemanticMap, viewer: Viewer, robot: Robot, options: SearchOptions
 ) -> tuple[Robot, SearchOptions]:
     """The same robot and options, whose poses and events also go to a viewer."""
-    from planner.viewers.feed import SearchFeed, WatchedRobot
+    from planner.display.viewers.feed import SearchFeed, WatchedRobot
 
     feed = SearchFeed(semantic_map, viewer, options.clock)
 

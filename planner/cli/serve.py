@@ -18,7 +18,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from kg.errors import HereaboutsError
+from kg.model.errors import HereaboutsError
 from planner.cli.arguments import add_keep, add_map, end_on_signal, keep_seconds, positive
 from planner.cli.console import note
 from planner.cli.map_recording import check_unmapped, fitted
@@ -26,10 +26,10 @@ from planner.cli.mapping_options import Inputs, add_all_arguments, open_inputs
 
 if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
-    from kg.server import Settings
+    from kg.serving.server import Settings
     from mapping.progress_report import FrameReport
     from perception.frames import Detections, Frame, SceneScores
-    from planner.viewers.viewer import Viewer
+    from planner.display.viewers.viewer import Viewer
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -106,10 +106,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _serve(arguments: argparse.Namespace) -> int:
-    from kg.opening import open_map, open_or_create_map
-    from kg.server import MapServer
+    from kg.serving.opening import open_map, open_or_create_map
+    from kg.serving.server import MapServer
     from kg.store.gc_freezing import gc_frozen
-    from planner.plans.report import find_answer
+    from planner.search.plans.report import find_answer
 
     settings, keep = _settings(arguments), keep_seconds(arguments)
     # opened before the map is touched
@@ -151,11 +151,11 @@ def _foxglove(semantic_map: SemanticMap, arguments: argparse.Namespace) -> Itera
     if arguments.foxglove is None:
         yield None
         return
-    from planner.viewers.viewer import require
+    from planner.display.viewers.viewer import require
 
     require("foxglove", "foxglove")
-    from planner.viewers.feed import LiveFeed
-    from planner.viewers.foxglove_viewer import FoxgloveServer
+    from planner.display.viewers.feed import LiveFeed
+    from planner.display.viewers.foxglove_viewer import FoxgloveServer
 
     server = FoxgloveServer(semantic_map.description.title, "127.0.0.1", arguments.foxglove)
     with LiveFeed(semantic_map, server, server.subscribed):
@@ -164,7 +164,7 @@ def _foxglove(semantic_map: SemanticMap, arguments: argparse.Namespace) -> Itera
 
 
 def _settings(arguments: argparse.Namespace) -> Settings:
-    from kg.server import BearerTokens, Limits, Settings
+    from kg.serving.server import BearerTokens, Limits, Settings
 
     return Settings(
         host=arguments.host,
@@ -258,7 +258,7 @@ class _Mapper:
     def _on_detections(
         self, frame: Frame, detections: Detections, scores: SceneScores | None
     ) -> None:
-        from planner.viewers.feed import show_frame
+        from planner.display.viewers.feed import show_frame
 
         if self._viewer is not None:
             show_frame(self._viewer, frame, detections)

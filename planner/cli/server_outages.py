@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from kg.errors import MapBusyError, RemoteError, UnreachableError
+from kg.model.errors import MapBusyError, RemoteError, UnreachableError
 
 if TYPE_CHECKING:
     from mapping.recording_mapper import OnDetections
@@ -46,7 +46,7 @@ def through_outages(
     Raises what `run` does where that is no outage, the last outage where `ended` comes before the
     server is back, and what a server says that answers but refuses twice without a frame.
     """
-    from perception.live.connection import Retry
+    from perception.sources.live.connection import Retry
 
     retry, lost, refused_at = Retry(address, ended), False, -1
     while True:

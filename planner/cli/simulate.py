@@ -110,7 +110,7 @@ def run_house(arguments: argparse.Namespace) -> int:
 def run_robot(arguments: argparse.Namespace) -> int:
     """Be the robot until it is ended."""
     require_ros(arguments.master, "rosbags")
-    from perception.live.ros1 import Ros1Master
+    from perception.sources.live.ros1 import Ros1Master
     from planner.simulation.robot.ros1_node import Ros1HouseNode
 
     master, house = Ros1Master.at(arguments.master), house_with(arguments.hide)

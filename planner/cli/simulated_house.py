@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from kg.errors import LayoutError, did_you_mean
+from kg.model.errors import LayoutError, did_you_mean
 from planner.cli.arguments import MAX_DISTANCE
 
 if TYPE_CHECKING:

@@ -20,8 +20,8 @@ from planner.cli.console import print_table, write, write_json
 
 if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
-    from planner.goals.known_objects import KnownObject
-    from planner.goals.status import Status
+    from planner.search.goals.known_objects import KnownObject
+    from planner.search.goals.status import Status
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -36,8 +36,8 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the status."""
-    from kg.opening import open_map
-    from planner.goals.status import status
+    from kg.serving.opening import open_map
+    from planner.search.goals.status import status
 
     with open_map(arguments.map, read_only=True) as semantic_map:
         found = status(semantic_map, arguments.object, arguments.place)
@@ -72,8 +72,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _doubted(semantic_map: SemanticMap, found: Status, place: str | None) -> Sequence[KnownObject]:
     """Objects that were detected and more probably are not there, where none is present."""
-    from planner.goals.known_objects import LISTED, known_objects
-    from planner.goals.targets import resolve
+    from planner.search.goals.known_objects import LISTED, known_objects
+    from planner.search.goals.targets import resolve
 
     if found.value == "present" or "object/" in found.target:
         return ()
@@ -90,8 +90,8 @@ def _perhaps(
     semantic_map: SemanticMap, found: Status, doubted: Sequence[KnownObject], address: str
 ) -> list[str]:
     from planner.cli.candidates import detections_in_vain
-    from planner.goals.candidate_queries import map_time
-    from planner.goals.known_objects import answer_lines
+    from planner.search.goals.candidate_queries import map_time
+    from planner.search.goals.known_objects import answer_lines
 
     if doubted:
         return answer_lines(doubted, map_time(semantic_map), address=address)

@@ -15,7 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, TypeVar
 
-from kg.errors import LayoutError, ModelError, RecordingError, UnknownCategoryError
+from kg.model.errors import LayoutError, ModelError, RecordingError, UnknownCategoryError
 from planner.cli.arguments import add_device, add_json, add_map
 from planner.cli.console import note, write_json
 from planner.cli.network_options import Networks
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from kg.maps.semantic_map import SemanticMap
-    from kg.records import PlaceRecord
+    from kg.model.records import PlaceRecord
     from perception.inference.scene_classifier import OnnxSceneClassifier
 
 Item = TypeVar("Item")
@@ -59,7 +59,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Describe the images, and keep what they are examples of."""
-    from kg.opening import open_map
+    from kg.serving.opening import open_map
     from kg.store.sparql_client import is_url
     from perception.inference.scene_classifier import load_scene_classifier
     from perception.inference.taught_rooms import RoomExamples, room_examples
@@ -137,7 +137,7 @@ def _seen_from(
 ) -> Iterator[NDArray[np.uint8]]:
     """Images of the recording's frames whose camera stood in the place."""
     from mapping.resumption import resumed
-    from perception.recordings.recording import open_recording
+    from perception.sources.recording import open_recording
 
     recording = open_recording(
         arguments.recording, recording_options(arguments, arguments.recording)
@@ -157,7 +157,7 @@ def _seen_from(
 
 
 def _photographs(folder: Path) -> Iterator[NDArray[np.uint8]]:
-    from perception.recordings.image_files import COLOUR_SUFFIXES, read_colour
+    from perception.sources.folders.image_files import COLOUR_SUFFIXES, read_colour
 
     try:
         found = sorted(p for p in folder.iterdir() if p.suffix.lower() in COLOUR_SUFFIXES)

@@ -33,9 +33,9 @@ def add(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Update, and say what changed."""
     from kg.maps.stored_map import StoredMap
-    from kg.opening import open_map
+    from kg.serving.opening import open_map
+    from kg.serving.workers.local_evaluation import update_isolated
     from kg.store.sparql_client import is_url
-    from kg.workers.local_evaluation import update_isolated
 
     if (arguments.file is None) == (arguments.execute is None):
         arguments.usage_error("give FILE.ru, or SPARQL with -e, not both")
@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _text(path: Path) -> str:
-    from kg.errors import QueryError
+    from kg.model.errors import QueryError
 
     try:
         return path.read_text(encoding="utf-8")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from planner.cli.console import note
 
 if TYPE_CHECKING:
-    from planner.viewers.viewer import Viewer
+    from planner.display.viewers.viewer import Viewer
 
 
 def add_viewers(parser: argparse.ArgumentParser) -> None:
@@ -38,7 +38,7 @@ def open_viewers(arguments: argparse.Namespace, title: str) -> Iterator[Viewer |
     if not opened:
         yield None
         return
-    from planner.viewers.viewer import ViewerGroup
+    from planner.display.viewers.viewer import ViewerGroup
 
     with closing(ViewerGroup(opened)) as viewers:
         yield viewers
@@ -48,18 +48,18 @@ def open_viewers(arguments: argparse.Namespace, title: str) -> Iterator[Viewer |
 
 
 def _mcap(path: Path, title: str) -> Viewer:
-    from planner.viewers.viewer import require
+    from planner.display.viewers.viewer import require
 
     require("foxglove", "foxglove")
-    from planner.viewers.foxglove_viewer import McapFile
+    from planner.display.viewers.foxglove_viewer import McapFile
 
     return McapFile(path)
 
 
 def _rerun(path: Path, title: str) -> Viewer:
-    from planner.viewers.viewer import require
+    from planner.display.viewers.viewer import require
 
     require("rerun", "rerun")
-    from planner.viewers.rerun_viewer import RerunFile
+    from planner.display.viewers.rerun_viewer import RerunFile
 
     return RerunFile(title, path)

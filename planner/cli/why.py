@@ -57,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
     if not arguments.what:
         arguments.usage_error("give WHAT to explain, object/17 say, or --candidates")
     from kg.history.reports.prov_export import provenance
-    from kg.opening import open_map
+    from kg.serving.opening import open_map
 
     with open_map(arguments.map, read_only=True) as semantic_map:
         reasons = semantic_map.history.explain(" ".join(arguments.what))
@@ -76,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _candidates(arguments: argparse.Namespace) -> int:
     """Tell what became of detections."""
-    from kg.opening import open_map
+    from kg.serving.opening import open_map
     from planner.cli.candidates import explain_detections
 
     if arguments.format == "ttl":

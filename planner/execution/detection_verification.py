@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from mapping.reference.settings import ReferenceSettings
 from planner.execution.object_updates import AssociatedDetection
 from planner.execution.protocol import Detected
-from planner.goals.status import PRESENT
-from planner.goals.targets import Target
+from planner.search.goals.status import PRESENT
+from planner.search.goals.targets import Target
 
 #: Score from which a single detection can be certain.
 SURE: Final = 0.6

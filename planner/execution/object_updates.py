@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from kg.maps.semantic_map import SemanticMap
-from kg.records import ObjectRecord
+from kg.model.records import ObjectRecord
 from mapping.objects.bayes_mapper import BayesObjectMapper
 from mapping.objects.object_mapper import ObjectChanges
 from mapping.places.place_registry import PlaceRegistry
@@ -21,7 +21,7 @@ from mapping.sighting import Sighting, ThingSighting
 from planner.execution.protocol import Detected, DetectionsMessage, RobotPose, View
 from planner.execution.search_log import SearchLog
 from planner.execution.viewpoint_adapter import ViewpointAdapter
-from planner.goals.targets import Target
+from planner.search.goals.targets import Target
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from kg.records import SearchState
+from kg.model.records import SearchState
 from planner.settings import BELIEF
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from kg.records import LookRecord, SearchRecord
+from kg.model.records import LookRecord, SearchRecord
 from planner.execution.detection_verification import TargetDetection
 from planner.execution.options import Event, EventSink, SearchOutcome, percent
 from planner.execution.protocol import Detected, RobotPose

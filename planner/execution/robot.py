@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Final, Protocol
 
-from kg.errors import RobotError
+from kg.model.errors import RobotError
 from planner.execution.protocol import (
     Command,
     MalformedMessage,

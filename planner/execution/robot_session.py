@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from itertools import count
 from typing import Final
 
-from kg.errors import RobotError
+from kg.model.errors import RobotError
 from planner.execution.protocol import (
     VERSION,
     Aborted,

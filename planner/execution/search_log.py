@@ -11,9 +11,9 @@ from typing import Final
 
 import numpy as np
 
-from kg.errors import ConflictError, GraphError
 from kg.maps.semantic_map import SemanticMap
-from kg.records import (
+from kg.model.errors import ConflictError, GraphError
+from kg.model.records import (
     LookRecord,
     MapUpdate,
     ObstacleRecord,
@@ -21,7 +21,7 @@ from kg.records import (
     SearchRecord,
     SearchState,
 )
-from kg.transactions import Cause
+from kg.model.transactions import Cause
 from mapping.objects.object_mapper import ObjectChanges
 from mapping.occupancy.mapped_floor import FloorView
 from mapping.places.viewed_floor import ViewedFloor

@@ -11,9 +11,9 @@ import math
 from collections.abc import Sequence
 from typing import Any, Final, Literal
 
-from kg.errors import HereaboutsError, RobotError
 from kg.maps.semantic_map import SemanticMap
-from kg.records import ObjectRecord, SearchState
+from kg.model.errors import HereaboutsError, RobotError
+from kg.model.records import ObjectRecord, SearchState
 from mapping.objects.object_mapper import ObjectChanges
 from planner.execution.detection_verification import (
     POSSIBLE,
@@ -46,7 +46,7 @@ from planner.execution.viewpoint_adapter import (
     PassingViews,
     ViewpointAdapter,
 )
-from planner.goals.targets import Target, resolve
+from planner.search.goals.targets import Target, resolve
 
 LOST: Final = 3.0  # [m] a robot that arrives this far off is not where it was sent
 OFF: Final = 0.5  # [m] one that arrives this far off could not stand where it was sent

@@ -13,16 +13,16 @@ from typing import Final
 
 import numpy as np
 
-from kg.errors import LayoutError, RobotError
 from kg.maps.semantic_map import SemanticMap
-from kg.records import LookRecord, ObstacleRecord
+from kg.model.errors import LayoutError, RobotError
+from kg.model.records import LookRecord, ObstacleRecord
 from mapping.occupancy.mapped_floor import FloorView
 from planner.execution.protocol import Hello, RobotPose
-from planner.goals.candidate_queries import Candidate
-from planner.plans.search_state import PlanningState, build_search
+from planner.search.goals.candidate_queries import Candidate
+from planner.search.plans.search_state import PlanningState, build_search
+from planner.search.viewpoints.candidate_views import floor_in_view
+from planner.search.viewpoints.sensor import Motion, Sensor, angle_between
 from planner.settings import BELIEF
-from planner.viewpoints.candidate_views import floor_in_view
-from planner.viewpoints.sensor import Motion, Sensor, angle_between
 
 NEAR: float = 0.5  # [m] a view taken this near to a planned viewpoint, and ...
 ALIKE: float = 0.35  # [rad] ... with about its heading, counts as the planned view

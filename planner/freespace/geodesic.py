@@ -20,7 +20,7 @@ from typing import Final, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kg.errors import LayoutError
+from kg.model.errors import LayoutError
 from mapping.occupancy.connected_components import runs
 from planner.freespace.grid import FreeSpace
 

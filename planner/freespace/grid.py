@@ -15,8 +15,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kg.areas import Area
-from kg.errors import LayoutError
+from kg.model.areas import Area
+from kg.model.errors import LayoutError
 from mapping.occupancy.connected_components import connected_components
 
 CELL: Final = 0.2  # [m]

@@ -19,7 +19,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.errors import LayoutError
+from kg.model.errors import LayoutError
 from kg.store.atomic_file import write_atomically
 from mapping.occupancy.mapped_floor import MappedFloor
 from planner.freespace.grid import FreeSpace, Room

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.errors import LayoutError
+from kg.model.errors import LayoutError
 from mapping.occupancy.connected_components import connected_components
 from planner.freespace.grid import CELL, NO_ROOM, FreeSpace, Room
 

@@ -9,13 +9,13 @@ from datetime import datetime
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.areas import Area
-from kg.errors import LayoutError
-from kg.facts.occupancy import tile_iri
+from kg.maps.facts.occupancy import tile_iri
+from kg.maps.query.query_files import Value
 from kg.maps.semantic_map import SemanticMap
-from kg.query.query_files import Value
+from kg.model.areas import Area
+from kg.model.errors import LayoutError
+from kg.model.records import UNKNOWN
 from kg.rdf.wkt import area_of_polygon
-from kg.records import UNKNOWN
 from mapping.occupancy.mapped_floor import MappedFloor
 from planner.freespace.floor_plan import free_space
 from planner.freespace.grid import CELL, NO_ROOM, FreeSpace, Room

@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.records import FREE, LOW, TALL, UNKNOWN
+from kg.model.records import FREE, LOW, TALL, UNKNOWN
 from mapping.occupancy.connected_components import connected_components, neighbours
 from mapping.occupancy.mapped_floor import MappedFloor, States
 from planner.freespace.floor_plan import joined

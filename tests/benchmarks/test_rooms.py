@@ -24,7 +24,7 @@ from mapping.evaluation.map_evaluation import MapEvaluation
 from mapping.evaluation.relation_scores import RelationOutcomes
 from mapping.evaluation.truth_matching import MappedObject, TruthMatcher
 from perception.frames import Frame
-from perception.recordings.recording_writer import RecordingWriter
+from perception.sources.recording_writer import RecordingWriter
 from planner.simulation.houses.random_house import random_house
 from planner.simulation.recording.object_truth import VisibilityRecord, object_truth
 from planner.simulation.robot.mapping_tour import SimulatedTour

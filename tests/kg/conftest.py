@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kg import vocabulary as v
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import create_map
-from kg.records import (
+from kg.model import vocabulary as v
+from kg.model.records import (
     Evidence,
     MapUpdate,
     ObjectRecord,
@@ -19,6 +18,7 @@ from kg.records import (
     RecordingRecord,
     RobotRecord,
 )
+from kg.serving.opening import create_map
 
 BASE = "https://example.org/flat/"
 

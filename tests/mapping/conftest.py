@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 import pytest
 
-from kg.errors import RecordingError
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import in_memory_map
-from kg.records import ObjectRecord
+from kg.model.errors import RecordingError
+from kg.model.records import ObjectRecord
+from kg.serving.opening import in_memory_map
 from perception.frames import Detections, Frame, SceneScores
 
 #: camera -> map: looks along map x, image right is map -y, image down is map -z; 1 m above floor

@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from kg.areas import Rectangle
+from kg.knowledge.ontology.lint import check_map
 from kg.maps.semantic_map import SemanticMap
-from kg.ontology.lint import check_map
+from kg.model.areas import Rectangle
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
 from mapping.places.layout import Layout, LayoutPlace

@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kg.errors import GraphError
-from kg.opening import create_map, open_map
-from kg.records import MapUpdate
+from kg.model.errors import GraphError
+from kg.model.records import MapUpdate
+from kg.serving.opening import create_map, open_map
 from mapping.detection_files import MAX_BYTES, read_report
 from mapping.detection_report import (
     MAX_THINGS,
@@ -22,7 +22,7 @@ from mapping.detection_report import (
     report_from_json,
 )
 from mapping.detection_reporter import DetectionReporter
-from mapping.label_table import LabelTable
+from mapping.labels.label_table import LabelTable
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
 from mapping.objects.bayes_mapper import BayesObjectMapper

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kg.errors import FrameError, RecordingError
+from kg.model.errors import FrameError, RecordingError
 from mapping.frame_checks import FrameChecks
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
 from perception.camera.poses import BODY_FROM_CAMERA
 from perception.frames import Detections, Frame, SceneScores
-from perception.recordings.recording import open_recording
-from perception.recordings.recording_options import RecordingOptions
+from perception.sources.recording import open_recording
+from perception.sources.recording_options import RecordingOptions
 from planner.simulation.houses.house import furnished_house
 from planner.simulation.robot.mapping_tour import SimulatedTour
 from planner.simulation.robot.motion import Pose

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from kg.areas import Rectangle
-from kg.errors import LabelsError
-from kg.opening import in_memory_map
-from kg.records import MapUpdate
-from kg.vocabulary import MAP_GRAPH
-from mapping.label_table import LabelTable
+from kg.model.areas import Rectangle
+from kg.model.errors import LabelsError
+from kg.model.records import MapUpdate
+from kg.model.vocabulary import MAP_GRAPH
+from kg.serving.opening import in_memory_map
+from mapping.labels.label_table import LabelTable
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
 from mapping.objects.settings import ObjectSettings

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from kg.maps.object_pictures import MAX_BYTES, ObjectPictures
-from kg.opening import create_map, in_memory_map
+from kg.serving.opening import create_map, in_memory_map
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
 from perception.frames import Frame

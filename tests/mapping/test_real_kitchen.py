@@ -6,15 +6,15 @@ from collections.abc import Iterator
 
 import pytest
 
-from kg.opening import create_map
+from kg.serving.opening import create_map
 from mapping.evaluation.class_scores import load_truth, score_map
 from mapping.recording_mapper import map_recording
 from mapping.transform_file import load_transform
 from perception.frames import Frame
 from perception.inference.detector import load_detector
 from perception.inference.scene_classifier import load_scene_classifier
-from perception.recordings.recording import open_recording
-from perception.recordings.recording_options import RecordingOptions
+from perception.sources.recording import open_recording
+from perception.sources.recording_options import RecordingOptions
 
 
 class Every:

@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from kg.areas import Rectangle
-from kg.errors import LayoutError, RecordingError
-from kg.opening import create_map, in_memory_map, open_map
+from kg.model.areas import Rectangle
+from kg.model.errors import LayoutError, RecordingError
+from kg.serving.opening import create_map, in_memory_map, open_map
 from mapping.mapper import robot_at
 from mapping.mapping_options import MappingOptions
 from mapping.places.layout import Layout, LayoutPlace

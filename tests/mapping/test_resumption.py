@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kg.errors import LayoutError
-from kg.opening import create_map
+from kg.model.errors import LayoutError
+from kg.serving.opening import create_map
 from mapping.recording_mapper import map_recording
 from mapping.resumption import resumed
 from perception.inference.detector import load_detector
-from perception.recordings.recording import open_recording
-from perception.recordings.recording_options import RecordingOptions
+from perception.sources.recording import open_recording
+from perception.sources.recording_options import RecordingOptions
 
 
 def part_of(recording: Path, folder: Path, frames: int) -> Path:

@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from kg.errors import MapBusyError
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import open_map
-from kg.server import BearerTokens, MapServer, Settings
+from kg.model.errors import MapBusyError
+from kg.serving.opening import open_map
+from kg.serving.server import BearerTokens, MapServer, Settings
 from mapping.recording_mapper import map_recording
 from perception.frames import Detections, Frame
 

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from kg.errors import LayoutError
+from kg.model.errors import LayoutError
 from mapping.transform_file import checked_rigid, load_transform
 
 

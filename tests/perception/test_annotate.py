@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from kg.errors import RecordingError
+from kg.model.errors import RecordingError
 from perception.annotate import draw_detections, label_colour, save_image
 from perception.frames import Detections, Frame, SceneScores
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from kg.maps.semantic_map import SemanticMap
-from kg.records import MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
+from kg.model.records import MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
 
 
 def thing(

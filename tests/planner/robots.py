@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from kg.maps.semantic_map import SemanticMap
-from kg.records import MapUpdate, ObjectRecord, PlaceRecord
-from planner.execution.line_transport import ChildRobot
+from kg.model.records import MapUpdate, ObjectRecord, PlaceRecord
 from planner.execution.options import Event, SearchOptions, SearchOutcome
 from planner.execution.search_loop import search
+from planner.execution.transports.line_transport import ChildRobot
 from planner.settings import BELIEF
 
 SCRIPT = Path(__file__).with_name("point_robot.py")

@@ -13,11 +13,11 @@ import onnx
 
 from benchmarks.search.orange_network import orange_network
 from kg.maps.semantic_map import SemanticMap
-from kg.records import MapUpdate, PlaceRecord
+from kg.model.records import MapUpdate, PlaceRecord
 from perception.inference.detector import load_detector
-from perception.live.ros1 import Ros1Master
-from perception.live.stream import FrameStream
-from planner.execution.ros1_robot import Ros1Robot
+from perception.sources.live.ros1 import Ros1Master
+from perception.sources.live.stream import FrameStream
+from planner.execution.transports.ros1_robot import Ros1Robot
 from planner.simulation.houses.house import House, Item, furnished_house
 from planner.simulation.robot.ros1_node import Ros1HouseNode
 

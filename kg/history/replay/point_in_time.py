@@ -7,10 +7,10 @@ from typing import Final
 
 from pyoxigraph import NamedNode, Quad
 
-from kg.errors import HistoryError
 from kg.history.curies import short, word
 from kg.history.storage.change_lines import net, quads_of
 from kg.history.storage.log import HistoryLog
+from kg.model.errors import HistoryError
 
 NEAR: Final = 200  # transactions between two moments that are read one by one
 

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 from pyoxigraph import Literal, NamedNode, Quad
 
-from kg import vocabulary as v
-from kg.errors import QueryParameterError
 from kg.history.curies import short, word
 from kg.history.replay.point_in_time import subject_line
 from kg.history.storage.change_lines import ChangeLines, quads_of
 from kg.history.storage.log import HistoryLog
-from kg.iris import observation_iri
+from kg.model import vocabulary as v
+from kg.model.errors import QueryParameterError
+from kg.model.iris import observation_iri
+from kg.model.transactions import Cause
 from kg.rdf.quad_store import Term
-from kg.transactions import Cause
 
 _DEPARTED = NamedNode(v.DEPARTED_OBJECT)
 

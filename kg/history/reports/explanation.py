@@ -13,15 +13,15 @@ from typing import Literal as Choice
 
 from pyoxigraph import Literal, NamedNode, Quad
 
-from kg import vocabulary as v
-from kg.errors import QueryParameterError
 from kg.history.curies import short, statement
 from kg.history.replay.point_in_time import state_of
 from kg.history.reports.changes_of_facts import FactChanges, same
 from kg.history.reports.explanation_rules import BELIEF_OF_PLACE, EVIDENT, REMOVAL, RULES, rule_of
 from kg.history.storage.log import BACKGROUND, HistoryLog
 from kg.history.timestamps import iso
-from kg.iris import agent_iri, agent_name
+from kg.model import vocabulary as v
+from kg.model.errors import QueryParameterError
+from kg.model.iris import agent_iri, agent_name
 from kg.rdf.datetimes import seconds
 from kg.rdf.quad_store import QuadStore, Term
 

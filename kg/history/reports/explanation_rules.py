@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from kg import vocabulary as v
+from kg.model import vocabulary as v
 
 _POSITION: Final = (
     "mean over all sightings of the position in the map; each is the fullest bin of the "

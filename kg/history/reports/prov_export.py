@@ -7,9 +7,9 @@ from typing import Final
 
 from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, serialize
 
-from kg import vocabulary as v
 from kg.history.reports.explanation import Explanation
 from kg.history.timestamps import iso
+from kg.model import vocabulary as v
 
 _CLASS: Final = {
     "thing": v.PROV_ENTITY,

@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 
 from pyoxigraph import Quad, RdfFormat, parse, serialize
 
-from kg import vocabulary as v
+from kg.model import vocabulary as v
 
 _LEVEL: Final = 9
 _MEMORY: Final = 9  # of zlib's deflate, its highest

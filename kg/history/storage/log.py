@@ -23,8 +23,6 @@ from typing import Any, Final, Self
 
 from pyoxigraph import Quad
 
-from kg import vocabulary as v
-from kg.errors import GraphError, HistoryError, InvalidFactError
 from kg.history.storage.change_lines import (
     ChangeLines,
     LineCodec,
@@ -34,8 +32,10 @@ from kg.history.storage.change_lines import (
     subject_of,
 )
 from kg.history.storage.schema import SCHEMA, connect, is_empty
+from kg.model import vocabulary as v
+from kg.model.errors import GraphError, HistoryError, InvalidFactError
+from kg.model.transactions import Cause, ChangeSet
 from kg.store.writer_priority import yield_to_writer
-from kg.transactions import Cause, ChangeSet
 
 BACKGROUND: Final = (v.ONTOLOGY_GRAPH, v.COMMONSENSE_GRAPH)
 KEY_FRAME_AFTER: Final = 5  # times the size of the last key frame, in changes written since

@@ -16,12 +16,12 @@ from pathlib import Path
 
 from pyoxigraph import DefaultGraph, NamedNode, Quad, Store
 
-from kg import vocabulary as v
 from kg.history.storage.change_lines import quads_of
 from kg.history.storage.log import BACKGROUND, HistoryLog
+from kg.model import vocabulary as v
+from kg.model.transactions import Cause, ChangeSet
 from kg.rdf.datetimes import transaction_time
 from kg.store.transactional import TransactionalStore
-from kg.transactions import Cause, ChangeSet
 
 FILE = "history.sqlite"
 _SEQUENCE = NamedNode(v.SEQUENCE)

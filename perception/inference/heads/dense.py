@@ -18,7 +18,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.errors import ModelError
+from kg.model.errors import ModelError
 from perception.inference.heads.candidates import Candidates, pairs_above
 from perception.inference.heads.masks import MaskGrid, input_extent
 from perception.inference.preprocessing import Fitted

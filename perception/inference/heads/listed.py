@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.errors import ModelError
+from kg.model.errors import ModelError
 from perception.inference.heads.candidates import Candidates, pairs_above
 from perception.inference.heads.dense import check_equal_length, prototype_masks
 from perception.inference.heads.masks import MaskGrid, input_extent

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.errors import ModelError
+from kg.model.errors import ModelError
 from perception.frames import box_pixels
 from perception.inference.preprocessing import Fitted
 

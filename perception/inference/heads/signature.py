@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any, Final
 
-from kg.errors import ModelError
+from kg.model.errors import ModelError
 from perception.inference.heads.candidates import Head
 from perception.inference.heads.dense import (
     BINS,

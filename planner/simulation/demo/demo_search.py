@@ -10,17 +10,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.errors import LayoutError
 from kg.maps.semantic_map import SemanticMap
+from kg.model.errors import LayoutError
 from planner.execution.options import Event, SearchOptions, SearchOutcome, percent
 from planner.execution.search_loop import search
 from planner.execution.viewpoint_adapter import motion_of, sensor_of
-from planner.plans.baselines import Baseline, rated, turns_at_stops
-from planner.plans.report import fact_chain, without_sources
-from planner.plans.rollout import PlanEvaluator
-from planner.plans.search_state import PlanningState, build_search
-from planner.plans.thesis_rules import plan_search
-from planner.plans.view_plan import ViewPlan, plan
+from planner.search.plans.baselines import Baseline, rated, turns_at_stops
+from planner.search.plans.report import fact_chain, without_sources
+from planner.search.plans.rollout import PlanEvaluator
+from planner.search.plans.search_state import PlanningState, build_search
+from planner.search.plans.thesis_rules import plan_search
+from planner.search.plans.view_plan import ViewPlan, plan
 from planner.simulation.robot.house_robot import SimulatedHouseRobot
 
 

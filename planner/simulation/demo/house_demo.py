@@ -17,20 +17,21 @@ from typing import Any, Final
 
 import numpy as np
 
-from kg.areas import Rectangle
-from kg.errors import GraphError, MapBusyError
 from kg.export.serialization import export_map
+from kg.maps.query.query_files import Table
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import create_map, open_map
-from kg.query.query_files import Table
+from kg.model.areas import Rectangle
+from kg.model.errors import GraphError, MapBusyError
+from kg.serving.opening import create_map, open_map
 from mapping.evaluation.class_scores import MapScore, Truth, score_map
 from mapping.mapping_options import MappingOptions
 from mapping.places.layout import Layout, LayoutPlace
 from mapping.progress_report import FrameReport, MappingReport
 from mapping.recording_mapper import map_recording
+from planner.display.plots.search_plot import plot_search
 from planner.execution.options import Event
-from planner.goals.status import PRESENT
-from planner.plans.report import plan_json
+from planner.search.goals.status import PRESENT
+from planner.search.plans.report import plan_json
 from planner.simulation.demo.demo_search import DrivenSearch, PlannedSearch, carry_out, plan_for
 from planner.simulation.houses.house import House, Item, furnished_house
 from planner.simulation.houses.house_truth import ground_truth
@@ -38,7 +39,6 @@ from planner.simulation.robot.house_robot import SimulatedHouseRobot, simulated_
 from planner.simulation.robot.mapping_tour import DEMO_RECORDING, SimulatedTour
 from planner.simulation.sensing.camera import SimulatedCamera
 from planner.simulation.sensing.sensors import SimulatedDetector, SimulatedSceneClassifier
-from planner.visualization.search_plot import plot_search
 
 TITLE: Final = "hereabouts demo house"
 TARGET: Final = "apple"

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from planner.display.plots.drawing import GroundTruth
 from planner.simulation.houses.house import House
-from planner.visualization.drawing import GroundTruth
 
 
 def ground_truth(house: House) -> GroundTruth:

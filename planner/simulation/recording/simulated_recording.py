@@ -10,12 +10,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from kg.errors import RecordingError
+from kg.model.errors import RecordingError
 from perception.frames import Detections
 from perception.inference.class_labels import read_labels
 from perception.inference.model_zoo import NETWORKS
 from perception.inference.recorded_detections import save_recorded_detections
-from perception.recordings.recording_writer import RecordingWriter, pose_line, write_text
+from perception.sources.recording_writer import RecordingWriter, pose_line, write_text
 from planner.simulation.houses.house import House, HouseRoom
 from planner.simulation.houses.random_house import random_house
 from planner.simulation.recording.house_changes import HouseChange, carries, changed_house

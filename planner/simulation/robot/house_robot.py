@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.errors import LayoutError
 from kg.maps.semantic_map import SemanticMap
+from kg.model.errors import LayoutError
 from planner.execution.protocol import (
     Aborted,
     Arrived,

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.errors import RecordingError
+from kg.model.errors import RecordingError
 from perception.frames import Frame
 from planner.simulation.houses.floor_grid import FloorGrid
 from planner.simulation.robot.motion import MotionLimits, Pose, drive, look_around

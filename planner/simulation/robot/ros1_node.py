@@ -15,11 +15,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from kg.errors import LayoutError, RecordingError
-from perception.live.ros1 import Ros1Master
-from perception.live.ros1_publisher import Ros1Publisher
-from perception.recordings.bag_file import RawMessage, decoded, message_types
-from perception.recordings.bag_writer import (
+from kg.model.errors import LayoutError, RecordingError
+from perception.sources.bag_writer import (
     CAMERA,
     COLOUR,
     COLOUR_INFO,
@@ -28,8 +25,11 @@ from perception.recordings.bag_writer import (
     IMAGE_TOPICS,
     MAP,
 )
-from perception.ros.headers import NANOSECONDS, frame_name
-from perception.ros.message_maker import MessageMaker
+from perception.sources.bags.bag_file import RawMessage, decoded, message_types
+from perception.sources.live.ros1 import Ros1Master
+from perception.sources.live.ros1_publisher import Ros1Publisher
+from perception.sources.ros.headers import NANOSECONDS, frame_name
+from perception.sources.ros.message_maker import MessageMaker
 from planner.simulation.houses.floor_grid import FloorGrid
 from planner.simulation.houses.house import House
 from planner.simulation.robot.motion import MotionLimits, Pose, drive, turn

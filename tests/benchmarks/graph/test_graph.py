@@ -15,10 +15,10 @@ from benchmarks.graph.__main__ import main
 from benchmarks.graph.building import BASE, Building
 from benchmarks.graph.loading import furnished
 from benchmarks.graph.ours import LOOKUPS
-from kg import vocabulary as v
+from kg.maps.query.query_files import shipped_queries
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import create_map, in_memory_map
-from kg.query.query_files import shipped_queries
+from kg.model import vocabulary as v
+from kg.serving.opening import create_map, in_memory_map
 
 
 @pytest.fixture(autouse=True)

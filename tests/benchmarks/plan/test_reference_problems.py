@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from benchmarks.thesis.table_4_5 import reference_world
-from planner.goals.search_goals import derive_goals
-from planner.plans.thesis_rules import Travel, distances
+from planner.search.goals.search_goals import derive_goals
+from planner.search.plans.thesis_rules import Travel, distances
 
 Shared = Callable[[str], Path]
 

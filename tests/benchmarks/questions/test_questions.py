@@ -16,8 +16,8 @@ from benchmarks.questions.house_drives import Doubtful, HouseFacts
 from benchmarks.questions.plain_map import PlainMap
 from benchmarks.questions.question_file import FAMILIES, Question, load_questions, save_questions
 from benchmarks.questions.scoring import score
-from kg.errors import GraphError
-from kg.opening import in_memory_map
+from kg.model.errors import GraphError
+from kg.serving.opening import in_memory_map
 
 
 def question(family: str, answer: Any, **more: Any) -> Question:

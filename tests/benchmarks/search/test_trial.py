@@ -21,9 +21,9 @@ from benchmarks.search.robot import TrialOutcome
 from benchmarks.search.room_policies import brute_force, oracle, thesis_rule
 from benchmarks.search.scores import HORIZON, score
 from benchmarks.search.view_policy import Ablation, ours
-from kg.errors import InvalidFactError
+from kg.model.errors import InvalidFactError
 from planner.freespace.grid import Room
-from planner.viewpoints.sensor import Motion, Sensor
+from planner.search.viewpoints.sensor import Motion, Sensor
 
 Shared = Callable[[str], Path]
 

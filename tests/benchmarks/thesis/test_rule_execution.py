@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.thesis.rule_execution import follow, in_place, within
-from planner.goals.search_goals import Goal
-from planner.plans.thesis_rules import Travel, in_order, nearest_first
+from planner.search.goals.search_goals import Goal
+from planner.search.plans.thesis_rules import Travel, in_order, nearest_first
 
 
 def goal(name: str, x: float, y: float, probability: float = 0.5) -> Goal:

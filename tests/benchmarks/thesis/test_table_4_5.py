@@ -13,7 +13,7 @@ from benchmarks.thesis.table_4_5 import (
     reference_world,
     run_table_4_5,
 )
-from kg.errors import LayoutError
+from kg.model.errors import LayoutError
 
 ROOT = Path(__file__).resolve().parents[3]
 

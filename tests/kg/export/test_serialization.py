@@ -11,13 +11,13 @@ import rdflib
 from pyoxigraph import BlankNode, Dataset, Literal, NamedNode, Quad, RdfFormat, Store
 from rdflib.compare import isomorphic
 
-from kg.errors import GraphError
 from kg.export.serialization import FORMATS, export_map, export_quads, export_text
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import in_memory_map
-from kg.records import Evidence, MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
+from kg.model.errors import GraphError
+from kg.model.records import Evidence, MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
+from kg.model.vocabulary import ASSERTIONS_GRAPH
+from kg.serving.opening import in_memory_map
 from kg.store.atomic_file import write_atomically
-from kg.vocabulary import ASSERTIONS_GRAPH
 
 NATIVE = {
     "ttl": RdfFormat.TURTLE,

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from kg.errors import InvalidFactError, UnknownCategoryError
 from kg.export.thesis_json import ThesisMap, export_reference_maps, import_reference_maps
-from kg.ontology.lint import check_map
-from kg.opening import create_map, in_memory_map, open_map
+from kg.knowledge.ontology.lint import check_map
+from kg.model.errors import InvalidFactError, UnknownCategoryError
+from kg.serving.opening import create_map, in_memory_map, open_map
 
 Shared = Callable[[str], Path]
 

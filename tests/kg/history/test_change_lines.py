@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pyoxigraph import BlankNode, Literal, NamedNode, Quad
 
-from kg import vocabulary as v
 from kg.history.storage.change_lines import (
     LineCodec,
     dictionary_for,
@@ -17,6 +16,7 @@ from kg.history.storage.change_lines import (
     quads_of,
     subject_of,
 )
+from kg.model import vocabulary as v
 
 _CODEC = LineCodec(dictionary_for("https://example.org/flat/"))
 _TEXT = st.text(

@@ -15,13 +15,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kg import vocabulary as v
-from kg.errors import GraphError, HistoryError
 from kg.history.storage import compaction
 from kg.history.storage import log as log_module
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import open_map
-from kg.records import Evidence, MapUpdate, ObjectRecord, RecordingRecord, RobotRecord
+from kg.model import vocabulary as v
+from kg.model.errors import GraphError, HistoryError
+from kg.model.records import Evidence, MapUpdate, ObjectRecord, RecordingRecord, RobotRecord
+from kg.serving.opening import open_map
 
 ROOT = Path(__file__).resolve().parents[3]
 Written = Callable[[int], SemanticMap]
@@ -29,7 +29,7 @@ Written = Callable[[int], SemanticMap]
 # things come and go, and the past is dropped, for ever
 _CHURN = """
 import sys
-from kg.opening import open_map
+from kg.serving.opening import open_map
 semantic_map = open_map(sys.argv[1])
 n = semantic_map.sequence
 while True:

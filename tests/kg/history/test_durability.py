@@ -8,7 +8,7 @@ import sys
 import time
 from pathlib import Path
 
-from kg.opening import open_map
+from kg.serving.opening import open_map
 
 ROOT = Path(__file__).resolve().parents[3]
 ROUNDS = 4
@@ -16,8 +16,8 @@ OBJECTS = 10
 WRITER = f"""
 import sys
 import numpy as np
-from kg.records import MapUpdate, ObjectRecord, RecordingRecord
-from kg.opening import open_or_create_map
+from kg.model.records import MapUpdate, ObjectRecord, RecordingRecord
+from kg.serving.opening import open_or_create_map
 
 chart = open_or_create_map(sys.argv[1])
 chair = chart.catalogue.find("chair").iri

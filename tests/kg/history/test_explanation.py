@@ -9,14 +9,14 @@ from pathlib import Path
 import pytest
 from pyoxigraph import Literal, NamedNode, Quad, RdfFormat, Triple, parse
 
-from kg import vocabulary as v
-from kg.errors import QueryParameterError
 from kg.history.reports.explanation import Explanation
 from kg.history.reports.prov_export import provenance
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import open_map
-from kg.records import MapUpdate
-from kg.transactions import Cause
+from kg.model import vocabulary as v
+from kg.model.errors import QueryParameterError
+from kg.model.records import MapUpdate
+from kg.model.transactions import Cause
+from kg.serving.opening import open_map
 
 Written = Callable[[int], SemanticMap]
 

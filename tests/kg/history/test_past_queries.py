@@ -9,16 +9,16 @@ from typing import Any
 import pytest
 from pyoxigraph import NamedNode, QueryBoolean, Store
 
-from kg import vocabulary as v
 from kg.history.replay.past_state import PastStates
 from kg.history.storage.recovery import attach
+from kg.maps.query.query_files import shipped_queries
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import create_map
-from kg.query.query_files import shipped_queries
-from kg.records import MapUpdate
-from kg.sparql.extension_functions import square_root
+from kg.model import vocabulary as v
+from kg.model.records import MapUpdate
+from kg.model.transactions import Cause
+from kg.rdf.sparql.extension_functions import square_root
+from kg.serving.opening import create_map
 from kg.store.transactional import TransactionalStore
-from kg.transactions import Cause
 
 MOMENTS = (0, 21, 23)
 

@@ -12,18 +12,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pyoxigraph import BlankNode, Literal, NamedNode, Quad, Store
 
-from kg import vocabulary as v
-from kg.errors import GraphError, HistoryError, InvalidFactError
 from kg.history.replay.past_state import replay
 from kg.history.replay.point_in_time import difference
 from kg.history.storage import log as log_module
 from kg.history.storage.recovery import attach
 from kg.history.timestamps import duration, iso, moment
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import open_map
-from kg.records import MapUpdate
+from kg.model import vocabulary as v
+from kg.model.errors import GraphError, HistoryError, InvalidFactError
+from kg.model.records import MapUpdate
+from kg.model.transactions import Cause, ChangeSet
+from kg.serving.opening import open_map
 from kg.store.transactional import TransactionalStore, stored_sequence
-from kg.transactions import Cause, ChangeSet
 
 Written = Callable[[int], SemanticMap]
 

@@ -17,11 +17,11 @@ from pathlib import Path
 import pytest
 from pyoxigraph import Quad
 
-from kg.errors import GraphError, HistoryError
 from kg.history.storage.recovery import FILE
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import create_map, open_map
-from kg.records import MapUpdate
+from kg.model.errors import GraphError, HistoryError
+from kg.model.records import MapUpdate
+from kg.serving.opening import create_map, open_map
 from kg.store.transactional import TransactionalStore
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -33,7 +33,7 @@ _WRITER = """
 import importlib.util, os, sys
 spec = importlib.util.spec_from_file_location("writing", sys.argv[2])
 writing = importlib.util.module_from_spec(spec); spec.loader.exec_module(writing)
-from kg.opening import open_map
+from kg.serving.opening import open_map
 from kg.store.transactional import TransactionalStore
 semantic_map = open_map(sys.argv[1], power_safe="safe" in sys.argv)
 if "between" in sys.argv:  # the log has the frame, the store will never hear of it

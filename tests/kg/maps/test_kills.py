@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from pyoxigraph import Quad
 
-from kg.opening import create_map, open_map
+from kg.serving.opening import create_map, open_map
 
 ROOT = Path(__file__).resolve().parents[3]
 

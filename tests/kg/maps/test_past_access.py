@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from kg.errors import HistoryError, MapNotFoundError, UnknownCategoryError
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import create_map, in_memory_map, open_map
-from kg.records import MapUpdate
+from kg.model.errors import HistoryError, MapNotFoundError, UnknownCategoryError
+from kg.model.records import MapUpdate
+from kg.serving.opening import create_map, in_memory_map, open_map
 
 Frame = Callable[..., MapUpdate]
 BASE = "https://example.org/flat/"

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from kg import vocabulary as v
-from kg.areas import area_of
-from kg.errors import InvalidFactError, ShapeError
 from kg.export.serialization import export_map as export
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import in_memory_map
-from kg.records import MapUpdate, PlaceRecord, RobotRecord
+from kg.model import vocabulary as v
+from kg.model.areas import area_of
+from kg.model.errors import InvalidFactError, ShapeError
+from kg.model.records import MapUpdate, PlaceRecord, RobotRecord
+from kg.serving.opening import in_memory_map
 
 BASE = "http://m/"
 PLACE = f"{BASE}place/1"

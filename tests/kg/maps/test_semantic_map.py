@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kg.errors import GraphError, MapNotFoundError
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import create_map, in_memory_map, open_map, open_or_create_map
-from kg.records import MapUpdate, ObjectRecord, PlaceRecord, RecordingRecord, RobotRecord
+from kg.model.errors import GraphError, MapNotFoundError
+from kg.model.records import MapUpdate, ObjectRecord, PlaceRecord, RecordingRecord, RobotRecord
+from kg.serving.opening import create_map, in_memory_map, open_map, open_or_create_map
 from kg.store.transactional import TransactionalStore
 
 

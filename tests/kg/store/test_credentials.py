@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from kg.client.change_stream import ChangeStream
-from kg.client.served_server import ServedClient
-from kg.errors import HereaboutsError, RemoteError
+from kg.model.errors import HereaboutsError, RemoteError
+from kg.serving.client.change_stream import ChangeStream
+from kg.serving.client.served_server import ServedClient
 from kg.store.credentials import token_for
 from kg.store.sparql_client import SparqlClient
 

@@ -6,12 +6,12 @@ import subprocess
 import sys
 from pathlib import Path
 
-from kg.opening import create_map, open_map
+from kg.serving.opening import create_map, open_map
 
 FILL = """
 import resource, sys
-from kg.errors import GraphError
-from kg.opening import open_map
+from kg.model.errors import GraphError
+from kg.serving.opening import open_map
 errors = []
 try:
     with open_map(sys.argv[1]) as semantic_map:

@@ -10,13 +10,13 @@ from contextlib import suppress
 import numpy as np
 import pytest
 
-from kg.errors import GraphError, MapNotFoundError, QueryError, RemoteError, UnreachableError
 from kg.export.serialization import export_text
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import create_map, in_memory_map, open_map, open_or_create_map
-from kg.records import Evidence, MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
+from kg.model.errors import GraphError, MapNotFoundError, QueryError, RemoteError, UnreachableError
+from kg.model.records import Evidence, MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
+from kg.model.transactions import Cause
+from kg.serving.opening import create_map, in_memory_map, open_map, open_or_create_map
 from kg.store.sparql_client import SparqlClient
-from kg.transactions import Cause
 
 BASE = "https://example.org/house/"
 

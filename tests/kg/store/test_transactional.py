@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 from pyoxigraph import Literal, NamedNode, Quad
 
-from kg.errors import GraphError, MapBusyError, MapNotFoundError
+from kg.model.errors import GraphError, MapBusyError, MapNotFoundError
+from kg.model.transactions import Cause
 from kg.store import transactional as store_module
 from kg.store.transactional import TransactionalStore, sequence_quad
-from kg.transactions import Cause
 
 ROOT = Path(__file__).resolve().parents[3]
 CAUSE = Cause("update", by="a test")

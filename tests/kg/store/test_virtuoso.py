@@ -7,7 +7,7 @@ import json
 import pytest
 from pyoxigraph import BlankNode, Literal, NamedNode, Quad, QueryResultsFormat, parse_query_results
 
-from kg import vocabulary as v
+from kg.model import vocabulary as v
 from kg.store.virtuoso import AT_ONCE, complaint, gives_triples, is_virtuoso, loads, plain, readable
 
 RDFS_LABEL = NamedNode(v.RDFS_LABEL)

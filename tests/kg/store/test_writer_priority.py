@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import in_memory_map
-from kg.records import MapUpdate, PlaceRecord, RobotRecord
+from kg.model.records import MapUpdate, PlaceRecord, RobotRecord
+from kg.serving.opening import in_memory_map
 from kg.store import writer_priority as writer_priority
 from kg.store.writer_priority import in_pieces, writing, yield_to_writer
 

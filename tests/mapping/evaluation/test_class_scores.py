@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kg.errors import RecordingError
+from kg.model.errors import RecordingError
 from mapping.evaluation.class_scores import Truth, load_truth, match, score_map
 
 IDENTITY = np.eye(4)

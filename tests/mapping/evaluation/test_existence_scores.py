@@ -11,7 +11,7 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from kg.errors import RecordingError
+from kg.model.errors import RecordingError
 from mapping.evaluation.complete_truth import is_complete_truth, load_complete_truth
 from mapping.evaluation.existence_scores import matchings_by_existence, scores_by_existence
 from mapping.evaluation.truth_matching import MappedObject, TruthMatcher

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from kg.opening import create_map, in_memory_map, open_map
-from kg.records import MapUpdate, ObjectRecord
+from kg.model.records import MapUpdate, ObjectRecord
+from kg.serving.opening import create_map, in_memory_map, open_map
 from mapping.evaluation.complete_truth import TrueObject
 from mapping.evaluation.existence_calibration import calibration
 from mapping.evaluation.identity_switches import identity_switches

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kg.opening import in_memory_map
-from kg.records import MapUpdate, ObjectRecord, Relation
+from kg.model.records import MapUpdate, ObjectRecord, Relation
+from kg.serving.opening import in_memory_map
 from mapping.evaluation.complete_truth import TrueObject
 from mapping.evaluation.map_evaluation import evaluate_map, pooled
 from mapping.evaluation.truth_matching import TruthMatcher

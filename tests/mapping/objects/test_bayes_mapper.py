@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kg.errors import ConflictError
+from kg.knowledge.ontology.lint import check_map
 from kg.maps.semantic_map import SemanticMap
-from kg.ontology.lint import check_map
-from kg.opening import create_map, in_memory_map, open_map
-from kg.records import MapUpdate, ObjectRecord, RobotRecord
-from kg.transactions import Cause, ChangeSet
+from kg.model.errors import ConflictError
+from kg.model.records import MapUpdate, ObjectRecord, RobotRecord
+from kg.model.transactions import Cause, ChangeSet
+from kg.serving.opening import create_map, in_memory_map, open_map
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
 from mapping.objects.bayes_mapper import BayesObjectMapper

@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kg.client.remote_map import RemoteMap
-from kg.errors import ConflictError
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import create_map, in_memory_map, open_map
-from kg.records import MapUpdate, PlaceRecord
-from kg.server import BearerTokens, MapServer, Settings
-from kg.transactions import Cause, ChangeSet
+from kg.model.errors import ConflictError
+from kg.model.records import MapUpdate, PlaceRecord
+from kg.model.transactions import Cause, ChangeSet
+from kg.serving.client.remote_map import RemoteMap
+from kg.serving.opening import create_map, in_memory_map, open_map
+from kg.serving.server import BearerTokens, MapServer, Settings
 from mapping.mapper import MAX_ATTEMPTS
 from mapping.objects.object_mapper import ReferenceObjectMapper
 from mapping.places.place_registry import PlaceRegistry

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from pyoxigraph import Literal, NamedNode, Quad
 
-from kg import vocabulary as v
-from kg.areas import Rectangle
+from kg.model import vocabulary as v
+from kg.model.areas import Rectangle
 from mapping.objects.object_mapper import ReferenceObjectMapper
 from mapping.places.layout import Layout, LayoutPlace
 from mapping.places.place_mapper import PlaceMapper

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from kg.records import DepartedRecord, ObjectRecord
+from kg.model.records import DepartedRecord, ObjectRecord
 from mapping.objects.object_mapper import ObjectChanges
 
 

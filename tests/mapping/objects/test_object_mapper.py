@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kg.areas import Rectangle
-from kg.opening import in_memory_map
-from kg.records import MapUpdate
+from kg.model.areas import Rectangle
+from kg.model.records import MapUpdate
+from kg.serving.opening import in_memory_map
 from mapping.objects.object_mapper import ReferenceObjectMapper
 from mapping.places.layout import Layout, LayoutPlace
 from mapping.places.place_registry import PlaceRegistry

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mapping.label_resolver import LabelResolver
+from mapping.labels.label_resolver import LabelResolver
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.sightings import SightingExtractor, intersection_over_union
 from mapping.objects.usual_sizes import usual_sizes

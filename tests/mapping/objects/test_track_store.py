@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import create_map, open_map
+from kg.serving.opening import create_map, open_map
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
 from mapping.objects.bayes_mapper import BayesObjectMapper
@@ -90,7 +90,7 @@ def test_a_run_that_is_killed_makes_the_same_map(
 ) -> None:
     create_map(tmp_path / "a.map").close()
     program = (
-        "import runpy, sys; from pathlib import Path; from kg.opening import open_map\n"
+        "import runpy, sys; from pathlib import Path; from kg.serving.opening import open_map\n"
         f"names = runpy.run_path({str(Path(__file__))!r})\n"
         "names['tour'](); print('begun', flush=True)\n"
         f"names['go_on'](open_map(Path({str(tmp_path / 'a.map')!r})))\n"

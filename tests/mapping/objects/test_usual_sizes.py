@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kg.ontology.catalogue import Catalogue
-from kg.ontology.loading import load_ontologies
+from kg.knowledge.ontology.catalogue import Catalogue
+from kg.knowledge.ontology.loading import load_ontologies
 from mapping.objects.usual_sizes import WORST, UsualSize, size_log_likelihood, usual_sizes
 from perception.inference.model_zoo import NETWORKS
 

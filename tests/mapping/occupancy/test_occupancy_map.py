@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import in_memory_map
-from kg.records import FREE, LOW, TALL, UNKNOWN, FloorTile
+from kg.model.records import FREE, LOW, TALL, UNKNOWN, FloorTile
+from kg.serving.opening import in_memory_map
 from mapping.mapping_options import MappingOptions
 from mapping.occupancy.occupancy_map import OccupancyMap
 from mapping.occupancy.occupancy_settings import OccupancySettings
@@ -76,7 +76,7 @@ def state(tiles: tuple[FloorTile, ...], x: float, y: float, storey: int = 0) -> 
 
 def told(book: OccupancyMap, semantic_map: SemanticMap, *frames: Frame) -> tuple[FloorTile, ...]:
     """The floor in the graph after the frames and the end of the run."""
-    from kg.records import MapUpdate
+    from kg.model.records import MapUpdate
 
     for frame in frames:
         book.add(frame)

@@ -6,13 +6,13 @@ import json
 
 import numpy as np
 
-from kg.opening import in_memory_map
-from kg.records import FREE, LOW, TALL, MapUpdate
+from kg.model.records import FREE, LOW, TALL, MapUpdate
+from kg.serving.opening import in_memory_map
 from mapping.occupancy.mapped_floor import MappedFloor, mapped_floor
 from mapping.occupancy.occupancy_map import OccupancyMap
 from mapping.transform_file import load_transform
-from perception.recordings.recording import open_recording
-from perception.recordings.recording_options import RecordingOptions
+from perception.sources.recording import open_recording
+from perception.sources.recording_options import RecordingOptions
 
 
 def floor_of(shared, sequence: str, every: int) -> tuple[MappedFloor, np.ndarray]:

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from kg.records import FREE, LOW, TALL, UNKNOWN
+from kg.model.records import FREE, LOW, TALL, UNKNOWN
 from mapping.occupancy.mapped_floor import MappedFloor
 from mapping.occupancy.room_segmentation import Segmentation, distance_to_walls, segmented
 

@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from kg.areas import Area, area_of
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import create_map, in_memory_map, open_map
-from kg.records import MapUpdate
+from kg.model.areas import Area, area_of
+from kg.model.records import MapUpdate
+from kg.serving.opening import create_map, in_memory_map, open_map
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
 from mapping.occupancy.occupancy_map import OccupancyMap

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from kg.areas import Rectangle
+from kg.knowledge.ontology.lint import check_map
 from kg.maps.semantic_map import SemanticMap
-from kg.ontology.lint import check_map
-from kg.opening import in_memory_map
-from kg.records import MapUpdate, ObjectRecord
+from kg.model.areas import Rectangle
+from kg.model.records import MapUpdate, ObjectRecord
+from kg.serving.opening import in_memory_map
 from mapping.mapping_options import MappingOptions
 from mapping.places.evidence_from_objects import ObjectEvidence, presence
 from mapping.places.layout import Layout, LayoutPlace

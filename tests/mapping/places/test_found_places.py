@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kg.areas import area_of
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import create_map, in_memory_map
-from kg.records import FREE, TALL, UNKNOWN, FloorTile, MapUpdate, ObjectRecord, PlaceRecord
+from kg.model.areas import area_of
+from kg.model.records import FREE, TALL, UNKNOWN, FloorTile, MapUpdate, ObjectRecord, PlaceRecord
+from kg.serving.opening import create_map, in_memory_map
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
 from mapping.places.found_places import find_places

@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from kg.areas import Rectangle
-from kg.errors import LayoutError
+from kg.model.areas import Rectangle
+from kg.model.errors import LayoutError
 from mapping.places.layout import Layout, LayoutPlace, load_layout
 
 ROOM = {"xmin": 0, "xmax": 4, "ymin": -1.5, "ymax": 2}

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kg.areas import Rectangle
-from kg.records import MapUpdate
+from kg.model.areas import Rectangle
+from kg.model.records import MapUpdate
 from mapping.places.layout import Layout, LayoutPlace
 from mapping.places.place_mapper import PlaceMapper
 from mapping.places.place_registry import PlaceRegistry

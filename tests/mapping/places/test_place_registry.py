@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from kg.areas import Rectangle
-from kg.errors import LayoutError
-from kg.records import MapUpdate, PlaceRecord
+from kg.model.areas import Rectangle
+from kg.model.errors import LayoutError
+from kg.model.records import MapUpdate, PlaceRecord
 from mapping.places.layout import Layout, LayoutPlace
 from mapping.places.place_registry import PlaceRegistry, extended, trimmed_extent
 

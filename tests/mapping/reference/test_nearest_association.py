@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kg.records import ObjectRecord
+from kg.model.records import ObjectRecord
 from mapping.reference.nearest_association import associate, most_confident
 from mapping.sighting import Sighting
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import in_memory_map
-from kg.records import MapUpdate, ObjectRecord
+from kg.model.records import MapUpdate, ObjectRecord
+from kg.serving.opening import in_memory_map
 from mapping.objects.object_cache import ObjectCache
 from mapping.objects.object_mapper import ObjectChanges
 from mapping.relations.relation_mapper import MAX_NEIGHBOURS, RelationMapper

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from kg.errors import RecordingError
+from kg.model.errors import RecordingError
 from perception.camera.gravity_alignment import (
     flat_patches,
     gravity_aligned_transform,
@@ -18,8 +18,8 @@ from perception.camera.gravity_alignment import (
     parse_up,
     read_gravity,
 )
-from perception.recordings.recording import open_recording
-from perception.recordings.recording_options import RecordingOptions
+from perception.sources.recording import open_recording
+from perception.sources.recording_options import RecordingOptions
 
 IDENTITY = np.eye(4)
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
-from kg.errors import ModelError
+from kg.model.errors import ModelError
 from perception.evaluation.average_precision import AveragePrecision
 from perception.evaluation.coco_dataset import TrueBoxes, load_coco
 from perception.evaluation.detector_evaluation import THRESHOLD, evaluate_detector

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from kg.errors import ModelError
+from kg.model.errors import ModelError
 from perception.evaluation.scene_evaluation import evaluate_scenes
 from perception.inference.scene_classifier import load_scene_classifier
 

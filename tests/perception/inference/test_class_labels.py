@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from kg.errors import ModelError
+from kg.model.errors import ModelError
 from perception.inference.class_labels import read_labels
 from perception.inference.scene_classifier import load_scene_classifier
 

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kg.errors import ModelError
+from kg.model.errors import ModelError
 from perception.frames import Detections
 from perception.inference.detector import load_detector
 from perception.inference.heads.candidates import suppress
-from perception.recordings.image_files import read_colour
+from perception.sources.folders.image_files import read_colour
 
 
 def iou(a: np.ndarray, b: np.ndarray) -> float:

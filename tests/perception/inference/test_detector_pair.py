@@ -85,7 +85,7 @@ def test_sources_are_as_many_as_detections():
 
 
 def test_the_bundled_pair_sees_a_real_kitchen(shared):
-    from perception.recordings.recording import open_recording
+    from perception.sources.recording import open_recording
 
     names = bundled_pair()
     assert len({find_model(name).file for name in names} - {None}) == 2, "both are shipped"

@@ -10,10 +10,10 @@ import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
-from kg.errors import ModelError
+from kg.model.errors import ModelError
 from perception.frames import Detections, box_pixels
 from perception.inference.detector import load_detector
-from perception.recordings.image_files import read_colour
+from perception.sources.folders.image_files import read_colour
 
 Cut = Callable[..., Path]
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kg.errors import ModelError
+from kg.model.errors import ModelError
 from perception.inference import model_zoo as models
 from perception.inference.download import git_blob_of, sha256_of
 from perception.inference.model_zoo import (

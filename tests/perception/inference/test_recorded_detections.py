@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kg.errors import ModelError
+from kg.model.errors import ModelError
 from perception.frames import Detections, Frame
 from perception.inference.recorded_detections import (
     load_recorded_detections,

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from kg.errors import ModelError
+from kg.model.errors import ModelError
 from perception.inference.scene_classifier import load_scene_classifier
-from perception.recordings.image_files import read_colour
-from perception.recordings.recording import open_recording
-from perception.recordings.recording_options import RecordingOptions
+from perception.sources.folders.image_files import read_colour
+from perception.sources.recording import open_recording
+from perception.sources.recording_options import RecordingOptions
 
 
 def accuracy(classifier, folder, classes) -> float:

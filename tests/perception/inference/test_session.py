@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from kg.errors import ModelError
+from kg.model.errors import ModelError
 from perception.inference.model_zoo import default_model, model_path
 from perception.inference.session import Session, available_devices, thread_count
 

@@ -7,7 +7,7 @@ import io
 import numpy as np
 import pytest
 
-from kg.errors import ModelError
+from kg.model.errors import ModelError
 from perception.evaluation.scene_evaluation import labelled_images
 from perception.frames import SceneScores
 from perception.inference.scene_classifier import load_scene_classifier
@@ -17,7 +17,7 @@ from perception.inference.taught_rooms import (
     TaughtSceneClassifier,
     room_examples,
 )
-from perception.recordings.image_files import read_colour
+from perception.sources.folders.image_files import read_colour
 
 FOLDS = 5
 

@@ -13,9 +13,9 @@ from mcp import Client
 from mcp.server import MCPServer
 
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import in_memory_map
-from kg.records import MapUpdate, ObjectRecord, PlaceRecord
-from kg.workers.limited_queries import LimitedQueries
+from kg.model.records import MapUpdate, ObjectRecord, PlaceRecord
+from kg.serving.opening import in_memory_map
+from kg.serving.workers.limited_queries import LimitedQueries
 from mapping.projection import to_map
 from mapping.reference.depth_histogram import localise
 from mapping.reference.settings import ReferenceSettings

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from kg.opening import create_map, open_map
-from kg.records import MapUpdate
+from kg.model.records import MapUpdate
+from kg.serving.opening import create_map, open_map
 from planner.cli import main
 
 Prints = Callable[..., str]

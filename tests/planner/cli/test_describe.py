@@ -10,7 +10,7 @@ import pytest
 import rdflib
 import requests
 
-from kg.opening import create_map, open_map
+from kg.serving.opening import create_map, open_map
 from planner.cli import main
 from tests.planner.cli.test_serve import TOKEN, Process, home, serve, tokens
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from kg.opening import create_map
+from kg.serving.opening import create_map
 from planner.cli import main
 from tests.planner.flat import fill
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kg.opening import create_map, in_memory_map, open_map
-from kg.records import FREE, LOW, TALL, FloorTile, MapUpdate, PlaceRecord
+from kg.model.records import FREE, LOW, TALL, FloorTile, MapUpdate, PlaceRecord
+from kg.serving.opening import create_map, in_memory_map, open_map
 from planner.cli import main
+from planner.display.plots.map_plot import plot_map
 from planner.freespace.map_server import read_grid
-from planner.visualization.map_plot import plot_map
 
 CELLS = np.zeros((64, 64), np.uint8)
 CELLS[5:40, 3:30] = FREE

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from kg.opening import open_map
+from kg.serving.opening import open_map
 from planner.cli import main
 
 Prints = Callable[..., str]

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
-from kg.opening import open_map
+from kg.serving.opening import open_map
 
 ROOT = Path(__file__).resolve().parents[3]
 Prints = Callable[..., str]

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from kg.opening import open_map
+from kg.serving.opening import open_map
 from perception.inference.model_zoo import NETWORKS, default_model, model_path
 
 Prints = Callable[..., str]

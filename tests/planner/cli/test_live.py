@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from kg.opening import open_map
+from kg.serving.opening import open_map
 from planner.cli import main
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -92,9 +92,9 @@ def live(source: str, into: Path, *words: str) -> Iterator[subprocess.Popen[str]
 def test_live_is_ended_killed_and_started_again(kitchen: Path, tmp_path: Path) -> None:
     pytest.importorskip("rosbags")
     pytest.importorskip("websockets")
-    from perception.recordings.bag_file import BagFile
-    from perception.recordings.bag_writer import COLOUR, DEPTH
-    from tests.perception.live.foxglove_peer import foxglove_peer
+    from perception.sources.bag_writer import COLOUR, DEPTH
+    from perception.sources.bags.bag_file import BagFile
+    from tests.perception.sources.live.foxglove_peer import foxglove_peer
 
     assert main(["convert", str(kitchen), "-o", str(tmp_path / "kitchen.mcap")]) == 0
     with BagFile(tmp_path / "kitchen.mcap") as bag:

@@ -15,8 +15,8 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from kg.errors import MapBusyError, RemoteError, UnreachableError
-from perception.live import connection
+from kg.model.errors import MapBusyError, RemoteError, UnreachableError
+from perception.sources.live import connection
 from planner.cli import main
 from planner.cli.server_outages import MappedFrames, through_outages
 from tests.planner.cli.test_serve import Process, home, serve, tokens
@@ -81,9 +81,9 @@ def test_a_stream_goes_on_after_a_restart_of_the_server(
 ) -> None:
     pytest.importorskip("rosbags")
     pytest.importorskip("websockets")
-    from perception.recordings.bag_file import BagFile
-    from perception.recordings.bag_writer import DEPTH
-    from tests.perception.live.foxglove_peer import foxglove_peer
+    from perception.sources.bag_writer import DEPTH
+    from perception.sources.bags.bag_file import BagFile
+    from tests.perception.sources.live.foxglove_peer import foxglove_peer
 
     assert main(["convert", str(kitchen), "-o", str(tmp_path / "kitchen.mcap")]) == 0
     with BagFile(tmp_path / "kitchen.mcap") as bag:

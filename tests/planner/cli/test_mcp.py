@@ -23,9 +23,9 @@ from mcp.client.stdio import StdioServerParameters
 from mcp.client.streamable_http import streamable_http_client
 from mcp.server import MCPServer
 
-from kg.opening import create_map, in_memory_map, open_map
-from kg.records import MapUpdate, PlaceRecord, PlaceViews
-from kg.workers.limited_queries import LimitedQueries
+from kg.model.records import MapUpdate, PlaceRecord, PlaceViews
+from kg.serving.opening import create_map, in_memory_map, open_map
+from kg.serving.workers.limited_queries import LimitedQueries
 from planner.agents.map_context import MapContext
 from planner.agents.tool_server import tool_server
 from planner.cli import main

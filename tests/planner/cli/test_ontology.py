@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from kg.opening import create_map, open_map
-from kg.vocabulary import PREFIXES
+from kg.model.vocabulary import PREFIXES
+from kg.serving.opening import create_map, open_map
 from planner.cli import main
 
 Run = Callable[..., str]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from kg.opening import open_map
+from kg.serving.opening import open_map
 from planner.cli import build_parser, main
 from planner.cli.mapping_options import mapping_options
 from planner.cli.network_options import network_options

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kg.opening import open_map
+from kg.serving.opening import open_map
 from perception.camera.poses import read_trajectory
-from perception.recordings.recording_writer import pose_line
+from perception.sources.recording_writer import pose_line
 from planner.cli import main
 
 Prints = Callable[..., str]

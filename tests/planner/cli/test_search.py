@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kg.opening import create_map, open_map
-from kg.records import MapUpdate, RecordingRecord
+from kg.model.records import MapUpdate, RecordingRecord
+from kg.serving.opening import create_map, open_map
 from planner.cli import main
 from planner.simulation.robot.mapping_tour import DEMO_RECORDING
 from tests.planner.point_robot import PointRobot

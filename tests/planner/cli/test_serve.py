@@ -18,7 +18,7 @@ from pathlib import Path
 import pytest
 import requests
 
-from kg.opening import create_map, open_map
+from kg.serving.opening import create_map, open_map
 from planner.cli import main
 
 ROOT = Path(__file__).resolve().parents[3]

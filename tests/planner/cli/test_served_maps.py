@@ -16,7 +16,7 @@ import rdflib
 import rdflib.compare
 import requests
 
-from kg.opening import open_map
+from kg.serving.opening import open_map
 from planner.cli import main
 from tests.planner.cli.test_remote_maps import untimed
 from tests.planner.cli.test_serve import TOKEN, Process, home, serve, tokens

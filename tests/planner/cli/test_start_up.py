@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from kg.opening import create_map
+from kg.serving.opening import create_map
 
 HEAVY = {
     "cv2",

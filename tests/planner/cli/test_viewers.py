@@ -19,7 +19,7 @@ from rosbags.rosbag1 import Reader
 from websockets.sync.client import connect
 
 from kg.maps.object_pictures import ObjectPictures
-from kg.opening import create_map, open_map
+from kg.serving.opening import create_map, open_map
 from mapping.places.layout import load_layout
 from planner.cli import main
 from tests.planner.robots import FAR_APPLE, command, ring

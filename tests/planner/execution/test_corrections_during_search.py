@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import in_memory_map
+from kg.serving.opening import in_memory_map
 from planner.execution.object_updates import ObjectUpdates
 from planner.execution.options import Event, SearchOutcome
 from tests.planner.robots import ring, run

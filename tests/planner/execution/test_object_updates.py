@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import in_memory_map
-from kg.records import MapUpdate, ObjectRecord, PlaceRecord
+from kg.model.records import MapUpdate, ObjectRecord, PlaceRecord
+from kg.serving.opening import in_memory_map
 from mapping.objects.bayes_mapper import BayesObjectMapper
 from perception.frames import Detections
 from planner.execution.detection_verification import DetectionVerifier
 from planner.execution.object_updates import DetectionUpdate, ObjectUpdates
 from planner.execution.protocol import Detected, DetectionsMessage, RobotPose, View
-from planner.goals.targets import resolve
+from planner.search.goals.targets import resolve
 from planner.simulation.demo.house_demo import HIDDEN, layout_of
 from planner.simulation.houses.house import House, furnished_house
 from planner.simulation.sensing.camera import SimulatedCamera

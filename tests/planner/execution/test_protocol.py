@@ -11,8 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kg.errors import RobotError
-from planner.execution.line_transport import Lines
+from kg.model.errors import RobotError
 from planner.execution.protocol import (
     MAX_LINE,
     Arrived,
@@ -31,6 +30,7 @@ from planner.execution.protocol import (
     line_of,
 )
 from planner.execution.robot import MAX_MALFORMED, MessageQueue
+from planner.execution.transports.line_transport import Lines
 
 
 def test_commands_are_lines_of_json() -> None:

@@ -8,11 +8,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from kg.errors import GraphError, LayoutError, RobotError, UnknownCategoryError
+from kg.knowledge.ontology.lint import check_map
 from kg.maps.semantic_map import SemanticMap
-from kg.ontology.lint import check_map
-from kg.opening import in_memory_map
-from kg.records import MapUpdate, ObjectRecord, SearchState
+from kg.model.errors import GraphError, LayoutError, RobotError, UnknownCategoryError
+from kg.model.records import MapUpdate, ObjectRecord, SearchState
+from kg.serving.opening import in_memory_map
 from planner.execution.options import Event, SearchOptions
 from planner.execution.protocol import Command, Message, RobotPose, encoded, message_of
 from planner.execution.robot import MessageQueue

@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from kg.knowledge.ontology.lint import check_map
 from kg.maps.semantic_map import SemanticMap
-from kg.ontology.lint import check_map
-from kg.opening import create_map, in_memory_map, open_map
-from kg.records import FREE, TALL, UNKNOWN, FloorTile, MapUpdate
+from kg.model.records import FREE, TALL, UNKNOWN, FloorTile, MapUpdate
+from kg.serving.opening import create_map, in_memory_map, open_map
 from mapping.occupancy.occupancy_settings import OccupancySettings
 from planner.execution.protocol import RobotPose
 from planner.execution.search_log import SearchLog
-from planner.goals.status import status
-from planner.viewpoints.candidate_views import FloorView
+from planner.search.goals.status import status
+from planner.search.viewpoints.candidate_views import FloorView
 from tests.planner.robots import START, ring, run
 
 SETTINGS = OccupancySettings()

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.thesis.table_4_5 import reference_world
-from kg.errors import LayoutError
+from kg.model.errors import LayoutError
 from planner.freespace.floor_plan import free_space
 from planner.freespace.geodesic import distance_fields, shortest_path
 from planner.freespace.grid import NO_ROOM, FreeSpace, Room, visible_cells

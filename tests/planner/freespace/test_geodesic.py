@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from kg.errors import LayoutError
+from kg.model.errors import LayoutError
 from planner.freespace.geodesic import (
     FAR,
     UNIT,

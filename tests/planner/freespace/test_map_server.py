@@ -11,16 +11,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from kg.errors import LayoutError
-from kg.opening import in_memory_map
-from kg.records import MapUpdate, PlaceRecord
+from kg.model.errors import LayoutError
+from kg.model.records import MapUpdate, PlaceRecord
+from kg.serving.opening import in_memory_map
 from mapping.occupancy.connected_components import connected_components
 from planner.freespace.geodesic import distance_fields
 from planner.freespace.grid import NO_ROOM, FreeSpace, Room, visible_cells
 from planner.freespace.map_server import places_file, read_grid, space_of_grid
 from planner.freespace.occupancy_grid import Occupancy, space_of_occupancy
-from planner.plans.search_state import build_search
-from planner.plans.view_plan import plan
+from planner.search.plans.search_state import build_search
+from planner.search.plans.view_plan import plan
 from tests.planner.freespace.distances import metres_between
 
 YAML = "image: floor.pgm\nresolution: 0.5 # m\norigin: [-1.0, 2.0, 0.0]\nnegate: {negate}\n"

@@ -11,8 +11,17 @@ import numpy as np
 import pytest
 
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import create_map, in_memory_map
-from kg.records import FREE, LOW, TALL, UNKNOWN, FloorTile, MapUpdate, PlaceRecord, RobotRecord
+from kg.model.records import (
+    FREE,
+    LOW,
+    TALL,
+    UNKNOWN,
+    FloorTile,
+    MapUpdate,
+    PlaceRecord,
+    RobotRecord,
+)
+from kg.serving.opening import create_map, in_memory_map
 from mapping.occupancy.mapped_floor import mapped_floor
 from planner.cli import main
 from planner.freespace.floor_plan import free_space
@@ -20,12 +29,12 @@ from planner.freespace.geodesic import distance_fields
 from planner.freespace.grid import NO_ROOM, FreeSpace, Room, visible_cells
 from planner.freespace.planning_map import PlanningMap
 from planner.freespace.seen_space import SeenSpace, seen_space, with_frontiers
-from planner.plans.report import step_lines
-from planner.plans.search_state import PlanningState, _viewpoints, build_search
-from planner.plans.view_plan import plan
+from planner.search.plans.report import step_lines
+from planner.search.plans.search_state import PlanningState, _viewpoints, build_search
+from planner.search.plans.view_plan import plan
+from planner.search.viewpoints.coverage import covering_viewpoints
+from planner.search.viewpoints.sensor import Sensor
 from planner.settings import BELIEF, MAX_ROOMS
-from planner.viewpoints.coverage import covering_viewpoints
-from planner.viewpoints.sensor import Sensor
 
 SIDE = 64
 CELL = 0.05

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 import rdflib
 
-from kg.errors import GraphError, MapBusyError
-from kg.opening import create_map, open_map
+from kg.model.errors import GraphError, MapBusyError
+from kg.serving.opening import create_map, open_map
 from planner.cli import build_parser, main
 from planner.simulation.demo.demo_search import in_short
 from planner.simulation.demo.house_demo import (

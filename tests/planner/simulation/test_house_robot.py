@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kg.errors import LayoutError
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import create_map, in_memory_map, open_map
-from kg.records import MapUpdate, ObjectRecord, PlaceRecord, RecordingRecord, RobotRecord
+from kg.model.errors import LayoutError
+from kg.model.records import MapUpdate, ObjectRecord, PlaceRecord, RecordingRecord, RobotRecord
+from kg.serving.opening import create_map, in_memory_map, open_map
 from planner.cli import main
 from planner.execution.options import SearchOptions
 from planner.execution.search_loop import search
-from planner.goals.known_objects import known_objects
-from planner.goals.targets import resolve
+from planner.search.goals.known_objects import known_objects
+from planner.search.goals.targets import resolve
 from planner.simulation.demo.demo_search import plan_for
 from planner.simulation.demo.house_demo import HIDDEN, layout_of
 from planner.simulation.houses.house import House, furnished_house

@@ -5,7 +5,7 @@ from itertools import combinations, pairwise
 import numpy as np
 import pytest
 
-from kg.opening import in_memory_map
+from kg.serving.opening import in_memory_map
 from planner.simulation.houses.carried_things import Carry
 from planner.simulation.houses.floor_grid import FloorGrid
 from planner.simulation.houses.floor_plans import LAYOUTS, FloorPlan, draw_floor_plan

@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kg.errors import RecordingError
+from kg.model.errors import RecordingError
 from mapping.evaluation.complete_truth import is_complete_truth, load_complete_truth
 from mapping.places.layout import load_layout
 from perception.camera.poses import read_trajectory
 from perception.inference.recorded_detections import load_recorded_detections
-from perception.recordings.recording import open_recording
+from perception.sources.recording import open_recording
 from planner.simulation.recording.simulated_recording import SimulationOptions, simulate_house
 from planner.simulation.robot.odometry import with_drift
 from planner.simulation.sensing.sensors import SENSES

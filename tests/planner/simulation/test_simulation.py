@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kg.errors import LayoutError, RecordingError
-from kg.ontology.catalogue import Catalogue
-from kg.opening import in_memory_map
+from kg.knowledge.ontology.catalogue import Catalogue
+from kg.model.errors import LayoutError, RecordingError
+from kg.serving.opening import in_memory_map
 from perception.frames import Frame
 from planner.simulation.houses.floor_grid import FloorGrid, length_of
 from planner.simulation.houses.furniture import FURNISHINGS, OBJECTS, Solid, SolidPart

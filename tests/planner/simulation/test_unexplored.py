@@ -7,18 +7,18 @@ import math
 import numpy as np
 import pytest
 
-from kg.areas import Rectangle
 from kg.maps.semantic_map import SemanticMap
-from kg.opening import in_memory_map
-from kg.records import TALL
+from kg.model.areas import Rectangle
+from kg.model.records import TALL
+from kg.serving.opening import in_memory_map
 from mapping.mapping_options import MappingOptions
 from mapping.occupancy.mapped_floor import mapped_floor
 from mapping.places.layout import Layout, LayoutPlace
 from mapping.recording_mapper import map_recording
 from planner.execution.options import SearchOptions
 from planner.execution.search_loop import search
-from planner.plans.search_state import build_search
-from planner.plans.view_plan import plan
+from planner.search.plans.search_state import build_search
+from planner.search.plans.view_plan import plan
 from planner.simulation.houses.house import House, HouseRoom, Item, Wall
 from planner.simulation.robot.house_robot import SimulatedHouseRobot
 from planner.simulation.robot.mapping_tour import SimulatedTour

@@ -1,0 +1,1 @@
+"""Background knowledge: ontologies, ConceptNet, and objects' usual places."""

@@ -1,0 +1,110 @@
+"""Edges of ConceptNet: parsed assertions, independent of the file format."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+from urllib.parse import quote, unquote
+
+from kg.model import vocabulary as v
+
+#: Relations that an import uses.
+RELATIONS: Final = frozenset({"AtLocation", "LocatedNear", "PartOf", "HasA", "IsA", "Synonym"})
+#: (relation, start term, end term) -> whether such an edge may be relevant.
+EdgeFilter = Callable[[str, str, str], bool]
+MAX_TEXT_LENGTH: Final = 300  # characters of a term or a surface text that are kept
+
+
+class MalformedEdgeError(ValueError):
+    """A line or an edge that is no valid assertion; the message is the reason in a few words."""
+
+
+@dataclass(frozen=True, slots=True)
+class Node:
+    """A term: ``/c/en/mouse/n/wn/animal`` is Node("mouse", "n", "animal")."""
+
+    term: str  # words between spaces, as the source has them
+    speech: str = ""  # part of speech: n, v, a, r, or not stated
+    sense: str = ""  # WordNet's topic (animal, artifact, food, ...), or not stated
+
+
+@dataclass(frozen=True, slots=True)
+class Edge:
+    """Edge: a number of people (votes) state that `start` has `relation` to `end`, or has not."""
+
+    relation: str  # AtLocation, IsA, ... never the negated form
+    start: Node
+    end: Node
+    votes: float  # above 0
+    negated: bool
+    source: str  # IRI
+    license: str  # IRI
+    surface: str  # the wording in the source
+    adds: bool  # whether votes of a repeated assertion are added, not merged
+
+
+def columns_of(line: bytes, count: int) -> list[bytes]:
+    """The `count` tab-separated columns of a line; raises MalformedEdgeError otherwise."""
+    columns = line.split(b"\t")
+    if len(columns) != count:
+        raise MalformedEdgeError("wrong number of columns")
+    return columns
+
+
+def data_of(value: object) -> dict[str, Any]:
+    """The data of an assertion, a dictionary; raises MalformedEdgeError otherwise."""
+    if not isinstance(value, dict):
+        raise MalformedEdgeError("no data in it")
+    return value
+
+
+def number_of(value: object, message: str) -> float:
+    """`value`, a number and no boolean; raises MalformedEdgeError with `message` otherwise."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise MalformedEdgeError(message)
+    return value
+
+
+def parse_node(uri: str) -> tuple[str, Node] | None:
+    """Language and node of a concept's URI, or None where it is none."""
+    parts = uri.split("/")
+    if len(parts) < 4 or parts[:2] != ["", "c"] or not parts[2] or not parts[3]:
+        return None
+    term = clean(unquote(parts[3]).replace("_", " "))
+    speech = parts[4] if len(parts) > 4 else ""
+    sense = parts[6] if len(parts) > 6 and parts[5] == "wn" else ""
+    return parts[2], Node(term, speech, sense)
+
+
+def parse_relation(text: str) -> tuple[str, bool] | None:
+    """Relation and whether it is negated, of ``/r/AtLocation`` or ``NotIsA``; None where unused."""
+    name = text.removeprefix("/r/")
+    if name in RELATIONS:
+        return name, False
+    if name.startswith("Not") and name[3:] in RELATIONS:
+        return name[3:], True
+    return None
+
+
+def assertion_iri(relation: str, start: str, end: str) -> str:
+    """The IRI of an assertion, from the URIs (or plain terms) of its ends."""
+    uri = f"/a/[/r/{relation}/,{_concept(start)}/,{_concept(end)}/]"
+    return v.CONCEPTNET + quote(clean(uri), safe="/,:")
+
+
+def _concept(text: str) -> str:
+    return text if text.startswith("/c/") else f"/c/en/{text.replace(' ', '_')}"
+
+
+def license_iri(text: str) -> str:
+    """``cc:by-sa/4.0`` as an IRI; ConceptNet's own licence where it is not one of those."""
+    name = text.removeprefix("cc:").strip("/")
+    known = name in ("by/4.0", "by-sa/4.0", "by/3.0", "by-sa/3.0")
+    return f"{v.LICENSES}{name if known else 'by-sa/4.0'}/"
+
+
+def clean(text: str) -> str:
+    """`text` on one line, truncated, with characters that UTF-8 cannot encode replaced."""
+    line = " ".join(text[: 4 * MAX_TEXT_LENGTH].split())[:MAX_TEXT_LENGTH]
+    return line.encode("utf-8", "replace").decode("utf-8")

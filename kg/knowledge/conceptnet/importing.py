@@ -1,0 +1,126 @@
+"""ConceptNet import: reads a source, aggregates relations, merges them into a file."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from kg.knowledge.conceptnet.api import ApiClient, read_api
+from kg.knowledge.conceptnet.cache import ResponseCache
+from kg.knowledge.conceptnet.collecting import EdgeCollection
+from kg.knowledge.conceptnet.dump import DumpStatistics, Progress, read_dump
+from kg.knowledge.conceptnet.edges import Edge, EdgeFilter
+from kg.knowledge.conceptnet.edits import (
+    ImportedFile,
+    RelationChange,
+    merge,
+    read_imported_file,
+    write_text,
+)
+from kg.knowledge.conceptnet.names import TermMatcher
+from kg.knowledge.conceptnet.relate import ImportedRelation, relate
+from kg.knowledge.ontology.catalogue import Catalogue
+from kg.knowledge.ontology.loading import load_ontologies, superclasses
+from kg.model.errors import ConceptNetError
+from kg.model.resources import ONTOLOGIES
+
+
+@dataclass(frozen=True, slots=True)
+class ConceptNetImport:
+    """Result of an import: relations found, and changes to the file."""
+
+    found: tuple[ImportedRelation, ...]  # all relations the source supports
+    changes: tuple[RelationChange, ...]  # to the file, or to an empty one
+    written: bool  # whether the file has changed
+    used: int  # assertions about the categories
+    weak: int  # relations with too few votes for them, or too many against
+    lines: int  # lines of the file, or edges of the answers
+    requests: int  # to the web API; without those answered from the cache
+    skipped: Counter[str]  # malformed lines or edges, by reason
+
+
+def _no_progress(done: int, total: int) -> None:
+    """Progress callback that does nothing."""
+
+
+def import_conceptnet(
+    source: str | Path,
+    into: Path | None = None,
+    *,
+    language: str = "en",
+    ontologies: Path = ONTOLOGIES,
+    dry_run: bool = False,
+    cache: Path | None = None,
+    client: ApiClient | None = None,
+    progress: Progress = _no_progress,
+) -> ConceptNetImport:
+    """Import ConceptNet's relations between the categories of an ontology.
+
+    Args:
+        source: file (ConceptNet 5 TSV or ConceptNet 4 graph, plain or gzip), or the address of a
+            web API, such as http://api.conceptnet.io.
+        into: the Turtle file to write; that of an earlier import is updated, with what people
+            changed in it kept. None: nothing is written.
+        language: whose assertions, as ConceptNet names it.
+        ontologies: folder of the ontologies that hold the categories; `into` is not read there.
+        dry_run: compute the changes without writing them.
+        cache: folder for responses of the web API; an interrupted import resumes from there.
+        client: a client of the web API to use instead of `source`'s address.
+        progress: callback with the number of bytes (or requests) done, and the total.
+
+    Raises:
+        ConceptNetError: the source cannot be read, the file cannot be brought up to date, or
+            would be emptied, since the source has no assertion about the categories.
+        OntologyError: the ontologies cannot be read.
+    """
+    previous = ImportedFile() if into is None else read_imported_file(into)
+    quads = load_ontologies(ontologies, without=into).quads
+    catalogue = Catalogue.from_quads(quads)
+    kinds = {c.iri for c in catalogue.categories if c.kind == "supercategory"}
+    groups = {
+        iri: tuple(one for one in above if one in kinds)
+        for iri, above in superclasses(quads).items()
+    }
+    collection = EdgeCollection(TermMatcher(catalogue))
+    statistics = DumpStatistics()
+    with _assertions(
+        source, language, collection, statistics, cache, client, progress
+    ) as assertions:
+        used = collection.add_all(assertions)
+    if not used and into is not None:  # it would empty the file
+        raise ConceptNetError(
+            f"{source} has no assertion about these categories in the language {language!r} "
+            f"({statistics.lines} assertions read): ConceptNet calls English 'en', German 'de'"
+        )
+    found, weak = relate(collection, groups)
+    text, changes = merge(previous, found)
+    written = into is not None and not dry_run and write_text(into, text)
+    return ConceptNetImport(
+        *(found, tuple(changes), written, used, weak),
+        *(statistics.lines, statistics.requests, statistics.skipped),
+    )
+
+
+@contextmanager
+def _assertions(
+    source: str | Path,
+    language: str,
+    collection: EdgeCollection,
+    statistics: DumpStatistics,
+    cache: Path | None,
+    client: ApiClient | None,
+    progress: Progress,
+) -> Iterator[Iterator[Edge]]:
+    wanted: EdgeFilter = collection.accepts
+    if client is None and not str(source).startswith(("http://", "https://")):
+        yield read_dump(Path(source), language, wanted, statistics, progress)
+        return
+    client = client or ApiClient(str(source), ResponseCache(cache) if cache else None)
+    client.statistics = statistics
+    try:
+        yield read_api(client, collection.names, language, wanted, progress)
+    finally:
+        client.close()

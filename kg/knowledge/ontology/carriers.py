@@ -1,0 +1,45 @@
+"""Kinds of objects that others stand on or lie in, as the ontology has them (here:carries)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from pyoxigraph import NamedNode, Quad
+
+from kg.knowledge.ontology.loading import superclasses
+from kg.model import vocabulary as v
+
+
+@dataclass(frozen=True, slots=True)
+class CarrierKinds:
+    """Categories, by IRI, that things may be on or inside of; of subclasses as of their classes."""
+
+    supports: frozenset[str]
+    containers: frozenset[str]
+    backs: Mapping[str, float]  # [m] usual height of backrest or headboard over the surface
+
+
+def carrier_kinds(ontology: Iterable[Quad]) -> CarrierKinds:
+    """The kinds that the quads of an ontology declare."""
+    ontology = tuple(ontology)
+    carried: dict[str, set[str]] = {v.ON: set(), v.INSIDE: set()}
+    backs: dict[str, float] = {}
+    for quad in ontology:
+        value = str(getattr(quad.object, "value", ""))
+        if not isinstance(quad.subject, NamedNode):
+            continue
+        if quad.predicate.value == v.CARRIES and value in carried:
+            carried[value].add(quad.subject.value)
+        elif quad.predicate.value == v.BACK_HEIGHT:
+            backs[quad.subject.value] = float(value)
+    above = superclasses(ontology)
+    return CarrierKinds(
+        frozenset(iri for iri, kinds in above.items() if carried[v.ON] & {*kinds}),
+        frozenset(iri for iri, kinds in above.items() if carried[v.INSIDE] & {*kinds}),
+        {
+            iri: max(backs[kind] for kind in kinds if kind in backs)
+            for iri, kinds in above.items()
+            if any(kind in backs for kind in kinds)
+        },
+    )

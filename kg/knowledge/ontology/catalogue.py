@@ -1,0 +1,270 @@
+"""Catalogue of categories: names used by people and networks to IRIs, and back."""
+
+from __future__ import annotations
+
+import re
+import threading
+import unicodedata
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import Final
+
+from pyoxigraph import Literal, NamedNode, Quad
+
+from kg.knowledge.ontology.loading import superclasses
+from kg.model import vocabulary as v
+from kg.model.errors import UnknownCategoryError, did_you_mean
+from kg.rdf.quad_store import QuadStore
+
+#: Where two kinds share a name, the earlier kind has precedence unless a kind is given.
+KINDS: Final = ("object", "supercategory", "place")
+
+
+@dataclass(frozen=True, slots=True)
+class Category:
+    """A kind of object or place; `kind` is "object", "place" or "supercategory"."""
+
+    iri: str
+    label: str
+    kind: str
+    synonyms: tuple[str, ...] = ()
+    hidden: tuple[str, ...] = ()  # names in vocabularies of networks only
+    provisional: bool = False  # created for a network's label without a category
+
+
+@dataclass(frozen=True, slots=True)
+class Catalogue:
+    """All categories of an ontology: objects, supercategories, places, each sorted by label."""
+
+    categories: tuple[Category, ...]
+    _by_iri: dict[str, Category] = field(init=False, repr=False, compare=False)
+    _by_key: dict[str, list[Category]] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        by_key: dict[str, list[Category]] = defaultdict(list)
+        real = [c for c in self.categories if not c.provisional]
+        for category in real:  # a label takes precedence over another category's synonym
+            by_key[name_key(category.label)].append(category)
+        named = [(name, c) for c in real for name in (*c.synonyms, *c.hidden, _local_name(c.iri))]
+        provisional = (c for c in self.categories if c.provisional)
+        named += [(name, c) for c in provisional for name in (c.label, *c.synonyms, *c.hidden)]
+        for name, category in named:
+            if category not in by_key[name_key(name)]:
+                by_key[name_key(name)].append(category)
+        object.__setattr__(self, "_by_iri", {c.iri: c for c in self.categories})
+        object.__setattr__(self, "_by_key", dict(by_key))
+
+    @classmethod
+    def from_quads(cls, quads: Iterable[Quad]) -> Catalogue:
+        """The categories an ontology's quads declare.
+
+        Objects are the subclasses of here:Object, places those of here:Place, supercategories the
+        other named superclasses of objects. A class without a label is called by its name.
+        """
+        quads = tuple(quads)
+        labels, synonyms, hidden = _names(quads)
+        provisional = _provisional(quads)
+        found = [
+            Category(
+                iri,
+                labels.get(iri, _local_name(iri)),
+                kind,
+                tuple(synonyms[iri]),
+                tuple(hidden[iri]),
+                iri in provisional,
+            )
+            for iri, kind in _kinds(superclasses(quads)).items()
+        ]
+        return cls(tuple(sorted(found, key=lambda c: (KINDS.index(c.kind), c.label, c.iri))))
+
+    @classmethod
+    def from_store(cls, store: QuadStore) -> Catalogue:
+        """The categories of the ontology in a map's store."""
+        graph = v.ONTOLOGY_GRAPH
+        return cls.from_quads(store.quads_for_pattern(None, None, None, graph))
+
+    def find(self, label: str, kind: str | None = None) -> Category:
+        """The category called `label`: by label, synonym, simple plural, class name or IRI.
+
+        Case, spaces, underscores, hyphens and other marks do not matter. `kind` narrows the search.
+        A provisional category is found only where no other has that name.
+
+        Raises:
+            UnknownCategoryError: none has that name; the message suggests similar ones.
+        """
+        category = self.get(label, kind)
+        if category is not None:
+            return category
+        other = self.get(label)
+        if other is not None:
+            article = "an" if other.kind == "object" else "a"
+            raise UnknownCategoryError(
+                f"no {kind} category {label!r}: that is {article} {other.kind}"
+            )
+        names = [n for c in self._of(kind) for n in (c.label, *c.synonyms)]
+        close = did_you_mean(label, names) or f" among the {len(self._of(kind))} of this map"
+        raise UnknownCategoryError(f"no {f'{kind} ' if kind else ''}category {label!r}{close}")
+
+    def get(self, label: str, kind: str | None = None) -> Category | None:
+        """As `find`, but None where nothing is called `label`."""
+        if (exact := self._by_iri.get(label)) is not None:
+            return exact if kind in (None, exact.kind) else None
+        for key in _readings(name_key(label)):
+            for category in self._by_key.get(key, ()):
+                if kind in (None, category.kind):
+                    return category
+        return None
+
+    def for_label(self, label: str, kind: str) -> Category | None:
+        """The category that a network's `label` means: `get` without plurals of provisional ones.
+
+        So what a label means does not depend on which label of the network was met first.
+        """
+        category = self.get(label, kind)
+        if category is not None and category.provisional:
+            exact = self._by_key.get(name_key(label), ())
+            return next((c for c in exact if c.kind == kind), None)
+        return category
+
+    def by_iri(self, iri: str) -> Category | None:
+        """The category with that IRI, or None."""
+        return self._by_iri.get(iri)
+
+    def label(self, iri: str) -> str:
+        """Label of the category with that IRI.
+
+        Raises:
+            UnknownCategoryError: no category has it.
+        """
+        if (category := self._by_iri.get(iri)) is None:
+            raise UnknownCategoryError(f"no category has the IRI {iri}")
+        return category.label
+
+    def _of(self, kind: str | None) -> list[Category]:
+        return [c for c in self.categories if kind in (None, c.kind)]
+
+
+class StoredCatalogue:
+    """Lazily read categories of a stored ontology.
+
+    Many queries need none, and reading them takes longer than opening a map.
+    """
+
+    def __init__(self, store: Callable[[], QuadStore], known: Catalogue | None = None) -> None:
+        """`store` gives the open store; `known` its categories where they were read before."""
+        self._store = store
+        self._known = known
+        self._changes = 0
+        self._lock = threading.Lock()
+
+    @property
+    def known(self) -> Catalogue | None:
+        """The categories, if they have been read."""
+        return self._known
+
+    def __call__(self) -> Catalogue:
+        """All categories; raises as `store` does."""
+        known, changes = self._known, self._changes
+        if known is None:
+            known = Catalogue.from_store(self._store())
+            with self._lock:
+                if changes == self._changes:
+                    self._known = known
+        return known
+
+    def forget(self) -> None:
+        """Invalidate the cached categories after a change of the stored ontology."""
+        with self._lock:
+            self._changes += 1
+            self._known = None
+
+
+def name_key(name: str) -> str:
+    """Lookup key of a name: case-folded, without spaces, hyphens and other marks.
+
+    Of a name that is nothing but marks, all but the spaces.
+    """
+    folded = unicodedata.normalize("NFKC", name.removeprefix("here:")).casefold()
+    folded = unicodedata.normalize("NFKC", folded)
+    if not any(c.isalnum() for c in folded):
+        return "".join(folded.split())
+    # vowel signs of some scripts are combining marks (M*): they make another word
+    return "".join(c for c in folded if c.isalnum() or unicodedata.category(c)[0] == "M")
+
+
+def _readings(key: str) -> Iterator[str]:
+    """The key, then possible singular and plural forms."""
+    yield key
+    if key.endswith("ves"):
+        yield key[:-3] + "fe"
+        yield key[:-3] + "f"
+    if key.endswith("ies"):
+        yield key[:-3] + "y"
+    if key.endswith("es"):
+        yield key[:-2]
+    if key.endswith("s"):
+        yield key[:-1]
+    yield key + "s"
+
+
+def _kinds(above: dict[str, tuple[str, ...]]) -> dict[str, str]:
+    """Kind of every category among the classes of a closed hierarchy."""
+    roots = {v.OBJECT: "object", v.PLACE: "place"}
+    kinds = {
+        iri: kind
+        for root, kind in roots.items()
+        for iri, supers in above.items()
+        if root in supers and iri != root
+    }
+    for iri in [iri for iri, kind in kinds.items() if kind == "object"]:
+        for superclass in above[iri]:
+            if superclass != v.OBJECT and superclass not in above[v.OBJECT]:
+                kinds.setdefault(superclass, "supercategory")
+    return kinds
+
+
+def _names(
+    quads: tuple[Quad, ...],
+) -> tuple[dict[str, str], dict[str, list[str]], dict[str, list[str]]]:
+    """Labels, synonyms and hidden labels by IRI.
+
+    A label without language has precedence, then English, then any other.
+    """
+    labels: dict[str, list[tuple[int, str]]] = defaultdict(list)
+    others: dict[str, dict[str, set[str]]] = {
+        v.SKOS_ALT_LABEL: defaultdict(set),
+        v.SKOS_HIDDEN_LABEL: defaultdict(set),
+    }
+    for q in quads:
+        if not isinstance(q.subject, NamedNode) or not isinstance(q.object, Literal):
+            continue
+        language = q.object.language
+        if q.predicate.value == v.RDFS_LABEL:
+            rank = 0 if not language else 1 if language.startswith("en") else 2
+            labels[q.subject.value].append((rank, q.object.value))
+        elif q.predicate.value in others:
+            others[q.predicate.value][q.subject.value].add(q.object.value)
+    best = {iri: min(given)[1] for iri, given in labels.items()}
+    for iri, given in labels.items():
+        more = {name for _, name in given if name != best[iri]}
+        others[v.SKOS_ALT_LABEL][iri] |= more
+    synonyms, hidden = (
+        defaultdict(list, {iri: sorted(names) for iri, names in found.items()})
+        for found in others.values()
+    )
+    return best, synonyms, hidden
+
+
+def _provisional(quads: tuple[Quad, ...]) -> set[str]:
+    return {
+        q.subject.value
+        for q in quads
+        if q.predicate.value == v.PROVISIONAL_MARK
+        and isinstance(q.subject, NamedNode)
+        and getattr(q.object, "value", "") in ("true", "1")
+    }
+
+
+def _local_name(iri: str) -> str:
+    return re.split("[#/:]", iri)[-1]

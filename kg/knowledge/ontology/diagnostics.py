@@ -1,0 +1,132 @@
+"""Validation of an edited ontology, with file and line of each finding."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Final
+
+from pyoxigraph import BlankNode, NamedNode, Quad
+
+from kg.knowledge.ontology.dl_profile import owl_dl_findings
+from kg.knowledge.ontology.lint import check_quads, shapes_of
+from kg.knowledge.ontology.loading import Ontology
+from kg.model import vocabulary as v
+from kg.model.errors import OntologyError
+from kg.rdf.findings import Finding
+
+_MAX_LISTED = 3  # findings named in one message
+_PARTS: Final = (v.OWL_ANNOTATED_SOURCE, v.OWL_ANNOTATED_PROPERTY, v.OWL_ANNOTATED_TARGET)
+_BEGINNINGS: Final = ("", "<owl:Class rdf:about=", "<rdf:Description rdf:about=")
+_TERM: Final = re.compile(r"here:[\w-]+")
+
+
+def inspect(ontology: Ontology, *, reason: bool = False) -> list[Finding]:
+    """Validation findings: SHACL, undeclared terms, OWL 2 DL and, with `reason`, HermiT's.
+
+    HermiT needs Java; raises OntologyError where there is none, and where the ontology as a whole
+    contradicts itself. Blank nodes are named by the statement they annotate.
+    """
+    quads = ontology.quads
+    shapes = shapes_of(ontology.files[0].parent) if ontology.files else None
+    found = check_quads(quads, shapes) if shapes else check_quads(quads)
+    found += owl_dl_findings(quads)
+    if not quads and ontology.files:
+        found.append(Finding(ontology.files[0].name, "holds no statement", severity="warning"))
+    if reason and not any(finding.severity == "violation" for finding in found):
+        found += _contradictions(quads)
+    statements = _annotated(quads)
+    named = (_renamed(finding, statements) for finding in found)
+    return sorted(set(named), key=lambda f: (f.severity != "violation", f))
+
+
+def reject_invalid(ontology: Ontology, *, reason: bool = False) -> list[Finding]:
+    """The warnings of `inspect`; raises OntologyError, with file and line, for the violations."""
+    found = inspect(ontology, reason=reason)
+    violations = [f for f in found if f.severity == "violation"]
+    if violations:
+        first = "; ".join(finding_line(f, ontology.files) for f in violations[:_MAX_LISTED])
+        more = (
+            f"; and {len(violations) - _MAX_LISTED} more" if len(violations) > _MAX_LISTED else ""
+        )
+        raise OntologyError(f"the ontology is refused: {first}{more}")
+    return found
+
+
+def finding_line(finding: Finding, files: Iterable[Path]) -> str:
+    """A finding as one line: file, line, focus and message."""
+    value = f" (found {_short(finding.value)})" if finding.value else ""
+    place = line_of(finding, files)
+    where = f"{place[0].name}, line {place[1]}: " if place else ""
+    return f"{where}{_short(finding.focus)}: {finding.message}{value}"
+
+
+def line_of(finding: Finding, files: Iterable[Path]) -> tuple[Path, int] | None:
+    """File and line, from 1, that a finding is about.
+
+    One that names its subject and most of its other terms; among equals one that begins with a
+    term, then the first.
+    """
+    text = " ".join((_short(finding.focus), finding.message, _short(finding.value)))
+    subject = _short(finding.focus).partition(" ")[0]
+    if subject == _short(v.PROBABILITY) and (related := _TERM.match(finding.message)):
+        subject = related[0]
+    terms = dict.fromkeys([subject, *_TERM.findall(text)])
+    patterns = [pattern for term in terms if (pattern := _pattern(term)) is not None]
+    best = (False, 0, False)
+    found = None
+    for path in files:
+        lines = path.read_text("utf-8", "replace").splitlines()
+        for number, line in enumerate(lines, start=1):
+            matches = [match for pattern in patterns if (match := pattern.search(line))]
+            begins = any(line[: match.start()].strip() in _BEGINNINGS for match in matches)
+            rank = any(match.re is patterns[0] for match in matches), len(matches), begins
+            if matches and rank > best:
+                best, found = rank, (path, number)
+    return found
+
+
+def _pattern(term: str) -> re.Pattern[str] | None:
+    """How a term may be written in Turtle, N-Triples or RDF/XML."""
+    full = term.replace("here:", v.HERE, 1) if term.startswith("here:") else term
+    local = re.escape(re.split("[#/]", full)[-1])
+    if not local:
+        return None
+    return re.compile(rf"<{re.escape(full)}>|[\w-]*:{local}\b|[\"'#;/]{local}[\"']")
+
+
+def _contradictions(quads: tuple[Quad, ...]) -> list[Finding]:
+    from kg.knowledge.ontology.reasoning import inconsistent_classes, load_world
+
+    classes = inconsistent_classes(load_world(quads))
+    return [Finding(focus=iri, message="can have no members: HermiT") for iri in classes]
+
+
+def _annotated(quads: Iterable[Quad]) -> dict[str, str]:
+    """Name of each annotating blank node to the statement that it annotates, in short."""
+    parts: dict[str, dict[str, str]] = {}
+    for quad in quads:
+        node, value = quad.subject, quad.object
+        if (
+            quad.predicate.value in _PARTS
+            and isinstance(node, BlankNode)
+            and isinstance(value, NamedNode)
+        ):
+            parts.setdefault(node.value, {})[quad.predicate.value] = _short(value.value)
+    return {
+        node: " ".join(axiom[part] for part in (_PARTS[0], _PARTS[1], _PARTS[2]))
+        for node, axiom in parts.items()
+        if len(axiom) == len(_PARTS)
+    }
+
+
+def _renamed(finding: Finding, statements: dict[str, str]) -> Finding:
+    name = statements.get(finding.focus.removeprefix("_:"))
+    if name is None:
+        return finding
+    return Finding(name, finding.message, finding.path, finding.value, finding.severity)
+
+
+def _short(iri: str) -> str:
+    return iri.replace(v.HERE, "here:")

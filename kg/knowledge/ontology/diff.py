@@ -1,0 +1,219 @@
+"""Ontology diff: changes of terms, relations and names; other statements are counted by term."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Final
+
+from pyoxigraph import Literal, Quad
+
+from kg.knowledge.ontology.diff_side import OntologySummary
+from kg.knowledge.ontology.relations import KINDS, Relation
+from kg.model import vocabulary as v
+
+_NAMING: Final = {
+    v.RDFS_LABEL: "label",
+    v.SKOS_ALT_LABEL: "synonym",
+    v.RDFS_COMMENT: "comment",
+    v.OWL_VERSION_INFO: "version",
+}
+_OF_AXIOMS: Final = {
+    v.RDF_TYPE.value,
+    v.PROBABILITY,
+    v.DCT_SOURCE,
+    v.OWL_ANNOTATED_SOURCE,
+    v.OWL_ANNOTATED_PROPERTY,
+    v.OWL_ANNOTATED_TARGET,
+}
+_VERBS: Final = {v.LOCATED_AT: "located at", v.NEAR_BY: "near"}
+
+
+@dataclass(frozen=True, slots=True)
+class OntologyChange:
+    """One difference: added (+), removed (-) or changed (~)."""
+
+    sign: str
+    #: term, relation, probability, source, label, synonym, comment, version, parent, statistics
+    #: or other
+    kind: str
+    subject: str  # IRI of the term that it is about
+    words: str
+    before: str = ""
+    after: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.sign} {self.words}"
+
+
+def changes(old: Iterable[Quad], new: Iterable[Quad]) -> list[OntologyChange]:
+    """Changes from `old` to `new`, both given as quads: terms, relations, names, others.
+
+    Raises OntologyError where the relations of one of them are malformed
+    (`kg.knowledge.ontology.relations`).
+    """
+    before, after = OntologySummary(old), OntologySummary(new)
+    was, is_ = set(before.quads), set(after.quads)
+    gone = [q for q in before.quads if q not in is_]
+    came = [q for q in after.quads if q not in was]
+    return [
+        *_terms(before, after),
+        *_relations(before, after),
+        *_names(before, after, gone, came),
+        *_parents(before, after),
+        *_statistics(before, after, gone, came),
+        *_others(before, after, gone, came),
+    ]
+
+
+def _terms(before: OntologySummary, after: OntologySummary) -> Iterator[OntologyChange]:
+    for iri in _files_last(after.terms.keys() - before.terms.keys(), after):
+        name = after.name(iri)
+        under = f" under {above}" if (above := after.above(iri)) else ""
+        also = ", ".join(repr(name) for name in after.synonyms(iri))
+        called = f", also called {also}" if also else ""
+        words = f"{after.kind(iri)} {name!r} added{under}{called}"
+        yield OntologyChange("+", "term", iri, words, after=name)
+    for iri in _files_last(before.terms.keys() - after.terms.keys(), before):
+        name = before.name(iri)
+        yield OntologyChange("-", "term", iri, f"{before.kind(iri)} {name!r} removed", before=name)
+
+
+def _files_last(iris: Iterable[str], side: OntologySummary) -> list[str]:
+    return sorted(iris, key=lambda iri: (side.terms[iri] == "ontology", iri))
+
+
+def _relations(before: OntologySummary, after: OntologySummary) -> Iterator[OntologyChange]:
+    for key in sorted(before.relations.keys() | after.relations.keys()):
+        old, new = before.relations.get(key), after.relations.get(key)
+        if old is None and new is not None:
+            words = f"{_stated(new, after)} {new.probability:g} added{_from(new)}"
+            yield OntologyChange("+", "relation", key[1], words, after=f"{new.probability:g}")
+        elif new is None and old is not None:
+            words = f"{_stated(old, before)} {old.probability:g} removed"
+            yield OntologyChange("-", "relation", key[1], words, before=f"{old.probability:g}")
+        elif old is not None and new is not None:
+            yield from _restated(old, new, after)
+
+
+def _restated(old: Relation, new: Relation, side: OntologySummary) -> Iterator[OntologyChange]:
+    what = _stated(new, side)
+    if old.probability != new.probability:
+        was, is_ = f"{old.probability:g}", f"{new.probability:g}"
+        words = f"probability of {what} changed from {was} to {is_}"
+        yield OntologyChange("~", "probability", new.subject, words, was, is_)
+    if old.sources != new.sources:
+        was, is_ = _listed(old), _listed(new)
+        words = f"source of {what} changed from {was or 'none'} to {is_ or 'none'}"
+        yield OntologyChange("~", "source", new.subject, words, was, is_)
+
+
+def _stated(relation: Relation, side: OntologySummary) -> str:
+    verb = _VERBS[relation.kind]
+    return f"{side.name(relation.subject)} {verb} {side.name(relation.target)}"
+
+
+def _from(relation: Relation) -> str:
+    return f" ({listed})" if (listed := _listed(relation)) else ""
+
+
+def _listed(relation: Relation) -> str:
+    return ", ".join(repr(getattr(source, "value", source)) for source in relation.sources)
+
+
+def _names(
+    before: OntologySummary, after: OntologySummary, gone: Iterable[Quad], came: Iterable[Quad]
+) -> Iterator[OntologyChange]:
+    """Labels, synonyms, comments and versions of terms that are in both."""
+    both = before.terms.keys() & after.terms.keys()
+    sides: dict[tuple[str, str], tuple[list[str], list[str]]] = defaultdict(lambda: ([], []))
+    for index, quads in enumerate((gone, came)):
+        for quad in quads:
+            subject = getattr(quad.subject, "value", "")
+            if quad.predicate.value in _NAMING and subject in both:
+                sides[subject, quad.predicate.value][index].append(_literal_text(quad.object))
+    for (iri, predicate), (old, new) in sorted(sides.items()):
+        yield from _renamed(iri, _NAMING[predicate], before.name(iri), sorted(old), sorted(new))
+
+
+def _renamed(
+    iri: str, kind: str, of: str, old: list[str], new: list[str]
+) -> Iterator[OntologyChange]:
+    if kind != "synonym" and len(old) == len(new) == 1:
+        words = f"{kind} of {of} changed from {old[0]} to {new[0]}"
+        yield OntologyChange("~", kind, iri, words, old[0], new[0])
+        return
+    for text in old:
+        yield OntologyChange("-", kind, iri, f"{kind} {text} of {of} removed", before=text)
+    for text in new:
+        yield OntologyChange("+", kind, iri, f"{kind} {text} of {of} added", after=text)
+
+
+def _literal_text(term: object) -> str:
+    if isinstance(term, Literal):
+        return repr(term.value) + (f" ({term.language})" if term.language else "")
+    return str(term)
+
+
+def _parents(before: OntologySummary, after: OntologySummary) -> Iterator[OntologyChange]:
+    for iri in sorted(before.terms.keys() & after.terms.keys()):
+        was, is_ = before.above(iri), after.above(iri)
+        if before.parents[iri] != after.parents[iri]:
+            words = f"{after.name(iri)} moved from under {was or 'nothing'} to {is_ or 'nothing'}"
+            yield OntologyChange("~", "parent", iri, words, was, is_)
+
+
+def _statistics(
+    before: OntologySummary, after: OntologySummary, gone: Iterable[Quad], came: Iterable[Quad]
+) -> Iterator[OntologyChange]:
+    """Rooms that were counted; other numbers are another count."""
+    for sign, verb, side, quads in (("-", "removed", before, gone), ("+", "added", after, came)):
+        touched = {getattr(quad.subject, "value", "") for quad in quads}
+        for iri in sorted(touched & side.statistics.keys()):
+            yield OntologyChange(sign, "statistics", iri, f"{side.counted(iri)} {verb}")
+
+
+def _others(
+    before: OntologySummary, after: OntologySummary, gone: Iterable[Quad], came: Iterable[Quad]
+) -> Iterator[OntologyChange]:
+    """Statements without a change of their own, counted by the term that they are about."""
+    both = before.terms.keys() & after.terms.keys()
+    for sign, side, quads in (("-", before, gone), ("+", after, came)):
+        reported = side.terms.keys() - both
+        counts = Counter(
+            getattr(quad.subject, "value", "")
+            for quad in quads
+            if not _is_reported(quad, side, reported)
+        )
+        axioms = sum(n for iri, n in counts.items() if iri.startswith(v.GENID))
+        named = {iri: n for iri, n in counts.items() if not iri.startswith(v.GENID)}
+        verb = "added" if sign == "+" else "removed"
+        for iri, count in sorted(named.items()):
+            words = f"{_counted(count, 'other statement')} about {side.name(iri)} {verb}"
+            yield OntologyChange(sign, "other", iri, words)
+        if axioms:
+            words = f"{_counted(axioms, 'statement')} within axioms {verb}"
+            yield OntologyChange(sign, "other", "", words)
+
+
+def _is_reported(quad: Quad, side: OntologySummary, reported: Iterable[str]) -> bool:
+    subject, predicate = getattr(quad.subject, "value", ""), quad.predicate.value
+    if subject in side.statistics:
+        return True
+    if subject in reported or (predicate in KINDS and subject in side.terms):
+        return True
+    if subject in side.axioms:
+        return predicate in _OF_AXIOMS
+    if subject not in side.terms:
+        return False
+    named_parent = predicate == v.RDFS_SUB_CLASS_OF and not _is_node(quad)
+    return predicate in _NAMING or named_parent
+
+
+def _is_node(quad: Quad) -> bool:
+    return getattr(quad.object, "value", "").startswith(v.GENID)
+
+
+def _counted(count: int, what: str) -> str:
+    return f"{count} {what}{'' if count == 1 else 's'}"

@@ -1,0 +1,119 @@
+"""Import closure of an ontology: a file, or a folder of files, and all that they import.
+
+Nothing is fetched. An import is looked for where Protege looks first, in ``catalog-v001.xml`` and
+among the files beside the importing one, and at last among the shipped ontologies.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Final
+from urllib.parse import unquote, urlsplit
+from xml.etree import ElementTree
+
+from pyoxigraph import NamedNode, Quad, Triple
+
+from kg.knowledge.ontology.loading import Ontology, ontology_files, read_files
+from kg.model import vocabulary as v
+from kg.model.errors import OntologyError
+from kg.model.resources import ONTOLOGIES
+from kg.rdf.parsing import ENDINGS, Parse
+
+CATALOG: Final = "catalog-v001.xml"
+
+_ONTOLOGY = NamedNode(v.OWL_ONTOLOGY)
+_IMPORTS = NamedNode(v.OWL_IMPORTS)
+
+
+def load_with_imports(source: Path, parse: Parse | None = None) -> Ontology:
+    """The ontology in the file, or in all the files of the folder, at `source`, and its imports.
+
+    Files may be hostile, and so may their neighbours, which are read for what they declare: `parse`
+    may run in another process (`kg.serving.workers.document_parsing`).
+
+    Raises OntologyError where there is none, one does not parse, or an import is not at hand.
+    """
+    files = _first(source)
+    done: dict[Path, tuple[Quad, ...]] = {}
+    while new := [path for path in files if path not in done]:
+        for path in new:
+            done[path] = read_files([path], parse).quads
+        files += [path for path in _imported(done, parse) if path not in files]
+    return read_files(files, parse)
+
+
+def headers(quads: Iterable[Quad]) -> frozenset[str]:
+    """IRIs of the ontologies that the quads are made of."""
+    return headers_of(quad.triple for quad in quads)
+
+
+def headers_of(triples: Iterable[Triple]) -> frozenset[str]:
+    """IRIs of the ontologies that the triples are made of."""
+    return frozenset(
+        q.subject.value
+        for q in triples
+        if q.predicate == v.RDF_TYPE and q.object == _ONTOLOGY and isinstance(q.subject, NamedNode)
+    )
+
+
+def _first(source: Path) -> list[Path]:
+    if source.is_dir():
+        files = ontology_files(source)
+        if not files:
+            raise OntologyError(f"no ontologies in {source}: expected files {', '.join(ENDINGS)}")
+        return files
+    if not source.exists():
+        raise OntologyError(f"no ontology at {source}: neither a file nor a folder is there")
+    return [source]
+
+
+def _imported(read: dict[Path, tuple[Quad, ...]], parse: Parse | None) -> Iterator[Path]:
+    """Files of what is imported and not yet read."""
+    known = {iri for quads in read.values() for iri in headers(quads)}
+    for path, quads in tuple(read.items()):
+        for quad in quads:
+            if quad.predicate == _IMPORTS and isinstance(quad.object, NamedNode):
+                wanted = quad.object.value
+                if wanted not in known:
+                    known.add(wanted)
+                    found = _find(wanted, path, parse)
+                    if not any(found.samefile(other) for other in read):
+                        yield found
+
+
+def _find(iri: str, importing: Path, parse: Parse | None) -> Path:
+    for folder in (importing.parent, ONTOLOGIES):
+        listed = _catalog(folder / CATALOG).get(iri)
+        if listed is not None and listed.is_file():
+            return listed
+        for path in ontology_files(folder):
+            if path != importing and iri in _headers_of(path, parse):
+                return path
+    raise OntologyError(
+        f"{importing} imports {iri}, which is not at hand; "
+        f"put it beside that file, or name its file in {CATALOG}"
+    )
+
+
+def _headers_of(path: Path, parse: Parse | None) -> frozenset[str]:
+    try:
+        return headers(read_files([path], parse).quads)
+    except OntologyError:
+        return frozenset()  # a neighbour that is broken is no import
+
+
+def _catalog(path: Path) -> dict[str, Path]:
+    """IRI to local file, from an OASIS XML catalog; empty where there is none."""
+    if not path.is_file():
+        return {}
+    try:
+        entries = list(ElementTree.parse(path).getroot().iter())
+    except ElementTree.ParseError as error:
+        raise OntologyError(f"{path}, line {error.position[0]}: {error}") from None
+    found = {}
+    for entry in entries:
+        name, uri = entry.get("name"), urlsplit(entry.get("uri", ""))
+        if entry.tag.endswith("}uri") and name and uri.scheme in ("", "file") and uri.path:
+            found[name] = path.parent / unquote(uri.path)
+    return found

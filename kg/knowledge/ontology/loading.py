@@ -1,0 +1,147 @@
+"""Ontology loading: files to quads of graph:ontology, compiled to those of graph:commonsense.
+
+The compiled view exists because queries want one triple where OWL needs several: `here:isA` closes
+`rdfs:subClassOf`, and every `here:locatedAt` / `here:nearBy` becomes one node that carries its
+classes, probability and source (docs/explanation/ontology.md).
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, TypeVar
+
+from pyoxigraph import BlankNode, Literal, NamedNode, Quad
+
+from kg.knowledge.ontology.relations import Relation, relations
+from kg.model import vocabulary as v
+from kg.model.errors import OntologyError
+from kg.model.resources import ONTOLOGIES
+from kg.rdf.parsing import ENDINGS, Parse, parse_file
+
+#: Shapes validate the other files and are not part of the map.
+SHAPES_FILE: Final = "shapes.ttl"
+
+_RELATION_CLASSES: Final = {
+    v.LOCATED_AT: NamedNode(v.LOCATED_AT_RELATION),
+    v.NEAR_BY: NamedNode(v.NEAR_BY_RELATION),
+}
+_Term = TypeVar("_Term")
+
+
+@dataclass(frozen=True, slots=True)
+class Ontology:
+    """Ontology files as read, in the order of their names; nothing is inferred."""
+
+    quads: tuple[Quad, ...]  # all in graph:ontology
+    files: tuple[Path, ...]
+
+
+def load_ontologies(folder: Path = ONTOLOGIES, *, without: Path | None = None) -> Ontology:
+    """Read every ontology in `folder`: .ttl, .owl and .rdf (RDF/XML), .nt; not ``shapes.ttl``.
+
+    `without` leaves one file out, wherever it lies.
+
+    ``owl:imports`` is not followed: what lies in the folder is the ontology. The same files give
+    the same quads, in the same order and with the same blank nodes.
+
+    Raises:
+        OntologyError: no such folder, no ontology in it, or a file that does not parse.
+    """
+    if not folder.is_dir():
+        raise OntologyError(f"no ontologies in {folder}: it is not a folder")
+    files = ontology_files(folder)
+    if without is not None:
+        files = [path for path in files if path.resolve() != without.resolve()]
+    if not files:
+        raise OntologyError(f"no ontologies in {folder}: expected files {', '.join(ENDINGS)}")
+    return read_files(files)
+
+
+def ontology_files(folder: Path) -> list[Path]:
+    """The files of a folder that hold ontologies, by name."""
+    return sorted(p for p in folder.iterdir() if p.suffix in ENDINGS and p.name != SHAPES_FILE)
+
+
+def read_files(files: Iterable[Path], parse: Parse | None = None) -> Ontology:
+    """Those files and no others as one ontology; raises as `load_ontologies`."""
+    files = tuple(files)
+    quads: dict[Quad, None] = {}
+    for number, path in enumerate(files):
+        quads.update(dict.fromkeys(_read(path, parse, prefix=f"o{number}n")))
+    return Ontology(tuple(quads), files)
+
+
+def _read(path: Path, parse: Parse | None, *, prefix: str) -> Iterator[Quad]:
+    names: dict[object, BlankNode] = {}
+
+    def stable(term: _Term) -> _Term | BlankNode:
+        # the parser's own names differ from run to run
+        if not isinstance(term, BlankNode):
+            return term
+        return names.setdefault(term, BlankNode(f"{prefix}{len(names)}"))
+
+    for q in parse_file(path, parse) if parse else parse_file(path):
+        yield Quad(stable(q.subject), q.predicate, stable(q.object), v.ONTOLOGY_GRAPH)
+
+
+def superclasses(quads: Iterable[Quad]) -> dict[str, tuple[str, ...]]:
+    """Every named class, by IRI, with itself and all its named superclasses; all sorted.
+
+    Follows ``rdfs:subClassOf`` between named classes, through cycles too. Restrictions and
+    owl:Thing, which no query uses, are left out.
+    """
+    parents: dict[str, set[str]] = defaultdict(set)
+    for q in quads:
+        if not isinstance(q.subject, NamedNode) or not isinstance(q.object, NamedNode):
+            continue
+        if q.predicate == v.RDF_TYPE and q.object.value == v.OWL_CLASS:
+            parents[q.subject.value].add(q.subject.value)
+        elif q.predicate.value == v.RDFS_SUB_CLASS_OF and q.object.value != v.OWL_THING:
+            parents[q.subject.value].add(q.object.value)
+            parents[q.object.value].add(q.object.value)
+    return {iri: tuple(sorted(_reachable(iri, parents))) for iri in sorted(parents)}
+
+
+def _reachable(start: str, edges: Mapping[str, set[str]]) -> set[str]:
+    reached, todo = {start}, [start]
+    while todo:
+        new = edges[todo.pop()] - reached
+        reached |= new
+        todo.extend(new)
+    return reached
+
+
+def compile_commonsense(quads: Iterable[Quad]) -> tuple[Quad, ...]:
+    """The quads of graph:commonsense for an ontology's quads: closed `here:isA`, flat relations.
+
+    Deterministic in content and order. Layout: docs/explanation/architecture.md.
+
+    Raises:
+        OntologyError: as `relations`.
+    """
+    quads = tuple(quads)
+    compiled = [
+        _quad(iri, v.IS_A, NamedNode(above))
+        for iri, all_above in superclasses(quads).items()
+        for above in all_above
+    ]
+    for relation in relations(quads):
+        compiled.extend(_relation_quads(relation))
+    return tuple(compiled)
+
+
+def _relation_quads(relation: Relation) -> Iterator[Quad]:
+    iri = relation.iri
+    yield _quad(iri, v.RDF_TYPE.value, _RELATION_CLASSES[relation.kind])
+    yield _quad(iri, v.RELATION_SUBJECT, NamedNode(relation.subject))
+    yield _quad(iri, v.RELATION_TARGET, NamedNode(relation.target))
+    yield _quad(iri, v.RELATION_PROBABILITY, Literal(relation.probability))
+    for source in relation.sources:
+        yield _quad(iri, v.DCT_SOURCE, NamedNode(source) if isinstance(source, str) else source)
+
+
+def _quad(subject: str, predicate: str, value: NamedNode | Literal) -> Quad:
+    return Quad(NamedNode(subject), NamedNode(predicate), value, v.COMMONSENSE_GRAPH)

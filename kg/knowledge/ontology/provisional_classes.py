@@ -1,0 +1,127 @@
+"""Provisional classes: categories created for labels of networks without a category.
+
+A provisional category is a class like any other, marked ``here:provisional true``, below
+here:Object or here:Place (and below the supercategory of that very name, where there is one).
+People make it a proper one, or map its label elsewhere, when they get to it
+(docs/explanation/ontology.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Iterator
+from functools import cache
+from typing import Final
+from urllib.parse import quote
+
+from pyoxigraph import Literal, NamedNode, Quad
+
+from kg.knowledge.ontology.catalogue import Catalogue, name_key
+from kg.knowledge.ontology.loading import load_ontologies, superclasses
+from kg.model import vocabulary as v
+from kg.model.transactions import Cause, ChangeSet
+from kg.store.transactional import TransactionalStore
+
+MAX_LABEL: Final = 200  # characters
+MAX_NOTE: Final = 500  # characters kept with the transaction
+
+_IS_A: Final = NamedNode(v.IS_A)
+_SUB_CLASS: Final = NamedNode(v.RDFS_SUB_CLASS_OF)
+_MARK: Final = NamedNode(v.PROVISIONAL_MARK)
+_ROOTS: Final = {"object": v.OBJECT, "place": v.PLACE}
+_COMMENTS: Final = {
+    "object": "Provisional: what the object detector {model} calls so.",
+    "place": "Provisional: what the scene classifier {model} calls so.",
+}
+
+
+def clean(label: str) -> str:
+    """Normalised label of a category: printable, single spaces, truncated; may be empty."""
+    text = "".join(c if c.isprintable() else " " for c in label)
+    return " ".join(text.split())[:MAX_LABEL].rstrip()
+
+
+def provisional_iri(label: str, kind: str) -> str:
+    """The IRI of the provisional category of a label; the same for labels with the same key."""
+    key = name_key(label)
+    words = "".join(c if c.isalnum() else " " for c in label).split()
+    camel = "".join(word[:1].upper() + word[1:] for word in words)
+    plain = camel if camel.isascii() and name_key(camel) == key else key
+    return f"{v.PROVISIONAL}{kind}#{quote(plain[:1].upper() + plain[1:], safe='')}"
+
+
+def add_provisional_classes(
+    store: TransactionalStore, catalogue: Catalogue, labels: Collection[str], kind: str, model: str
+) -> ChangeSet | None:
+    """Add a provisional category for each label to the map in `store`, in one transaction.
+
+    `kind` is "object" or "place"; `labels` are clean; those it knows already are left out.
+    """
+    new: dict[str, str] = {}
+    for label in labels:
+        iri = provisional_iri(label, kind)
+        if catalogue.by_iri(iri) is None:
+            new.setdefault(iri, label)
+    if not new:
+        return None
+    hierarchy = [*store.engine.quads_for_pattern(None, _SUB_CLASS, None, v.ONTOLOGY_GRAPH)]
+    above = superclasses(hierarchy)
+    added = [*_declaration(store)]
+    for iri, label in new.items():
+        supers = [_ROOTS[kind]]
+        if kind == "object" and (group := catalogue.get(label, "supercategory")) is not None:
+            supers.append(group.iri)
+        added += _category(iri, label, kind, model, supers)
+        every = {iri, *supers, *(a for known in supers for a in above.get(known, ()))}
+        added += [
+            Quad(NamedNode(iri), _IS_A, NamedNode(one), v.COMMONSENSE_GRAPH)
+            for one in sorted(every)
+        ]
+    names = ", ".join(new.values())
+    cause = Cause("ontology", model, f"provisional {kind} categories: {names}"[:MAX_NOTE])
+    return store.commit([], added, cause)
+
+
+def provisional_to_keep(
+    old: Iterable[Quad], new: Iterable[Quad], is_referenced: Callable[[NamedNode], bool]
+) -> list[Quad]:
+    """Quads of provisional categories in `old` that `new` lacks and that the map refers to.
+
+    A file that people edit need not have what a network added meanwhile.
+    """
+    old, declared = tuple(old), {q.subject for q in new if q.predicate == v.RDF_TYPE}
+    kept = {
+        q.subject
+        for q in old
+        if q.predicate == _MARK
+        and q.subject not in declared
+        and isinstance(q.subject, NamedNode)
+        and is_referenced(q.subject)
+    }
+    return [q for q in old if q.subject in kept]
+
+
+def _category(iri: str, label: str, kind: str, model: str, supers: Iterable[str]) -> Iterator[Quad]:
+    properties: list[tuple[str, NamedNode | Literal]] = [
+        (v.RDF_TYPE.value, NamedNode(v.OWL_CLASS)),
+        (v.RDFS_LABEL, Literal(label)),
+        (v.RDFS_COMMENT, Literal(_COMMENTS[kind].format(model=clean(model)))),
+        (v.DCT_SOURCE, Literal(clean(model))),
+        (v.PROVISIONAL_MARK, Literal(True)),
+        *((v.RDFS_SUB_CLASS_OF, NamedNode(above)) for above in supers),
+    ]
+    for predicate, value in properties:
+        yield Quad(NamedNode(iri), NamedNode(predicate), value, v.ONTOLOGY_GRAPH)
+
+
+def _declaration(store: TransactionalStore) -> Iterator[Quad]:
+    """The mark's own declaration, where the map's ontology is older than the mark."""
+    if (
+        next(store.engine.quads_for_pattern(_MARK, v.RDF_TYPE, None, v.ONTOLOGY_GRAPH), None)
+        is None
+    ):
+        yield from (q for q in _shipped() if q.subject == _MARK)
+
+
+@cache
+def _shipped() -> tuple[Quad, ...]:
+    return load_ontologies().quads

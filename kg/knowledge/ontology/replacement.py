@@ -1,0 +1,194 @@
+"""Replacement of a map's ontology in one transaction, also while the map is in use.
+
+graph:ontology becomes the new ontology. graph:commonsense loses what only the old one compiled to
+and gains what the new one does; what people or imports wrote there stays, and where they gave a
+relation another probability, theirs is kept.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final
+
+from pyoxigraph import BlankNode, NamedNode, Quad
+
+from kg.knowledge.ontology.diff import OntologyChange, changes
+from kg.knowledge.ontology.import_closure import headers
+from kg.knowledge.ontology.loading import compile_commonsense
+from kg.knowledge.ontology.provisional_classes import provisional_to_keep
+from kg.model import vocabulary as v
+from kg.model.errors import OntologyError
+from kg.model.transactions import Cause, ChangeSet
+from kg.rdf.skolem import named
+from kg.store.transactional import TransactionalStore
+
+MAX_NOTE: Final = 500  # characters of the change in words kept with its transaction
+
+_FACTS: Final = (v.MAP_GRAPH, v.ASSERTIONS_GRAPH, v.DATASET_GRAPH)
+_IMPORTS: Final = NamedNode(v.OWL_IMPORTS)
+_MAX_LISTED = 5  # terms named in one message
+
+
+@dataclass(frozen=True, slots=True)
+class Replacement:
+    """Result of a replacement; `commit` is None where nothing changed."""
+
+    changes: tuple[OntologyChange, ...]
+    kept: tuple[str, ...]  # IRIs of relations kept as people wrote them into the map
+    commit: ChangeSet | None
+
+
+def replace_ontology(
+    store: TransactionalStore, quads: Iterable[Quad], by: str | None, *, whole: bool = False
+) -> Replacement:
+    """Replace the ontology of the map in `store` by validated quads.
+
+    Provisional categories that the map refers to are kept, whether the quads have them or not.
+
+    Raises OntologyError where the map uses terms that they do not declare, or where they leave out
+    ontologies that the map's is made of and are not marked as the `whole`; nothing is written
+    then.
+    """
+    new = named(Quad(q.subject, q.predicate, q.object, v.ONTOLOGY_GRAPH) for q in quads)
+    stored = tuple(store.engine.quads_for_pattern(None, None, None, v.ONTOLOGY_GRAPH))
+    old = named(stored)
+    new += tuple(provisional_to_keep(old, new, lambda node: _is_used(store, node)))
+    compiled = compile_commonsense(new)
+    present = set(store.engine.quads_for_pattern(None, None, None, v.COMMONSENSE_GRAPH))
+    before = set(compile_commonsense(old))
+    _reject_missing(old, new)
+    reject_partial(old, new, whole=whole)
+    reject_lost_terms(store, old, new, present - before)
+    delete, insert, kept = recompiled(present, before, set(compiled))
+    differences = tuple(changes(old, new))
+    if any(isinstance(q.subject, BlankNode) or isinstance(q.object, BlankNode) for q in stored):
+        store.rewrite_graph(v.ONTOLOGY_GRAPH, old)
+    note = "; ".join(change.words for change in differences)[:MAX_NOTE]
+    removed, added = set(old) - set(new), set(new) - set(old)
+    commit = store.commit(
+        sorted([*removed, *delete], key=str),
+        sorted([*added, *insert], key=str),
+        Cause("ontology", by, note),
+    )
+    return Replacement(differences, kept, commit)
+
+
+def reject_partial(old: Iterable[Quad], new: Iterable[Quad], *, whole: bool) -> None:
+    """Raise OntologyError where `new` leaves out ontologies of `old` and is not the `whole`."""
+    missing = () if whole else left_out(old, new)
+    if missing:
+        names = ", ".join(f"<{iri}>" for iri in missing)
+        raise OntologyError(
+            f"the ontology is refused: it leaves out {names} of the map; give the folder, a file "
+            "that imports them, or say that it is the whole (--whole) if they are to go"
+        )
+
+
+def left_out(old: Iterable[Quad], new: Iterable[Quad]) -> tuple[str, ...]:
+    """IRIs of ontologies of `old` of which `new` lacks the header and some statements.
+
+    Where `new` imports nothing, and so is one file made of all, their classes must be there;
+    single statements may have been edited. Otherwise all statements must, as in their own files.
+    """
+    old, new = tuple(old), tuple(new)
+    missing = headers(old) - headers(new)
+    if not missing:
+        return ()
+    if any(q.predicate == _IMPORTS for q in new):
+        lost = any(_is_of_a_file(q, missing) for q in set(named(old)) - set(named(new)))
+    else:
+        lost = bool(_classes(old) - _classes(new))
+    return tuple(sorted(missing)) if lost else ()
+
+
+def _is_of_a_file(quad: Quad, headers: frozenset[str]) -> bool:
+    subject = getattr(quad.subject, "value", "")
+    return subject not in headers and not subject.startswith(v.PROVISIONAL)
+
+
+def recompiled(
+    present: set[Quad], before: set[Quad], after: set[Quad]
+) -> tuple[list[Quad], list[Quad], tuple[str, ...]]:
+    """Quads to delete and insert in graph:commonsense, and IRIs of relations that are kept.
+
+    `present` is what it holds, `before` and `after` what the ontology compiled and compiles to.
+    """
+    there, was, will = (_by_relation(quads) for quads in (present, before, after))
+    delete = [q for q in before - after if not _is_relation(q)]
+    insert = [q for q in after if not _is_relation(q)]
+    kept = []
+    for iri in sorted(was.keys() | will.keys()):
+        stored_quads = there.get(iri, set())
+        if not stored_quads or stored_quads in (was.get(iri), will.get(iri)):
+            delete += stored_quads - will.get(iri, set())
+            insert += will.get(iri, set())
+        else:
+            kept.append(iri)
+    return delete, insert, tuple(kept)
+
+
+def _by_relation(quads: Iterable[Quad]) -> dict[str, set[Quad]]:
+    nodes: dict[str, set[Quad]] = defaultdict(set)
+    for quad in quads:
+        if _is_relation(quad):
+            nodes[getattr(quad.subject, "value", "")].add(quad)
+    return dict(nodes)
+
+
+def _is_relation(quad: Quad) -> bool:
+    return getattr(quad.subject, "value", "").startswith(v.RELATION)
+
+
+def _classes(quads: Iterable[Quad]) -> set[str]:
+    kind = NamedNode(v.OWL_CLASS)
+    return {
+        q.subject.value
+        for q in quads
+        if q.predicate == v.RDF_TYPE and q.object == kind and isinstance(q.subject, NamedNode)
+    }
+
+
+def _declared(quads: Iterable[Quad]) -> set[str]:
+    return {getattr(q.subject, "value", "") for q in quads if q.predicate == v.RDF_TYPE}
+
+
+def _reject_missing(old: Iterable[Quad], new: Iterable[Quad]) -> None:
+    """Raise OntologyError where `new` lacks terms that hereabouts itself uses."""
+    values = (value for value in vars(v).values() if isinstance(value, str))
+    ours = {value for value in values if value.startswith(v.HERE)}
+    lost = sorted((_declared(old) - _declared(new)) & ours)
+    if lost:
+        raise OntologyError(
+            f"the ontology is refused: it lacks {_listed(lost)}, which maps are written in; "
+            f"have it import <{v.CORE_ONTOLOGY}>"
+        )
+
+
+def reject_lost_terms(
+    store: TransactionalStore, old: Iterable[Quad], new: Iterable[Quad], by_hand: set[Quad]
+) -> None:
+    """Raise OntologyError where `new` lacks categories that the map uses."""
+    spoken = {q.object for q in by_hand if _is_relation(q)}
+    lost = []
+    for iri in sorted(_classes(old) - _classes(new)):
+        node = NamedNode(iri)
+        if node in spoken or _is_used(store, node):
+            lost.append(iri)
+    if lost:
+        raise OntologyError(
+            f"the ontology is refused: the map uses {_listed(lost)}, which it does not "
+            "declare; keep them, or take them out of the map first"
+        )
+
+
+def _is_used(store: TransactionalStore, node: NamedNode) -> bool:
+    """Whether any fact of the map refers to a category."""
+    facts = (store.engine.quads_for_pattern(None, None, node, graph) for graph in _FACTS)
+    return any(next(iter(found), None) for found in facts)
+
+
+def _listed(iris: list[str]) -> str:
+    more = f" and {len(iris) - _MAX_LISTED} more" if len(iris) > _MAX_LISTED else ""
+    return ", ".join(iri.replace(v.HERE, "here:") for iri in iris[:_MAX_LISTED]) + more

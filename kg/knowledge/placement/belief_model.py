@@ -1,0 +1,115 @@
+"""The placement model: evidence about (object, place) pairs to Beta distributions; numpy only.
+
+    logit m0 = base + listed [an ontology lists the pair] + conceptnet ln(1 + weight)
+               + sum over surveys of their four weighted features
+               (`kg.knowledge.placement.surveys`); objects that no survey looked for have a base and
+               weights of their own
+    m1 = (kappa m0 + rooms with it) / (kappa + rooms)           imported statistics
+    s  = 1 / (1 / tau + 1 / (kappa + rooms))
+    alpha = s m1 + rooms of this map with it + 8 stated
+    beta = s (1 - m1) + rooms of this map without it + 8 (1 - stated)
+
+Sources: logistic regression for m0, Beta-binomial shrinkage for the counts (Gelman et al., Bayesian
+Data Analysis, chapter 5). docs/explanation/placement.md explains each term.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kg.knowledge.placement.settings import STATEMENT_STRENGTH, PlacementParameters
+from kg.knowledge.placement.surveys import SurveyFeatures
+
+Matrix = NDArray[np.float64]
+
+#: Bound of log-odds, so that probabilities lie strictly between 0 and 1.
+_MAX_LOG_ODDS: Final = 9.0
+
+
+@dataclass(frozen=True, slots=True)
+class EvidenceArrays:
+    """Evidence about n objects in m places; arrays (n, m), counts >= 0.
+
+    `rooms` and `rooms_with` may have leading axes, for several cases at once; the outcome has them.
+    """
+
+    listed: Matrix  # 1 where an ontology lists the pair, else 0
+    weight: Matrix  # ConceptNet's weight for, less that against, >= 0
+    surveys: tuple[SurveyFeatures, ...]
+    rooms: Matrix  # rooms of the place in imported statistics that were searched for the object
+    rooms_with: Matrix  # of those, the ones that held it
+    building_with: Matrix  # rooms of this building that hold it
+    building_without: Matrix  # rooms of this building that were searched and do not
+    stated: Matrix  # sum of the probabilities that people stated
+    statements: Matrix  # number of these probabilities
+
+
+@dataclass(frozen=True, slots=True)
+class BetaBelief:
+    """Posterior Beta distributions, arrays (n, m), with m0 and m1."""
+
+    prior: Matrix  # m0
+    counted: Matrix  # m1
+    share: Matrix  # of `prior` in `counted`; the rest is the rate in the counted rooms
+    strength: Matrix  # s: rooms that `counted` is worth
+    alpha: Matrix
+    beta: Matrix
+
+    @property
+    def mean(self) -> Matrix:
+        """The probability: the mean of the Beta distribution."""
+        return self.alpha / (self.alpha + self.beta)
+
+
+def posterior_belief(evidence: EvidenceArrays, parameters: PlacementParameters) -> BetaBelief:
+    """Posterior given the evidence; every probability lies strictly between 0 and 1."""
+    p, rooms, held = parameters, evidence.rooms, evidence.rooms_with
+    terms = log_odds_terms(evidence, p)
+    m0 = sigmoid(np.sum([term for _, term in terms], axis=0))
+    share = p.kappa / (p.kappa + rooms)
+    m1 = (p.kappa * m0 + held) / (p.kappa + rooms)
+    strength = 1 / (1 / p.tau + 1 / (p.kappa + rooms))
+    unstated = evidence.statements - evidence.stated
+    return BetaBelief(
+        prior=m0,
+        counted=m1,
+        share=share,
+        strength=strength,
+        alpha=strength * m1 + evidence.building_with + STATEMENT_STRENGTH * evidence.stated,
+        beta=strength * (1 - m1) + evidence.building_without + STATEMENT_STRENGTH * unstated,
+    )
+
+
+BASE: Final = "model"
+LISTED: Final = "ontology"
+CONCEPTNET: Final = "ConceptNet"
+
+
+def log_odds_terms(
+    evidence: EvidenceArrays, parameters: PlacementParameters
+) -> tuple[tuple[str, Matrix], ...]:
+    """The terms (n, m) of logit m0: `BASE`, `LISTED`, `CONCEPTNET`, and each survey by its name."""
+    known, other = parameters.knowledge, parameters.unsurveyed
+    nobody = np.zeros_like(evidence.weight)
+    surveyed = sum((survey.covers_object for survey in evidence.surveys), nobody) > 0
+    return (
+        (BASE, np.where(surveyed, known.base, other.base)),
+        (LISTED, np.where(surveyed, known.listed, other.listed) * (evidence.listed > 0)),
+        (
+            CONCEPTNET,
+            np.where(surveyed, known.conceptnet, other.conceptnet) * np.log1p(evidence.weight),
+        ),
+        *(
+            (survey.name, survey.log_odds(parameters.surveys[survey.name]))
+            for survey in evidence.surveys
+        ),
+    )
+
+
+def sigmoid(x: Matrix) -> Matrix:
+    """1 / (1 + exp(-x)), kept away from 0 and 1."""
+    return np.asarray(1 / (1 + np.exp(-np.clip(x, -_MAX_LOG_ODDS, _MAX_LOG_ODDS))))

@@ -1,0 +1,206 @@
+"""Placement evidence of ontologies, ConceptNet and statistics for each pair, as arrays."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from pyoxigraph import Quad
+
+from kg.knowledge.ontology.catalogue import Catalogue
+from kg.knowledge.ontology.loading import superclasses
+from kg.knowledge.ontology.relations import Relation, relations
+from kg.knowledge.placement.belief_model import EvidenceArrays, Matrix
+from kg.knowledge.placement.shipped_conceptnet import shipped_relations
+from kg.knowledge.placement.statistics import RoomStatistics, statistics
+from kg.knowledge.placement.surveys import survey_features
+from kg.model import vocabulary as v
+
+#: prefix of the sources of the shipped relations: a list without probabilities of its own
+_THESIS = "thesis"
+
+
+@dataclass(frozen=True, slots=True)
+class StatedRelation:
+    """A stated relation as a reason shows it."""
+
+    source: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class PlacementEvidence:
+    """Placement evidence of one ontology, with the index of its rows and columns."""
+
+    objects: Mapping[str, int]  # IRI -> row
+    places: Mapping[str, int]  # IRI -> column
+    above: Mapping[str, tuple[str, ...]]  # IRI -> itself and all its superclasses
+    evidence: EvidenceArrays
+    stated_relations: Mapping[tuple[int, int], tuple[StatedRelation, ...]]  # by row and column
+    near: Mapping[tuple[str, str], tuple[float, float]]  # (object, other) -> sum of p, count
+    counted: Mapping[str, float]  # place IRI -> rooms of it in the statistics
+    sources: tuple[str, ...] = field(default=())  # of the statistics
+
+
+def placement_evidence(
+    quads: Iterable[Quad], catalogue: Catalogue, *, shipped: bool = True
+) -> PlacementEvidence:
+    """Placement evidence in an ontology's quads about all its objects and places.
+
+    A relation of a class is one of its subclasses too; here:Place itself is a column, for places
+    of unknown category. With `shipped`, an ontology without ConceptNet relations is read with the
+    shipped weights (`kg.knowledge.placement.shipped_conceptnet`). Raises OntologyError as
+    `relations` and `statistics` do.
+    """
+    quads = tuple(quads)
+    above = superclasses(quads)
+    of = {kind: [c.iri for c in catalogue.categories if c.kind == kind] for kind in _KINDS}
+    objects = {iri: row for row, iri in enumerate(of["object"])}
+    places = {iri: column for column, iri in enumerate((*of["place"], v.PLACE))}
+    edges = relations(quads)
+    counts = statistics(quads)
+    builder = _Builder(objects, places, above)
+    if shipped and not any(e.imported for r in edges for e in r.evidence):
+        edges = (*edges, *shipped_relations(catalogue))
+    for relation in edges:
+        builder.add(relation)
+    rooms, held = room_counts(counts, objects, places)
+    _inherit_counts(rooms, held, objects, above)
+    return PlacementEvidence(
+        objects=objects,
+        places=places,
+        above=above,
+        evidence=EvidenceArrays(
+            listed=builder.listed,
+            weight=builder.weight,
+            surveys=survey_features(tuple(objects), tuple(places), catalogue, above),
+            rooms=rooms,
+            rooms_with=held,
+            building_with=np.zeros_like(rooms),
+            building_without=np.zeros_like(rooms),
+            stated=builder.stated,
+            statements=builder.statements,
+        ),
+        stated_relations={
+            cell: tuple(dict.fromkeys(found)) for cell, found in builder.stated_relations.items()
+        },
+        near=_near(edges),
+        counted=_rooms_of(counts),
+        sources=tuple(sorted({count.source for count in counts})),
+    )
+
+
+_KINDS = ("object", "place")
+
+
+class _Builder:
+    """Spreads relations over the rows and columns of the classes below theirs."""
+
+    def __init__(
+        self,
+        objects: Mapping[str, int],
+        places: Mapping[str, int],
+        above: Mapping[str, tuple[str, ...]],
+    ) -> None:
+        self._rows, self._columns = _below(objects, above), _below(places, above)
+        shape = (len(objects), len(places))
+        self.listed, self.weight = np.zeros(shape), np.zeros(shape)
+        self.stated, self.statements = np.zeros(shape), np.zeros(shape)
+        self.stated_relations: dict[tuple[int, int], list[StatedRelation]] = defaultdict(list)
+
+    def add(self, relation: Relation) -> None:
+        """Add a here:locatedAt; other relations are ignored."""
+        if relation.kind != v.LOCATED_AT:
+            return
+        cells = np.ix_(self._rows[relation.subject], self._columns[relation.target])
+        for evidence in relation.evidence:
+            source = "; ".join(_text(s) for s in evidence.sources) or "ontology"
+            if evidence.imported:
+                net = max((evidence.weight or 0.0) - evidence.weight_against, 0.0)
+                self.weight[cells] = np.maximum(self.weight[cells], net)
+                text = f"weight {net:g}"
+            elif source.startswith(_THESIS):
+                self.listed[cells] = 1.0
+                text = f"listed, {evidence.probability:g}"
+            else:
+                self.stated[cells] += evidence.probability
+                self.statements[cells] += 1
+                text = f"stated, {evidence.probability:g}"
+            for row in self._rows[relation.subject]:
+                for column in self._columns[relation.target]:
+                    self.stated_relations[row, column].append(StatedRelation(source, text))
+
+
+def _text(source: object) -> str:
+    return str(getattr(source, "value", source))
+
+
+def _below(
+    index: Mapping[str, int], above: Mapping[str, tuple[str, ...]]
+) -> defaultdict[str, list[int]]:
+    """For each class, the indices of itself and of its subclasses."""
+    found: defaultdict[str, list[int]] = defaultdict(list)
+    for iri, number in index.items():
+        for up in above.get(iri, (iri,)):
+            found[up].append(number)
+    return found
+
+
+def room_counts(
+    counts: Iterable[RoomStatistics], objects: Mapping[str, int], places: Mapping[str, int]
+) -> tuple[Matrix, Matrix]:
+    """(n, m) rooms searched and rooms that held the object, all sources together.
+
+    A source counts as having searched all its rooms for every object that it lists anywhere, if
+    only with 0: a pair without a count is 0 of the rooms of that place. Objects it never lists are
+    not counted.
+    """
+    rooms, held = np.zeros((2, len(objects), len(places)))
+    by_source: dict[str, list[RoomStatistics]] = defaultdict(list)
+    for count in counts:
+        by_source[count.source].append(count)
+    for found in by_source.values():
+        sought = sorted({objects[c.object] for c in found if c.object in objects})
+        for place, number in _rooms_of(found).items():
+            if place in places:
+                rooms[sought, places[place]] += number
+        for count in found:
+            if count.object in objects and count.place in places:
+                held[objects[count.object], places[count.place]] += count.rooms_with
+    return rooms, held
+
+
+def _rooms_of(counts: Iterable[RoomStatistics]) -> dict[str, float]:
+    most: dict[tuple[str, str], int] = {}
+    for count in counts:
+        key = (count.source, count.place)
+        most[key] = max(most.get(key, 0), count.rooms)
+    total: dict[str, float] = defaultdict(float)
+    for (_, place), number in most.items():
+        total[place] += number
+    return dict(total)
+
+
+def _inherit_counts(
+    rooms: Matrix, held: Matrix, objects: Mapping[str, int], above: Mapping[str, tuple[str, ...]]
+) -> None:
+    """Objects without counts inherit those of their nearest counted superclass."""
+    counted = {iri for iri, row in objects.items() if rooms[row].any()}
+    for iri, row in objects.items():
+        ancestors = [up for up in above.get(iri, ()) if up in counted and up != iri]
+        if iri not in counted and ancestors:
+            nearest = max(ancestors, key=lambda up: (len(above[up]), up))
+            rooms[row], held[row] = rooms[objects[nearest]], held[objects[nearest]]
+
+
+def _near(edges: Iterable[Relation]) -> dict[tuple[str, str], tuple[float, float]]:
+    found: dict[tuple[str, str], tuple[float, float]] = {}
+    for edge in edges:
+        if edge.kind == v.NEAR_BY:
+            found[edge.subject, edge.target] = (
+                sum(e.probability for e in edge.evidence),
+                float(len(edge.evidence)),
+            )
+    return found

@@ -1,0 +1,217 @@
+"""Assertion service: people assert and retract properties of objects and places."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import replace
+
+from pyoxigraph import NamedNode, Quad
+
+from kg.maps.facts.assertions import (
+    PROPERTIES,
+    Assertions,
+    PropertyAssertions,
+    believed_object,
+    perceived_object,
+    perceived_place,
+    value_of,
+)
+from kg.maps.facts.frame_writer import FrameWriter
+from kg.maps.facts.objects_and_places import RecordCodec
+from kg.maps.facts.relations import NOTHING, SINGLE
+from kg.model.errors import InvalidFactError, did_you_mean
+from kg.model.records import Assertion, MapUpdate, ObjectRecord, PlaceRecord
+from kg.model.transactions import Cause, ChangeSet
+from kg.store.transactional import TransactionalStore
+
+
+class PerceivedRecords:
+    """Objects and places of the map in `store` as perception alone estimates them."""
+
+    def __init__(self, store: TransactionalStore, facts: RecordCodec) -> None:
+        self._store, self._facts = store, facts
+        self._assertions = Assertions(facts.base)
+
+    def objects(self, iris: Iterable[str] | None = None) -> tuple[ObjectRecord, ...]:
+        """Objects, oldest first; all where `iris` is None."""
+        engine, facts = self._store.engine, self._facts
+        found = facts.objects(engine) if iris is None else facts.some_objects(engine, iris)
+        asserted = self._by_subject()
+        return tuple(perceived_object(record, asserted.get(record.iri, {})) for record in found)
+
+    def places(self) -> tuple[PlaceRecord, ...]:
+        """Places, by number."""
+        asserted = self._by_subject()
+        found = self._facts.places(self._store.engine)
+        return tuple(perceived_place(record, asserted.get(record.iri, {})) for record in found)
+
+    def _by_subject(self) -> Mapping[str, dict[str, Assertion]]:
+        asserted: dict[str, dict[str, Assertion]] = {}
+        for assertion in self._assertions.all(self._store.engine):
+            asserted.setdefault(assertion.subject, {})[assertion.property] = assertion
+        return asserted
+
+
+class AssertionService:
+    """Assertions of one map, made and retracted; each call is one transaction under `guard`."""
+
+    def __init__(
+        self,
+        store: TransactionalStore,
+        facts: RecordCodec,
+        perceived: PerceivedRecords,
+        writer: FrameWriter,
+        guard: threading.RLock,
+    ) -> None:
+        self._store, self._facts, self._perceived = store, facts, perceived
+        self._writer, self._guard = writer, guard
+        self._assertions = Assertions(facts.base)
+
+    def all(self, iri: str | None = None) -> tuple[Assertion, ...]:
+        """The assertions about one subject, or about all."""
+        if iri is None:
+            return self._assertions.all(self._store.engine)
+        return tuple(self._of(self.full(iri)).values())
+
+    def conflicts(self) -> tuple[Assertion, ...]:
+        """The assertions that perception contradicts."""
+        return tuple(assertion for assertion in self.all() if assertion.since is not None)
+
+    def add(self, iri: str, prop: str, value: object, *, by: str = "") -> ChangeSet | None:
+        """Assert `prop` of an object or place; it overrides the estimates of perception."""
+        if not by.strip():
+            raise InvalidFactError("an assertion needs an author: by='ann'")
+        with self._guard:
+            return self._add(iri, prop, value, by)
+
+    def _add(self, iri: str, prop: str, given: object, by: str) -> ChangeSet | None:
+        record = self._record(self.full(iri))
+        kind = "object" if isinstance(record, ObjectRecord) else "place"
+        if kind == "object" and prop in SINGLE:
+            value = self._other(record.iri, prop, given)
+        else:
+            value = value_of(prop, given, self._facts.catalogue, kind)
+        asserted = self._of(record.iri)
+        label = self._label(record, asserted) if prop == "label" else None
+        made = Assertion(record.iri, prop, value, by.strip(), time.time(), label)
+        if prop in asserted and asserted[prop].value == value:
+            made = replace(made, since=asserted[prop].since)
+        cause = Cause("assert", by, f"{record.iri} {prop} {value}")
+        return self._restate(record, {**asserted, prop: made}, cause)
+
+    def retract(self, iri: str, prop: str, *, by: str | None = None) -> ChangeSet | None:
+        """Retract the assertion of `prop`: the value perception estimates takes effect again."""
+        with self._guard:
+            return self._retract(iri, prop, by)
+
+    def _retract(self, iri: str, prop: str, by: str | None) -> ChangeSet | None:
+        record = self._record(self.full(iri))
+        asserted = self._of(record.iri)
+        if prop not in asserted:
+            hint = "" if prop in PROPERTIES else did_you_mean(prop, PROPERTIES)
+            raise InvalidFactError(
+                f"the {prop} of {iri} is not asserted; "
+                f"asserted of it: {', '.join(sorted(asserted)) or 'nothing'}{hint}"
+            )
+        cause = Cause("retract", by, f"{record.iri} {prop}")
+        if prop == "existence" and isinstance(record, ObjectRecord) and record.existence <= 0:
+            update = MapUpdate(removed=(record.iri,))  # perception has removed it meanwhile
+            return self._writer.change(update, cause)
+        rest = {name: assertion for name, assertion in asserted.items() if name != prop}
+        return self._restate(record, rest, cause)
+
+    def with_assertions(
+        self, target: Mapping[str, PropertyAssertions]
+    ) -> tuple[tuple[Quad, ...], tuple[Quad, ...], tuple[str, ...]]:
+        """Quads to delete and insert so that each subject, by IRI, has just those assertions.
+
+        Perception's present estimates are kept. The third value has the IRIs of subjects that are
+        not in the map and so cannot have assertions.
+        """
+        deleted: list[Quad] = []
+        kept: list[tuple[ObjectRecord | PlaceRecord, PropertyAssertions]] = []
+        for record in self._records(target):
+            asserted = target[record.iri]
+            if _exists_by_assertion_alone(record, self._of(record.iri), asserted):
+                deleted += self._writer.everything_of(record.iri)
+            else:
+                kept.append((self._placed(record, asserted), asserted))
+        stored, wanted = self._writer.restatement(kept)
+        missing = target.keys() - {record.iri for record, _ in kept}
+        gone = {quad.subject.value for quad in deleted if isinstance(quad.subject, NamedNode)}
+        return (*deleted, *stored), wanted, tuple(sorted(missing - gone))
+
+    def full(self, iri: str) -> str:
+        """Full IRI of a short form such as ``object/17``; a full IRI is returned unchanged."""
+        return iri if ":" in iri else self._facts.base + iri
+
+    def _restate(
+        self, record: ObjectRecord | PlaceRecord, asserted: PropertyAssertions, cause: Cause
+    ) -> ChangeSet | None:
+        return self._writer.restate(self._placed(record, asserted), asserted, cause)
+
+    def _placed(
+        self, record: ObjectRecord | PlaceRecord, asserted: PropertyAssertions
+    ) -> ObjectRecord | PlaceRecord:
+        """The record, an object in the place that holds its asserted position."""
+        if isinstance(record, PlaceRecord):
+            return record
+        x, y, _ = believed_object(record, asserted).p_map
+        return replace(record, place=self._place_at(float(x), float(y)))
+
+    def _place_at(self, x: float, y: float) -> str | None:
+        for place in self._facts.places(self._store.engine):
+            if place.area.contains(x, y):
+                return place.iri
+        return None
+
+    def _record(self, iri: str) -> ObjectRecord | PlaceRecord:
+        for record in self._perceived.objects((iri,)):
+            return record
+        for place in self._perceived.places():
+            if place.iri == iri:
+                return place
+        raise InvalidFactError(
+            f"no object or place {iri} in this map; give its IRI, or as in object/17, place/1"
+        )
+
+    def _other(self, iri: str, prop: str, given: object) -> str:
+        """The object that one is said to be on or inside of, or "nothing"."""
+        text = str(given).strip()
+        if text == NOTHING:
+            return NOTHING
+        other = self.full(text)
+        if other == iri or not self._perceived.objects((other,)):
+            raise InvalidFactError(
+                f"{iri} cannot be {prop} {text!r}; another object of this map would work, as in "
+                f"object/17, or {NOTHING}"
+            )
+        return other
+
+    def _records(self, iris: Collection[str]) -> Iterator[ObjectRecord | PlaceRecord]:
+        yield from self._perceived.objects(tuple(iris))
+        yield from (place for place in self._perceived.places() if place.iri in iris)
+
+    def _label(
+        self, record: ObjectRecord | PlaceRecord, asserted: PropertyAssertions
+    ) -> str | None:
+        if "label" in asserted:
+            return asserted["label"].perceived
+        if isinstance(record, PlaceRecord):
+            return record.label
+        label = self._facts.label(self._store.engine, record.iri)
+        given = self._facts.object_label(believed_object(record, asserted))
+        return None if label == given else label
+
+    def _of(self, iri: str) -> dict[str, Assertion]:
+        return self._assertions.of(self._store.engine, iri)
+
+
+def _exists_by_assertion_alone(
+    record: ObjectRecord | PlaceRecord, before: PropertyAssertions, after: PropertyAssertions
+) -> bool:
+    """Whether an object is in the map only by an assertion that `after` no longer has."""
+    retracted = "existence" in before and "existence" not in after
+    return retracted and isinstance(record, ObjectRecord) and record.existence <= 0

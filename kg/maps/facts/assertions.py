@@ -1,0 +1,335 @@
+"""Assertions: values that people state, kept in graph:assertions, override perception's.
+
+graph:map carries the value in effect. The value perception estimates stays on the assertion,
+kept up to date by the writer, so that retracting restores it (docs/how-to/correct.md).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Final
+from urllib.parse import quote, unquote
+
+import numpy as np
+from pyoxigraph import Literal, NamedNode, Quad
+
+from kg.knowledge.ontology.catalogue import Catalogue
+from kg.maps.facts.relations import NOTHING, SINGLE, asserted_relations, perceived_value
+from kg.model import vocabulary as v
+from kg.model.areas import MAX_COORDINATE
+from kg.model.errors import InvalidFactError
+from kg.model.iris import agent_iri
+from kg.model.records import Assertion, ObjectRecord, PlaceRecord, RelationKind
+from kg.rdf.datetimes import date_time, seconds
+from kg.rdf.quad_store import QuadStore
+
+#: Properties that can be asserted of objects, and of places.
+PROPERTIES: Final = ("category", "position", "existence", "label", *SINGLE)
+PLACE_PROPERTIES: Final = ("category", "label")
+#: Positions farther apart than this contradict each other [m].
+CONFLICT_DISTANCE: Final = 0.5
+MIN_CONFIDENCE: Final = 0.01  # of an object that only an assertion keeps in the map
+
+_OF: Final = NamedNode(v.ASSERTED_OF)
+_VALUE: Final = NamedNode(v.ASSERTED_VALUE)
+
+PropertyAssertions = Mapping[str, Assertion]  # by property
+
+
+@dataclass(frozen=True, slots=True)
+class Assertions:
+    """Reads and writes the assertions of the map with IRI `base`."""
+
+    base: str
+
+    def any(self, store: QuadStore) -> bool:
+        """Whether the map has any assertion."""
+        return next(store.quads_for_pattern(None, _OF, None, v.ASSERTIONS_GRAPH), None) is not None
+
+    def of(self, store: QuadStore, subject: str) -> dict[str, Assertion]:
+        """The assertions about a subject, by property."""
+        nodes = store.quads_for_pattern(None, _OF, NamedNode(subject), v.ASSERTIONS_GRAPH)
+        assertions = (
+            self._read(store, q.subject.value) for q in nodes if isinstance(q.subject, NamedNode)
+        )
+        return {assertion.property: assertion for assertion in assertions}
+
+    def all(self, store: QuadStore) -> tuple[Assertion, ...]:
+        """All assertions, by subject and property."""
+        nodes = store.quads_for_pattern(None, _OF, None, v.ASSERTIONS_GRAPH)
+        assertions = [
+            self._read(store, q.subject.value) for q in nodes if isinstance(q.subject, NamedNode)
+        ]
+        return tuple(sorted(assertions, key=lambda a: (len(a.subject), a.subject, a.property)))
+
+    def iri(self, subject: str, prop: str) -> str:
+        """IRI of the assertion of a property of a subject."""
+        return f"{self.base}assertion/{self._local(subject)}/{prop}"
+
+    def subject(self, iri: str) -> str | None:
+        """Subject of the assertion with that IRI; None where it is no such IRI."""
+        rest = iri.removeprefix(f"{self.base}assertion/")
+        if rest == iri or "/" not in rest:
+            return None
+        local = rest.split("/perceived/")[0].rpartition("/")[0]
+        return unquote(local) if "%3A" in local else self.base + local
+
+    def stored(self, store: QuadStore, subject: str) -> Iterator[Quad]:
+        """All quads of graph:assertions about a subject."""
+        for quad in store.quads_for_pattern(None, _OF, NamedNode(subject), v.ASSERTIONS_GRAPH):
+            for fact in store.quads_for_pattern(quad.subject, None, None, v.ASSERTIONS_GRAPH):
+                yield fact
+                if fact.predicate.value == v.PERCEIVED_BELIEF and not isinstance(
+                    fact.object, Literal
+                ):
+                    yield from store.quads_for_pattern(fact.object, None, None, v.ASSERTIONS_GRAPH)
+
+    def naming(self, store: QuadStore, other: str) -> Iterator[Quad]:
+        """All quads of assertions by which something is on or inside the object `other`."""
+        for quad in store.quads_for_pattern(None, _VALUE, NamedNode(other), v.ASSERTIONS_GRAPH):
+            yield from store.quads_for_pattern(quad.subject, None, None, v.ASSERTIONS_GRAPH)
+
+    def quads(self, assertion: Assertion) -> list[Quad]:
+        """Quads of an assertion and of its author."""
+        node = self.iri(assertion.subject, assertion.property)
+        if not is_unicode(assertion.by):
+            raise InvalidFactError(f"the author's name must be Unicode text, got {assertion.by!r}")
+        agent = agent_iri(self.base, assertion.by)
+        facts: list[tuple[str, str, NamedNode | Literal]] = [
+            (node, v.RDF_TYPE.value, NamedNode(v.ASSERTION)),
+            (node, v.ASSERTED_OF, NamedNode(assertion.subject)),
+            (node, v.ASSERTED_PROPERTY, Literal(assertion.property)),
+            (node, v.ASSERTED_VALUE, _term(assertion.property, assertion.value)),
+            (node, v.PROV_ATTRIBUTED_TO, NamedNode(agent)),
+            (node, v.PROV_GENERATED_AT, date_time(assertion.stamp)),
+        ]
+        if assertion.perceived is not None:
+            value = _term(assertion.property, assertion.perceived)
+            facts.append((node, v.PERCEIVED_VALUE, value))
+            strength = Literal(round(assertion.strength, 2) + 0.0)
+            facts.append((node, v.PERCEIVED_STRENGTH, strength))
+        if assertion.since is not None:
+            facts.append((node, v.CONFLICT_SINCE, date_time(assertion.since)))
+        for category, belief in sorted(assertion.beliefs.items()):
+            held = f"{node}/perceived/{quote(category.removeprefix(v.HERE), safe='')}"
+            facts += [
+                (node, v.PERCEIVED_BELIEF, NamedNode(held)),
+                (held, v.RDF_TYPE.value, NamedNode(v.PLACE_BELIEF)),
+                (held, v.OF_CATEGORY, NamedNode(category)),
+                (held, v.BELIEF, Literal(round(belief, 2) + 0.0)),
+            ]
+        quads = [Quad(NamedNode(s), NamedNode(p), o, v.ASSERTIONS_GRAPH) for s, p, o in facts]
+        return [*quads, *agent_quads(self.base, assertion.by, v.ASSERTIONS_GRAPH)]
+
+    def _local(self, subject: str) -> str:
+        kept = subject.removeprefix(self.base)
+        return quote(subject, safe="") if kept == subject else kept
+
+    def _read(self, store: QuadStore, node: str) -> Assertion:
+        values = _values(store, node)
+        author = _values(store, values.get(v.PROV_ATTRIBUTED_TO, [self.base])[0])
+        beliefs = [_values(store, held) for held in values.get(v.PERCEIVED_BELIEF, ())]
+
+        def one(predicate: str, default: str = "") -> str:
+            return values.get(predicate, [default])[0]
+
+        return Assertion(
+            subject=one(v.ASSERTED_OF),
+            property=one(v.ASSERTED_PROPERTY),
+            value=one(v.ASSERTED_VALUE),
+            by=author.get(v.RDFS_LABEL, [""])[0],
+            stamp=seconds(one(v.PROV_GENERATED_AT, "1970-01-01T00:00:00Z")),
+            perceived=one(v.PERCEIVED_VALUE) or None,
+            strength=float(one(v.PERCEIVED_STRENGTH, "0")),
+            since=seconds(one(v.CONFLICT_SINCE)) if v.CONFLICT_SINCE in values else None,
+            beliefs={held[v.OF_CATEGORY][0]: float(held[v.BELIEF][0]) for held in beliefs},
+        )
+
+
+def agent_quads(base: str, name: str, graph: NamedNode) -> Iterator[Quad]:
+    """Type and label of the author `name` (prov:Agent)."""
+    node = NamedNode(agent_iri(base, name))
+    yield Quad(node, v.RDF_TYPE, NamedNode(v.PROV_AGENT), graph)
+    yield Quad(node, NamedNode(v.RDFS_LABEL), Literal(name), graph)
+
+
+def value_of(prop: str, given: object, catalogue: Catalogue, kind: str) -> str:
+    """Normalised value of an assertion about a `kind` ("object" or "place").
+
+    `given` is a category's label or IRI; (x, y, z) [m] or "x y z"; present or absent; a label.
+    Raises UnknownCategoryError, and InvalidFactError for what cannot be asserted.
+    """
+    allowed = PROPERTIES if kind == "object" else PLACE_PROPERTIES
+    if prop not in allowed:
+        raise InvalidFactError(
+            f"{prop!r} of {kind}s cannot be asserted; these can: {', '.join(allowed)}"
+        )
+    if prop == "category":
+        return catalogue.find(str(given), kind=kind).iri
+    if prop == "position":
+        return _position(given)
+    text = str(given).strip()
+    if prop == "existence" and text not in ("present", "absent"):
+        raise InvalidFactError(f"existence must be present or absent, got {text!r}")
+    if not text:
+        raise InvalidFactError("a label must have at least one character")
+    if not is_unicode(text):
+        raise InvalidFactError(f"a label must be Unicode text, got {text!r}")
+    return text
+
+
+def is_unicode(text: str) -> bool:
+    """Whether a text can be encoded: it has no unpaired surrogate."""
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
+def believed_object(record: ObjectRecord, assertions: PropertyAssertions) -> ObjectRecord:
+    """The object with its assertions applied over what perception estimates."""
+    if (category := assertions.get("category")) is not None:
+        record = replace(record, category=category.value, labels={})
+    if (position := assertions.get("position")) is not None:
+        record = replace(record, p_map=point(position.value))
+    if (existence := assertions.get("existence")) is not None:
+        if existence.value == "present":
+            record = replace(record, existence=1.0)
+        else:
+            record = replace(record, existence=0.0, labels={})
+    for kind in SINGLE:
+        if (relation := assertions.get(kind)) is not None:
+            record = _related(record, kind, relation.value, 1.0)
+    return (
+        replace(record, confidence=max(record.confidence, MIN_CONFIDENCE)) if assertions else record
+    )
+
+
+def perceived_object(record: ObjectRecord, assertions: PropertyAssertions) -> ObjectRecord:
+    """The object as perception estimates it, given the map's record and its assertions."""
+    for prop, assertion in assertions.items():
+        if assertion.perceived is None:
+            continue
+        if prop == "category":
+            record = replace(record, category=assertion.perceived)
+        elif prop == "position":
+            record = replace(record, p_map=point(assertion.perceived))
+        elif prop == "existence":
+            record = replace(record, existence=float(assertion.perceived))
+    for kind in SINGLE:
+        if (relation := assertions.get(kind)) is not None:
+            record = _related(record, kind, relation.perceived, relation.strength)
+    return record
+
+
+def _related(
+    record: ObjectRecord, kind: RelationKind, target: str | None, probability: float
+) -> ObjectRecord:
+    if record.relations is None:
+        return record
+    relations = asserted_relations(record.relations, kind, target, probability)
+    return replace(record, relations=relations)
+
+
+def believed_place(record: PlaceRecord, assertions: PropertyAssertions) -> PlaceRecord:
+    """As `believed_object`, of a place: an asserted category has belief 1."""
+    if (category := assertions.get("category")) is not None:
+        record = replace(record, beliefs={category.value: 1.0})
+    if (label := assertions.get("label")) is not None:
+        record = replace(record, label=label.value)
+    return record
+
+
+def perceived_place(record: PlaceRecord, assertions: PropertyAssertions) -> PlaceRecord:
+    """As `perceived_object`, of a place."""
+    if (category := assertions.get("category")) is not None:
+        record = replace(record, beliefs=category.beliefs)
+    if (label := assertions.get("label")) is not None and label.perceived is not None:
+        record = replace(record, label=label.perceived)
+    return record
+
+
+def about_object(assertion: Assertion, record: ObjectRecord, now: float) -> Assertion:
+    """The assertion with perception's present estimate; a conflict begins at `now` [s]."""
+    if assertion.property == "label":
+        return assertion
+    for kind in SINGLE:
+        if assertion.property == kind:
+            if record.relations is None:
+                return assertion
+            perceived, strength = perceived_value(record.relations, kind)
+            updated = replace(assertion, perceived=perceived, strength=strength)
+            return _compared(updated, now)
+    perceived = {
+        "category": record.category,
+        "position": _position(record.p_map),
+        "existence": f"{max(record.existence, 0.0):.2f}",
+    }[assertion.property]
+    strength = max(record.existence, 0.0)
+    if assertion.property == "existence" and assertion.value == "present":
+        strength = 1.0 - strength
+    return _compared(replace(assertion, perceived=perceived, strength=strength), now)
+
+
+def about_place(assertion: Assertion, record: PlaceRecord, now: float) -> Assertion:
+    """As `about_object`, of a place."""
+    if assertion.property == "label":
+        return replace(assertion, perceived=record.label)
+    beliefs = record.beliefs
+    top = max(beliefs, key=lambda category: (beliefs[category], category), default=None)
+    strength = 0.0 if top is None else beliefs[top]
+    updated = replace(assertion, perceived=top, strength=strength, beliefs=dict(beliefs))
+    return _compared(updated, now)
+
+
+def point(text: str) -> np.ndarray:
+    """(3,) [m] from ``"x y z"``."""
+    return np.array([float(number) for number in text.split()], dtype=np.float64)
+
+
+def _compared(assertion: Assertion, now: float) -> Assertion:
+    if not _contradicts(assertion):
+        return replace(assertion, since=None)
+    return assertion if assertion.since is not None else replace(assertion, since=now)
+
+
+def _contradicts(assertion: Assertion) -> bool:
+    value, perceived = assertion.value, assertion.perceived
+    if perceived is None:
+        return False
+    if assertion.property == "position":
+        return bool(np.linalg.norm(point(value) - point(perceived)) > CONFLICT_DISTANCE)
+    if assertion.property == "existence":
+        return (float(perceived) > 0) == (value == "absent")
+    return value != perceived
+
+
+def _position(given: object) -> str:
+    try:
+        numbers = given.replace(",", " ").split() if isinstance(given, str) else list(given)  # type: ignore[call-overload]
+        x, y, z = (round(float(number), 2) + 0.0 for number in numbers)
+    except (TypeError, ValueError, OverflowError):
+        x = y = z = math.nan
+    if not all(abs(number) <= MAX_COORDINATE for number in (x, y, z)):
+        raise InvalidFactError(
+            f"a position must be three finite numbers x y z [m], up to {MAX_COORDINATE:g}, "
+            f"got {given!r}"
+        )
+    return f"{x:g} {y:g} {z:g}" if max(abs(x), abs(y), abs(z)) < 1e4 else f"{x} {y} {z}"
+
+
+def _term(prop: str, value: str) -> NamedNode | Literal:
+    names = prop == "category" or (prop in SINGLE and value != NOTHING)
+    return NamedNode(value) if names else Literal(value)
+
+
+def _values(store: QuadStore, node: str) -> dict[str, list[str]]:
+    """Values of one node in graph:assertions: IRIs and lexical forms by predicate."""
+    values: dict[str, list[str]] = {}
+    for quad in store.quads_for_pattern(NamedNode(node), None, None, v.ASSERTIONS_GRAPH):
+        text = str(getattr(quad.object, "value", quad.object))
+        values.setdefault(quad.predicate.value, []).append(text)
+    return values

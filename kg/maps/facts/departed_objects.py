@@ -1,0 +1,96 @@
+"""Facts of objects that left the map: where each stood, when it was seen, when it was found gone.
+
+They are stated of the object's own IRI, so that one found elsewhere, also after a restart, goes on
+as the same. The class is none of the ontology's categories: what reads objects passes them over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import Final
+
+from pyoxigraph import Literal, NamedNode, Quad
+
+from kg.model import vocabulary as v
+from kg.model.errors import InvalidFactError
+from kg.model.records import DepartedRecord
+from kg.rdf.literals import (
+    AXES,
+    SIDES,
+    Properties,
+    axes_of,
+    axis_literals,
+    first,
+    iri_node,
+    iri_order,
+    properties_of,
+    share_literal,
+    stamp_of,
+    subject_quads,
+    time_literal,
+)
+from kg.rdf.quad_store import QuadStore
+from kg.store.sparql_backend import reading_ahead
+
+#: Predicates that only objects that left have.
+OWN: Final = frozenset((v.FOUND_GONE, v.PEAK_EXISTENCE))
+
+_DEPARTED: Final = NamedNode(v.DEPARTED_OBJECT)
+
+
+def departed_quads(record: DepartedRecord) -> list[Quad]:
+    """Facts of an object that left, but for its label.
+
+    Raises InvalidFactError for numbers that are not finite or out of range.
+    """
+    what = f"departed object {record.iri}"
+    if record.observations < 1:
+        raise InvalidFactError(f"{what}: observations must be 1 or more, got {record.observations}")
+    if not record.first_seen <= record.last_seen <= record.found_gone:
+        raise InvalidFactError(
+            f"{what}: first seen, last seen and found gone must be in this order"
+        )
+    facts: list[tuple[str, NamedNode | Literal]] = [
+        (v.RDF_TYPE.value, _DEPARTED),
+        (v.OF_CATEGORY, iri_node(record.category, what)),
+        (v.PEAK_EXISTENCE, share_literal(record.peak, f"{what}: peak")),
+        (v.OBSERVATION_COUNT, Literal(record.observations)),
+        (v.FIRST_SEEN, time_literal(record.first_seen, f"{what}: first seen")),
+        (v.LAST_SEEN, time_literal(record.last_seen, f"{what}: last seen")),
+        (v.FOUND_GONE, time_literal(record.found_gone, f"{what}: found gone")),
+        *axis_literals(AXES, record.p_map, f"{what}: position"),
+    ]
+    if record.extent is not None:
+        facts += axis_literals(SIDES, record.extent, f"{what}: extent", least=0.0)
+    return subject_quads(record.iri, facts)
+
+
+def departed_in(store: QuadStore, iris: Collection[str] | None = None) -> list[DepartedRecord]:
+    """Objects that left, or those among `iris`, by when they were found gone; oldest first."""
+    if iris is None:
+        quads = store.quads_for_pattern(None, v.RDF_TYPE, _DEPARTED, v.MAP_GRAPH)
+        nodes = [quad.subject for quad in quads if isinstance(quad.subject, NamedNode)]
+    else:
+        nodes = [iri_node(iri, "object") for iri in iris]
+    found = list[DepartedRecord]()
+    with reading_ahead(store, nodes):
+        for node in nodes:
+            held = properties_of(store, node.value, v.MAP_GRAPH)
+            left = v.DEPARTED_OBJECT in held.get(v.RDF_TYPE.value, ())
+            if left and {v.OF_CATEGORY, v.X, v.Y} <= held.keys():
+                found.append(_record(node.value, held))
+    return sorted(found, key=lambda record: (record.found_gone, iri_order(record.iri)))
+
+
+def _record(iri: str, held: Properties) -> DepartedRecord:
+    return DepartedRecord(
+        iri=iri,
+        category=first(held, v.OF_CATEGORY, ""),
+        p_map=axes_of(held, AXES),
+        peak=float(first(held, v.PEAK_EXISTENCE, "1")),
+        observations=int(first(held, v.OBSERVATION_COUNT, "1")),
+        first_seen=stamp_of(held, v.FIRST_SEEN),
+        last_seen=stamp_of(held, v.LAST_SEEN),
+        found_gone=stamp_of(held, v.FOUND_GONE),
+        extent=axes_of(held, SIDES) if held.keys() >= set(SIDES) else None,
+    )

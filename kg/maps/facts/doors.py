@@ -1,0 +1,46 @@
+"""Doors between places as quads of graph:map, and back: BOT's interfaces of two zones."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from pyoxigraph import Literal, NamedNode, Quad
+
+from kg.model import vocabulary as v
+from kg.model.errors import InvalidFactError
+from kg.model.records import DoorRecord
+from kg.rdf.literals import first, iri_node, iri_order, known_iri, number_literal, properties_of
+from kg.rdf.quad_store import QuadStore
+
+#: Predicates of a door that the writer owns; others are kept as people wrote them.
+OWN: Final = {v.RDF_TYPE.value, v.RDFS_LABEL, v.X, v.Y, v.WIDTH, v.BOT_INTERFACE_OF}
+
+
+def facts_of_door(door: DoorRecord) -> list[Quad]:
+    """Facts of a door; InvalidFactError for numbers that are not finite, or one place twice."""
+    what = f"door {door.iri}"
+    if len(set(door.places)) != 2:
+        raise InvalidFactError(f"{what}: a door is between two places, got {door.places}")
+    facts: list[tuple[str, NamedNode | Literal]] = [
+        (v.RDF_TYPE.value, known_iri(v.DOOR)),
+        (v.RDFS_LABEL, Literal("door " + door.iri.rstrip("/").rpartition("/")[2])),
+        (v.X, number_literal(door.x, f"{what}: x")),
+        (v.Y, number_literal(door.y, f"{what}: y")),
+        (v.WIDTH, number_literal(door.width, f"{what}: width", least=0.0)),
+        *((v.BOT_INTERFACE_OF, iri_node(place, f"{what}: place")) for place in door.places),
+    ]
+    node = iri_node(door.iri, "door")
+    return [Quad(node, known_iri(predicate), value, v.MAP_GRAPH) for predicate, value in facts]
+
+
+def doors_in(engine: QuadStore) -> tuple[DoorRecord, ...]:
+    """All doors between two places, by IRI; what lacks a place, or a position, is left out."""
+    found = []
+    for quad in engine.quads_for_pattern(None, v.RDF_TYPE, NamedNode(v.DOOR), v.MAP_GRAPH):
+        held = properties_of(engine, getattr(quad.subject, "value", ""), v.MAP_GRAPH)
+        places = sorted(held.get(v.BOT_INTERFACE_OF, ()), key=iri_order)
+        if len(places) == 2 and v.X in held and v.Y in held:
+            x, y, width = (float(first(held, p, "0")) for p in (v.X, v.Y, v.WIDTH))
+            iri = getattr(quad.subject, "value", "")
+            found.append(DoorRecord(iri, x, y, width, (places[0], places[1])))
+    return tuple(sorted(found, key=lambda door: iri_order(door.iri)))

@@ -1,0 +1,368 @@
+"""Frame writer: the difference between an update's quads and the stored ones, as one transaction.
+
+People write to the same graph, so the stored quads are read from the store, or from a cache that
+is dropped after a transaction of another writer (`kg.maps.facts.write_cache`). Predicates the
+writer does not own, and labels that people gave to objects, are kept. Records carry perception's
+estimates; assertions are applied to them here.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator
+
+from pyoxigraph import Literal, NamedNode, Quad
+
+from kg.maps.facts.assertions import (
+    Assertions,
+    PropertyAssertions,
+    about_object,
+    about_place,
+    believed_object,
+    believed_place,
+)
+from kg.maps.facts.departed_objects import OWN as OWN_OF_DEPARTED
+from kg.maps.facts.departed_objects import departed_quads
+from kg.maps.facts.doors import OWN as OWN_OF_DOORS
+from kg.maps.facts.doors import facts_of_door
+from kg.maps.facts.label_beliefs import OWN as OWN_OF_LABELS
+from kg.maps.facts.label_beliefs import label_nodes
+from kg.maps.facts.objects_and_places import RecordCodec
+from kg.maps.facts.occupancy import OWN as OWN_OF_TILES
+from kg.maps.facts.occupancy import facts_of_tile, iri_of
+from kg.maps.facts.relations import OF_NODE, OF_OBJECT, SINGLE, relation_nodes
+from kg.maps.facts.robot_and_recordings import recording_iri, recording_quads, robot_quads
+from kg.maps.facts.searches import OWN as OWN_OF_SEARCHES
+from kg.maps.facts.searches import facts_of, subjects_of
+from kg.maps.facts.write_cache import WriteCache
+from kg.model import vocabulary as v
+from kg.model.errors import InvalidFactError
+from kg.model.iris import observation_iri
+from kg.model.records import DepartedRecord, MapUpdate, ObjectRecord, PlaceRecord
+from kg.model.transactions import Cause, ChangeSet
+from kg.store.sparql_backend import reading_ahead
+from kg.store.transactional import TransactionalStore
+from kg.store.writer_priority import writing
+
+_LABEL = NamedNode(v.RDFS_LABEL)
+_HAS_BELIEF = NamedNode(v.HAS_BELIEF)
+_LINKS = (NamedNode(v.HAS_RELATION), NamedNode(v.HAS_LABEL_BELIEF))  # to parts of an object
+_NEXT = NamedNode(v.NEXT_OBJECT)
+_STRUCTURAL = {
+    *(v.PLACE, v.BOT_SPACE, v.ROBOT, v.PLACE_BELIEF, v.SOSA_OBSERVATION, v.RECORDING),
+    *(v.FLOOR_TILE, v.DOOR, v.SPATIAL_RELATION, v.LABEL_BELIEF, v.DEPARTED_OBJECT),
+}
+_OWN = {
+    *(v.RDF_TYPE.value, v.RDFS_LABEL, v.X, v.Y, v.Z, v.HEADING, v.IN_CELL, v.IN_PLACE),
+    *(v.X_MIN, v.X_MAX, v.Y_MIN, v.Y_MAX, v.VIEW_COUNT, v.HAS_BELIEF, v.OF_CATEGORY, v.BELIEF),
+    *(v.OUTLINE, v.FROM_FLOOR, v.BOT_ADJACENT_ZONE, v.WIDTH, v.BOT_INTERFACE_OF),
+    *(v.VIEWED_SHARE, v.CLOSELY_VIEWED_SHARE, v.LAST_VIEWED),
+    *(v.SCENE_BELIEF, v.TOLD_BY),
+    *(v.CONFIDENCE, v.EXISTENCE, v.OBSERVATION_COUNT, v.FIRST_SEEN, v.LAST_SEEN, v.EXPLAINED_BY),
+    *(v.EXTENT_X, v.EXTENT_Y, v.EXTENT_Z, v.DEVIATION),
+    *(v.SOSA_FEATURE, v.SOSA_RESULT_TIME, v.FRAME, v.FROM_RECORDING, v.BOX, v.SCORE, v.MODEL),
+    *(v.FRAMES_APPLIED, v.LAST_FRAME, v.TRANSFORM, v.SCENE_MODEL),
+    *(v.STOREY, v.CELL_SIZE, v.FLOOR_CELLS, v.VIEW_TIMES, *OF_OBJECT, *OF_NODE),
+    *OWN_OF_LABELS,
+    *OWN_OF_DEPARTED,
+}
+
+
+_Quads = dict[Quad, None]  # insertion-ordered sets
+
+
+class FrameWriter:
+    """Writer of updates to a store; it allocates object numbers, each used once."""
+
+    def __init__(self, store: TransactionalStore, facts: RecordCodec) -> None:
+        self._store = store
+        self._facts = facts
+        self._assertions = Assertions(facts.base)
+        self._prefix = facts.base + "object/"
+        self._next = 1
+        self._recent = WriteCache(store, self._owns)
+        self._synchronised_at: int | None = None
+        self._has_assertions = True
+
+    def new_object_iri(self) -> str:
+        """A fresh IRI for a new object."""
+        self._store.check_writable()
+        number = self.next_number
+        self._next = number + 1
+        return f"{self._prefix}{number}"
+
+    @property
+    def next_number(self) -> int:
+        """The least object number that was never allocated."""
+        return max(self._next, self._stored_next())
+
+    def change(self, update: MapUpdate, cause: Cause) -> ChangeSet | None:
+        """Apply `update` to the map; returns the transaction.
+
+        Raises InvalidFactError, before anything is written, for a record that is not valid.
+        """
+        self._store.check_writable()
+        _reject_duplicates(update)
+        with writing(), reading_ahead(self._store.engine, self.subjects(update)):
+            self._synchronise()
+            return self._change(update, cause)
+
+    def _synchronise(self) -> None:
+        """Synchronise the write cache with the graph."""
+        self._synchronised_at = self._recent.catch_up()
+        self._has_assertions = self._assertions.any(self._store.engine)
+
+    def _change(self, update: MapUpdate, cause: Cause) -> ChangeSet | None:
+        wanted: _Quads = {}
+        stored: _Quads = {}
+        for record in update.objects:
+            asserted = self._assertions_of(record.iri, without=update.removed)
+            self._object(record, wanted, stored, asserted)
+        for place in update.places:
+            self._place(place, wanted, stored)
+        for door in update.doors:
+            _put(wanted, facts_of_door(door))
+            held = self._recent.of(_node(door.iri))
+            _put(stored, (quad for quad in held if quad.predicate.value in OWN_OF_DOORS))
+        if update.robot is not None:
+            _put(wanted, robot_quads(update.robot, self._facts.base))
+            stored |= self._recent.of(NamedNode(self._facts.base + "robot"))
+        if update.recording is not None:
+            _put(wanted, recording_quads(update.recording, self._facts.base))
+            iri = recording_iri(update.recording.name, self._facts.base)
+            _put(stored, self._owned(iri, v.DATASET_GRAPH))
+        for tile in update.floor:
+            _put(wanted, facts_of_tile(self._facts.base, tile))
+            held = self._recent.of(NamedNode(iri_of(self._facts.base, tile)))
+            _put(stored, (quad for quad in held if quad.predicate.value in OWN_OF_TILES))
+        for iri in subjects_of(update):
+            _put(stored, self._owned_of_search(iri))
+        _put(wanted, facts_of(update))
+        for iri in update.removed:
+            _put(stored, self._everything_of(iri))
+        for departed in update.departed:
+            self._departed(departed, wanted, stored)
+        self._advance_number(update.objects, wanted, stored)
+        return self._commit(wanted, stored, cause)
+
+    def restate(
+        self, record: ObjectRecord | PlaceRecord, assertions: PropertyAssertions, cause: Cause
+    ) -> ChangeSet | None:
+        """Replace the assertions about an object or place; `record` is perception's estimate."""
+        stored, wanted = self.restatement(((record, assertions),))
+        return self._commit(dict.fromkeys(wanted), dict.fromkeys(stored), cause)
+
+    def restatement(
+        self, asserted: Iterable[tuple[ObjectRecord | PlaceRecord, PropertyAssertions]]
+    ) -> tuple[tuple[Quad, ...], tuple[Quad, ...]]:
+        """Quads to delete and to insert so that each subject has just those assertions."""
+        self._synchronise()
+        wanted: _Quads = {}
+        stored: _Quads = {}
+        for record, assertions in asserted:
+            if isinstance(record, ObjectRecord):
+                self._object(record, wanted, stored, assertions)
+            else:
+                self._place(record, wanted, stored, assertions)
+        self._synchronised_at = None  # quads of the author may be stored already
+        return tuple(stored), tuple(wanted)
+
+    def everything_of(self, iri: str) -> tuple[Quad, ...]:
+        """All quads of an object: its facts, observation, assertions and links to it."""
+        return tuple(self._everything_of(iri))
+
+    def _commit(self, wanted: _Quads, stored: _Quads, cause: Cause) -> ChangeSet | None:
+        deleted = [quad for quad in stored if quad not in wanted]
+        inserted = [quad for quad in wanted if quad not in stored]
+        if not deleted and not inserted:
+            return None
+        # with assertions present, some quads of `wanted` may be stored already
+        exact = None if self._has_assertions else self._synchronised_at
+        change = self._store.commit(deleted, inserted, cause, exact_at=exact)
+        if change is not None:
+            self._recent.note(change)
+        return change
+
+    def subjects(self, update: MapUpdate) -> Iterator[NamedNode]:
+        """Subjects whose quads `update` may change; InvalidFactError for what is no IRI."""
+        objects = [*(record.iri for record in update.objects), *update.removed]
+        yield from map(_node, objects)
+        yield from (_node(observation_iri(self._facts.base, iri)) for iri in objects)
+        yield from (_node(place.iri) for place in update.places)
+        yield from (_node(door.iri) for door in update.doors)
+        yield from map(_node, subjects_of(update))
+        yield from (NamedNode(iri_of(self._facts.base, tile)) for tile in update.floor)
+        yield NamedNode(self._facts.base)
+        if update.robot is not None:
+            yield NamedNode(self._facts.base + "robot")
+        if update.recording is not None:
+            yield NamedNode(recording_iri(update.recording.name, self._facts.base))
+
+    def _object(
+        self,
+        record: ObjectRecord,
+        wanted: _Quads,
+        stored: _Quads,
+        assertions: PropertyAssertions,
+    ) -> None:
+        previous = self._assertions_of(record.iri)
+        believed = believed_object(record, assertions)
+        facts = self._facts.of_object(believed)
+        node = NamedNode(record.iri)
+        before = self._with_parts(node, record)
+        labels = {quad for quad in before if quad.predicate == _LABEL}
+        if (label := _asserted_label(assertions, previous)) is not None:
+            facts = [q for q in facts if q.predicate != _LABEL]
+            facts.append(Quad(node, _LABEL, Literal(label), v.MAP_GRAPH))
+        elif labels and "label" not in previous and _kind(node, believed.category) & before.keys():
+            # written once for a new object; people may have edited the label since
+            before = {quad: None for quad in before if quad not in labels}
+            facts = [q for q in facts if q.predicate != _LABEL]
+        _put(wanted, facts)
+        stored |= before
+        stored |= self._recent.of(NamedNode(observation_iri(self._facts.base, record.iri)))
+        if assertions or previous:
+            _put(stored, self._assertions.stored(self._store.engine, record.iri))
+            for assertion in assertions.values():
+                about = about_object(assertion, record, time.time())
+                _put(wanted, self._assertions.quads(about))
+
+    def _departed(self, record: DepartedRecord, wanted: _Quads, stored: _Quads) -> None:
+        """Facts of an object that left, with the label that it had."""
+        self._facts.known_category(record.category, f"departed object {record.iri}", "object")
+        _put(wanted, departed_quads(record))
+        node = NamedNode(record.iri)
+        labels = [quad for quad in stored if quad.subject == node and quad.predicate == _LABEL]
+        _put(
+            wanted,
+            labels or [Quad(node, _LABEL, Literal(self._facts.object_label(record)), v.MAP_GRAPH)],
+        )
+
+    def _place(
+        self,
+        record: PlaceRecord,
+        wanted: _Quads,
+        stored: _Quads,
+        assertions: PropertyAssertions | None = None,
+    ) -> None:
+        previous = self._assertions_of(record.iri)
+        assertions = previous if assertions is None else assertions
+        _put(wanted, self._facts.of_place(believed_place(record, assertions)))
+        for quad in self._recent.of(NamedNode(record.iri)):
+            stored[quad] = None
+            if quad.predicate == _HAS_BELIEF and isinstance(quad.object, NamedNode):
+                stored |= self._recent.of(quad.object)
+        if "category" in assertions:  # also where no view has given the place a type yet
+            kind = NamedNode(assertions["category"].value)
+            wanted[Quad(NamedNode(record.iri), v.RDF_TYPE, kind, v.MAP_GRAPH)] = None
+        if assertions or previous:
+            _put(stored, self._assertions.stored(self._store.engine, record.iri))
+            for assertion in assertions.values():
+                about = about_place(assertion, record, time.time())
+                _put(wanted, self._assertions.quads(about))
+
+    def _with_parts(self, node: NamedNode, record: ObjectRecord) -> _Quads:
+        """Stored facts that `record` replaces: of an object, its relations and alternatives."""
+        before = self._recent.of(node)
+        if record.relations is None:
+            before = {quad: None for quad in before if quad.predicate.value not in OF_OBJECT}
+        for quad in tuple(before):
+            if quad.predicate in _LINKS and isinstance(quad.object, NamedNode):
+                before = before | self._recent.of(quad.object)
+        return before
+
+    def _assertions_of(self, iri: str, without: Collection[str] = ()) -> PropertyAssertions:
+        """Assertions of a thing, but for relations to those that are removed."""
+        if not self._has_assertions:
+            return {}
+        held = self._assertions.of(self._store.engine, iri)
+        return {p: a for p, a in held.items() if p not in SINGLE or a.value not in without}
+
+    def _owned(self, iri: str, graph: NamedNode) -> Iterator[Quad]:
+        quads = self._store.engine.quads_for_pattern(NamedNode(iri), None, None, graph)
+        return filter(self._owns, quads)
+
+    def _owned_of_search(self, iri: str) -> Iterator[Quad]:
+        quads = self._store.engine.quads_for_pattern(_node(iri), None, None, v.MAP_GRAPH)
+        return (quad for quad in quads if quad.predicate.value in OWN_OF_SEARCHES)
+
+    def _owns(self, quad: Quad) -> bool:
+        if quad.predicate != v.RDF_TYPE:
+            return quad.predicate.value in _OWN
+        kind = getattr(quad.object, "value", "")
+        return kind in _STRUCTURAL or self._facts.catalogue.by_iri(kind) is not None
+
+    def _everything_of(self, iri: str) -> Iterator[Quad]:
+        engine = self._store.engine
+        for node in label_nodes(engine, iri):
+            yield from engine.quads_for_pattern(node, None, None, v.MAP_GRAPH)
+        for subject in (iri, observation_iri(self._facts.base, iri), *relation_nodes(engine, iri)):
+            yield from engine.quads_for_pattern(_node(subject), None, None, v.MAP_GRAPH)
+            yield from engine.quads_for_pattern(None, None, _node(subject), v.MAP_GRAPH)
+            for quad in engine.quads_for_pattern(_node(subject), _HAS_BELIEF, None, v.MAP_GRAPH):
+                if isinstance(quad.object, NamedNode):
+                    yield from engine.quads_for_pattern(quad.object, None, None, v.MAP_GRAPH)
+        yield from self._assertions.stored(engine, iri)
+        yield from self._assertions.naming(engine, iri)
+
+    def _stored_next(self) -> int:
+        base = NamedNode(self._facts.base)
+        quads = self._store.engine.quads_for_pattern(base, _NEXT, None, v.DATASET_GRAPH)
+        return max((int(quad.object.value) for quad in quads), default=1)  # type: ignore[union-attr]
+
+    def _advance_number(
+        self, objects: Iterable[ObjectRecord], wanted: _Quads, stored: _Quads
+    ) -> None:
+        numbers = (record.iri.removeprefix(self._prefix) for record in objects)
+        used = max((int(n) for n in numbers if n.isascii() and n.isdigit()), default=0)
+        before = self._stored_next()
+        self._next = max(self._next, before, used + 1)
+        if self._next != before:
+            base = NamedNode(self._facts.base)
+            stored[Quad(base, _NEXT, Literal(before), v.DATASET_GRAPH)] = None
+            wanted[Quad(base, _NEXT, Literal(self._next), v.DATASET_GRAPH)] = None
+
+
+def _put(quads: _Quads, more: Iterable[Quad]) -> None:
+    quads.update(dict.fromkeys(more))
+
+
+def _kind(node: NamedNode, category: str) -> set[Quad]:
+    """Facts that say of an object, or of one that left, what it is."""
+    kind = NamedNode(category)
+    return {
+        Quad(node, v.RDF_TYPE, kind, v.MAP_GRAPH),
+        Quad(node, NamedNode(v.OF_CATEGORY), kind, v.MAP_GRAPH),
+    }
+
+
+def _asserted_label(assertions: PropertyAssertions, previous: PropertyAssertions) -> str | None:
+    if "label" in assertions:
+        return assertions["label"].value
+    if "label" in previous:  # it is being retracted
+        return previous["label"].perceived
+    return None
+
+
+def _node(iri: str) -> NamedNode:
+    try:
+        return NamedNode(iri)
+    except ValueError as error:
+        raise InvalidFactError(f"an object's IRI must be absolute, got {iri!r}") from error
+
+
+def _reject_duplicates(update: MapUpdate) -> None:
+    written = Counter(record.iri for record in update.objects)
+    written.update(place.iri for place in update.places)
+    written.update(door.iri for door in update.doors)
+    written.update(subjects_of(update))
+    written.update(f"floor/{t.storey}/{t.column}_{t.row}" for t in update.floor)
+    for iri, times in written.items():
+        if times > 1:
+            raise InvalidFactError(f"{iri} is written {times} times in one update; give one record")
+        if iri in update.removed:
+            raise InvalidFactError(f"{iri} is both written and removed in one update; choose one")
+    for iri, times in Counter(record.iri for record in update.departed).items():
+        if times > 1 or iri not in update.removed:
+            raise InvalidFactError(f"{iri} departed: give it once, and among what is removed")

@@ -1,0 +1,119 @@
+"""Facts of the spatial relations of objects: on, inside, beside.
+
+Each relation is a node with its probability; one that is at least as probable as not is a triple
+as well (``?cup here:on ?table``). An object has at most one triple of on, and one of inside.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Final
+from urllib.parse import quote
+
+from pyoxigraph import NamedNode, Quad
+
+from kg.model import vocabulary as v
+from kg.model.errors import InvalidFactError
+from kg.model.records import Relation, RelationKind
+from kg.rdf.literals import Properties, first, iri_node, iri_order, known_iri, number_literal
+from kg.rdf.quad_store import QuadStore
+
+PREDICATES: Final[Mapping[RelationKind, str]] = {
+    "on": v.ON,
+    "inside": v.INSIDE,
+    "beside": v.BESIDE,
+}
+#: An object has at most one relation of each of these kinds; people can assert them.
+SINGLE: Final[tuple[RelationKind, ...]] = ("on", "inside")
+NOTHING: Final = "nothing"  # asserted or perceived instead of an object
+BELIEVED: Final = 0.5  # probability from which on a relation is a triple of the object
+#: Predicates of an object that state its relations, and those of their nodes.
+OF_OBJECT: Final = frozenset((*PREDICATES.values(), v.HAS_RELATION))
+OF_NODE: Final = frozenset((v.OF_RELATION, v.RELATED_TO, v.RELATION_PROBABILITY))
+
+_KINDS: Final = {predicate: kind for kind, predicate in PREDICATES.items()}
+
+
+def relation_quads(iri: str, relations: Iterable[Relation]) -> list[Quad]:
+    """Facts of the relations of the object `iri`.
+
+    Raises InvalidFactError for probabilities out of range, for a relation to itself, and where it
+    has several of a kind to the same object.
+    """
+    what, thing, relations = f"relation of {iri}", iri_node(iri, "object"), tuple(relations)
+    quads = list[Quad]()
+    for relation in relations:
+        target = iri_node(relation.target, what)
+        if target == thing:
+            raise InvalidFactError(f"{what}: nothing is {relation.kind} itself")
+        node = known_iri(node_of(iri, relation))
+        probability = number_literal(relation.probability, what, least=0.0, most=1.0)
+        quads += [
+            Quad(thing, known_iri(v.HAS_RELATION), node, v.MAP_GRAPH),
+            Quad(node, v.RDF_TYPE, known_iri(v.SPATIAL_RELATION), v.MAP_GRAPH),
+            Quad(node, known_iri(v.OF_RELATION), known_iri(PREDICATES[relation.kind]), v.MAP_GRAPH),
+            Quad(node, known_iri(v.RELATED_TO), target, v.MAP_GRAPH),
+            Quad(node, known_iri(v.RELATION_PROBABILITY), probability, v.MAP_GRAPH),
+        ]
+    for relation in believed_relations(relations):
+        predicate = known_iri(PREDICATES[relation.kind])
+        quads.append(Quad(thing, predicate, iri_node(relation.target, what), v.MAP_GRAPH))
+    if len(set(quads)) != len(quads):
+        raise InvalidFactError(f"{what}: give each object once for each kind of relation")
+    return quads
+
+
+def believed_relations(relations: Iterable[Relation]) -> Iterator[Relation]:
+    """Those that are at least as probable as not; of on and of inside the most probable one."""
+    relations = tuple(relations)
+    for kind in PREDICATES:
+        found = [r for r in relations if r.kind == kind and round(r.probability, 2) >= BELIEVED]
+        if kind in SINGLE:
+            found = sorted(found, key=lambda r: (-r.probability, r.target))[:1]
+        yield from found
+
+
+def node_of(iri: str, relation: Relation) -> str:
+    """IRI of the node of a relation of the object `iri`."""
+    base, _, local = relation.target.rpartition("object/")
+    name = local if base and iri.startswith(base) else relation.target
+    return f"{iri}/relation/{relation.kind}/{quote(name, safe='')}"
+
+
+def relation_nodes(store: QuadStore, iri: str) -> tuple[str, ...]:
+    """IRIs of the nodes of all relations from and to an object."""
+    thing = iri_node(iri, "object")
+    own = store.quads_for_pattern(thing, NamedNode(v.HAS_RELATION), None, v.MAP_GRAPH)
+    others = store.quads_for_pattern(None, NamedNode(v.RELATED_TO), thing, v.MAP_GRAPH)
+    found = [*(quad.object for quad in own), *(quad.subject for quad in others)]
+    return tuple(dict.fromkeys(n.value for n in found if isinstance(n, NamedNode)))
+
+
+def relations_of(
+    properties: Properties, subjects: Mapping[str, Properties]
+) -> tuple[Relation, ...]:
+    """Relations of an object with `properties`, whose nodes are among `subjects`."""
+    found = list[Relation]()
+    for iri in properties.get(v.HAS_RELATION, ()):
+        node = subjects.get(iri, {})
+        kind, target = _KINDS.get(first(node, v.OF_RELATION, "")), first(node, v.RELATED_TO, "")
+        if kind is not None and target:
+            probability = float(first(node, v.RELATION_PROBABILITY, "1"))
+            found.append(Relation(kind, target, probability))
+    return tuple(sorted(found, key=lambda r: (r.kind, -r.probability, iri_order(r.target))))
+
+
+def asserted_relations(
+    relations: Iterable[Relation], kind: RelationKind, target: str | None, probability: float
+) -> tuple[Relation, ...]:
+    """The relations with one to `target` instead of those of its kind; None or "nothing": none."""
+    kept = tuple(relation for relation in relations if relation.kind != kind)
+    return kept if target in (None, NOTHING) else (*kept, Relation(kind, str(target), probability))
+
+
+def perceived_value(relations: Iterable[Relation], kind: RelationKind) -> tuple[str, float]:
+    """The object that an object is believed to be on or inside, or "nothing"; the probability."""
+    found = [relation for relation in relations if relation.kind == kind]
+    for relation in believed_relations(found):
+        return relation.target, relation.probability
+    return NOTHING, 1.0 - min(sum(relation.probability for relation in found), 1.0)

@@ -1,0 +1,67 @@
+"""Evaluated updates: ground quads to delete and insert, and their form between processes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import islice
+from typing import Any
+
+from pyoxigraph import Quad, RdfFormat, Triple, parse, serialize
+
+from kg.model.errors import ShapeError
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One operation: the quads it deletes, then those it inserts."""
+
+    delete: tuple[Quad, ...]
+    insert: tuple[Quad, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class GroundUpdate:
+    """The operations of an update; `reads` where they depend on the state of the map."""
+
+    steps: tuple[Step, ...]
+    reads: bool = False
+
+    def encode(self) -> tuple[dict[str, Any], bytes]:
+        """A JSON-able head and N-Quads, for `decode` in another process.
+
+        Raises ShapeError for triple terms, whose nesting another process might not survive.
+        """
+        quads = [quad for step in self.steps for quad in (*step.delete, *step.insert)]
+        check_triple_terms(quads)
+        counts = [[len(step.delete), len(step.insert)] for step in self.steps]
+        body = serialize(quads, format=RdfFormat.N_QUADS) or b""
+        return {"counts": counts, "reads": self.reads}, body
+
+    @classmethod
+    def decode(cls, head: dict[str, Any], body: bytes) -> GroundUpdate:
+        """The update that was encoded."""
+        quads = parse(body, format=RdfFormat.N_QUADS)
+        return cls(tuple(_steps(head["counts"], quads)), head["reads"])
+
+
+def update_text(delete: Iterable[Quad], insert: Iterable[Quad]) -> str:
+    """SPARQL Update that deletes and inserts quads of named graphs, without blank nodes."""
+    parts = [("DELETE DATA", tuple(delete)), ("INSERT DATA", tuple(insert))]
+    return " ;\n".join(
+        f"{verb} {{ {' '.join(f'GRAPH {q.graph_name} {{ {q.triple} }}' for q in quads)} }}"
+        for verb, quads in parts
+        if quads
+    )
+
+
+def check_triple_terms(quads: Iterable[Quad]) -> None:
+    """Raises ShapeError if a quad has a triple term."""
+    for quad in quads:
+        if isinstance(quad.object, Triple) or isinstance(quad.subject, Triple):
+            raise ShapeError("the update is refused: triple terms <<( )>> are not used in maps")
+
+
+def _steps(counts: Iterable[tuple[int, int]], quads: Iterator[Quad]) -> Iterator[Step]:
+    for deleted, inserted in counts:
+        yield Step(tuple(islice(quads, deleted)), tuple(islice(quads, inserted)))

@@ -1,0 +1,196 @@
+"""Implicit assertions: rewrites updates of perceived properties into assertions.
+
+Otherwise the next frame would overwrite what a person wrote.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from typing import Final
+
+from pyoxigraph import Literal, NamedNode, Quad
+
+from kg.maps.facts.assertions import Assertions, PropertyAssertions
+from kg.maps.facts.objects_and_places import RecordCodec
+from kg.maps.update.change_draft import ChangeDraft
+from kg.model import vocabulary as v
+from kg.model.records import Assertion, PlaceRecord
+
+_HAS_BELIEF: Final = NamedNode(v.HAS_BELIEF)
+_HAS_LABEL_BELIEF: Final = NamedNode(v.HAS_LABEL_BELIEF)
+
+Read = Callable[..., Iterator[Quad]]
+
+__all__ = ["assert_perceived_properties", "categories"]
+
+
+def assert_perceived_properties(
+    pending: ChangeDraft, facts: RecordCodec, subject: NamedNode, by: str
+) -> None:
+    """Add to `pending` assertions by `by` of the perceived properties of `subject` it writes."""
+    assertions = Assertions(facts.base)
+    previous = assertions.of(pending.engine, subject.value)
+    made: dict[str, Assertion | None] = {}
+    kind = "object" if categories(pending.after, facts, subject, "object") else "place"
+    made["category"] = _category(pending, facts, subject, kind, previous, by)
+    if kind == "object":
+        made["position"] = _position(pending, subject, previous, by)
+        if "existence" in previous and _wrote(pending, subject, v.EXISTENCE):
+            pending.change(_node(pending, assertions, previous["existence"]), ())
+    made["label"] = _label(pending, subject, previous, by)
+    for assertion in made.values():
+        if assertion is None:
+            continue
+        before = previous.get(assertion.property)
+        old = _node(pending, assertions, before) if before else ()
+        pending.change(old, assertions.quads(assertion))
+        if assertion.property == "category" and kind == "place":
+            _set_beliefs(pending, facts, subject, {assertion.value: 1.0})
+
+
+def categories(read: Read, facts: RecordCodec, subject: NamedNode, kind: str) -> set[str]:
+    """Categories of a kind ("object" or "place") among the types of a subject."""
+    types = {getattr(q.object, "value", "") for q in read(subject, v.RDF_TYPE, None, v.MAP_GRAPH)}
+    known = {iri: facts.catalogue.by_iri(iri) for iri in types}
+    return {
+        iri
+        for iri, found in known.items()
+        if found and (found.kind == "place") == (kind == "place")
+    }
+
+
+def _category(
+    pending: ChangeDraft,
+    facts: RecordCodec,
+    subject: NamedNode,
+    kind: str,
+    previous: PropertyAssertions,
+    by: str,
+) -> Assertion | None:
+    before = categories(pending.before, facts, subject, kind)
+    after = categories(pending.after, facts, subject, kind)
+    if not after - before:
+        old = previous.get("category")
+        if kind == "place" and old is not None and old.value not in after:
+            _restore_perceived(pending, facts, subject, old)
+        return None
+    if kind == "object" and not before:
+        return None
+    value = min(after - before)
+    others = [Quad(subject, v.RDF_TYPE, NamedNode(c), v.MAP_GRAPH) for c in after - {value}]
+    pending.change(others, ())
+    made = Assertion(subject.value, "category", value, by, time.time())
+    if (old := previous.get("category")) is not None:
+        made = replace(old, value=value, by=by, stamp=made.stamp)
+    elif kind == "object":
+        strength = float(_one(pending.before, subject, v.EXISTENCE) or 0)
+        made = replace(made, perceived=min(before), strength=strength)
+        _relabel(pending, facts, subject, min(before), value)
+        _remove_linked(pending, subject, _HAS_LABEL_BELIEF)
+    else:
+        beliefs = _beliefs(pending, subject)
+        top = max(beliefs, key=lambda c: (beliefs[c], c), default=None)
+        strength = 0.0 if top is None else beliefs[top]
+        made = replace(made, perceived=top, strength=strength, beliefs=beliefs)
+    contradicts = made.perceived is not None and made.perceived != value
+    return replace(made, since=(made.since or made.stamp) if contradicts else None)
+
+
+def _position(
+    pending: ChangeDraft, subject: NamedNode, previous: PropertyAssertions, by: str
+) -> Assertion | None:
+    axes = (v.X, v.Y, v.Z)
+    if "position" not in previous or not any(_wrote(pending, subject, axis) for axis in axes):
+        return None
+    numbers = [_one(pending.after, subject, axis) for axis in axes]
+    if None in numbers:
+        return None  # the shapes report what is missing
+    value = " ".join(str(number) for number in numbers)
+    return replace(previous["position"], value=value, by=by, stamp=time.time())
+
+
+def _label(
+    pending: ChangeDraft, subject: NamedNode, previous: PropertyAssertions, by: str
+) -> Assertion | None:
+    label = _one(pending.after, subject, v.RDFS_LABEL)
+    if "label" not in previous or label is None or not _wrote(pending, subject, v.RDFS_LABEL):
+        return None
+    return replace(previous["label"], value=label, by=by, stamp=time.time())
+
+
+def _relabel(
+    pending: ChangeDraft, facts: RecordCodec, subject: NamedNode, old: str, new: str
+) -> None:
+    """Update a label that consists of the category and the number."""
+    number = subject.value.rstrip("/").rpartition("/")[2]
+    label = NamedNode(v.RDFS_LABEL)
+    was = Quad(subject, label, Literal(f"{facts.catalogue.label(old)} {number}"), v.MAP_GRAPH)
+    if was in pending.after(subject, label, None, v.MAP_GRAPH):
+        name = Literal(f"{facts.catalogue.label(new)} {number}")
+        pending.change([was], [Quad(subject, label, name, v.MAP_GRAPH)])
+
+
+def _restore_perceived(
+    pending: ChangeDraft, facts: RecordCodec, subject: NamedNode, previous: Assertion
+) -> None:
+    """Restore the perceived category of a place whose asserted category was deleted."""
+    pending.change(_node(pending, Assertions(facts.base), previous), ())
+    _set_beliefs(pending, facts, subject, previous.beliefs)
+    if previous.beliefs and previous.perceived is not None:
+        pending.change((), [Quad(subject, v.RDF_TYPE, NamedNode(previous.perceived), v.MAP_GRAPH)])
+
+
+def _set_beliefs(
+    pending: ChangeDraft, facts: RecordCodec, subject: NamedNode, beliefs: Mapping[str, float]
+) -> None:
+    _remove_linked(pending, subject, _HAS_BELIEF)
+    record = PlaceRecord(subject.value, "", 0.0, 0.0, 0.0, 0.0, beliefs=beliefs)
+    pending.change((), facts.of_beliefs(record))
+
+
+def _remove_linked(pending: ChangeDraft, subject: NamedNode, link: NamedNode) -> None:
+    """Remove the nodes that a property of `subject` points at, and the property."""
+    old = list(pending.after(subject, link, None, v.MAP_GRAPH))
+    for quad in tuple(old):
+        if isinstance(quad.object, NamedNode):
+            old += pending.after(quad.object, None, None, v.MAP_GRAPH)
+    pending.change(old, ())
+
+
+def _beliefs(pending: ChangeDraft, subject: NamedNode) -> dict[str, float]:
+    beliefs = {}
+    for quad in pending.before(subject, _HAS_BELIEF, None, v.MAP_GRAPH):
+        if isinstance(quad.object, NamedNode):
+            category = _one(pending.before, quad.object, v.OF_CATEGORY)
+            share = _one(pending.before, quad.object, v.BELIEF)
+            if category is not None and share is not None:
+                beliefs[category] = float(share)
+    return beliefs
+
+
+def _node(pending: ChangeDraft, assertions: Assertions, previous: Assertion) -> list[Quad]:
+    """All quads of a stored assertion."""
+    node = assertions.iri(previous.subject, previous.property)
+    return [
+        quad
+        for quad in assertions.stored(pending.engine, previous.subject)
+        if isinstance(quad.subject, NamedNode)
+        and (quad.subject.value == node or quad.subject.value.startswith(node + "/"))
+    ]
+
+
+def _wrote(pending: ChangeDraft, subject: NamedNode, predicate: str) -> bool:
+    return any(
+        quad.subject == subject
+        and quad.predicate.value == predicate
+        and quad.graph_name == v.MAP_GRAPH
+        for quad in (*pending.added, *pending.removed)
+    )
+
+
+def _one(read: Read, subject: NamedNode, predicate: str) -> str | None:
+    for quad in read(subject, NamedNode(predicate), None, v.MAP_GRAPH):
+        return str(getattr(quad.object, "value", quad.object))
+    return None

@@ -1,0 +1,175 @@
+"""Update validation: write permissions per graph, then SHACL on the subjects an update touches.
+
+The size of the map does not matter: pyshacl validates the subjects whose facts change and, where a
+subject changes its type, one subject for each property that refers to it. The data graph holds
+their facts, the types of their neighbours and the superclasses. Violations that existed before the
+update do not count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator
+from functools import cached_property
+from itertools import islice
+from typing import Final
+
+from pyoxigraph import BlankNode, NamedNode, Quad, Triple
+
+from kg.knowledge.ontology.declared_terms import declared_terms, undeclared
+from kg.knowledge.ontology.loading import SHAPES_FILE, superclasses
+from kg.maps.update.change_draft import ChangeDraft, Subject
+from kg.model import vocabulary as v
+from kg.model.errors import ProtectedError, ShapeError
+from kg.model.resources import ONTOLOGIES
+from kg.rdf.findings import Finding
+from kg.store.transactional import TransactionalStore
+
+#: Graphs that an update may write only where its caller allows it, and the way that works instead.
+PROTECTED: Final = {
+    "ontology": (
+        v.ONTOLOGY_GRAPH.value,
+        "edit the ontology files and reload them (docs/how-to/protege.md)",
+    ),
+    "commonsense": (v.COMMONSENSE_GRAPH.value, "it is compiled from the ontology: edit that"),
+    "history": (v.HISTORY_GRAPH.value, "the past is not rewritten"),
+    "assertions": (
+        v.ASSERTIONS_GRAPH.value,
+        "use assert and retract, which move assertions with it",
+    ),
+}
+_COUNTERS: Final = {v.SEQUENCE, v.NEXT_OBJECT, v.FRAMES_APPLIED, v.LAST_FRAME, v.TRANSFORM}
+_SHAPED: Final = (v.MAP_GRAPH, v.DATASET_GRAPH, v.ASSERTIONS_GRAPH)
+_SUB_CLASS: Final = NamedNode(v.RDFS_SUB_CLASS_OF)
+_SHOWN = 3  # violations in one message
+
+
+class UpdateValidator:
+    """Checks updates against the shapes and the ontology of one map."""
+
+    def __init__(self, store: TransactionalStore) -> None:
+        from kg.rdf.shacl import Shapes  # takes a third of a second, which readers save
+
+        self._store = store
+        self._shapes = Shapes(ONTOLOGIES / SHAPES_FILE)
+
+    def check_permissions(self, pending: ChangeDraft, allow: Collection[str]) -> None:
+        """Raises ProtectedError if `pending` writes a protected graph that is not in `allow`."""
+        closed = {iri: how for name, (iri, how) in PROTECTED.items() if name not in allow}
+        for quad in (*pending.added, *pending.removed):
+            graph = getattr(quad.graph_name, "value", "")
+            if graph in closed:
+                raise ProtectedError(
+                    f"an update may not write graph:{graph.removeprefix(v.GRAPH)}: {closed[graph]}"
+                )
+            if graph == v.DATASET_GRAPH.value and "dataset" not in allow and _kept(quad):
+                raise ProtectedError(
+                    f"an update may not write {_short(quad.predicate.value)} of graph:dataset: "
+                    "the map maintains it"
+                )
+
+    def check_shapes(self, pending: ChangeDraft) -> None:
+        """Raises ShapeError if `pending` uses an undeclared here: term or violates a shape."""
+        self._check_terms(pending.added)
+        focus = dict.fromkeys(_focus(pending))
+        if not focus:
+            return
+        found = self._findings(focus, pending, after=True)
+        if found:
+            before = {f.without_value() for f in self._findings(focus, pending, after=False)}
+            found = [finding for finding in found if finding.without_value() not in before]
+        if found:
+            messages = list({(f.focus, f.message): _message_of(f) for f in found}.values())
+            more = f"; and {len(messages) - _SHOWN} more" if len(messages) > _SHOWN else ""
+            raise ShapeError(f"the update is refused: {'; '.join(messages[:_SHOWN])}{more}")
+
+    def _check_terms(self, added: Iterable[Quad]) -> None:
+        for quad in added:
+            for term in (quad.subject, quad.predicate, quad.object):
+                if isinstance(term, Triple):
+                    raise ShapeError(f"the update is refused: triple terms are not used: {term}")
+                if isinstance(term, NamedNode) and term.value.startswith(v.HERE):
+                    self._check_declared(term.value, quad)
+
+    def _check_declared(self, iri: str, quad: Quad) -> None:
+        if iri not in self._declared and quad.graph_name != v.ONTOLOGY_GRAPH:
+            raise ShapeError(f"the update is refused: {undeclared(iri, self._declared)}")
+
+    def _findings(
+        self, focus: dict[Subject, None], pending: ChangeDraft, *, after: bool
+    ) -> list[Finding]:
+        quads = list(self._surroundings(focus, pending, after))
+        names = {getattr(subject, "value", "") for subject in focus}
+        return [
+            finding
+            for finding in self._shapes.validate(quads, names)
+            if finding.focus in names and finding.severity == "violation"
+        ]
+
+    def _surroundings(
+        self, focus: dict[Subject, None], pending: ChangeDraft, after: bool
+    ) -> Iterator[Quad]:
+        """The data graph: facts of the focus, types of its neighbours, superclasses."""
+        read = pending.after if after else pending.before
+        classes: dict[str, None] = {}
+        neighbours: dict[Subject, None] = {}
+        for subject in focus:
+            for graph in _SHAPED:
+                for quad in read(subject, None, None, graph):
+                    yield quad
+                    if quad.predicate == v.RDF_TYPE and isinstance(quad.object, NamedNode):
+                        classes[quad.object.value] = None
+                    elif isinstance(quad.object, NamedNode | BlankNode):
+                        neighbours[quad.object] = None
+        for node in neighbours:
+            classes[node.value if isinstance(node, NamedNode) else ""] = None
+            for graph in _SHAPED:
+                for quad in read(node, v.RDF_TYPE, None, graph):
+                    yield quad
+                    classes[getattr(quad.object, "value", "")] = None
+        yield from self._hierarchy(classes)
+
+    def _hierarchy(self, classes: Iterable[str]) -> Iterator[Quad]:
+        for iri in classes:
+            for above in self._above.get(iri, ()):
+                if above != iri:
+                    yield Quad(NamedNode(iri), _SUB_CLASS, NamedNode(above), v.ONTOLOGY_GRAPH)
+
+    @cached_property
+    def _above(self) -> dict[str, tuple[str, ...]]:
+        return superclasses(
+            self._store.engine.quads_for_pattern(None, None, None, v.ONTOLOGY_GRAPH)
+        )
+
+    @cached_property
+    def _declared(self) -> set[str]:
+        return declared_terms(self._store.engine)
+
+
+def _focus(pending: ChangeDraft) -> Iterator[Subject]:
+    retyped: dict[Subject, None] = {}
+    for quad in (*pending.added, *pending.removed):
+        if quad.graph_name in _SHAPED:
+            yield quad.subject
+            if quad.predicate == v.RDF_TYPE and quad in pending.removed:
+                retyped[quad.subject] = None
+    for subject in retyped:
+        pointed: set[str] = set()
+        # a bound, as a subject may have very many references of the same kind
+        for quad in islice(pending.after(None, None, subject, v.MAP_GRAPH), 100_000):
+            if quad.predicate.value not in pointed:
+                pointed.add(quad.predicate.value)
+                yield quad.subject
+
+
+def _kept(quad: Quad) -> bool:
+    is_identity = quad.predicate == v.RDF_TYPE and quad.object == NamedNode(v.SEMANTIC_MAP)
+    return is_identity or quad.predicate.value in _COUNTERS
+
+
+def _short(iri: str) -> str:
+    return iri.replace(v.HERE, "here:")
+
+
+def _message_of(finding: Finding) -> str:
+    value = f" (found {_short(finding.value)})" if finding.value else ""
+    return f"{_short(finding.focus)}: {finding.message}{value}"

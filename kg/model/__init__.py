@@ -1,0 +1,1 @@
+"""Data model of a map: records, vocabulary, IRIs, transactions and errors."""

@@ -1,0 +1,211 @@
+"""Areas of the map's horizontal plane: rectangles, and polygons with their bounding rectangle.
+
+An outline is a ring of corners (x, y) [m], and further rings for holes; none repeats its first
+corner at its end. Polygons are shapely's, which is imported when the first one is needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from itertools import chain, groupby
+from typing import TYPE_CHECKING, Final, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import shapely
+
+Ring = tuple[tuple[float, float], ...]
+Outline = tuple[Ring, ...]  # () stands for the rectangle itself
+
+MAX_CORNERS: Final = 2000  # of an outline
+MAX_COORDINATE: Final = 1e6  # [m] from the origin
+_MIN_AREA: Final = 1e-12  # [m^2]
+
+
+@dataclass(frozen=True, slots=True)
+class Rectangle:
+    """Axis-aligned rectangle of the map's horizontal plane [m]; its sides belong to it.
+
+    Not validated here: who reads one from outside checks it (`kg.maps.facts`,
+    `mapping.places.layout`).
+    """
+
+    xmin: float
+    xmax: float
+    ymin: float
+    ymax: float
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Width along x and depth along y [m]."""
+        return self.xmax - self.xmin, self.ymax - self.ymin
+
+    @property
+    def area(self) -> float:
+        """Area [m^2]."""
+        return (self.xmax - self.xmin) * (self.ymax - self.ymin)
+
+    @property
+    def centre(self) -> tuple[float, float]:
+        """Midpoint (x, y) [m]."""
+        return (self.xmin + self.xmax) / 2, (self.ymin + self.ymax) / 2
+
+    def contains(self, x: float, y: float) -> bool:
+        """Point-in-rectangle test of (x, y) [m]."""
+        return self.xmin <= x <= self.xmax and self.ymin <= y <= self.ymax
+
+    def contains_each(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Point-in-rectangle test of many points, `x` and `y` [m] of one shape or broadcast."""
+        inside = (x >= self.xmin) & (x <= self.xmax) & (y >= self.ymin) & (y <= self.ymax)
+        return np.asarray(inside)
+
+    def union(self, other: Rectangle) -> Rectangle:
+        """Bounding rectangle of both."""
+        return Rectangle(
+            min(self.xmin, other.xmin),
+            max(self.xmax, other.xmax),
+            min(self.ymin, other.ymin),
+            max(self.ymax, other.ymax),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Area(Rectangle):
+    """A rectangle, or with an `outline` the polygon whose bounding rectangle the sides are."""
+
+    outline: Outline = field(default=(), kw_only=True)
+
+    @property
+    def polygon(self) -> shapely.Polygon:
+        """The area as a polygon of shapely, prepared for tests of many points."""
+        return polygon_of(self.rings)
+
+    @property
+    def area(self) -> float:
+        """Area [m^2], without that of holes."""
+        return float(self.polygon.area) if self.outline else Rectangle.area.__get__(self)
+
+    @property
+    def centre(self) -> tuple[float, float]:
+        """Centroid (x, y) [m] where it is inside, else a point that is."""
+        if not self.outline:
+            return Rectangle.centre.__get__(self)  # type: ignore[no-any-return]
+        point = self.polygon.centroid
+        if not self.polygon.intersects(point):
+            point = self.polygon.representative_point()
+        return float(point.x), float(point.y)
+
+    @property
+    def rings(self) -> Outline:
+        """The outline; that of a rectangle is its four corners."""
+        return self.outline or (
+            (
+                (self.xmin, self.ymin),
+                (self.xmax, self.ymin),
+                (self.xmax, self.ymax),
+                (self.xmin, self.ymax),
+            ),
+        )
+
+    @property
+    def oriented_rings(self) -> Outline:
+        """The rings, the outer one anticlockwise, holes clockwise."""
+        return tuple(
+            ring if (_signed_area(ring) > 0) == (number == 0) else ring[::-1]
+            for number, ring in enumerate(self.rings)
+        )
+
+    def contains(self, x: float, y: float) -> bool:
+        """Point-in-polygon test of (x, y) [m]; sides belong to the area."""
+        return bool(self.contains_each(np.array([x]), np.array([y]))[0])
+
+    def contains_each(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Point-in-polygon test of many points, `x` and `y` [m] of one shape or broadcast."""
+        inside = Rectangle.contains_each(self, x, y)
+        if self.outline and inside.any():
+            import shapely
+
+            x, y = np.broadcast_arrays(x, y)
+            inside[inside] = shapely.intersects_xy(self.polygon, x[inside], y[inside])
+        return inside
+
+    def shared_area(self, other: Area) -> float:
+        """Area [m^2] of the intersection with `other`."""
+        return float(self.polygon.intersection(other.polygon).area)
+
+    def shifted(self, dx: float) -> Self:
+        """The same area, moved by `dx` [m] along x."""
+        moved = tuple(tuple((x + dx, y) for x, y in ring) for ring in self.outline)
+        return replace(self, xmin=self.xmin + dx, xmax=self.xmax + dx, outline=moved)
+
+
+def area_of(outline: Sequence[Sequence[tuple[float, float]]]) -> Area:
+    """The area with that outline [m]: the outer ring, then those of holes.
+
+    A ring's last corner may repeat its first. An axis-aligned rectangle is recognised. Raises
+    ValueError, saying what is wrong, where the outline does not enclose one area.
+    """
+    rings = tuple(_open(ring) for ring in outline)
+    problem = _problem(rings)
+    if problem:
+        raise ValueError(problem)
+    corners = np.array(rings[0])
+    (xmin, ymin), (xmax, ymax) = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
+    box = {(xmin, ymin), (xmax, ymin), (xmax, ymax), (xmin, ymax)}
+    rectangular = len(rings) == 1 and len(rings[0]) == 4 and set(rings[0]) == box
+    return Area(xmin, xmax, ymin, ymax, outline=() if rectangular else rings)
+
+
+def _open(ring: Sequence[tuple[float, float]]) -> Ring:
+    """`ring` without corners that repeat the one before them, or at the end the first."""
+    corners = [corner for corner, _ in groupby((float(x), float(y)) for x, y in ring)]
+    return tuple(corners[:-1] if len(corners) > 1 and corners[0] == corners[-1] else corners)
+
+
+def _problem(rings: Outline) -> str | None:
+    """Why `rings` are no outline, and what would work; None if they are one."""
+    if not rings:
+        return "an outline without corners; a ring of (x, y) would work"
+    count = sum(len(ring) for ring in rings)
+    if count > MAX_CORNERS:
+        return f"an outline of {count} corners; up to {MAX_CORNERS} would work"
+    if not np.isfinite([*chain.from_iterable(rings)]).all():
+        return "an outline with a corner that is not finite; metres would work"
+    corners = chain.from_iterable(chain.from_iterable(rings))
+    if max(map(abs, corners), default=0.0) > MAX_COORDINATE:
+        return f"an outline with a corner beyond {MAX_COORDINATE:g} m; metres of the map would work"
+    for ring in rings:
+        if len(ring) < 3 or abs(_signed_area(ring)) < _MIN_AREA:
+            return "an outline that encloses nothing; three corners or more around it would work"
+    if _crosses_itself(rings):
+        return "an outline that crosses itself; corners in their order around it would work"
+    return None
+
+
+def _crosses_itself(rings: Outline) -> bool:
+    """Whether sides cross, or a hole lies outside of the outer ring; rings may touch in points."""
+    import shapely
+
+    reason = shapely.is_valid_reason(shapely.Polygon(rings[0], rings[1:]))
+    return not reason.startswith(("Valid Geometry", "Ring Self-intersection"))
+
+
+def _signed_area(ring: Ring) -> float:
+    """Area of a ring by the shoelace formula [m^2]; positive where the ring runs anticlockwise."""
+    x, y = np.array(ring).T
+    x, y = x - x[0], y - y[0]
+    return float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y) / 2)
+
+
+@lru_cache(maxsize=256)
+def polygon_of(rings: Outline) -> shapely.Polygon:
+    """Prepared polygon with these rings [m]; of several parts where a ring touches itself."""
+    import shapely
+
+    polygon = shapely.make_valid(shapely.Polygon(rings[0], rings[1:]))
+    shapely.prepare(polygon)
+    return polygon

@@ -1,0 +1,43 @@
+"""Functions that queries may call and the engine lacks."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Final
+
+from pyoxigraph import Literal, NamedNode
+
+from kg.model import vocabulary as v
+from kg.model.areas import Area
+from kg.rdf.quad_store import Functions
+from kg.rdf.wkt import area_of_polygon, point_of
+
+
+def square_root(term: object) -> Literal | None:
+    """XPath's math:sqrt; unbound for what has none."""
+    try:
+        return Literal(math.sqrt(float(getattr(term, "value", ""))))
+    except ValueError:
+        return None
+
+
+def within(point: object, polygon: object) -> Literal | None:
+    """GeoSPARQL's geof:sfWithin of a point and a polygon, both WKT; unbound for anything else."""
+    spot = point_of(str(getattr(point, "value", "")))
+    area = _area(str(getattr(polygon, "value", "")))
+    return None if spot is None or area is None else Literal(area.contains(*spot))
+
+
+@lru_cache(maxsize=1024)
+def _area(text: str) -> Area | None:
+    try:
+        return area_of_polygon(text)
+    except ValueError:
+        return None
+
+
+FUNCTIONS: Final[Functions] = {
+    NamedNode(v.MATH_SQRT): square_root,
+    NamedNode(v.GEOF_SF_WITHIN): within,
+}

@@ -1,0 +1,183 @@
+"""Parser of SPARQL Update requests: the operations of a request, and the parts of each.
+
+Syntax is checked by the engine's own parser (`kg.maps.update.execution` runs it first, for the
+whole request, and again for every part); here the text is only split, outside of strings, comments
+and IRIs. Grammar: SPARQL 1.1, rules 29 to 49.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import Final
+
+from kg.model.errors import QueryError
+from kg.rdf.sparql.lexer import Token, replace_tokens, tokens_of
+
+#: Prefix of the IRIs that replace variables where a template is parsed as data.
+VARIABLE: Final = "urn:hereabouts:variable:"
+
+_ONE_GRAPH = ("CLEAR", "DROP", "CREATE")
+_TWO_GRAPHS = ("ADD", "COPY", "MOVE")
+
+
+@dataclass(frozen=True, slots=True)
+class Operation:
+    """One operation of a request; the parts are text as written, groups with their braces."""
+
+    verb: str  # INSERT DATA, DELETE DATA, MODIFY, CLEAR, DROP, CREATE, ADD, COPY, MOVE, LOAD
+    prologue: str  # the PREFIX and BASE declarations in force, on one line
+    text: str = ""  # the whole operation
+    start: int = 0  # its position in the request
+    delete: str = "{}"  # template
+    insert: str = "{}"  # template, or the data of INSERT DATA
+    where: str = "{}"  # group
+    within: str = ""  # the graph of WITH
+    using: str = ""  # USING clauses, as the FROM clauses of a query
+    silent: bool = False
+    graphs: tuple[str, ...] = ()  # of CLEAR ... MOVE: an IRI, or DEFAULT, NAMED, ALL
+
+
+class UnclearError(QueryError):
+    """An operation cannot be split into its parts; the engine's parser may report why."""
+
+
+def operations(sparql: str, prologue: str = "") -> Iterator[Operation]:
+    """The operations of an update request, in their order.
+
+    What is declared in `prologue` is in force from the start.
+    Raises QueryError for an unknown operation, UnclearError where one cannot be split into parts.
+    """
+    for tokens, start, end in _split(sparql):
+        cut = _after_prologue(tokens)
+        prologue += "".join(f"{token.text} " for token in tokens[:cut])
+        if tokens[cut:]:
+            start = tokens[cut - 1].end if cut else start
+            operation = _Parts(sparql, tokens[cut:]).operation(prologue)
+            yield replace(operation, text=sparql[start:end], start=start)
+
+
+def check_blank_labels(parts: Iterable[Operation]) -> None:
+    """Raises QueryError if two INSERT DATA share a blank node label (SPARQL 1.1, section 19.6).
+
+    The engine does not see it, since it parses the operations one by one.
+    """
+    known: set[str] = set()
+    for part in parts:
+        if part.verb == "INSERT DATA":
+            labels = {token.text for token in tokens_of(part.insert) if token.kind == "blank"}
+            if both := sorted(known & labels):
+                raise QueryError(
+                    f"update: two INSERT DATA operations use the blank node {both[0]}; "
+                    "write them as one, or rename it"
+                )
+            known |= labels
+
+
+def variables_as_iris(template: str) -> str:
+    """A template as data: each variable is an IRI under `VARIABLE`."""
+
+    def iri_of(token: Token) -> str | None:
+        variable = token.kind in ("variable", "parameter")
+        return f" <{VARIABLE}{token.text[1:]}> " if variable else None
+
+    return replace_tokens(template, iri_of)
+
+
+def _split(sparql: str) -> Iterator[tuple[list[Token], int, int]]:
+    """The tokens, start and end of each operation: they are separated by semicolons."""
+    depth, start, found = 0, 0, list[Token]()
+    for token in tokens_of(sparql):
+        if token.kind == "mark":
+            depth += {"{": 1, "}": -1}.get(token.text, 0)
+        if token.text == ";" and token.kind == "mark" and depth == 0:
+            yield found, start, token.start
+            start, found = token.end, []
+        else:
+            found.append(token)
+    yield found, start, len(sparql)
+
+
+def _after_prologue(tokens: list[Token]) -> int:
+    at = 0
+    while at < len(tokens) and tokens[at].keyword in ("PREFIX", "BASE"):
+        at += 3 if tokens[at].keyword == "PREFIX" else 2
+    return at
+
+
+class _Parts:
+    """Recursive descent over the tokens of one operation."""
+
+    def __init__(self, sparql: str, tokens: list[Token]) -> None:
+        self._sparql, self._tokens, self._at = sparql, tokens, 0
+
+    def operation(self, prologue: str) -> Operation:
+        first = self._tokens[0].keyword
+        second = self._tokens[1].keyword if len(self._tokens) > 1 else ""
+        if first in ("INSERT", "DELETE") and second == "DATA":
+            self._at = 2
+            data = self._group()
+            if first == "INSERT":
+                return Operation("INSERT DATA", prologue, insert=data)
+            return Operation("DELETE DATA", prologue, delete=data)
+        if first == "DELETE" and second == "WHERE":
+            self._at = 2
+            pattern = self._group()
+            return Operation("MODIFY", prologue, delete=pattern, where=pattern)
+        if first in ("WITH", "INSERT", "DELETE"):
+            return self._modify(Operation("MODIFY", prologue))
+        return self._management(prologue)
+
+    def _modify(self, operation: Operation) -> Operation:
+        using = ""
+        while self._at < len(self._tokens):
+            word = self._take().keyword
+            if word == "WITH":
+                operation = replace(operation, within=self._take().text)
+            elif word == "DELETE":
+                operation = replace(operation, delete=self._group())
+            elif word == "INSERT":
+                operation = replace(operation, insert=self._group())
+            elif word == "USING":
+                graph = self._take()
+                named = "NAMED " if graph.keyword == "NAMED" else ""
+                using += f"FROM {named}{(self._take() if named else graph).text}\n"
+            elif word == "WHERE":
+                operation = replace(operation, where=self._group(), using=using)
+            else:
+                raise self._unclear()
+        return operation
+
+    def _management(self, prologue: str) -> Operation:
+        words = [t.keyword for t in self._tokens]
+        if words[0] not in (*_ONE_GRAPH, *_TWO_GRAPHS):
+            raise QueryError(
+                f"{self._tokens[0].text} is no operation of an update; there are: INSERT, DELETE, "
+                f"WITH, {', '.join((*_ONE_GRAPH, *_TWO_GRAPHS))}"
+            )
+        plain = [t for t in self._tokens[1:] if t.keyword not in ("SILENT", "GRAPH", "TO", "INTO")]
+        graphs = tuple(t.keyword or t.text for t in plain)
+        if len(graphs) != (2 if words[0] in _TWO_GRAPHS else 1):
+            raise self._unclear()
+        return Operation(words[0], prologue, silent="SILENT" in words, graphs=graphs)
+
+    def _take(self) -> Token:
+        if self._at >= len(self._tokens):
+            raise self._unclear()
+        self._at += 1
+        return self._tokens[self._at - 1]
+
+    def _group(self) -> str:
+        start = self._take()
+        depth, token = 1, start
+        while depth:
+            token = self._take()
+            if token.kind == "mark":
+                depth += {"{": 1, "}": -1}.get(token.text, 0)
+        return self._sparql[start.start : token.end]
+
+    def _unclear(self) -> UnclearError:
+        return UnclearError(
+            f"the update's {self._tokens[0].text} cannot be parsed; "
+            "put spaces around < and > where they compare"
+        )

@@ -1,0 +1,158 @@
+"""Vetting of queries and updates before they are parsed: a scanner that gives clear error messages.
+
+Oxigraph evaluates every SERVICE clause, and its parser recurses: a few hundred nested brackets
+overflow the stack. The scanner refuses both in one line. It is no security boundary: the kernel
+denies the network (`kg.serving.workers.network_isolation`); where the kernel cannot,
+`check_network_words` errs on the side of refusing. For untrusted queries all of it runs inside the
+worker, so that a text made to be slow to vet uses up its own time limit only.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterable
+
+from kg.model.errors import QueryError, QueryRefusedError
+from kg.rdf.sparql.lexer import decode_escapes, keywords_of, tokens_of
+
+MAX_LENGTH = 200_000  # characters; a VALUES of 2,000 IRIs is half of it
+MAX_DEPTH = 100  # brackets; the parser's stack ends between 400 and 2,000
+
+_GAP = r"(?:\s|\#[^\n\r]*[\n\r])*+"
+# overlapping (a lookahead) and over the raw text, strings and comments included: what the lexer
+# reads as a string or comment may be code to the engine; a false alarm costs a rewording
+_SERVICE = re.compile(
+    rf"(?=service{_GAP}(?:silent{_GAP})?(?P<endpoint><[^>]*>|[?$]\w+|[^\s{{}}<>:]*:[^\s{{]*){_GAP}\{{)",
+    re.IGNORECASE,
+)
+_LOAD = re.compile(rf"\bload{_GAP}(?:silent{_GAP})?(?:<[^>]*>|[\w.-]*:\w)", re.IGNORECASE)
+_NETWORK_WORDS = ("service", "load")
+_UPDATES = frozenset(
+    ("INSERT", "DELETE", "LOAD", "CLEAR", "DROP", "CREATE", "ADD", "MOVE", "COPY", "WITH")
+)
+
+
+def check_unicode(text: str) -> None:
+    """Raises QueryError if a text is not valid Unicode."""
+    try:
+        text.encode()
+    except UnicodeEncodeError as error:
+        raise QueryError(
+            f"the query is no Unicode text: character {error.start} is half of a surrogate pair"
+        ) from error
+
+
+def check_length(sparql: str, limit: int = MAX_LENGTH) -> None:
+    """Raises QueryRefusedError if the text is too long."""
+    if len(sparql) > limit:
+        raise QueryRefusedError(
+            f"a query may have {limit:,} characters, got {len(sparql):,}; split it"
+        )
+
+
+def vet(
+    sparql: str,
+    *,
+    services: Collection[str] = (),
+    max_depth: int = MAX_DEPTH,
+) -> None:
+    """Raises QueryRefusedError if the text writes, reads beyond the map, or nests too deeply.
+
+    `services` are the IRIs that SERVICE may name. FROM needs no check, since it only chooses among
+    the graphs of the map.
+    """
+    for text in _readings(sparql):
+        _check_no_update(text)
+        _check_nesting(text, max_depth)
+        _check_services(text, services)
+
+
+def reads_chosen_graphs(sparql: str) -> bool:
+    """Whether the text has a FROM clause, so that its default graph is not the union."""
+    return any("FROM" in keywords_of(text) for text in _readings(sparql))
+
+
+def check_no_service(sparql: str) -> None:
+    """Raises QueryRefusedError if the text has a SERVICE clause."""
+    if any(_SERVICE.search(text) for text in _readings(sparql)):
+        raise QueryRefusedError(
+            "SERVICE is refused: a query reads this map alone; "
+            "export the map and join it with the other source there"
+        )
+
+
+def check_no_load(sparql: str) -> None:
+    """Raises QueryRefusedError if the text has a LOAD operation."""
+    if any(_LOAD.search(text) for text in _readings(sparql)):
+        raise QueryRefusedError(
+            "LOAD is refused: an update cannot read other sources; write INSERT DATA"
+        )
+
+
+def check_no_update(sparql: str) -> None:
+    """Raises QueryRefusedError if the text is SPARQL Update."""
+    for text in _readings(sparql):
+        _check_no_update(text, "; write through SemanticMap.update")
+
+
+def check_nesting(sparql: str, limit: int = MAX_DEPTH) -> None:
+    """Raises QueryRefusedError if brackets nest deeper than `limit`."""
+    for text in _readings(sparql):
+        _check_nesting(text, limit)
+
+
+def _readings(sparql: str) -> Iterable[str]:
+    # the standard decodes escapes first; the engine decodes them in strings, IRIs and names alone
+    return dict.fromkeys((sparql, decode_escapes(sparql)))
+
+
+def _check_no_update(sparql: str, hint: str = "") -> None:
+    first = next((word for word in keywords_of(sparql) if word not in ("PREFIX", "BASE")), "")
+    if first in _UPDATES:
+        raise QueryRefusedError(
+            f"{first} is an update: a query only reads (SELECT, ASK, CONSTRUCT, DESCRIBE){hint}"
+        )
+
+
+def _check_nesting(sparql: str, limit: int) -> None:
+    depth = 0
+    for token in tokens_of(sparql):
+        depth += (token.text in ("(", "{", "[")) - (token.text in (")", "}", "]"))
+        if depth > limit:
+            raise QueryRefusedError(f"brackets may nest {limit} deep, here they nest deeper")
+
+
+def has_allowed_service(sparql: str, allowed: Collection[str]) -> bool:
+    """Whether the text plainly has a SERVICE clause with one of the `allowed` endpoints."""
+    return bool(allowed) and _allowed_clause(allowed).search(sparql) is not None
+
+
+def check_network_words(sparql: str, allowed: Collection[str]) -> None:
+    """Raises QueryRefusedError for the letters of SERVICE or LOAD anywhere in the text.
+
+    It is for processes that the kernel cannot deny the network. Strings, comments and names are
+    refused too, since only the engine's own parser is certain. Clauses with an `allowed` endpoint
+    pass.
+    """
+    rest = _allowed_clause(allowed).sub("", sparql) if allowed else sparql
+    for word in _NETWORK_WORDS:
+        if word in decode_escapes(rest).lower():
+            raise QueryRefusedError(
+                f"the letters of {word.upper()} are refused anywhere in a query, since on this "
+                "machine the kernel cannot deny queries the network; rewrite strings with them"
+            )
+
+
+def _allowed_clause(allowed: Collection[str]) -> re.Pattern[str]:
+    iris = "|".join(re.escape(iri) for iri in allowed)
+    return re.compile(rf"(?<!\w)service\s+(?:silent\s+)?<(?:{iris})>", re.IGNORECASE)
+
+
+def _check_services(sparql: str, allowed: Collection[str]) -> None:
+    endpoints = [match["endpoint"] for match in _SERVICE.finditer(sparql)]
+    # as a language tag too, for the same reason
+    words = sum(token.text.upper() in ("SERVICE", "@SERVICE") for token in tokens_of(sparql))
+    known = words <= len(endpoints) and all(endpoint[1:-1] in allowed for endpoint in endpoints)
+    if not known:
+        there = f"; allowed are: {', '.join(sorted(allowed))}" if allowed else ""
+        raise QueryRefusedError(f"SERVICE is refused: a query reads this map alone{there}")

@@ -1,0 +1,1 @@
+"""Maps opened, served over HTTP, published and edited."""

@@ -1,0 +1,266 @@
+"""Remote map: the map of a running `hereabouts serve`, read by SPARQL, written through the server.
+
+Unlike a plain SPARQL server it has a history, validates updates and sends notifications.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Collection, Iterable, Iterator
+from datetime import datetime
+from typing import Never
+
+from pyoxigraph import NamedNode, Quad
+
+from kg.history.replay.point_in_time import Difference
+from kg.history.reports.events import HistoryEvent
+from kg.history.reports.explanation import Explanation
+from kg.history.storage.log import BACKGROUND
+from kg.history.timestamps import Instant, moment
+from kg.knowledge.ontology.catalogue import StoredCatalogue
+from kg.maps.map_metadata import changed_description, identity
+from kg.maps.semantic_map import SemanticMap
+from kg.maps.stored_map import StoredMap, frame_cause
+from kg.maps.stored_ontology import ontology_quads
+from kg.maps.update.ground_update import update_text
+from kg.maps.update.restoration import Restored
+from kg.model.errors import GraphError, HistoryError
+from kg.model.records import Assertion, MapUpdate
+from kg.model.transactions import Cause, ChangeSet
+from kg.serving.client.remote_subscriptions import RemoteSubscriptions
+from kg.serving.client.served_server import ServedClient, served_at
+from kg.store.sparql_backend import SparqlBackend
+from kg.store.transactional import TransactionalStore
+
+
+class RemoteMap(SemanticMap):
+    """The map of a running server; the token in HEREABOUTS_TOKEN identifies who writes.
+
+    A mapper may run on it (`apply`, `ontology.learn`): each frame is one request, applied by the
+    server's one writer.
+    """
+
+    history: RemoteHistory
+    subscriptions: RemoteSubscriptions
+
+    def __init__(self, store: TransactionalStore, served: ServedClient) -> None:
+        categories = StoredCatalogue(lambda: store.engine)
+        super().__init__(store, identity(store), categories)
+        self._served = served
+        self.history = RemoteHistory(served)
+        self.ontology = RemoteOntology(store, served, categories)
+        self.assertions = RemoteAssertions(store, served)
+        self.subscriptions = RemoteSubscriptions(self, served)
+
+    @classmethod
+    def found_at(cls, store: TransactionalStore) -> RemoteMap | None:
+        """The map behind a store on a server, where that is a `hereabouts serve`; else None."""
+        served = served_at(store)
+        return None if served is None else cls(store, served)
+
+    @property
+    def sequence(self) -> int:
+        """The number of the last transaction; 0 before the first."""
+        return self._served.sequence
+
+    def at(self, when: Instant) -> SemanticMap:
+        """The map as of `when`; each query is evaluated by the server."""
+        return _past_map(self._served, when)
+
+    def dump(self, *, seconds: float, most: int) -> bytes:
+        """All quads of one state, as N-Quads; QueryTooLargeError beyond `most` bytes."""
+        _, body = self._served.fetch(
+            "dump.nq", (), "application/n-quads", seconds=seconds, most=most
+        )
+        return body
+
+    def update(
+        self, sparql: str, *, by: str | None = None, confirmed: bool = False
+    ) -> ChangeSet | None:
+        """Apply a SPARQL 1.1 Update through the server, on the account of the token's holder."""
+        self.store.check_writable()
+        return self._served.update(sparql, confirmed=confirmed)
+
+    def describe(
+        self, *, title: str | None = None, licence: str | None = None, by: str | None = None
+    ) -> ChangeSet | None:
+        """Set title or licence through the server, on the account of the token's holder."""
+        self.store.check_writable()
+        removed, added = changed_description(self.engine, self.base, title, licence)
+        sparql = update_text(removed, added)
+        return self._served.update(sparql) if removed or added else None
+
+    def restore(
+        self,
+        when: Instant,
+        *,
+        only: Collection[str] = (),
+        by: str | None = None,
+        confirmed: bool = False,
+        dry_run: bool = False,
+    ) -> Restored:
+        """Restore a past state through the server, on the account of the token's holder."""
+        self.store.check_writable()
+        return self._served.restore(text_of(when), only, confirmed=confirmed, dry_run=dry_run)
+
+    def hold(self) -> contextlib.AbstractContextManager[None]:
+        """Lock this object against writes of other threads; other processes are not locked out."""
+        return self.subscriptions.hold()
+
+    def apply(self, update: MapUpdate, cause: Cause | None = None) -> ChangeSet | None:
+        """Have the server apply it in one transaction; returns once that is durable.
+
+        Raises ConflictError, with nothing written, where others changed what it would write since
+        the last `subscriptions.catch_up`: read it again, and write what follows from that.
+        """
+        self.store.check_writable()
+        with self.subscriptions.writing() as (known_sequence, own, written):
+            change = self._served.write(
+                update, cause or frame_cause(update), known_sequence=known_sequence, own=own
+            )
+            if change is not None:
+                written(change)
+            return change
+
+    def new_object_iri(self) -> str:
+        """``<base>object/N`` with a number no object of the map has had or will have."""
+        self.store.check_writable()
+        return self._served.new_object_iri()
+
+    def close(self) -> None:
+        """Close the connections; closing twice is fine."""
+        self.subscriptions.close()
+        self._served.close()
+        self._dataset = None
+        self.store.close()
+
+
+class RemoteHistory:
+    """The history of a served map, as `kg.maps.map_parts.MapHistory` documents it."""
+
+    def __init__(self, served: ServedClient) -> None:
+        self._served = served
+
+    @property
+    def log(self) -> Never:
+        """Not on a server: raises HistoryError."""
+        raise self._elsewhere()
+
+    def changes(self, since: int = 0) -> Iterator[ChangeSet]:
+        """Change sets numbered above `since`, in order."""
+        return self._served.changes(since)
+
+    def state_of(self, iri: str, when: Instant) -> tuple[Quad, ...]:
+        """All quads about one thing as of `when`."""
+        try:
+            node = NamedNode(iri)
+        except ValueError:
+            raise HistoryError(f"needs an absolute IRI, got {iri!r}") from None
+        with _past_map(self._served, when) as past:
+            quads = past.engine.quads_for_pattern(node, None, None)
+            return tuple(sorted((q for q in quads if q.graph_name not in BACKGROUND), key=str))
+
+    def diff(self, t1: Instant, t2: Instant) -> Difference:
+        """The quads of `t2` that `t1` lacks, and the other way round."""
+        return self._served.diff(text_of(t1), text_of(t2))
+
+    def events(self, iri: str) -> Iterator[HistoryEvent]:
+        """The history events of one thing, one a transaction."""
+        yield from self._served.log(iri)
+
+    def explain(self, what: str) -> tuple[Explanation, ...]:
+        """The explanation of a thing or of a fact."""
+        return self._served.why(what)
+
+    def compact(self, keep: float | None = None) -> Never:
+        """Not on a server: raises HistoryError."""
+        raise self._elsewhere()
+
+    def retain(self, keep: float) -> Never:
+        """Not on a server: raises HistoryError."""
+        raise self._elsewhere()
+
+    def _elsewhere(self) -> HistoryError:
+        return HistoryError(
+            f"the map at {self._served.where} keeps no history here: its server does. Read it by "
+            "log, diff and --at; set what is retained with hereabouts serve --keep"
+        )
+
+
+class RemoteOntology:
+    """The ontology of a served map, as `kg.maps.map_parts.MapOntology` documents it."""
+
+    def __init__(
+        self, store: TransactionalStore, served: ServedClient, categories: StoredCatalogue
+    ) -> None:
+        self._store, self._served, self._categories = store, served, categories
+
+    def quads(self) -> tuple[Quad, ...]:
+        """The quads of the ontology, with blank nodes, sorted."""
+        return ontology_quads(self._store.engine)
+
+    def learn(self, labels: Iterable[str], kind: str, *, model: str) -> dict[str, str]:
+        """A category for each label of a network, found or added by the server."""
+        self._store.check_writable()
+        found = self._served.learn(tuple(labels), kind, model)
+        if any(self._categories().by_iri(iri) is None for iri in found.values()):
+            self.reread()
+        return found
+
+    def replace(self, quads: object, *, by: str | None = None, whole: bool = False) -> Never:
+        """Raises GraphError; `kg.serving.editing.reloading.reload` replaces it, here too."""
+        raise GraphError(
+            f"the map at {self._served.where} is served: its ontology is replaced by "
+            "hereabouts ontology reload"
+        )
+
+    def reread(self) -> None:
+        """Read the categories from the server again at their next use."""
+        self._categories.forget()
+
+
+class RemoteAssertions:
+    """Assertions in a served map, made and retracted by the holder of the token."""
+
+    def __init__(self, store: TransactionalStore, served: ServedClient) -> None:
+        self._store, self._served = store, served
+
+    def all(self, iri: str | None = None) -> tuple[Assertion, ...]:
+        """Assertions, with the perceived values; of one thing or of all."""
+        return self._served.assertions(iri)
+
+    def conflicts(self) -> tuple[Assertion, ...]:
+        """The assertions that perception contradicts."""
+        return tuple(assertion for assertion in self.all() if assertion.since is not None)
+
+    def add(self, iri: str, prop: str, value: object, *, by: str = "") -> ChangeSet | None:
+        """Assert a property, by the holder of the token; `by` is ignored."""
+        self._store.check_writable()
+        return self._served.assert_(iri, prop, value)
+
+    def retract(self, iri: str, prop: str, *, by: str | None = None) -> ChangeSet | None:
+        """Retract an assertion, by the holder of the token; `by` is ignored."""
+        self._store.check_writable()
+        return self._served.retract(iri, prop)
+
+
+def _past_map(served: ServedClient, when: Instant) -> SemanticMap:
+    number = served.sequence_at(text_of(when))
+    store = TransactionalStore(
+        SparqlBackend(served.root, always=(("at", str(number)),)),
+        where=f"#{number} of {served.where}",
+        read_only=True,
+        lock=None,
+    )
+    try:
+        return StoredMap(store)
+    except BaseException:
+        store.close()
+        raise
+
+
+def text_of(when: Instant) -> str:
+    """A moment in the server's syntax."""
+    if isinstance(when, datetime):
+        return datetime.fromtimestamp(moment(when)).astimezone().isoformat()
+    return str(when)

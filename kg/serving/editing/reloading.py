@@ -1,0 +1,87 @@
+"""Reload of an edited ontology into a map in a folder or on a server."""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import dataclass
+from pathlib import Path
+
+from pyoxigraph import RdfFormat, serialize
+
+from kg.knowledge.ontology.diagnostics import reject_invalid
+from kg.knowledge.ontology.diff import OntologyChange, changes
+from kg.knowledge.ontology.import_closure import load_with_imports
+from kg.knowledge.ontology.loading import Ontology
+from kg.knowledge.ontology.replacement import reject_partial
+from kg.rdf.findings import Finding
+from kg.serving.client.record_codec import Json
+from kg.serving.client.served_server import ServedClient
+from kg.serving.editing.ontology_sources import ontology_of_map
+from kg.serving.opening import open_map
+from kg.serving.workers.document_parsing import IsolatedParser
+from kg.store.sparql_client import is_url
+
+
+@dataclass(frozen=True, slots=True)
+class Reloaded:
+    """Result of a reload: the changes, the triples, and the transaction's number."""
+
+    changes: tuple[OntologyChange, ...]
+    kept: tuple[str, ...] = ()  # relations that people edited in the map, which stay
+    warnings: tuple[Finding, ...] = ()
+    sequence: int = 0
+    added: int = 0
+    removed: int = 0
+
+
+def reload(
+    address: str,
+    source: Path,
+    *,
+    by: str | None = None,
+    whole: bool = False,
+    reason: bool = False,
+    dry: bool = False,
+) -> Reloaded:
+    """Validate the ontology at `source` and make it that of the map at `address`.
+
+    `address` is a map's folder, a SPARQL server with a map, or a running `hereabouts serve`, which
+    then uses the new ontology. Unless it is `whole`, a file must contain or import all ontologies
+    of the map. `reason` runs HermiT too; `dry` changes nothing. Raises OntologyError
+    for what is refused (the map is untouched then), GraphError, RemoteError.
+    """
+    with IsolatedParser() as parse:
+        ontology = load_with_imports(source, parse)
+    warnings = tuple(reject_invalid(ontology, reason=reason))
+    whole = whole or source.is_dir()
+    if dry:
+        present = ontology_of_map(address)
+        reject_partial(present.quads, ontology.quads, whole=whole)
+        return Reloaded(tuple(changes(present.quads, ontology.quads)), warnings=warnings)
+    served = ServedClient.at(address) if is_url(address) else None
+    if served is not None:
+        with contextlib.closing(served):
+            return _put(served, ontology, warnings, whole)
+    with open_map(address) as semantic_map:
+        taken = semantic_map.ontology.replace(ontology.quads, by=by, whole=whole)
+        commit, sequence = taken.commit, semantic_map.sequence
+    counts = (len(commit.added), len(commit.removed)) if commit else (0, 0)
+    return Reloaded(taken.changes, taken.kept, warnings, sequence, *counts)
+
+
+def _put(
+    served: ServedClient, ontology: Ontology, warnings: tuple[Finding, ...], whole: bool
+) -> Reloaded:
+    body = serialize([q.triple for q in ontology.quads], format=RdfFormat.N_TRIPLES) or b""
+
+    def decode(reply: Json) -> Reloaded:
+        return Reloaded(
+            tuple(OntologyChange(**change) for change in reply["changes"]),
+            tuple(reply["kept"]),
+            warnings,
+            reply["sequence"],
+            reply["added"],
+            reply["removed"],
+        )
+
+    return served.take_ontology(body, decode, whole=whole)

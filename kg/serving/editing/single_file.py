@@ -1,0 +1,54 @@
+"""Export of the ontology of a map as one file for OWL editors."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from pyoxigraph import RdfFormat, Triple, serialize
+
+from kg.export.owl_document import with_one_header
+from kg.maps.semantic_map import SemanticMap
+from kg.model import vocabulary as v
+from kg.model.errors import OntologyError
+from kg.rdf.turtle_names import with_full_iris
+from kg.rdf.xml_characters import in_xml
+from kg.store.atomic_file import write_atomically
+
+_FORMATS: Final = {
+    ".ttl": RdfFormat.TURTLE,
+    ".owl": RdfFormat.RDF_XML,
+    ".rdf": RdfFormat.RDF_XML,
+    ".nt": RdfFormat.N_TRIPLES,
+}
+
+
+def export_ontology(semantic_map: SemanticMap, path: Path) -> int:
+    """Write the ontology of the map to `path`, imports included; returns the number of triples.
+
+    OWL wants one header a file: that of the map's ontology, named after the map. Raises
+    OntologyError where the ending is not .ttl, .owl, .rdf or .nt; GraphError where it cannot be
+    written.
+    """
+    form = _FORMATS.get(path.suffix.lower())
+    if form is None:
+        raise OntologyError(
+            f"cannot tell the format of {path.name!r} from its ending; use {', '.join(_FORMATS)}"
+        )
+    merged = with_one_header(
+        (quad.triple for quad in semantic_map.ontology.quads()),
+        semantic_map.base + "ontology",
+        f"ontology of {semantic_map.description.title}",
+    )
+    triples = sorted(set(merged), key=_order)
+    body = serialize(triples, format=form, prefixes=v.PREFIXES) or b""
+    text = (in_xml(body) if form == RdfFormat.RDF_XML else body).decode("utf-8")
+    turtle = form == RdfFormat.TURTLE
+    write_atomically(path, with_full_iris(text, v.PREFIXES) if turtle else text)
+    return len(triples)
+
+
+def _order(triple: Triple) -> tuple[bool, str, bool, str, str]:
+    subject = str(triple.subject)
+    is_type = triple.predicate == v.RDF_TYPE
+    return subject.startswith("_:"), subject, not is_type, str(triple.predicate), str(triple.object)

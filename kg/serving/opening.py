@@ -1,0 +1,137 @@
+"""Opening maps: a folder, memory, a SPARQL server, or a running `hereabouts serve`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from kg.history.storage.log import HistoryLog
+from kg.history.storage.recovery import attach, one_reader_at_a_time, open_history_read_only
+from kg.knowledge.ontology.catalogue import Catalogue
+from kg.knowledge.ontology.shipped import shipped_ontology
+from kg.maps.map_metadata import first_quads, identity
+from kg.maps.semantic_map import SemanticMap
+from kg.maps.stored_map import StoredMap
+from kg.model.errors import MapNotFoundError
+from kg.store.sparql_client import is_url
+from kg.store.transactional import TransactionalStore
+
+
+def create_map(
+    path: Path | str,
+    *,
+    title: str | None = None,
+    base: str | None = None,
+    power_safe: bool = False,
+) -> StoredMap:
+    """Create a map in the folder, or on the SPARQL server, at `path`; with the shipped ontologies.
+
+    Atomic, also when killed midway. With `power_safe` each transaction waits for the disk, and
+    survives a power cut too. Raises GraphError where a map exists there.
+    """
+    if is_url(path):
+        return StoredMap(TransactionalStore.create_on(str(path), first_quads(title or "map", base)))
+    path, ontology = Path(path), shipped_ontology()
+    store = TransactionalStore.create(
+        path, first_quads(title or path.resolve().name, base, ontology)
+    )
+    return _with_history(store, path, power_safe, ontology.catalogue)
+
+
+def open_map(path: Path | str, *, read_only: bool = False, power_safe: bool = False) -> SemanticMap:
+    """Open the map in the folder, or on the SPARQL server, at `path` (``http://127.0.0.1:7878``).
+
+    What a crash kept from the store is applied from its history first; `power_safe` is as for
+    `create_map`. Raises MapNotFoundError (creating nothing) or MapBusyError: a folder has one
+    writer at a time and no reader beside it; readers share. Raises RemoteError where no server
+    answers. A running `hereabouts serve` gives a `kg.serving.client.remote_map.RemoteMap`: past
+    states can be queried, and all writes go through the server.
+    """
+    if is_url(path):
+        return _on_server(TransactionalStore.connect(str(path), read_only=read_only))
+    path = Path(path)
+    if not read_only:
+        return _with_history(TransactionalStore.open(path), path, power_safe)
+    with one_reader_at_a_time(path):
+        if (found := _up_to_date(path)) is not None:
+            return found
+        open_map(path).close()  # opened for writing, it catches up
+        return _with_history(TransactionalStore.open(path, read_only=True), path, False)
+
+
+def open_or_create_map(
+    path: Path | str,
+    *,
+    title: str | None = None,
+    base: str | None = None,
+    power_safe: bool = False,
+) -> SemanticMap:
+    """Open the map at `path` for writing, created with `title` and `base` where there is none."""
+    if is_url(path):
+        try:
+            return open_map(path)
+        except MapNotFoundError:
+            return create_map(path, title=title, base=base)
+    path = Path(path)
+    if path.exists() and not (path.is_dir() and not any(path.iterdir())):
+        return open_map(path, power_safe=power_safe)
+    return create_map(path, title=title, base=base, power_safe=power_safe)
+
+
+def in_memory_map(*, title: str = "map", base: str | None = None) -> StoredMap:
+    """Create a map without a path, for tests and simulations of a few thousand frames."""
+    ontology = shipped_ontology()
+    store = TransactionalStore.in_memory(first_quads(title, base, ontology))
+    return _with_history(store, None, False, ontology.catalogue)
+
+
+def _up_to_date(path: Path) -> StoredMap | None:
+    """The map for reading, where its store has all transactions of its history."""
+    store = TransactionalStore.open(path, read_only=True)
+    log = _history(store, path, power_safe=False)
+    if log is None or log.last <= store.sequence:
+        return _closing_on_error(store, None, log)
+    store.close()
+    return None
+
+
+def _with_history(
+    store: TransactionalStore,
+    folder: Path | None,
+    power_safe: bool,
+    catalogue: Catalogue | None = None,
+) -> StoredMap:
+    log = _history(store, folder, power_safe=power_safe)
+    return _closing_on_error(store, catalogue, log)
+
+
+def _history(
+    store: TransactionalStore, folder: Path | None, *, power_safe: bool
+) -> HistoryLog | None:
+    try:
+        base = identity(store)
+        if not store.read_only:
+            return attach(store, folder, base, power_safe=power_safe)
+        return open_history_read_only(store, folder, base) if folder else None
+    except BaseException:
+        store.close()
+        raise
+
+
+def _closing_on_error(
+    store: TransactionalStore, catalogue: Catalogue | None, log: HistoryLog | None
+) -> StoredMap:
+    try:
+        return StoredMap(store, catalogue=catalogue, history=log)
+    except BaseException:
+        store.close()
+        raise
+
+
+def _on_server(store: TransactionalStore) -> SemanticMap:
+    from kg.serving.client.remote_map import RemoteMap  # a map in a folder needs no HTTP client
+
+    try:
+        return RemoteMap.found_at(store) or StoredMap(store)
+    except BaseException:
+        store.close()
+        raise

@@ -1,0 +1,134 @@
+"""Publisher: mirrors one map into a target, from a snapshot or from the last transaction.
+
+Each transaction is one update of the target. Where the target does not acknowledge one, whether it
+was applied is read from the target itself before anything else is sent; so a publisher continues
+exactly where the target is, whichever side failed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Callable, Iterator
+from typing import Final
+
+from kg.maps.semantic_map import SemanticMap
+from kg.model.errors import HistoryError, RemoteError, UnreachableError
+from kg.model.transactions import ChangeSet
+from kg.serving.client.remote_map import RemoteMap
+from kg.serving.opening import open_map
+from kg.serving.publishing.sources import snapshot_of
+from kg.serving.publishing.target import PublishTarget
+
+PAUSES: Final = (0.2, 0.5, 1.0, 2.0)  # [s] before the 1st, 2nd, ... attempt after a failed one
+ATTEMPTS: Final = 5  # in a row that a server refuses
+
+
+class Publisher:
+    """Mirrors the map at `address`, a folder or a running `hereabouts serve`, into a target.
+
+    `report` receives a line for the log. `acknowledged` is the last transaction published.
+    """
+
+    def __init__(
+        self, address: str, target: PublishTarget, report: Callable[[str], None] = lambda _: None
+    ) -> None:
+        self.address, self.acknowledged = address, 0
+        self._target, self._report = target, report
+        self._stopped = threading.Event()
+        self._guard = threading.Lock()
+        self._map: SemanticMap | None = None
+
+    def publish(self) -> int:
+        """Publish the current state; returns the number of its last transaction.
+
+        Raises RemoteError where one of the servers fails, MapBusyError for a folder in use.
+        """
+        with self._opened() as semantic_map:
+            self._catch_up(semantic_map)
+        return self.acknowledged
+
+    def follow(self) -> None:
+        """Publish the map, then each further transaction, until `stop`.
+
+        Waits for servers that do not answer. A folder is published once, since nobody writes it
+        while it is open here. Raises RemoteError where a server keeps refusing.
+        """
+        refused = 0
+        while not self._stopped.is_set():
+            before = self.acknowledged
+            try:
+                with self._opened() as semantic_map:
+                    self._catch_up(semantic_map)
+                    if not isinstance(semantic_map, RemoteMap):
+                        self._report(
+                            f"{self.address} is a folder, published as of now; "
+                            "serve it for changes to be followed"
+                        )
+                        return
+                    if not self._stopped.is_set():
+                        self._follow(semantic_map)
+            except UnreachableError as error:
+                self._report(f"{self.address} waits: {error}")
+            except HistoryError:
+                continue  # the next transactions are not kept: the next attempt compares all
+            except RemoteError as error:
+                refused = 0 if self.acknowledged > before else refused
+                if refused + 1 >= ATTEMPTS:
+                    raise
+                self._report(f"{self.address} tries again: {error}")
+            refused += 1
+            self._stopped.wait(PAUSES[min(refused, len(PAUSES)) - 1])
+
+    def stop(self) -> None:
+        """End `follow`, from any thread, after the transaction in progress."""
+        self._stopped.set()
+        with self._guard:
+            if self._map is not None:
+                self._map.close()
+
+    @contextlib.contextmanager
+    def _opened(self) -> Iterator[SemanticMap]:
+        with open_map(self.address, read_only=True) as semantic_map:
+            with self._guard:
+                self._map = semantic_map
+            try:
+                yield semantic_map
+            finally:
+                with self._guard:
+                    self._map = None
+
+    def _catch_up(self, semantic_map: SemanticMap) -> None:
+        known = self._target.acknowledged(semantic_map.base)
+        if known is not None and known <= semantic_map.sequence:
+            try:
+                self._apply_all(semantic_map, known)
+                return
+            except HistoryError:
+                pass  # the transactions since are not kept: compares all
+        self._synchronise(semantic_map)
+
+    def _synchronise(self, semantic_map: SemanticMap) -> None:
+        snapshot = snapshot_of(semantic_map)
+        written = self._target.synchronise(semantic_map.base, snapshot)
+        self.acknowledged = snapshot.sequence
+        self._report(
+            f"{semantic_map.description.title} is published as of #{snapshot.sequence}: "
+            f"{written} triples added or removed"
+        )
+
+    def _apply_all(self, semantic_map: SemanticMap, known: int) -> None:
+        self.acknowledged = known
+        for change in semantic_map.history.changes(known):
+            self._apply(semantic_map.base, change)
+        self._report(f"{semantic_map.description.title} is published as of #{self.acknowledged}")
+
+    def _follow(self, semantic_map: RemoteMap) -> None:
+        for change in semantic_map.subscriptions.follow(self.acknowledged):
+            self._apply(semantic_map.base, change)
+            if self._stopped.is_set():
+                return
+
+    def _apply(self, base: str, change: ChangeSet) -> None:
+        self._target.apply(base, change, self.acknowledged)
+        self.acknowledged = change.sequence

@@ -1,0 +1,164 @@
+"""Target of a mirror: a SPARQL 1.1 server that holds the published maps in one set of graphs.
+
+Graphs have the names that they have in a map. How far each map is published is a fact of
+graph:published, written in the same update as what it counts: ``<map> here:sequence 254``. Things
+whose IRIs are not the map's own are noted there as its parts (dcterms:hasPart), so that a stale
+copy is not taken for another map's facts. Ontology and common sense are stored once for all
+maps: missing quads are added, and a change of any map's ontology is a change of that copy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Final
+
+from pyoxigraph import Literal, NamedNode, Quad
+
+from kg.history.storage.log import BACKGROUND
+from kg.model import vocabulary as v
+from kg.model.errors import GraphError, RemoteError
+from kg.model.transactions import ChangeSet
+from kg.rdf.skolem import named
+from kg.serving.publishing.sources import SourceSnapshot
+from kg.store.sparql_backend import graph_blocks
+from kg.store.sparql_client import Solutions, SparqlClient
+from kg.store.virtuoso import AT_ONCE
+
+CHUNK: Final = 20_000  # quads of one request; a transaction of fewer is one update
+CHUNK_OF_VIRTUOSO: Final = 10 * AT_ONCE
+
+_SEQUENCE: Final = NamedNode(v.SEQUENCE)
+_PART: Final = NamedNode(v.DCT_HAS_PART)
+
+
+class PublishTarget:
+    """The server at `url`; safe to use from several threads.
+
+    Raises RemoteError where nothing answers there, or what answers does not speak SPARQL.
+    """
+
+    def __init__(self, url: str, token: str | None = None) -> None:
+        self._endpoint = SparqlClient.at(url, token=token)
+        self.where = self._endpoint.where
+
+    def acknowledged(self, base: str) -> int | None:
+        """The last published transaction of the map `base`; None if there is none."""
+        return self._marks().get(base)
+
+    def synchronise(self, base: str, snapshot: SourceSnapshot) -> int:
+        """Make the published copy equal to a snapshot; returns the number of quads written.
+
+        Takes several requests where it is large; that it is complete is written with the last one.
+        Raises GraphError where the IRI of another published map contains that of this one.
+        """
+        marks = self._marks()
+        _check_not_nested(base, marks.keys() - {base})
+        background = [quad for quad in snapshot.quads if quad.graph_name in BACKGROUND]
+        own = {quad for quad in snapshot.quads if quad.graph_name not in BACKGROUND}
+        stored = set(self._stored(base))
+        known = {quad for graph in BACKGROUND for quad in self._graph(graph)}
+        delete = sorted(stored - own, key=str)
+        insert = [quad for quad in background if quad not in known]
+        insert += sorted(own - stored, key=str)
+        self._write(base, delete, insert, marks.get(base), snapshot.sequence)
+        return len(delete) + len(insert)
+
+    def apply(self, base: str, change: ChangeSet, acknowledged: int) -> None:
+        """Apply one transaction of a map whose transactions up to `acknowledged` are published."""
+        removed, added = named(change.removed), named(change.added)
+        self._write(base, removed, added, acknowledged, change.sequence)
+
+    def close(self) -> None:
+        """Close the connections."""
+        self._endpoint.close()
+
+    def _marks(self) -> dict[str, int]:
+        pattern = f"GRAPH {v.PUBLISHED_GRAPH} {{ ?map {_SEQUENCE} ?number }}"
+        found: dict[str, int] = {}
+        for row in self._select("?map ?number", pattern).rows:
+            base, number = row["map"].value, int(row["number"].value)
+            # a server that applies updates in part may have two: the earlier one is safe
+            found[base] = min(number, found.get(base, number))
+        return found
+
+    def _stored(self, base: str) -> Iterator[Quad]:
+        """Published quads of a map, except ontology and common sense."""
+        others = ", ".join(map(str, (*BACKGROUND, v.PUBLISHED_GRAPH)))
+        facts = f"GRAPH ?g {{ ?s ?p ?o }} FILTER(?g NOT IN ({others}))"
+        yield from self._quads(f"{facts} FILTER(STRSTARTS(STR(?s), {Literal(base)}))")
+        part = f"GRAPH {v.PUBLISHED_GRAPH} {{ {NamedNode(base)} {_PART} ?s }}"
+        yield from self._quads(f"{part} {facts}")
+
+    def _graph(self, graph: NamedNode) -> Iterator[Quad]:
+        yield from self._quads(f"BIND({graph} AS ?g) GRAPH {graph} {{ ?s ?p ?o }}")
+
+    def _quads(self, pattern: str) -> Iterator[Quad]:
+        (count,) = self._select("(COUNT(*) AS ?n)", pattern).rows
+        answer = self._select("?s ?p ?o ?g", pattern)
+        if len(answer.rows) < int(count["n"].value):
+            raise RemoteError(
+                f"{self.where} gives {len(answer.rows)} of {count['n'].value} rows; raise the "
+                "largest number of rows it answers with (Virtuoso: ResultSetMaxRows)"
+            )
+        for row in answer.rows:
+            yield Quad(row["s"], row["p"], row["o"], row["g"])
+
+    def _select(self, what: str, pattern: str) -> Solutions:
+        answer = self._endpoint.ask(f"SELECT {what} WHERE {{ {pattern} }}")
+        if not isinstance(answer, Solutions):
+            raise RemoteError(f"{self.where} answered a SELECT with something else")
+        return answer
+
+    def _write(
+        self,
+        base: str,
+        delete: Iterable[Quad],
+        insert: Iterable[Quad],
+        before: int | None,
+        sequence: int,
+    ) -> None:
+        insert = tuple(insert)
+        steps = [("DELETE", tuple(delete)), ("INSERT", (*_parts(base, insert), *insert))]
+        chunk = CHUNK_OF_VIRTUOSO if self._endpoint.virtuoso else CHUNK
+        operations: list[str] = []
+        waiting = 0
+        for verb, quads in steps:
+            for start in range(0, len(quads), chunk):
+                part = quads[start : start + chunk]
+                if waiting + len(part) > chunk:
+                    self._endpoint.update(";\n".join(operations))
+                    operations, waiting = [], 0
+                operations.append(_operation(verb, part))
+                waiting += len(part)
+        if before is not None:
+            operations.append(_operation("DELETE", (_mark(base, before),)))
+        operations.append(_operation("INSERT", (_mark(base, sequence),)))
+        self._endpoint.update(";\n".join(operations))
+
+
+def _operation(verb: str, quads: Iterable[Quad]) -> str:
+    return f"{verb} DATA {{\n{graph_blocks(quads)}}}"
+
+
+def _mark(base: str, sequence: int) -> Quad:
+    return Quad(NamedNode(base), _SEQUENCE, Literal(sequence), v.PUBLISHED_GRAPH)
+
+
+def _parts(base: str, quads: Iterable[Quad]) -> dict[Quad, None]:
+    """Quads that mark resources with other IRIs as parts of the map."""
+    return {
+        Quad(NamedNode(base), _PART, quad.subject, v.PUBLISHED_GRAPH): None
+        for quad in quads
+        if quad.graph_name not in BACKGROUND
+        and isinstance(quad.subject, NamedNode)
+        and not quad.subject.value.startswith(base)
+    }
+
+
+def _check_not_nested(base: str, others: Iterable[str]) -> None:
+    for other in others:
+        if other.startswith(base) or base.startswith(other):
+            raise GraphError(
+                f"the map {base} cannot be published beside {other}: the IRI of one begins with "
+                "that of the other, so their things cannot be distinguished"
+            )

@@ -1,0 +1,160 @@
+"""Application: the table of paths and endpoints."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import logging
+import tempfile
+from collections.abc import AsyncIterator, Awaitable, Callable
+from pathlib import Path
+
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import Route
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from kg.model.errors import HereaboutsError
+from kg.serving.server.app_state import AppState
+from kg.serving.server.endpoints.assertion_endpoints import assertions
+from kg.serving.server.endpoints.change_endpoint import changes
+from kg.serving.server.endpoints.find_endpoint import find
+from kg.serving.server.endpoints.graph_store_protocol import dump, graph_store
+from kg.serving.server.endpoints.history_endpoints import diff, log, why
+from kg.serving.server.endpoints.page_files import page_file
+from kg.serving.server.endpoints.picture_endpoint import picture
+from kg.serving.server.endpoints.question_endpoint import question, questions
+from kg.serving.server.endpoints.restore_endpoint import restore
+from kg.serving.server.endpoints.sparql_protocol import sparql
+from kg.serving.server.endpoints.subscription_endpoint import subscribe
+from kg.serving.server.endpoints.write_endpoints import labels, numbers, records
+from kg.serving.server.http.middleware import RequestGuard
+from kg.serving.server.http.problems import Problem, problem_of, problem_response, without_paths
+from kg.serving.server.linked_data.description import dataset_description
+from kg.serving.server.linked_data.memento import timegate, timemap
+from kg.serving.server.linked_data.resource_pages import resource, skolem, thing_at_path
+from kg.serving.server.linked_data.root_page import console_page, root_page
+from kg.serving.server.metrics import MEDIA_TYPE, Reading
+
+_log = logging.getLogger("hereabouts.server")
+
+Answer = Callable[[AppState, Request], Awaitable[ASGIApp]]
+
+
+def application(serving: AppState) -> ASGIApp:
+    """The ASGI application of a server: its routes behind the request guard."""
+    serving.metrics.readings += _readings(serving)
+    get, write = ["GET"], ["GET", "POST", "PUT", "DELETE"]
+    table: list[tuple[str, Answer, list[str]]] = [
+        ("/", root_page, get),
+        ("/console", console_page, get),
+        ("/queries", questions, get),
+        ("/queries/{name:str}", question, get),
+        ("/sparql", sparql, ["GET", "POST"]),
+        ("/sparql/", sparql, ["GET", "POST"]),
+        ("/graphs", graph_store, write),
+        ("/graphs/{name:path}", graph_store, write),
+        ("/dump.{ending:str}", dump, get),
+        ("/.well-known/void", dataset_description, get),
+        ("/.well-known/genid/{name:path}", skolem, get),
+        ("/assertions", assertions, ["GET", "POST", "DELETE"]),
+        ("/records", records, ["POST"]),
+        ("/numbers", numbers, ["POST"]),
+        ("/labels", labels, ["POST"]),
+        ("/restore", restore, ["POST"]),
+        ("/log", log, get),
+        ("/diff", diff, get),
+        ("/why", why, get),
+        ("/timemap", timemap, get),
+        ("/timegate/{address:path}", timegate, get),
+        ("/find", find, get),
+        ("/pictures/{number:str}", picture, get),
+        ("/changes", changes, get),
+        ("/subscribe", subscribe, get),
+        ("/health", _health, get),
+        ("/metrics", _metrics, get),
+        ("/files/{name:path}", page_file, get),
+        ("/resource", resource, get),
+        ("/{path:path}", thing_at_path, get),
+    ]
+    routes = [Route(path, _Endpoint(serving, answer), methods=how) for path, answer, how in table]
+
+    @contextlib.asynccontextmanager
+    async def lifespan(app: Starlette) -> AsyncIterator[None]:
+        serving.feed.start()
+        yield
+        serving.feed.stop()
+
+    app = Starlette(
+        routes=routes, lifespan=lifespan, exception_handlers={HTTPException: routing_error}
+    )
+    app.router.redirect_slashes = False
+    return RequestGuard(app, serving.settings, serving.metrics)
+
+
+class _Endpoint:
+    """Endpoint of one path; errors of `kg.model.errors` become problem responses."""
+
+    def __init__(self, serving: AppState, answer: Answer) -> None:
+        self._serving, self._answer = serving, answer
+        path = serving.semantic_map.store.path
+        given = [] if path is None else [path, path.resolve(), path.resolve().parent]
+        folders = (*given, Path(tempfile.gettempdir()))
+        self._folders = [folder for folder in folders if len(folder.parts) > 1]
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        request = Request(scope, receive)
+        try:
+            answer = await self._answer(self._serving, request)
+        except HereaboutsError as error:
+            problem = problem_of(error)
+            if problem.status >= 500:
+                _log.warning("%s: %s", scope["path"][:200], error)
+            problem = without_paths(problem, self._folders)
+            answer = problem_response(problem, request.headers.get("accept"))
+        await answer(scope, receive, send)
+
+
+async def _health(serving: AppState, request: Request) -> Response:
+    semantic_map = serving.semantic_map
+    content = {
+        "status": "ok",
+        "map": semantic_map.description.title,
+        "base": semantic_map.base,
+        "sequence": semantic_map.sequence,
+        **serving.status(),
+    }
+    return Response(json.dumps(content) + "\n", media_type="application/json")
+
+
+async def _metrics(serving: AppState, request: Request) -> Response:
+    text = await run_in_threadpool(serving.metrics.text)
+    return Response(text, headers={"Content-Type": MEDIA_TYPE})
+
+
+async def routing_error(request: Request, error: Exception) -> Response:
+    """Error response for an unknown path, or for a method that the path does not have."""
+    assert isinstance(error, HTTPException)
+    if error.status_code == 405:
+        message = f"{request.url.path[:200]} does not allow {request.method}"
+    else:
+        message = f"nothing is at {request.url.path[:200]}"
+    problem = Problem(error.status_code, message, error.headers)
+    return problem_response(problem, request.headers.get("accept"))
+
+
+def _readings(serving: AppState) -> list[Reading]:
+    feed, pool = serving.feed, serving.pool
+    return [
+        ("hereabouts_sequence", "Last commit.", lambda: serving.semantic_map.sequence),
+        ("hereabouts_commits_total", "Commits since the start.", lambda: feed.commits),
+        ("hereabouts_query_workers", "Worker processes.", lambda: len(pool.pids)),
+        ("hereabouts_query_workers_busy", "Worker processes with a query.", lambda: pool.busy),
+        ("hereabouts_objects", "Objects in the map.", lambda: serving.tally.objects),
+        ("hereabouts_feed_clients", "Followers of changes and queries.", lambda: feed.followers),
+        ("hereabouts_feed_dropped_total", "Followers that were too slow.", lambda: feed.dropped),
+        ("hereabouts_standing_queries", "Followed queries.", lambda: len(serving.subscriptions)),
+    ]

@@ -1,0 +1,59 @@
+"""State of a running server, shared by its endpoints."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from kg.maps.stored_map import StoredMap
+from kg.serving.server.change_broadcast import BroadcastClient, ChangeBroadcast
+from kg.serving.server.http.client_sessions import Sessions
+from kg.serving.server.http.settings import Settings
+from kg.serving.server.metrics import Metrics
+from kg.serving.server.running_counts import RunningCounts
+from kg.serving.workers.pool import QueryPool
+
+#: State of programs beside the server, for `/health`: name -> state.
+Status = Callable[[], Mapping[str, object]]
+
+#: Makes a search plan as plain values for the names of objects. Raises HereaboutsError.
+Planner = Callable[[list[str]], Mapping[str, object]]
+
+
+class QuerySubscription(BroadcastClient, Protocol):
+    """A client's subscription to a query."""
+
+    client: str
+
+
+@dataclass(slots=True)
+class PlanningTurns:
+    """Queue of requests for plans; `lock` is held while a plan is made."""
+
+    lock: asyncio.Lock = field(default_factory=asyncio.Lock)
+    waiting: int = 0  # requests
+
+    def end(self, plan: asyncio.Future[Mapping[str, object]]) -> None:
+        """Pass the turn on, once a plan is made or has failed."""
+        self.lock.release()
+        if not plan.cancelled():
+            plan.exception()  # marks the exception as read: the client may have left
+
+
+@dataclass(slots=True)
+class AppState:
+    """State of the server of one map."""
+
+    semantic_map: StoredMap
+    settings: Settings
+    pool: QueryPool
+    feed: ChangeBroadcast
+    tally: RunningCounts
+    metrics: Metrics = field(default_factory=Metrics)
+    subscriptions: set[QuerySubscription] = field(default_factory=set)
+    status: Status = dict
+    planner: Planner | None = None  # for `/find`
+    planning: PlanningTurns = field(default_factory=PlanningTurns)
+    sessions: Sessions = field(default_factory=Sessions)

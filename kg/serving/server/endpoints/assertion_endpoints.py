@@ -1,0 +1,164 @@
+"""`/assertions`: GET lists assertions, POST with a JSON object makes one, DELETE retracts one.
+
+The one writer applies them; their author is the holder of the token.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+from typing import Any, Final, TypeVar
+
+from pyoxigraph import NamedNode, Quad
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import Response
+
+from kg.maps.facts.assertions import PROPERTIES, Assertions, is_unicode
+from kg.model import vocabulary as v
+from kg.model.records import Assertion
+from kg.model.transactions import ChangeSet
+from kg.serving.client.record_codec import assertion_to_json
+from kg.serving.server.app_state import AppState
+from kg.serving.server.endpoints.sparql_protocol import written
+from kg.serving.server.http import bodies
+from kg.serving.server.http.conditions import state_of
+from kg.serving.server.http.media_types import GRAPH_FORMATS, document, prefixes_of
+from kg.serving.server.http.problems import Problem
+from kg.serving.server.linked_data.resource_description import local_path
+from kg.serving.workers.content_negotiation import negotiate
+
+JSON: Final = "application/json"
+_KIND: Final = NamedNode(v.ASSERTION)
+_AGENT: Final = NamedNode(v.PROV_ATTRIBUTED_TO)
+_MEMBERS: Final = ("thing", "property", "value")
+T = TypeVar("T")
+
+
+async def assertions(serving: AppState, request: Request) -> Response:
+    """List assertions, make one, or retract one."""
+    if request.method in ("GET", "HEAD"):
+        return await _list(serving, request)
+    by = serving.settings.tokens.holder(request.headers.get("authorization"))
+    if request.method == "POST":
+        return await _assert(serving, request, by)
+    return await _take_back(serving, request, by)
+
+
+async def _list(serving: AppState, request: Request) -> Response:
+    media_type = negotiate(request.headers.get("accept"), (JSON, *GRAPH_FORMATS))
+    given = bodies.query_parameters(request)
+    iri, conflicts = given.one("iri"), given.flag("conflicts")
+    if iri is not None:
+        iri = full_iri(serving.semantic_map.base, iri)
+    state = state_of(serving.semantic_map)
+    headers = {"Vary": "Accept", **state.headers}
+    if state.is_known_to(request):
+        return Response(status_code=304, headers=headers)
+    body = await run_in_threadpool(partial(_listed, serving, iri, conflicts, media_type))
+    return Response(body, media_type=media_type, headers=headers)
+
+
+def _listed(serving: AppState, iri: str | None, conflicts: bool, media_type: str) -> bytes:
+    semantic_map = serving.semantic_map
+    found = [a for a in semantic_map.assertions.all(iri) if not conflicts or a.since is not None]
+    if media_type == JSON:
+        content = [assertion_to_json(assertion) for assertion in found]
+        return _text({"sequence": semantic_map.sequence, "assertions": content}).encode()
+    triples = dict.fromkeys(quad.triple for quad in _facts(serving, found))
+    return document(triples, media_type, prefixes_of(semantic_map.base))
+
+
+def _facts(serving: AppState, found: Iterable[Assertion]) -> Iterable[Quad]:
+    """The quads of graph:assertions about these assertions and their authors."""
+    engine, ours = serving.semantic_map.engine, Assertions(serving.semantic_map.base)
+    for assertion in found:
+        node = ours.iri(assertion.subject, assertion.property)
+        for quad in ours.stored(engine, assertion.subject):
+            about = getattr(quad.subject, "value", "")
+            if about == node or about.startswith(f"{node}/"):
+                yield quad
+            if about == node and quad.predicate == _AGENT and isinstance(quad.object, NamedNode):
+                yield from engine.quads_for_pattern(quad.object, None, None, v.ASSERTIONS_GRAPH)
+
+
+async def _assert(serving: AppState, request: Request, by: str) -> Response:
+    kind = bodies.media_type(request)
+    if kind != JSON:
+        raise Problem(415, f"a body of type {kind[:100] or '(none)'}; an assertion is {JSON}")
+    content = bodies.json_object(await bodies.read_body(request, serving.settings.limits), _MEMBERS)
+    base = serving.semantic_map.base
+    thing, prop = full_iri(base, _word(content, "thing")), _property(_word(content, "property"))
+    value = _value(content["value"])
+
+    def write() -> tuple[ChangeSet | None, Assertion]:
+        semantic_map = serving.semantic_map
+        with semantic_map.hold():
+            change = semantic_map.assertions.add(thing, prop, value, by=by)
+            assertions = {a.property: a for a in semantic_map.assertions.all(thing)}
+            return change, assertions[prop]
+
+    change, assertion = await _shielded(write)
+    answer = written(serving, change, request, assertion=assertion_to_json(assertion))
+    if change is not None and any(quad.object == _KIND for quad in change.added):
+        answer.status_code = 201
+        ours = Assertions(serving.semantic_map.base)
+        path = local_path(serving.semantic_map.base, ours.iri(assertion.subject, prop))
+        answer.headers["Location"] = path
+    return answer
+
+
+async def _take_back(serving: AppState, request: Request, by: str) -> Response:
+    given = bodies.query_parameters(request)
+    iri, prop = given.one("iri"), given.one("property")
+    if not iri or not prop:
+        raise Problem(400, "a retraction needs ?iri= and &property=, as in iri=object/17")
+    thing = full_iri(serving.semantic_map.base, iri)
+    _property(prop)
+    change = await _shielded(partial(serving.semantic_map.assertions.retract, thing, prop, by=by))
+    return written(serving, change, request)
+
+
+async def _shielded(act: Callable[[], T]) -> T:
+    # completes even if the client leaves
+    return await asyncio.shield(run_in_threadpool(act))
+
+
+def _word(content: Mapping[str, Any], name: str) -> str:
+    value = content[name]
+    if not isinstance(value, str) or not value.strip():
+        raise Problem(400, f"{name!r} must be a text, got {str(value)[:100]!r}")
+    return value.strip()
+
+
+def _property(name: str) -> str:
+    if name not in PROPERTIES:
+        raise Problem(422, f"{name[:100]!r} cannot be asserted; these can: {', '.join(PROPERTIES)}")
+    return name
+
+
+def _value(value: object) -> object:
+    """A text or a list of three numbers; Problem 400 for another value."""
+    if isinstance(value, str) and is_unicode(value):
+        return value
+    if isinstance(value, list) and len(value) == 3 and all(map(_is_number, value)):
+        return value
+    raise Problem(400, f"'value' must be a text, or [x, y, z] in metres, got {str(value)[:100]!r}")
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def full_iri(base: str, iri: str) -> str:
+    """The IRI of ``object/17`` or of an absolute IRI; Problem 400 for an invalid one."""
+    try:
+        return NamedNode(iri if ":" in iri else base + iri).value
+    except ValueError as error:
+        raise Problem(400, f"no thing {iri[:200]!r}; write object/17 or its IRI") from error
+
+
+def _text(content: object) -> str:
+    return json.dumps(content, ensure_ascii=False) + "\n"

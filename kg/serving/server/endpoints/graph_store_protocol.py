@@ -1,0 +1,265 @@
+"""`/graphs`: the SPARQL 1.1 Graph Store HTTP Protocol.
+
+The graph is ``?graph=IRI`` or a path, ``/graphs/map`` for graph:map. ``?default`` reads
+the union of all graphs, as a query without GRAPH does, and adds to graph:map, as an update does.
+A PUT to graph:ontology is validated and compiled, and replaces the ontology of the map.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import io
+from collections.abc import Callable, Generator
+from contextlib import closing
+from dataclasses import asdict
+from functools import partial
+from typing import Final
+
+from pyoxigraph import NamedNode, Quad, RdfFormat, Triple, serialize
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.types import ASGIApp
+
+from kg.knowledge.ontology.replacement import Replacement
+from kg.maps.update.ground_update import GroundUpdate, Step
+from kg.model import vocabulary as v
+from kg.model.transactions import ChangeSet
+from kg.rdf.skolem import anonymous_triple
+from kg.rdf.xml_characters import in_xml
+from kg.serving.server.app_state import AppState
+from kg.serving.server.endpoints.dump_stream import DumpStream
+from kg.serving.server.endpoints.sparql_protocol import write, written
+from kg.serving.server.http import bodies
+from kg.serving.server.http.client_sessions import asker_of
+from kg.serving.server.http.conditions import State, check_preconditions, state_of
+from kg.serving.server.http.confirmation import is_confirmed
+from kg.serving.server.http.media_types import GRAPH_FORMATS, prefixes_of
+from kg.serving.server.http.problems import Problem
+from kg.serving.workers.content_negotiation import negotiate
+from kg.serving.workers.updates import parsed_document
+from kg.store.sparql_client import SEQUENCE
+
+_DUMPS: Final = {"trig": RdfFormat.TRIG, "nq": RdfFormat.N_QUADS}
+_MEDIA: Final = {form: media_type for media_type, form in GRAPH_FORMATS.items()}
+#: formats of a single graph
+_FORMATS: Final = {name: form for form, name in _MEDIA.items() if form not in _DUMPS.values()}
+
+
+_Triples = Generator[Triple, None, None]
+
+
+async def graph_store(serving: AppState, request: Request) -> Response:
+    """Read, replace, extend or delete a graph."""
+    graph = _graph(request)
+    if request.method in ("GET", "HEAD"):
+        return await _read(serving, request, graph)
+    by = serving.settings.tokens.holder(request.headers.get("authorization"))
+    if graph is None and request.method != "POST":
+        raise Problem(403, "the default graph is the union of all: name the graph to change")
+    target = graph or v.MAP_GRAPH
+    existed = _has(serving, target)
+    check = partial(_check_preconditions, serving, request, graph)
+    if request.method == "DELETE":
+        if not existed:
+            raise _unknown(target)
+        clear = partial(_replace, serving, target, None, by, check, is_confirmed(request))
+        return await write(serving, request, clear)
+    triples = await _body(serving, request, target)
+    if request.method == "PUT" and target == v.ONTOLOGY_GRAPH:
+        return await _take_ontology(serving, request, triples, by, check)
+    change = (serving, target, triples, by, check)
+    replaces = request.method == "PUT"
+    act = (
+        partial(_replace, *change, is_confirmed(request)) if replaces else partial(_extend, *change)
+    )
+    answer = await write(serving, request, act)
+    answer.status_code = 200 if existed else 201
+    return answer
+
+
+def _replace(
+    serving: AppState,
+    graph: NamedNode,
+    triples: list[Triple] | None,
+    by: str,
+    check: Callable[[], None],
+    confirmed: bool,
+) -> ChangeSet | None:
+    """Replace the triples of a graph; None deletes them."""
+    semantic_map = serving.semantic_map
+    with semantic_map.hold():
+        check()
+        held = tuple(semantic_map.engine.quads_for_pattern(None, None, None, graph))
+        steps = (Step(held, ()), *([] if triples is None else [_insertion(graph, triples)]))
+        note = f"{'DELETE' if triples is None else 'PUT'} {graph}"
+        return semantic_map.apply_ground(GroundUpdate(steps), note, by=by, confirmed=confirmed)
+
+
+def _extend(
+    serving: AppState,
+    graph: NamedNode,
+    triples: list[Triple],
+    by: str,
+    check: Callable[[], None],
+) -> ChangeSet | None:
+    """Add triples to a graph."""
+    with serving.semantic_map.hold():
+        check()
+        update = GroundUpdate((_insertion(graph, triples),))
+        return serving.semantic_map.apply_ground(update, f"POST {graph}", by=by)
+
+
+def _insertion(graph: NamedNode, triples: list[Triple]) -> Step:
+    return Step((), tuple(Quad(t.subject, t.predicate, t.object, graph) for t in triples))
+
+
+async def _take_ontology(
+    serving: AppState, request: Request, triples: list[Triple], by: str, check: Callable[[], None]
+) -> Response:
+    """Replace the ontology of the map; the response describes the changes."""
+    quads = [Quad(t.subject, t.predicate, t.object, v.ONTOLOGY_GRAPH) for t in triples]
+    whole = bodies.query_parameters(request).flag("whole")
+
+    def take() -> Replacement:
+        with serving.semantic_map.hold():
+            check()
+            return serving.semantic_map.ontology.replace(quads, by=by, whole=whole)
+
+    taken = await asyncio.shield(run_in_threadpool(take))
+    return written(
+        serving,
+        taken.commit,
+        request,
+        changes=[asdict(change) for change in taken.changes],
+        kept=list(taken.kept),
+    )
+
+
+async def dump(serving: AppState, request: Request) -> ASGIApp:
+    """All named graphs as TriG or N-Quads, by the ending of the path; else Problem 404."""
+    ending = request.path_params["ending"]
+    if ending not in _DUMPS:
+        known = " and ".join(f"/dump.{name}" for name in _DUMPS)
+        raise Problem(404, f"no dump ends in {ending[:40]!r}; there are {known}")
+    media_type = _MEDIA[_DUMPS[ending]]
+    headers = {"Content-Type": media_type}
+    if request.method == "HEAD":
+        return Response(headers=headers)
+    wanted = {
+        "media_type": media_type,
+        "whole": True,
+        "prefixes": prefixes_of(serving.semantic_map.base),
+    }
+    under_way = await serving.pool.dump_async(wanted, asker_of(request))
+    return DumpStream(under_way, headers)
+
+
+async def _read(serving: AppState, request: Request, graph: NamedNode | None) -> Response:
+    media_type = negotiate(request.headers.get("accept"), tuple(_FORMATS))
+    if graph is not None and not _has(serving, graph):
+        raise _unknown(graph)
+    sequence = serving.semantic_map.sequence
+    state = _state(serving, graph, _FORMATS[media_type].file_extension)
+    headers = {"Vary": "Accept", SEQUENCE: str(sequence), **state.headers}
+    if state.is_known_to(request):
+        return Response(status_code=304, headers=headers)
+    triples = _triples(serving, graph)
+    body = await run_in_threadpool(partial(_serialised, serving, triples, _FORMATS[media_type]))
+    return Response(body, media_type=media_type, headers=headers)
+
+
+def _state(serving: AppState, graph: NamedNode | None, form: str) -> State:
+    """State of a graph: the last transaction that changed it, or the map for None."""
+    state = state_of(serving.semantic_map)
+    number = state.sequence if graph is None else serving.tally.changed(graph)
+    return State(number, state.modified, form, state.past)
+
+
+def _check_preconditions(serving: AppState, request: Request, graph: NamedNode | None) -> None:
+    exists = graph is None or _has(serving, graph)
+    check_preconditions(request, _state(serving, graph, ""), exists=exists)
+
+
+def _triples(serving: AppState, graph: NamedNode | None) -> _Triples:
+    quads = serving.semantic_map.engine.quads_for_pattern(None, None, None, graph)
+    seen: set[Triple] = set()
+    for quad in quads:
+        if graph is None:
+            # a triple may be in several graphs
+            if quad.triple in seen:
+                continue
+            seen.add(quad.triple)
+        yield anonymous_triple(quad.triple)
+
+
+def _serialised(
+    serving: AppState,
+    statements: _Triples,
+    form: RdfFormat,
+) -> bytes:
+    # the engine's iterators abort the process if another thread uses them, so the generators that
+    # hold them begin and end here
+    with closing(statements):
+        out = _Capped(serving.settings.limits.result)
+        try:
+            serialize(statements, out, form, prefixes=prefixes_of(serving.semantic_map.base))
+        except OSError as error:
+            raise out.too_long() from error
+        body = out.getvalue()
+        return in_xml(body) if form == RdfFormat.RDF_XML else body
+
+
+class _Capped(io.BytesIO):
+    """Buffer of at most `limit` bytes."""
+
+    def __init__(self, limit: int) -> None:
+        super().__init__()
+        self._limit = limit
+
+    def write(self, data: bytes) -> int:  # type: ignore[override]
+        """Append; raises Problem 503 beyond the limit."""
+        if self.tell() + len(data) > self._limit:
+            raise self.too_long()
+        return super().write(data)
+
+    def too_long(self) -> Problem:
+        """Body of the response."""
+        return Problem(503, f"the answer has more than {self._limit} bytes; query for a part of it")
+
+
+def _graph(request: Request) -> NamedNode | None:
+    """The graph of a request; None for the default graph."""
+    path = request.path_params.get("name")
+    given = bodies.query_parameters(request)
+    iri = given.one("graph")
+    if path:
+        if any(key != "whole" for key, _ in given.pairs):
+            raise Problem(400, "the path names the graph; leave out ?graph and ?default")
+        iri = v.GRAPH + path
+    elif (iri is None) == ("default" not in given):
+        raise Problem(400, "name one graph: ?graph=IRI, ?default, or /graphs/map")
+    try:
+        return None if iri is None else NamedNode(iri)
+    except ValueError as error:
+        raise Problem(400, f"a graph needs an absolute IRI, got {iri!r:.100}") from error
+
+
+def _has(serving: AppState, graph: NamedNode) -> bool:
+    quads = serving.semantic_map.engine.quads_for_pattern(None, None, None, graph)
+    return next(iter(quads), None) is not None
+
+
+def _unknown(graph: NamedNode) -> Problem:
+    return Problem(404, f"no graph {graph.value} in this map, or nothing in it")
+
+
+async def _body(serving: AppState, request: Request, graph: NamedNode) -> list[Triple]:
+    kind = bodies.media_type(request)
+    form = _FORMATS.get(kind)
+    if form is None:
+        known = ", ".join(_FORMATS)
+        raise Problem(415, f"a body of type {kind[:100] or '(none)'}; there are: {known}")
+    body = await bodies.read_body(request, serving.settings.limits)
+    quads = await run_in_threadpool(partial(parsed_document, serving.pool, body, form, graph.value))
+    return [quad.triple for quad in quads]

@@ -1,0 +1,107 @@
+"""`/log`, `/diff`, `/why`: history of a thing, difference of two states, explanation.
+
+Workers compute them within the limits of queries, since a history can be long.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import re
+from typing import Final
+
+from starlette.requests import Request
+from starlette.responses import Response
+
+from kg.maps.semantic_map import SemanticMap
+from kg.serving.server.app_state import AppState
+from kg.serving.server.endpoints.sparql_protocol import unless_gone
+from kg.serving.server.http.bodies import RequestParameters, query_parameters
+from kg.serving.server.http.client_sessions import asker_of
+from kg.serving.server.http.problems import Problem
+from kg.serving.server.http.time_parameters import MAX_DIGITS, sequence_at
+from kg.serving.workers.content_negotiation import negotiate
+from kg.serving.workers.pool import QueryPool
+from kg.serving.workers.process import Answer
+from kg.serving.workers.request import ANYONE, Asker
+from kg.store.sparql_client import SEQUENCE
+
+JSON: Final = "application/json"
+#: media types of the responses
+TYPES: Final[dict[str, tuple[str, ...]]] = {
+    "log": (JSON, "text/plain"),
+    "diff": (JSON, "text/plain"),
+    "why": (JSON, "text/plain", "text/turtle"),
+}
+
+
+async def log(serving: AppState, request: Request) -> Response:
+    """The transactions that changed the thing ``?iri=``; with ``&last=`` the last ones."""
+    return await _response(serving, request, "log")
+
+
+async def diff(serving: AppState, request: Request) -> Response:
+    """Difference of the map between ``?from=`` and ``&to=``."""
+    return await _response(serving, request, "diff")
+
+
+async def why(serving: AppState, request: Request) -> Response:
+    """Explanation of the resource ``?iri=``, or of the resource or fact ``?what=``."""
+    return await _response(serving, request, "why")
+
+
+async def history_report(
+    pool: QueryPool,
+    semantic_map: SemanticMap,
+    what: str,
+    given: RequestParameters,
+    media_type: str,
+    asker: Asker = ANYONE,
+) -> Answer:
+    """The log, diff or explanation of a request, from a worker; Problem 400 for an invalid one."""
+    arguments = await _arguments(semantic_map, what, given)
+    # the snapshot must not be older than the history
+    least = semantic_map.sequence if what == "why" else 0
+    return await pool.history_report_async(
+        what, media_type, at_least=least, asker=asker, **arguments
+    )
+
+
+async def _response(serving: AppState, request: Request, what: str) -> Response:
+    given = query_parameters(request)
+    media_type = negotiate(request.headers.get("accept"), TYPES[what])
+    asker = asker_of(request)
+    report = history_report(serving.pool, serving.semantic_map, what, given, media_type, asker)
+    answer = await unless_gone(request, asyncio.ensure_future(report))
+    return Response(
+        answer.body,
+        media_type=answer.media_type,
+        headers={"Vary": "Accept", SEQUENCE: str(answer.sequence)},
+    )
+
+
+async def _arguments(
+    semantic_map: SemanticMap, what: str, given: RequestParameters
+) -> dict[str, object]:
+    if what == "log":
+        return {"iri": _needed(given, "iri"), "last": _last(given)}
+    if what == "diff":
+        moments = [_needed(given, name) for name in ("from", "to")]
+        before, after = [await sequence_at(semantic_map, text) for text in moments]
+        return {"before": before, "after": after}
+    if ("iri" in given) == ("what" in given):
+        raise Problem(400, "needs ?iri=, or ?what= with a fact: object/17 here:inPlace")
+    return {"about": given.one("iri") or _needed(given, "what")}
+
+
+def _needed(given: RequestParameters, name: str) -> str:
+    value = given.one(name)
+    if not value:
+        raise Problem(400, f"needs {name}=")
+    return value
+
+
+def _last(given: RequestParameters) -> int | None:
+    text = given.one("last")
+    if text is not None and not re.fullmatch(rf"[0-9]{{1,{MAX_DIGITS}}}", text):
+        raise Problem(400, f"last must be a number, got {text[:40]!r}")
+    return None if text is None else int(text)

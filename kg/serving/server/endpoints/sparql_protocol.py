@@ -1,0 +1,192 @@
+"""`/sparql`: the SPARQL 1.1 Protocol, query and update."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Callable
+from functools import partial
+from typing import Any, Final, TypeVar
+
+from pyoxigraph import NamedNode
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import Response
+
+from kg.model.transactions import ChangeSet
+from kg.serving.client.record_codec import change_to_json
+from kg.serving.server.app_state import AppState
+from kg.serving.server.http import bodies
+from kg.serving.server.http.bodies import RequestParameters
+from kg.serving.server.http.client_sessions import asker_of
+from kg.serving.server.http.confirmation import is_confirmed
+from kg.serving.server.http.event_stream import disconnected
+from kg.serving.server.http.media_types import accept_of
+from kg.serving.server.http.problems import Problem
+from kg.serving.server.http.time_parameters import sequence_at
+from kg.serving.server.linked_data.description import service_description
+from kg.serving.workers.updates import UpdateRequest, update_map
+from kg.store.sparql_client import SEQUENCE
+
+QUERY: Final = "application/sparql-query"
+UPDATE: Final = "application/sparql-update"
+T = TypeVar("T")
+
+
+async def sparql(serving: AppState, request: Request) -> Response:
+    """Answer a query, execute an update, or describe the service."""
+    url = bodies.query_parameters(request)
+    if request.method in ("GET", "HEAD"):
+        if "update" in url:
+            raise Problem(400, "an update needs POST")
+        if "query" not in url:
+            return await service_description(serving, request)
+        return await _query(serving, request, url)
+    kind = bodies.media_type(request)
+    if kind == bodies.FORM:
+        return await _form(serving, request, url)
+    if kind == QUERY:
+        _check_not_in_url(url, "query")
+        body = bodies.text(await bodies.read_body(request, serving.settings.limits))
+        return await _query(serving, request, RequestParameters((("query", body),)) + url)
+    if kind == UPDATE:
+        _check_not_in_url(url, "update")
+        by = _writer(serving, request)
+        body = bodies.text(await bodies.read_body(request, serving.settings.limits))
+        return await _update(serving, request, RequestParameters((("update", body),)) + url, by)
+    raise Problem(
+        415, f"a body of type {kind[:100] or '(none)'}; use {QUERY}, {UPDATE} or {bodies.FORM}"
+    )
+
+
+async def _form(serving: AppState, request: Request, url: RequestParameters) -> Response:
+    form = bodies.form_parameters(await bodies.read_body(request, serving.settings.limits))
+    if ("query" in form) == ("update" in form):
+        raise Problem(400, "the form needs either 'query' or 'update'")
+    _check_not_in_url(url, "query")
+    _check_not_in_url(url, "update")
+    if "query" in form:
+        return await _query(serving, request, form + url)
+    return await _update(serving, request, form + url, _writer(serving, request))
+
+
+async def _query(serving: AppState, request: Request, given: RequestParameters) -> Response:
+    moment = given.one("at")
+    at = None if moment is None else await sequence_at(serving.semantic_map, moment)
+    asker = asker_of(request)
+    query = asyncio.ensure_future(
+        serving.pool.run_async(
+            given.one("query") or "",
+            base=serving.semantic_map.base,
+            accept=accept_of(request, given),
+            default_graphs=graphs_of(given, "default-graph-uri"),
+            named_graphs=graphs_of(given, "named-graph-uri"),
+            at_least=max(serving.sessions.at_least(asker.client), _least(serving, request)),
+            at=at,
+            asker=asker,
+        )
+    )
+    answer = await unless_gone(request, query)
+    if at is None:
+        serving.sessions.saw(asker.client, answer.sequence)
+    return Response(
+        answer.body,
+        media_type=answer.media_type,
+        headers={"Vary": "Accept", SEQUENCE: str(answer.sequence)},
+    )
+
+
+def _least(serving: AppState, request: Request) -> int:
+    """The last transaction that the client has seen; Problem 412 if the map has no such number."""
+    given = request.headers.get(SEQUENCE, "0")
+    if not (given.isascii() and given.isdigit() and len(given) < 19):
+        raise Problem(400, f"{SEQUENCE} must be a sequence number, got {given[:40]!r}")
+    if int(given) > serving.semantic_map.sequence:
+        now = serving.semantic_map.sequence
+        raise Problem(412, f"this map is at transaction {now}, not at {given}; read it again")
+    return int(given)
+
+
+async def unless_gone(request: Request, query: asyncio.Future[T]) -> T:
+    """The answer to a query, which is cancelled if the client leaves."""
+    gone = asyncio.ensure_future(disconnected(request.receive))
+    try:
+        waiting: set[asyncio.Future[Any]] = {query, gone}
+        await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
+        if not query.done():
+            query.cancel()
+            await asyncio.gather(query, return_exceptions=True)
+            raise Problem(400, "the client left before its answer was ready")
+        return query.result()
+    finally:
+        gone.cancel()
+        query.cancel()
+
+
+async def _update(
+    serving: AppState, request: Request, given: RequestParameters, by: str
+) -> Response:
+    if "at" in given:
+        raise Problem(400, "the past cannot be written: leave out 'at'")
+    update = UpdateRequest(
+        given.one("update") or "",
+        graphs_of(given, "using-graph-uri"),
+        graphs_of(given, "using-named-graph-uri"),
+    )
+    act = partial(
+        update_map,
+        *(serving.pool, serving.semantic_map, update),
+        by=by,
+        confirmed=is_confirmed(request),
+    )
+    return await write(serving, request, act)
+
+
+async def write(
+    serving: AppState, request: Request, act: Callable[[], ChangeSet | None]
+) -> Response:
+    """Execute an update; the response has counts and the number of the transaction."""
+    # completes even if the client leaves
+    return written(serving, await asyncio.shield(run_in_threadpool(act)), request)
+
+
+def written(
+    serving: AppState, change: ChangeSet | None, request: Request, **more: object
+) -> Response:
+    """Response to a request that wrote `change`: its number, counts and `more` members.
+
+    With the preference `return=representation` (RFC 7240) it has the change set as well.
+    """
+    sequence = change.sequence if change else serving.semantic_map.sequence
+    serving.sessions.saw(asker_of(request).client, sequence)
+    headers = {SEQUENCE: str(sequence)}
+    if "return=representation" in request.headers.get("prefer", "").replace(" ", ""):
+        more["change"] = change_to_json(change) if change else None
+        headers["Preference-Applied"] = "return=representation"
+    done = {
+        "sequence": sequence,
+        "added": len(change.added) if change else 0,
+        "removed": len(change.removed) if change else 0,
+        **more,
+    }
+    body = json.dumps(done, ensure_ascii=False) + "\n"
+    return Response(body, media_type="application/json", headers=headers)
+
+
+def _writer(serving: AppState, request: Request) -> str:
+    return serving.settings.tokens.holder(request.headers.get("authorization"))
+
+
+def graphs_of(given: RequestParameters, name: str) -> tuple[str, ...]:
+    """The graphs in a parameter of a request; Problem 400 for an IRI that is not absolute."""
+    for iri in given.all(name):
+        try:
+            NamedNode(iri)
+        except ValueError as error:
+            raise Problem(400, f"{name} must be an absolute IRI, got {iri[:100]!r}") from error
+    return given.all(name)
+
+
+def _check_not_in_url(url: RequestParameters, name: str) -> None:
+    if name in url:
+        raise Problem(400, f"{name!r} is in the URL of a POST with a body; give one of them")

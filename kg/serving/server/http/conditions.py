@@ -1,0 +1,112 @@
+"""Conditional requests (RFC 9110, section 13).
+
+A client that has the current state gets 304 Not Modified; a write over a state that the client has
+not seen gets 412 Precondition Failed.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import time
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from email.utils import format_datetime, parsedate_to_datetime
+
+from starlette.requests import Request
+
+from kg.maps.semantic_map import SemanticMap
+from kg.model.errors import HistoryError
+from kg.serving.server.http.problems import Problem
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """The state of the map in a response."""
+
+    sequence: int
+    modified: int | None  # [s] since 1970, of the last change; None: not known
+    form: str = ""  # format, if all responses of a state in this format are the same
+    past: bool = True  # whether `modified` is past; until then more may change
+
+    @property
+    def tag(self) -> str:
+        """Entity tag; weak if responses in other formats have the same tag."""
+        return f'"{self.sequence}-{self.form}"' if self.form else f'W/"{self.sequence}"'
+
+    @property
+    def headers(self) -> dict[str, str]:
+        """Response headers."""
+        headers = {"ETag": self.tag, "Cache-Control": "no-cache"}
+        if self.modified is not None and self.past:
+            moment = datetime.fromtimestamp(self.modified, UTC)
+            headers["Last-Modified"] = format_datetime(moment, usegmt=True)
+        return headers
+
+    def is_known_to(self, request: Request) -> bool:
+        """Whether the client has this state already; tags take precedence over dates."""
+        tags = request.headers.get("if-none-match")
+        if tags is not None:
+            given = {tag.removeprefix("W/") for tag in _tags(tags)}
+            return "*" in given or self.tag.removeprefix("W/") in given
+        since = _moment(request.headers.get("if-modified-since"))
+        if since is None or self.modified is None or not self.past:
+            return False
+        return self.modified <= since
+
+
+def check_preconditions(request: Request, state: State, *, exists: bool) -> None:
+    """Raises Problem 412 if the precondition of a write names another state.
+
+    The format of the state does not matter. A weak tag never matches in If-Match.
+    """
+    match = request.headers.get("if-match")
+    if match is not None:
+        seen = exists and any(_is_of(tag, state) for tag in _tags(match))
+        _check(seen, f"it is at {state.sequence}, not as If-Match has it; read it anew")
+    elif request.headers.get("if-unmodified-since"):
+        since = _moment(request.headers["if-unmodified-since"])
+        seen = since is None or (state.modified is not None and state.modified <= since)
+        _check(seen, "it was changed since; read it anew")
+    none = request.headers.get("if-none-match")
+    if none is not None:
+        tags = [tag.removeprefix("W/") for tag in _tags(none)]
+        unseen = not (exists and any(_is_of(tag, state) for tag in tags))
+        _check(unseen, "it is there, as If-None-Match has it")
+
+
+def _check(holds: bool, why: str) -> None:
+    if not holds:
+        raise Problem(412, why)
+
+
+def _is_of(tag: str, state: State) -> bool:
+    return tag == "*" or re.fullmatch(rf'"{state.sequence}(-\w+)?"', tag) is not None
+
+
+def _tags(header: str) -> list[str]:
+    return [tag.strip() for tag in header.split(",")]
+
+
+def state_of(semantic_map: SemanticMap) -> State:
+    """The current state of the map.
+
+    HTTP dates are whole seconds, so a commit has the date of the second after it. Until that second
+    there is no date, so that a further commit of the same second is not missed.
+    """
+    sequence = semantic_map.sequence
+    try:
+        last = semantic_map.history.log.last_time
+    except HistoryError:
+        return State(sequence, None)
+    if not last > 0:
+        return State(sequence, None)
+    modified = math.floor(last) + 1
+    return State(sequence, modified, past=modified <= time.time())
+
+
+def _moment(text: str | None) -> float | None:
+    try:
+        return parsedate_to_datetime(text).timestamp() if text else None
+    except (ValueError, OverflowError):
+        return None

@@ -1,0 +1,87 @@
+"""Server-sent events (WHATWG HTML, section 9.2) that the client or the server may end."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator, Callable
+
+from starlette.types import Receive, Scope, Send
+
+from kg.serving.server.http.connection import PatientConnection
+
+_HEADERS = [
+    (b"content-type", b"text/event-stream; charset=utf-8"),
+    (b"cache-control", b"no-store"),
+    (b"x-accel-buffering", b"no"),
+]
+HEARTBEAT = 15.0  # [s] between comments that show that the stream lives
+
+
+def event(number: int, kind: str, data: object) -> bytes:
+    """One event; its id is the sequence number."""
+    text = json.dumps(data, ensure_ascii=False, separators=(",", ":"))
+    return f"id: {number}\nevent: {kind}\ndata: {text}\n\n".encode()
+
+
+class EventStream:
+    """ASGI response that sends `events` until they end, the client leaves, or `ended` is set.
+
+    `on_end` is called once, however it ends. The connection is aborted then, since a client that
+    does not read could otherwise hold it.
+    """
+
+    def __init__(
+        self, events: AsyncIterator[bytes], ended: asyncio.Event, on_end: Callable[[], None]
+    ) -> None:
+        self._events, self._ended, self._on_end = events, ended, on_end
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer one request; a HEAD with the head alone."""
+        head = {"type": "http.response.start", "status": 200, "headers": _HEADERS}
+        if scope["method"] == "HEAD":
+            self._on_end()
+            await send(head)
+            await send({"type": "http.response.body", "body": b""})
+            return
+        try:
+            await send(head)
+            await self._stream(scope["state"]["connection"], receive, send)
+        finally:
+            self._on_end()
+
+    async def _stream(self, connection: PatientConnection, receive: Receive, send: Send) -> None:
+        parts = self._ended.wait(), self._send_events(send), _send_heartbeats(send)
+        tasks = [asyncio.ensure_future(part) for part in parts]
+        left = asyncio.ensure_future(disconnected(receive))
+        try:
+            done, _ = await asyncio.wait((left, *tasks), return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+            connection.abort()
+            await left
+        for finished in done:
+            finished.result()
+
+    async def _send_events(self, send: Send) -> None:
+        await send(_part(b": connected\n\n"))
+        async for text in self._events:
+            await send(_part(text))
+
+
+async def _send_heartbeats(send: Send) -> None:
+    while True:
+        await asyncio.sleep(HEARTBEAT)
+        await send(_part(b": still connected\n\n"))
+
+
+def _part(body: bytes) -> dict[str, object]:
+    return {"type": "http.response.body", "body": body, "more_body": True}
+
+
+async def disconnected(receive: Receive) -> None:
+    """Returns once the client has left; the rest of its request is ignored."""
+    while (await receive())["type"] != "http.disconnect":
+        pass

@@ -1,0 +1,115 @@
+"""Lifecycle of a server: its socket, its thread and its shutdown."""
+
+from __future__ import annotations
+
+import socket
+import threading
+from collections.abc import Callable
+from typing import Self
+
+import uvicorn
+from starlette.types import ASGIApp
+
+from kg.model.errors import ServerError
+from kg.serving.server.http.connection import PatientConnection
+from kg.serving.server.http.settings import Limits, Settings
+
+START_WITHIN = 60.0  # [s]
+END_WITHIN = 3  # [s] for responses that have begun when the server stops
+
+
+class ServerLifecycle:
+    """Listens from its construction; `run` blocks, a context manager serves from a thread.
+
+    A subclass passes its application to `_answer_with` and releases its resources in `_close`. The
+    constructor raises ServerError if it cannot listen at the address.
+    """
+
+    def __init__(self, settings: Settings | None = None) -> None:
+        self.settings = settings or Settings()
+        self._socket = _listen(self.settings.host, self.settings.port)
+        self._address: tuple[str, int] = self._socket.getsockname()[:2]
+        self._thread: threading.Thread | None = None
+
+    def _answer_with(self, app: ASGIApp, end_streams: Callable[[], None]) -> None:
+        self._server = _Uvicorn(_config(app, self.settings.limits), end_streams)
+
+    @property
+    def url(self) -> str:
+        """Address of the server, with a slash at the end."""
+        host, port = self._address
+        return f"http://{f'[{host}]' if ':' in host else host}:{port}/"
+
+    def run(self) -> None:
+        """Serve until interrupted, or until `stop` is called from another thread."""
+        try:
+            self._server.run(sockets=[self._socket])
+        finally:
+            self._close()
+
+    def stop(self) -> None:
+        """Stop the server, and wait for its thread."""
+        self._server.should_exit = True
+        if self._thread is not None:
+            self._thread.join()
+            self._thread = None
+        self._close()
+
+    def _close(self) -> None:
+        self._socket.close()
+
+    def __enter__(self) -> Self:
+        self._thread = threading.Thread(target=self.run, name="hereabouts-server", daemon=True)
+        self._thread.start()
+        if not self._server.ready.wait(START_WITHIN):
+            raise ServerError(f"the server at {self.url} did not start in {START_WITHIN:g} s")
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.stop()
+
+
+class _Uvicorn(uvicorn.Server):
+    """uvicorn that signals its start, and ends event streams before its shutdown."""
+
+    def __init__(self, config: uvicorn.Config, end_streams: Callable[[], None]) -> None:
+        super().__init__(config)
+        self.ready = threading.Event()
+        self._end_streams = end_streams
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets)
+        self.ready.set()
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        self._end_streams()
+        await super().shutdown(sockets)
+
+
+def _config(app: ASGIApp, limits: Limits) -> uvicorn.Config:
+    bounds = {"idle_seconds": limits.idle_seconds, "max_clients": limits.connections}
+    patient = type("Connection", (PatientConnection,), bounds)
+    return uvicorn.Config(
+        app,
+        http=patient,
+        ws="none",
+        lifespan="on",
+        log_config=None,
+        log_level="error",
+        access_log=False,
+        server_header=False,
+        proxy_headers=False,
+        h11_max_incomplete_event_size=limits.url,
+        timeout_graceful_shutdown=END_WITHIN,
+    )
+
+
+def _listen(host: str, port: int) -> socket.socket:
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    try:
+        return socket.create_server((host, port), family=family, backlog=1024)
+    except (OSError, OverflowError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise ServerError(
+            f"cannot listen at {host}, port {port}: {reason}; try another port (0 takes a free one)"
+        ) from error

@@ -1,0 +1,150 @@
+"""Request guard: checks of host, rate, origin and token; security headers; metrics."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections.abc import Iterable
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.responses import Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from kg.serving.server.http.problems import Problem, problem_response
+from kg.serving.server.http.rate_limit import RateLimiter
+from kg.serving.server.http.request_checks import (
+    check_host,
+    check_site,
+    check_token,
+    client_of,
+)
+from kg.serving.server.http.settings import Settings
+from kg.serving.server.metrics import Metrics
+
+log = logging.getLogger("hereabouts.server")
+
+_SAFE_HEADERS = {
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "X-Frame-Options": "DENY",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
+    "img-src 'self'; connect-src 'self'; form-action 'self'; base-uri 'none'; "
+    "frame-ancestors 'none'",
+}
+_ROUTES = frozenset(
+    (
+        *("sparql", "graphs", "assertions", "changes", "subscribe", "log", "diff", "why"),
+        *("timemap", "timegate", "health", "metrics", "find", "pictures", "files", ".well-known"),
+        *("console", "queries"),
+    )
+)
+_METHODS = frozenset(("GET", "HEAD", "POST", "PUT", "DELETE", "OPTIONS", "PATCH"))
+
+_ENDING = problem_response(
+    Problem(503, "the server is shutting down; try again later", {"Retry-After": "10"}), None
+)
+
+
+class RequestGuard:
+    """Outermost ASGI middleware of the application."""
+
+    def __init__(self, app: ASGIApp, settings: Settings, metrics: Metrics) -> None:
+        self._app, self._settings, self._metrics = app, settings, metrics
+        self._rates = RateLimiter(settings.limits.rate, settings.limits.burst)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Guard a request; pass lifespan messages on."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        started, status, begun, counted = time.perf_counter(), 500, False, False
+        headers = Headers(scope=scope)
+
+        def count() -> None:
+            nonlocal counted
+            if not counted:
+                counted = True
+                self._count(scope, status, time.perf_counter() - started)
+
+        async def guarded(message: Message) -> None:
+            nonlocal status, begun
+            if message["type"] == "http.response.start":
+                status, begun = message["status"], True
+                self._add_headers(MutableHeaders(scope=message), headers.get("origin"))
+            elif not message.get("more_body", False):
+                # before the last part is sent, so that a client finds its request counted
+                count()
+            await send(message)
+
+        try:
+            early = self._answer_early(scope, headers)
+            await (early or self._app)(scope, receive, guarded)
+        except asyncio.CancelledError:
+            # the server stops, and this response took too long
+            if not begun:
+                await _ENDING(scope, receive, guarded)
+        finally:
+            count()
+
+    def _answer_early(self, scope: Scope, headers: Headers) -> Response | None:
+        try:
+            self._check(scope, headers)
+        except Problem as problem:
+            return problem_response(problem, headers.get("accept"))
+        if scope["method"] == "OPTIONS":
+            return Response(status_code=204, headers={"Allow": "GET, HEAD, POST, PUT, DELETE"})
+        return None
+
+    def _check(self, scope: Scope, headers: Headers) -> None:
+        check_host(self._settings, headers)
+        if scope["state"]["connection"].crowded:
+            # closes this connection, so that it makes room for others
+            leaving = {"Retry-After": "1", "Connection": "close"}
+            raise Problem(503, "too many clients at once; come back in a second", leaving)
+        address = scope["client"][0] if scope.get("client") else ""
+        client = client_of(self._settings, headers, address)
+        scope["state"]["client"] = client
+        wait = self._rates.take(client)
+        if wait:
+            raise Problem(429, "too many requests; slow down", {"Retry-After": str(wait)})
+        if scope["method"] != "OPTIONS":  # a preflight has no token, and gets no data
+            check_site(self._settings, scope["path"], scope["method"], headers)
+            check_token(self._settings, scope["path"], headers)
+
+    def _add_headers(self, answer: MutableHeaders, origin: str | None) -> None:
+        for name, value in _SAFE_HEADERS.items():
+            answer.setdefault(name, value)
+        if self._settings.allow_origins:
+            answer.add_vary_header("Origin")
+        if origin is None or origin not in self._settings.allow_origins:
+            return
+        answer["Access-Control-Allow-Origin"] = origin
+        answer["Access-Control-Allow-Methods"] = "GET, HEAD, POST, PUT, DELETE"
+        answer["Access-Control-Allow-Headers"] = _join(
+            (
+                *("Authorization", "Content-Type", "Accept", "Accept-Datetime", "Prefer"),
+                *("Last-Event-ID", "If-Match", "If-None-Match", "Here-Sequence", "Here-Confirm"),
+            )
+        )
+        answer["Access-Control-Expose-Headers"] = _join(
+            (
+                *("Here-Sequence", "Here-Missing", "Retry-After", "ETag", "Link", "Location"),
+                *("Memento-Datetime", "Preference-Applied"),
+            )
+        )
+        answer["Access-Control-Max-Age"] = "600"
+        answer["Cross-Origin-Resource-Policy"] = "cross-origin"
+
+    def _count(self, scope: Scope, status: int, seconds: float) -> None:
+        first = scope["path"].split("/")[1] if scope["path"].startswith("/") else ""
+        route = f"/{first}" if first in _ROUTES else "/"
+        method = scope["method"] if scope["method"] in _METHODS else "other"
+        self._metrics.request(route, method, status, seconds)
+        # without query string and headers, which may hold secrets
+        log.info("%s %r %s %.1f ms", method, scope["path"][:200], status, seconds * 1000)
+
+
+def _join(names: Iterable[str]) -> str:
+    return ", ".join(names)

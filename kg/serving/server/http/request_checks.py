@@ -1,0 +1,97 @@
+"""Checks of the head of a request: host, site of origin, and token.
+
+The Host header (against DNS rebinding), the fetch metadata of browsers (W3C Fetch Metadata, against
+web pages elsewhere that ask through their visitors), and the token where the map is private.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import re
+from typing import Final
+
+from starlette.datastructures import Headers
+
+from kg.serving.server.http.bearer_tokens import unauthorised
+from kg.serving.server.http.client_sessions import client_of_address
+from kg.serving.server.http.problems import Problem
+from kg.serving.server.http.settings import Settings
+
+_HOST: Final = re.compile(r"(\[[0-9a-fA-F:.]+\]|[^\s:@/\[\]]+)(:[0-9]{0,5})?")
+#: paths that links of other sites may not open, since opening them runs a query
+_NO_LINKS: Final = frozenset(("sparql", "subscribe", "changes", "log", "diff", "why"))
+_ENTRIES: Final = frozenset(("/", "/console"))
+
+
+def client_of(settings: Settings, headers: Headers, address: str) -> str:
+    """The client of a request: the holder of its token, else its address."""
+    authorization = headers.get("authorization")
+    name = settings.tokens.find(authorization) or settings.read_tokens.find(authorization)
+    return client_of_address(address) if name is None else f"token {name}"
+
+
+def check_host(settings: Settings, headers: Headers) -> None:
+    """Raises Problem: 400 for an invalid Host, 421 for the Host of another server."""
+    host = headers.get("host", "")
+    match = _HOST.fullmatch(host)
+    if match is None:
+        raise Problem(400, f"invalid Host {host[:100]!r}; write a name or an address, and a port")
+    name = match[1].lower()
+    if name in settings.hosts or (not settings.loopback and _is_address(name)):
+        return
+    if settings.loopback:
+        raise Problem(421, "this server answers only to localhost and to its own address")
+    name = name[:100]
+    raise Problem(421, f"{name} is not a name of this server; start it with --public-host {name}")
+
+
+def check_site(settings: Settings, path: str, method: str, headers: Headers) -> None:
+    """Raises Problem 403 for a request of a browser on behalf of another site.
+
+    Links to pages of the map are allowed. Scripts, forms and pictures are refused, except those of
+    `allow_origins`.
+    """
+    if headers.get("sec-fetch-site", "none").lower() in ("none", "same-origin"):
+        return
+    if headers.get("origin") in settings.allow_origins:
+        return
+    is_link = headers.get("sec-fetch-mode") == "navigate" and method in ("GET", "HEAD")
+    in_frame = headers.get("sec-fetch-dest", "document") != "document"
+    if not is_link or in_frame or path.strip("/").partition("/")[0] in _NO_LINKS:
+        raise Problem(
+            403,
+            "web pages of other sites may not use this server; start it with --allow-origin ORIGIN",
+        )
+
+
+def check_token(settings: Settings, path: str, headers: Headers) -> None:
+    """Raises Problem 401 if the map is private and the request has none of its tokens.
+
+    Pages that ask for a token, and their scripts, need none: they hold nothing of the map.
+    """
+    if path in _ENTRIES or path.startswith("/files/"):
+        return
+    if not is_admitted(settings, headers):
+        raise private_map()
+
+
+def is_admitted(settings: Settings, headers: Headers) -> bool:
+    """Whether the map is public, or the request has one of its tokens."""
+    authorization = headers.get("authorization")
+    # looks up both, so that timing does not reveal which kind of token almost matched
+    names = [tokens.find(authorization) for tokens in (settings.tokens, settings.read_tokens)]
+    return not settings.read_tokens or any(names)
+
+
+def private_map() -> Problem:
+    """The refusal of a request without a token."""
+    return unauthorised("this map is private: send a header 'Authorization: Bearer TOKEN'")
+
+
+def _is_address(name: str) -> bool:
+    # DNS rebinding needs a name
+    try:
+        ipaddress.ip_address(name.strip("[]"))
+    except ValueError:
+        return False
+    return True

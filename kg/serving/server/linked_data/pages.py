@@ -1,0 +1,159 @@
+"""The HTML pages: the map's front page, the console, and a page for a resource."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from html import escape
+from importlib.resources import files
+from string import Template
+from typing import TYPE_CHECKING, Final
+from urllib.parse import quote
+
+from pyoxigraph import BlankNode, Literal, NamedNode, Quad
+
+from kg.model import vocabulary as v
+from kg.rdf.xml_characters import shown
+
+if TYPE_CHECKING:
+    from kg.serving.server.linked_data.resource_description import ResourceDescription
+
+#: IRI -> its address on this server, and its name.
+Link = Callable[[str], tuple[str, str]]
+_FIRST: Final = {v.RDFS_LABEL: 0, v.RDF_TYPE.value: 1}
+_TOKEN_FORM: Final = (
+    '<form id="corrector"><label>token for corrections '
+    '<input id="token" type="password" autocomplete="off"></label> '
+    '<button type="submit">use</button></form>'
+)
+_ENTRY_FORM: Final = (
+    '<form id="entry" class="panel"><label>This map is private. Token: '
+    '<input id="entry-token" type="password" autocomplete="off" required></label> '
+    '<button type="submit">open</button> <span id="entry-outcome" role="status"></span></form>'
+)
+
+
+@dataclass(frozen=True, slots=True)
+class MapHead:
+    """Head of the pages of a map; a `private` map asks for a token first."""
+
+    title: str
+    base: str
+    sequence: int
+    licence: str | None = None
+    private: bool = False
+
+
+def front_page(of: MapHead, *, writable: bool) -> str:
+    """The page of the live map, which scripts fill."""
+    page = template("front.html").substitute(
+        head=head(of.title),
+        title=escape(of.title),
+        base=escape(of.base),
+        sequence=of.sequence,
+        entry=_ENTRY_FORM if of.private else "",
+        licence=_licence(of.licence),
+        access="updates with a token" if writable else "reading only",
+        correction=_TOKEN_FORM if writable else "",
+    )
+    return shown(page)
+
+
+def console_html(of: MapHead) -> str:
+    """The page with a SPARQL editor; without scripts it is a plain form."""
+    page = template("console.html").substitute(
+        head=head(f"ask {of.title}"),
+        title=escape(of.title),
+        base=escape(of.base),
+        entry=_ENTRY_FORM if of.private else "",
+    )
+    return shown(page)
+
+
+def _licence(iri: str | None) -> str:
+    if iri is None:
+        return ""
+    text = escape(iri)
+    # links to web pages only: a browser could run the script in another scheme
+    web = iri.startswith(("http://", "https://"))
+    return f' · licence <a rel="license" href="{text}">{text}</a>' if web else f" · licence {text}"
+
+
+def thing_page(thing: ResourceDescription, title: str, link: Link, base: str) -> str:
+    """The page of a resource: its facts, and the facts that refer to it."""
+    about = sorted((q for q in thing.about if _is(q.subject, thing.iri)), key=_order)
+    facts = "".join(_fact(quad.predicate.value, _term(quad.object, link), link) for quad in about)
+    pointing = "".join(
+        _fact(quad.predicate.value, _term(quad.subject, link), link) for quad in thing.pointing
+    )
+    page = template("thing.html").substitute(
+        head=head(title),
+        title=escape(title),
+        iri=escape(thing.iri),
+        turtle=escape(_turtle_address(link(thing.iri)[0])),
+        place=_on_the_map(thing, base),
+        facts=facts,
+        pointing=pointing,
+        pointing_class="" if pointing else "hidden",
+    )
+    return shown(page)
+
+
+def _on_the_map(thing: ResourceDescription, base: str) -> str:
+    """A link to the thing on the live map; empty for a thing without a position."""
+    stated = {quad.predicate.value for quad in thing.about if _is(quad.subject, thing.iri)}
+    if not ({v.X, v.Y} <= stated and v.EXISTENCE in stated) and v.X_MIN not in stated:
+        return ""
+    name = quote(thing.iri.removeprefix(base), safe="/:@!$&'()*+,;=?#-._~")
+    return f'<p><a href="/#{escape(name)}">show it on the map</a></p>'
+
+
+def _turtle_address(href: str) -> str:
+    return f"{href}{'&' if '?' in href else '?'}format=ttl"
+
+
+def compact(iri: str, base: str) -> str:
+    """An IRI as a prefixed name if a prefix fits; IRIs of the map without its base."""
+    if iri.startswith(base) and iri != base:
+        return iri.removeprefix(base)
+    fitting = [(len(ns), name) for name, ns in v.PREFIXES.items() if iri.startswith(ns)]
+    if not fitting:
+        return iri
+    length, name = max(fitting)
+    return f"{name}:{iri[length:]}"
+
+
+def template(name: str) -> Template:
+    """A shipped page as a template."""
+    return Template(files("kg.serving.server").joinpath("files", name).read_text(encoding="utf-8"))
+
+
+def head(title: str) -> str:
+    """The head element of every page."""
+    return template("head.html").substitute(title=escape(title))
+
+
+def _is(term: object, iri: str) -> bool:
+    return isinstance(term, NamedNode) and term.value == iri
+
+
+def _order(quad: Quad) -> tuple[int, str, str]:
+    return _FIRST.get(quad.predicate.value, 2), quad.predicate.value, str(quad.object)
+
+
+def _fact(predicate: str, value: str, link: Link) -> str:
+    href, name = link(predicate)
+    return f'<tr><th><a href="{escape(href)}">{escape(name)}</a></th><td>{value}</td></tr>'
+
+
+def _term(term: object, link: Link) -> str:
+    if isinstance(term, NamedNode):
+        href, name = link(term.value)
+        return f'<a href="{escape(href)}" title="{escape(term.value)}">{escape(name)}</a>'
+    if isinstance(term, BlankNode):
+        return '<span class="dim">(unnamed)</span>'
+    if isinstance(term, Literal):
+        kind = term.language or term.datatype.value.rpartition("#")[2]
+        mark = "" if kind == "string" else f' <span class="dim">{escape(kind)}</span>'
+        return f"{escape(term.value)}{mark}"
+    return escape(str(term))

@@ -1,0 +1,89 @@
+"""Tasks of a worker on a map's history: past states, changes of a thing, differences, explanations.
+
+It reads the history's file beside whoever writes it, all of a request from one state of it.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import Any, Final
+
+from pyoxigraph import Store
+
+from kg.history.curies import thing
+from kg.history.replay.past_state import PastStates
+from kg.history.replay.point_in_time import difference
+from kg.history.reports.events import history_events
+from kg.history.reports.explanation import explain_fact
+from kg.history.reports.prov_export import provenance
+from kg.history.reports.text_report import difference_text, log_text, reasons_text
+from kg.history.storage.log import HistoryLog
+from kg.serving.client.record_codec import difference_to_json, entry_to_json, reason_to_json
+
+JSON: Final = "application/json"
+TEXT: Final = "text/plain"
+TURTLE: Final = "text/turtle"
+
+
+def past_store(states: PastStates, store: Store, request: Mapping[str, Any]) -> Store:
+    """The state right after the transaction ``at`` of a map of which `store` is a snapshot."""
+    with _frozen(request) as log:
+        return states.at(log, store, int(request["at"]))
+
+
+def history_report(store: Store, request: Mapping[str, Any]) -> str:
+    """A report on the history, in the media type of the request."""
+    with _frozen(request) as log:
+        return _REPORTS[request["what"]](store, log, request)
+
+
+def _log(store: Store, log: HistoryLog, request: Mapping[str, Any]) -> str:
+    base = request["base"]
+    entries = list(history_events(log, thing(request["iri"], base), base))
+    if request["last"] is not None:
+        entries = entries[max(0, len(entries) - int(request["last"])) :]
+    if request["media_type"] == TEXT:
+        return log_text(entries)
+    return _dumped([entry_to_json(entry) for entry in entries])
+
+
+def _diff(store: Store, log: HistoryLog, request: Mapping[str, Any]) -> str:
+    before, after = int(request["before"]), int(request["after"])
+    log.check_kept(min(before, after))
+    found = difference(log, before, after)
+    if request["media_type"] == TEXT:
+        return difference_text(found, request["base"])
+    return _dumped(difference_to_json(found, request["base"]))
+
+
+def _why(store: Store, log: HistoryLog, request: Mapping[str, Any]) -> str:
+    reasons = explain_fact(store, log, request["base"], request["about"])
+    if request["media_type"] == TURTLE:
+        return provenance(*reasons)
+    if request["media_type"] == TEXT:
+        return reasons_text(reasons)
+    return _dumped([reason_to_json(reason) for reason in reasons])
+
+
+_REPORTS: Final[dict[str, Callable[[Store, HistoryLog, Mapping[str, Any]], str]]] = {
+    "log": _log,
+    "diff": _diff,
+    "why": _why,
+}
+
+
+@contextmanager
+def _frozen(request: Mapping[str, Any]) -> Iterator[HistoryLog]:
+    """The history in one read transaction, unchanged by concurrent writes and pruning."""
+    with closing(HistoryLog.open(Path(request["log"]), request["base"], read_only=True)) as log:
+        log.db.execute("PRAGMA temp_store = MEMORY")  # a worker writes no files
+        log.db.execute("BEGIN")
+        log.refresh()
+        yield log
+
+
+def _dumped(report: object) -> str:
+    return json.dumps(report, ensure_ascii=False) + "\n"

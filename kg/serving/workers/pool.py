@@ -1,0 +1,369 @@
+"""Query pool: evaluates untrusted queries in worker processes on snapshots of a live map."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import threading
+import time
+import weakref
+from collections.abc import Collection, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
+from functools import partial
+from typing import Any, Self
+
+from kg.maps.semantic_map import SemanticMap
+from kg.model.errors import (
+    EngineFailureError,
+    GraphError,
+    HistoryError,
+    QueryError,
+)
+from kg.rdf.sparql.vetting import MAX_LENGTH, check_length, has_allowed_service
+from kg.serving.workers.admission import FairQueue, Turn
+from kg.serving.workers.dumps import Dump
+from kg.serving.workers.history_file import HistoryFile
+from kg.serving.workers.process import Answer, WorkerDiedError, WorkerProcess, settings_of
+from kg.serving.workers.request import ANYONE, Asker, QueryCall, request_of
+from kg.serving.workers.snapshots import Snapshots
+from kg.serving.workers.worker_set import WorkerSet, all_busy
+from kg.store.transactional import TransactionalStore
+
+DUMPS = 2  # at once
+DUMP_SECONDS = 600.0  # of waiting for one, and of writing it
+_WARM = 10.0  # [s] without a query after which the snapshot is not refreshed in advance
+_TICK = 0.05  # [s] at least between checks whether the snapshot is due
+
+
+class QueryPool:
+    """Worker processes that evaluate untrusted queries; a context manager.
+
+    Safe from several threads, and from an event loop through `run_async`. `timeout` [s] is each
+    query's, `memory_mb` what a worker may need beyond its start, `queue` how many queries of one
+    client may wait, `services` the endpoints SERVICE may name: what plainly names one is evaluated
+    in a process of its own, and all else in workers that the kernel denies the network. Clients
+    share the workers by fair queueing (`kg.serving.workers.admission`). Answers come from snapshots
+    that are refreshed in the background: none is more than `refresh` seconds behind the map.
+    """
+
+    def __init__(
+        self,
+        source: SemanticMap | TransactionalStore,
+        *,
+        workers: int = 3,
+        timeout: float = 10.0,
+        memory_mb: int = 1024,
+        max_result_bytes: int = 64 << 20,
+        refresh: float = 1.0,
+        queue: int = 32,
+        max_query_length: int = MAX_LENGTH,
+        services: Collection[str] = (),
+    ) -> None:
+        self.timeout = timeout
+        self.max_result_bytes = max_result_bytes
+        self.max_query_length = max_query_length
+        self._services = frozenset(services)
+        self._settings = settings_of(memory_mb, services)
+        self._queue, self._dumps = FairQueue(workers, queue), FairQueue(DUMPS, queue)
+        self._last_query = time.monotonic()
+        self._closed = threading.Event()
+        store = source if isinstance(source, TransactionalStore) else source.store
+        self._snapshots = Snapshots(store, refresh=refresh)
+        self._history = None if isinstance(source, TransactionalStore) else _history_of(source)
+        self._threads = ThreadPoolExecutor(workers, thread_name_prefix="query")
+        self._workers = WorkerSet(self._settings, workers, self._snapshots, timeout)
+        self._keeper = threading.Thread(
+            target=_keep_fresh,
+            args=(weakref.ref(self), self._closed, max(refresh / 2, _TICK)),
+            daemon=True,
+        )
+        self._keeper.start()
+
+    @property
+    def pids(self) -> tuple[int, ...]:
+        """Process ids of the workers."""
+        return self._workers.pids
+
+    @property
+    def busy(self) -> int:
+        """Number of workers with a query."""
+        return self._workers.busy
+
+    @property
+    def waiting(self) -> int:
+        """Number of queries that wait for a worker."""
+        return self._queue.waiting
+
+    @property
+    def isolation(self) -> str:
+        """Isolation of the workers from the network: "seccomp", "namespace", or "none".
+
+        Waits until a worker has started. Raises QueryError where none starts.
+        """
+        with self._workers.lent(self._patience) as worker:
+            worker.wait_ready()
+            return worker.isolation
+
+    def request(
+        self,
+        kind: bytes,
+        request: dict[str, Any],
+        *,
+        timeout: float | None = None,
+        at_least: int = 0,
+        at: int | None = None,
+        asker: Asker = ANYONE,
+    ) -> Answer:
+        """The answer to a request of any kind (see `kg.serving.workers.evaluator`).
+
+        Raises as `run`.
+        """
+        return self._queued(self._call(request, timeout, at_least, at, kind, asker))
+
+    def run(
+        self,
+        sparql: str,
+        *,
+        accept: str | None = None,
+        default_graphs: Sequence[str] = (),
+        named_graphs: Sequence[str] = (),
+        timeout: float | None = None,
+        at_least: int = 0,
+        at: int | None = None,
+        base: str | None = None,
+        asker: Asker = ANYONE,
+    ) -> Answer:
+        """The serialised answer to a query, in the best format an Accept header accepts.
+
+        The graphs override FROM and FROM NAMED (SPARQL 1.1 Protocol, section 2.1.4); without either
+        the default graph is the union of all. Relative IRIs are of `base`. `timeout` [s] counts
+        from when a worker is ready, and cannot exceed the pool's. The answer has seen transaction
+        `at_least`; with `at` it is that of the map right after that transaction, which of a large
+        map may have to be made first, within as much time again.
+
+        Raises QueryRefusedError, QueryTimeoutError, QueryTooLargeError, NotAcceptableError,
+        PoolBusyError, QueryError for what does not parse, HistoryError for a past that is not kept,
+        GraphError where the pool is closed.
+        """
+        check_length(sparql, self.max_query_length)
+        request = request_of(sparql, accept, default_graphs, named_graphs, base)
+        return self._queued(self._call(request, timeout, at_least, at, asker=asker))
+
+    async def run_async(
+        self,
+        sparql: str,
+        *,
+        accept: str | None = None,
+        default_graphs: Sequence[str] = (),
+        named_graphs: Sequence[str] = (),
+        timeout: float | None = None,
+        at_least: int = 0,
+        at: int | None = None,
+        base: str | None = None,
+        asker: Asker = ANYONE,
+    ) -> Answer:
+        """`run` without blocking the event loop; cancelling it kills the query."""
+        check_length(sparql, self.max_query_length)
+        request = request_of(sparql, accept, default_graphs, named_graphs, base)
+        return await self._in_thread(self._call(request, timeout, at_least, at, asker=asker))
+
+    async def history_report_async(
+        self,
+        what: str,
+        media_type: str,
+        *,
+        at_least: int = 0,
+        asker: Asker = ANYONE,
+        **options: object,
+    ) -> Answer:
+        """A report on the history: "log", "diff" or "why" (`kg.serving.workers.history_tasks`).
+
+        Raises as `run_async`; HistoryError where the map keeps no history.
+        """
+        request = {"what": what, "media_type": media_type, **options}
+        return await self._in_thread(self._call(request, None, at_least, None, b"T", asker))
+
+    def _queued(self, call: QueryCall) -> Answer:
+        turn = self._queue.enter(call.asker.client, call.lane)
+        try:
+            turn.granted.result(self._patience)
+            return self._run(call)
+        except TimeoutError as error:
+            raise all_busy() from error
+        finally:
+            self._queue.leave(turn)
+
+    async def dump_async(self, request: dict[str, Any], asker: Asker = ANYONE) -> Dump:
+        """A dump (`kg.serving.workers.graph_tasks`), once its turn comes; the caller closes it.
+
+        Few are made at once, and one for a client. Raises PoolBusyError where too many wait.
+        """
+        turn = self._dumps.enter(asker.client, "present")
+        try:
+            if not turn.granted.done():
+                await asyncio.wait_for(asyncio.wrap_future(turn.granted), DUMP_SECONDS)
+            turn.granted.result()
+        except BaseException as error:
+            self._dumps.leave(turn)
+            if isinstance(error, TimeoutError):
+                raise all_busy() from error
+            raise
+        left = partial(self._dumps.leave, turn)
+        return Dump(self._settings, self._snapshots, request, DUMP_SECONDS, left)
+
+    async def _in_thread(self, call: QueryCall) -> Answer:
+        turn = self._queue.enter(call.asker.client, call.lane)
+        try:
+            if not turn.granted.done():
+                granted = asyncio.wrap_future(turn.granted)
+                await asyncio.wait_for(granted, self._patience)
+            turn.granted.result()
+        except TimeoutError as error:
+            self._queue.leave(turn)
+            raise all_busy() from error
+        except BaseException:
+            self._queue.leave(turn)
+            raise
+        return await self._run_in_thread(call, turn)
+
+    async def _run_in_thread(self, call: QueryCall, turn: Turn) -> Answer:
+        def evaluate() -> Answer:
+            try:
+                return self._run(call)
+            finally:
+                self._queue.leave(turn)
+
+        try:
+            future = self._threads.submit(evaluate)
+        except BaseException:
+            self._queue.leave(turn)
+            raise
+        try:
+            return await asyncio.wrap_future(future)
+        except asyncio.CancelledError:
+            call.cancel()
+            if future.cancelled():  # it had not begun
+                self._queue.leave(turn)
+            raise
+
+    def close(self) -> None:
+        """Kill the workers and remove the snapshots; closing twice is fine."""
+        self._closed.set()
+        self._queue.close()
+        self._dumps.close()
+        self._workers.kill()
+        self._threads.shutdown(wait=True, cancel_futures=True)
+        self._keeper.join()
+        self._workers.close()
+        self._snapshots.close()
+        if self._history is not None:
+            self._history.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def freshen(self) -> None:
+        """Take a new snapshot if one is due, and have idle workers open it in advance.
+
+        One worker after the other: the rest answers from the snapshot before meanwhile.
+        """
+        self._workers.replace_slow()
+        if time.monotonic() - self._last_query <= _WARM:
+            self._workers.refresh()
+
+    def _call(
+        self,
+        request: dict[str, Any],
+        timeout: float | None,
+        at_least: int,
+        at: int | None,
+        kind: bytes = b"Q",
+        asker: Asker = ANYONE,
+    ) -> QueryCall:
+        seconds = self.timeout if timeout is None else max(0.001, min(timeout, self.timeout))
+        limited = request | {"max_bytes": self.max_result_bytes}
+        return QueryCall(limited, seconds, at_least, at, kind, asker)
+
+    def _run(self, call: QueryCall) -> Answer:
+        try:
+            return self._run_somewhere(call)
+        except EngineFailureError:
+            # ORDER BY over mixed values failed: a second attempt sorts by a total order
+            if call.kind not in b"QU" or call.request.get("total_order"):
+                raise
+            call.request |= {"total_order": True}
+            return self._run_somewhere(call)
+
+    def _run_somewhere(self, call: QueryCall) -> Answer:
+        for _ in range(self._workers.size):
+            try:
+                return self._try(call)
+            except WorkerDiedError:  # killed from outside: a second attempt on another worker
+                if call.cancelled:
+                    raise
+        # the other workers may have been killed too; this one is new
+        return self._try(call)
+
+    @property
+    def _patience(self) -> float:
+        """[s] to wait for a worker; longer than the time limit of a query."""
+        return 2 * self.timeout
+
+    def _try(self, call: QueryCall) -> Answer:
+        self._last_query = time.monotonic()
+        with self._workers.lent(self._patience, call.at) as worker:
+            try:
+                call.begin(worker)
+                least = max(call.at_least, call.at or 0)
+                snapshot = self._workers.assign(worker, least)
+                request = call.request | {"folder": str(snapshot.folder)}
+                if call.is_of_past:
+                    request |= self._history_of_map().request() | {"at": call.at}
+                return self._answer(worker, call, request)
+            finally:
+                call.end()
+
+    def _answer(self, worker: WorkerProcess, call: QueryCall, request: dict[str, Any]) -> Answer:
+        if call.kind == b"U":
+            with self._snapshots.scratch() as scratch:
+                return worker.ask(request | {"scratch": str(scratch)}, call.timeout, call.kind)
+        if call.kind == b"Q" and has_allowed_service(request["sparql"], self._services):
+            with closing(WorkerProcess(self._settings, network=True)) as federated:
+                call.begin(federated)
+                return _answer_of(federated, call, request)
+        return _answer_of(worker, call, request)
+
+    def _history_of_map(self) -> HistoryFile:
+        if self._history is None:
+            raise HistoryError("this map keeps no history")
+        return self._history
+
+
+def _keep_fresh(reference: weakref.ref[QueryPool], closed: threading.Event, refresh: float) -> None:
+    # a weak reference, so that an unreferenced pool is released without `close`
+    while not closed.wait(refresh):
+        pool = reference()
+        if pool is None:
+            return
+        with contextlib.suppress(GraphError, QueryError):  # the next query reports it
+            pool.freshen()
+        del pool
+
+
+def _history_of(semantic_map: SemanticMap) -> HistoryFile | None:
+    try:
+        return HistoryFile(semantic_map.history.log, semantic_map.base)
+    except HistoryError:
+        return None
+
+
+def _answer_of(worker: WorkerProcess, call: QueryCall, request: dict[str, Any]) -> Answer:
+    """The answer of a worker; a past state is made first, within a time limit of its own."""
+    if call.at is not None:
+        worker.ask(request | {"max_bytes": 0}, call.timeout, b"P")
+        worker.past = call.at
+    return worker.ask(request, call.timeout, call.kind)

@@ -1,0 +1,286 @@
+"""Worker process: start, request and answer, kill, cause of its end."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy
+import pyoxigraph
+
+import kg
+from kg.model import errors
+from kg.model import vocabulary as v
+from kg.model.errors import (
+    EngineFailureError,
+    GraphError,
+    HereaboutsError,
+    QueryError,
+    QueryTimeoutError,
+    QueryTooLargeError,
+)
+from kg.serving.workers.evaluator import HEAD
+from kg.serving.workers.snapshots import Snapshot
+
+_START = (
+    "import sys; sys.path[:0] = sys.argv[2:]; from kg.serving.workers.evaluator import main; main()"
+)
+_PATHS = list(
+    dict.fromkeys(
+        str(Path(str(m.__file__)).resolve().parent.parent) for m in (kg, pyoxigraph, numpy)
+    )
+)
+_READ = 1 << 20
+_NICE = 5  # so that the writer has priority on a busy machine
+SLOW_AFTER = 0.5  # [s] of one request after which the process gets a lower priority
+# a third of the processor beside a short query; less would starve long queries on a busy machine
+_SLOW_NICE, _SLOW_GROUP_NICE = 10, 5
+START_WITHIN = 60.0  # [s] that a worker has to start, or to open a snapshot
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """The serialised result of a query."""
+
+    media_type: str
+    body: bytes
+    sequence: int  # the last transaction of the map that the answer saw
+    details: Mapping[str, Any] = field(default_factory=dict)  # further results, by kind of request
+
+
+class WorkerDiedError(QueryError):
+    """A worker was ended by something other than its limits."""
+
+
+class WorkerProcess:
+    """A process that answers one request at a time; `alive` is false after its end.
+
+    Not safe for use by several threads at once, except `kill`. Unless `network` is allowed the
+    kernel denies it; `isolation` is how, once the process is ready ("none": it cannot).
+    """
+
+    def __init__(self, settings: dict[str, Any], *, network: bool = False) -> None:
+        self._settings = settings
+        self._killed = False
+        self.slow = False  # whether its priority was lowered, which needs privileges to undo
+        self.isolation = ""
+        self.snapshot: Snapshot | None = None  # that it reads, or was asked to open
+        self.past: int | None = None  # transaction of the last past state that it made
+        # without site packages and environment: it starts fast and holds no secrets
+        option = ["--network" if network else "--no-network"]
+        environment = {k: v for k, v in os.environ.items() if k == "LD_LIBRARY_PATH"}
+        try:
+            self._process = subprocess.Popen(
+                [sys.executable, "-I", "-S", "-c", _START, *option, *_PATHS],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                bufsize=0,
+                cwd="/",
+                # threads of linear algebra libraries would use its memory
+                env=environment | {"MALLOC_ARENA_MAX": "2", "OPENBLAS_NUM_THREADS": "1"},
+                start_new_session=True,
+            )
+        except OSError as error:
+            raise GraphError(f"cannot start a query worker: {error.strerror}") from error
+        assert self._process.stdin is not None and self._process.stdout is not None
+        self._in, self._out = self._process.stdin.fileno(), self._process.stdout.fileno()
+        os.set_blocking(self._in, False)
+        os.set_blocking(self._out, False)
+        assert self._process.stderr is not None
+        self._complaints = self._process.stderr.fileno()
+        os.set_blocking(self._complaints, False)
+        self._received = bytearray()
+        self._head: dict[str, Any] = {}  # of the last answer
+        self._unready = 0  # number of messages that it has not acknowledged
+        self._slow_at = time.monotonic() + START_WITHIN
+        _set_nice(self.pid, _NICE)
+        self._notify(b"S", settings)
+
+    @property
+    def pid(self) -> int:
+        """Process id."""
+        return self._process.pid
+
+    @property
+    def alive(self) -> bool:
+        """Whether it accepts requests."""
+        return not self._killed and self._process.poll() is None
+
+    def prepare(self, snapshot: Snapshot, timeout: float) -> None:
+        """Have it open a snapshot in advance; the next request raises a failure."""
+        request = {"folder": str(snapshot.folder), "timeout": timeout}
+        with contextlib.suppress(QueryError):
+            self._notify(b"O", request)
+
+    def ask(self, request: dict[str, Any], timeout: float, kind: bytes = b"Q") -> Answer:
+        """The answer to a request (kinds: see `kg.serving.workers.evaluator`).
+
+        `timeout` counts from when the process is ready for it.
+
+        Raises QueryTimeoutError, QueryTooLargeError, QueryError or HistoryError; the process is
+        dead after a timeout or a crash, and accepts requests again after any other error.
+        """
+        body = bytearray()
+        for part in self.stream(request, timeout, kind):
+            body += part
+        head = self._head
+        return Answer(head["media_type"], bytes(body), head["sequence"], head)
+
+    def stream(self, request: dict[str, Any], timeout: float, kind: bytes) -> Iterator[bytes]:
+        """The parts of an answer as they arrive; raises as `ask`, also between parts."""
+        self.wait_ready()
+        deadline = time.monotonic() + timeout
+        self._slow_at = time.monotonic() + SLOW_AFTER
+        self._send(kind, request | {"timeout": timeout}, deadline)
+        while True:
+            kind, payload = self._message(deadline)
+            if kind == b"D":
+                yield payload
+            elif kind == b"H":
+                self._head = json.loads(payload)
+            elif kind == b"E":
+                raise _as_error(json.loads(payload))
+            else:
+                return
+
+    def kill(self) -> None:
+        """Kill the process; safe from any thread."""
+        self._killed = True
+        self._process.kill()
+
+    def close(self) -> None:
+        """End the process, and wait for its exit."""
+        self.kill()
+        self._process.wait()
+        for pipe in (self._process.stdin, self._process.stdout, self._process.stderr):
+            if pipe is not None:
+                pipe.close()
+
+    def _notify(self, kind: bytes, message: dict[str, Any]) -> None:
+        self._send(kind, message, time.monotonic() + START_WITHIN)
+        self._unready += 1
+
+    def wait_ready(self) -> None:
+        """Wait until it has started, or has opened its snapshot."""
+        # otherwise a slow start would reduce the time of the first query
+        deadline = time.monotonic() + START_WITHIN
+        self._slow_at = deadline
+        while self._unready:
+            state = json.loads(self._message(deadline)[1])
+            self.isolation = state.get("network", self.isolation)
+            self._unready -= 1
+
+    def _send(self, kind: bytes, message: dict[str, Any], deadline: float) -> None:
+        payload = json.dumps(message).encode()
+        data = memoryview(HEAD.pack(kind, len(payload)) + payload)
+        while data:
+            self._wait(self._in, select.POLLOUT, deadline)
+            try:
+                data = data[os.write(self._in, data) :]
+            except BlockingIOError:
+                continue
+            except BrokenPipeError:
+                raise self._cause_of_death() from None
+
+    def _message(self, deadline: float) -> tuple[bytes, bytes]:
+        kind, length = HEAD.unpack(self._exactly(HEAD.size, deadline))
+        return kind, self._exactly(length, deadline)
+
+    def _exactly(self, count: int, deadline: float) -> bytes:
+        while len(self._received) < count:
+            self._wait(self._out, select.POLLIN, deadline)
+            try:
+                data = os.read(self._out, _READ)
+            except BlockingIOError:
+                continue
+            if not data:
+                raise self._cause_of_death()
+            self._received += data
+        taken = bytes(self._received[:count])
+        del self._received[:count]
+        return taken
+
+    def _wait(self, pipe: int, event: int, deadline: float) -> None:
+        poll = select.poll()
+        poll.register(pipe, event)
+        if not self.slow and self._slow_at < deadline:
+            if poll.poll(_milliseconds_until(self._slow_at)):
+                return
+            self.lower_priority()
+        if not poll.poll(_milliseconds_until(deadline)):
+            self.kill()
+            raise _too_slow()
+
+    def lower_priority(self) -> None:
+        """Lower its priority permanently."""
+        self.slow = True
+        if self.alive:
+            _set_nice(self.pid, _SLOW_NICE)
+            # Linux may schedule sessions as groups, which ignores niceness between them
+            with contextlib.suppress(OSError):
+                Path(f"/proc/{self.pid}/autogroup").write_text(str(_SLOW_GROUP_NICE), "ascii")
+
+    def _cause_of_death(self) -> QueryError:
+        code = self._process.wait()
+        if code in (-signal.SIGALRM, -signal.SIGXCPU):
+            return _too_slow()
+        if code == -signal.SIGABRT:
+            return self._cause_of_abort()
+        if code == -signal.SIGSEGV:
+            return QueryTooLargeError("the request nests too deeply for the engine's parser")
+        return WorkerDiedError(f"the query's worker was ended from outside ({code}); retry")
+
+    def _cause_of_abort(self) -> QueryError:
+        """The error of an aborted process; stderr tells lack of memory from an engine failure."""
+        complaint = b""
+        with contextlib.suppress(BlockingIOError):
+            complaint = os.read(self._complaints, _READ)
+        # "memory allocation of N bytes failed" may be followed by a panic
+        if b"panicked at" in complaint and b"memory allocation of" not in complaint:
+            return EngineFailureError(
+                "the query engine failed on this request: a defect of the engine, not of the map; "
+                "write it another way"
+            )
+        megabytes = self._settings["memory"] >> 20
+        return QueryTooLargeError(f"the request needs more than {megabytes} MB of memory")
+
+
+def _set_nice(pid: int, nice: int) -> None:
+    with contextlib.suppress(OSError):
+        os.setpriority(os.PRIO_PROCESS, pid, nice)
+
+
+def _milliseconds_until(moment: float) -> float:
+    return max(0.0, moment - time.monotonic()) * 1000
+
+
+def _too_slow() -> QueryTimeoutError:
+    return QueryTimeoutError("the query ran into its time limit; ask for less, or more narrowly")
+
+
+def _as_error(reported: dict[str, str]) -> HereaboutsError:
+    kind = getattr(errors, reported["error"], QueryError)
+    known = issubclass(kind, HereaboutsError)
+    return kind(reported["message"]) if known else QueryError(reported["message"])
+
+
+def settings_of(memory_mb: int, services: Collection[str]) -> dict[str, Any]:
+    """The settings of a worker at its start; `services` are the endpoints SERVICE may name."""
+    return {
+        "memory": memory_mb << 20,
+        "services": sorted(services),
+        "prefixes": v.PREFIXES,
+        "dataset": v.DATASET_GRAPH.value,
+        "sequence": v.SEQUENCE,
+    }

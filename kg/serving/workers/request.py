@@ -1,0 +1,112 @@
+"""Requests to the query pool: the asker, and the call from its thread to a worker."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from kg.model.errors import NotAcceptableError, QueryError
+from kg.rdf.sparql.vetting import check_unicode
+from kg.serving.workers.admission import Lane
+from kg.serving.workers.content_negotiation import Form, choose_format
+from kg.serving.workers.process import WorkerProcess
+
+
+@dataclass(frozen=True, slots=True)
+class Asker:
+    """The author of a query; all queries of one `client` have one share of the pool.
+
+    A `standing` query (of a subscription) runs behind those that a client waits for.
+    """
+
+    client: str = ""
+    standing: bool = False
+
+
+ANYONE: Final = Asker()
+
+
+class QueryCall:
+    """A request in the pool, which another thread may cancel."""
+
+    def __init__(
+        self,
+        request: dict[str, Any],
+        timeout: float,
+        at_least: int,
+        at: int | None = None,
+        kind: bytes = b"Q",
+        asker: Asker = ANYONE,
+    ) -> None:
+        self.request, self.timeout, self.at_least = request, timeout, at_least
+        self.at, self.kind, self.asker = at, kind, asker
+        self.cancelled = False
+        self._worker: WorkerProcess | None = None
+        self._guard = threading.Lock()
+
+    @property
+    def is_of_past(self) -> bool:
+        """Whether it is about a past state or the history."""
+        return self.at is not None or self.kind == b"T"
+
+    @property
+    def lane(self) -> Lane:
+        """Its lane of the queue; requests about the past may take seconds."""
+        if self.asker.standing:
+            return "standing"
+        return "past" if self.is_of_past else "present"
+
+    def begin(self, worker: WorkerProcess) -> None:
+        """Assign it to `worker`; raises QueryError if it was cancelled before."""
+        with self._guard:
+            if self.cancelled:
+                raise QueryError("the query was cancelled")
+            self._worker = worker
+
+    def end(self) -> None:
+        """Take it from its worker."""
+        with self._guard:
+            self._worker = None
+
+    def cancel(self) -> None:
+        """Cancel it, and kill its worker."""
+        with self._guard:
+            self.cancelled = True
+            if self._worker is not None:
+                self._worker.kill()
+
+
+def request_of(
+    sparql: str,
+    accept: str | None,
+    default_graphs: Sequence[str],
+    named_graphs: Sequence[str],
+    base: str | None,
+) -> dict[str, Any]:
+    """A query as a request to a worker.
+
+    Raises QueryRefusedError for text that is no Unicode, NotAcceptableError where no answer of any
+    form has a format that is accepted.
+    """
+    for text in (sparql, *default_graphs, *named_graphs):
+        check_unicode(text)
+    result_type, graph_type = _acceptable(accept, "select"), _acceptable(accept, "construct")
+    if result_type is None and graph_type is None:
+        choose_format(accept, "select")
+    return {
+        "sparql": sparql,
+        "base_iri": base,
+        "default_graphs": list(default_graphs),
+        "named_graphs": list(named_graphs),
+        "result_type": result_type,
+        "graph_type": graph_type,
+    }
+
+
+def _acceptable(accept: str | None, form: Form) -> str | None:
+    try:
+        return choose_format(accept, form)
+    except NotAcceptableError:
+        return None

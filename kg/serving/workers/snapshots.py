@@ -1,0 +1,196 @@
+"""Snapshots of a live map for other processes: hard links beside it, or a small copy.
+
+Reading Oxigraph's folder while another process writes it is undefined; a backup of it is a folder
+of its own without a writer. Backups share their files with the map, so they cost links, not
+bytes, until the map compacts the files away.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import shutil
+import tempfile
+import threading
+import time
+import uuid
+import weakref
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from pyoxigraph import Store
+
+from kg.model.errors import GraphError
+from kg.store.folder import remove_abandoned
+from kg.store.transactional import TransactionalStore
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Snapshot:
+    """A frozen state of the map."""
+
+    folder: Path  # an Oxigraph store, opened read-only by its readers
+    sequence: int  # of the map at its beginning; it may hold later transactions
+    made: float  # [s] on the monotonic clock
+    owned: bool  # whether the folder is to be removed
+
+
+class Snapshots:
+    """The snapshots of one map: the newest, and those with readers.
+
+    Raises GraphError where no folder can be made beside the map.
+    """
+
+    def __init__(self, store: TransactionalStore, *, refresh: float) -> None:
+        self._store = store
+        self._refresh = refresh
+        self._guard = threading.Lock()
+        self._making = threading.Lock()  # held by the thread that makes a snapshot
+        self._readers: dict[Snapshot, int] = {}
+        self._current: Snapshot | None = None
+        self._home: Path | None = None
+        self._closed: weakref.finalize[..., Snapshots] | None = None
+        if not (store.read_only and store.path):
+            self._home, lock = make_home(store.path)
+            self._closed = weakref.finalize(self, remove_home, self._home, lock)
+
+    def lease(self, at_least: int = 0, held: Snapshot | None = None) -> Snapshot:
+        """The newest snapshot, kept until `release`.
+
+        `held`, which the caller has open, is as good while it is not due to be refreshed. A new one
+        is made first where the newest holds less than transaction `at_least`, or where the map has
+        moved and the newest is older than `refresh` seconds.
+        """
+        refreshed = False
+        while True:
+            with self._guard:
+                current = self._current
+                if current is not None and self._is_enough(current, at_least, refreshed):
+                    if held is not None and self._is_as_good(held, at_least):
+                        current = held
+                    self._readers[current] = self._readers.get(current, 0) + 1
+                    return current
+            self.refresh(at_least)
+            refreshed = True
+
+    def refresh(self, at_least: int | None = None) -> None:
+        """Make a new snapshot if the map has changed; readers use the old one meanwhile.
+
+        With `at_least`: where the newest holds less than that transaction, or is too old.
+        """
+        with self._making:
+            current = self._current
+            if current is not None and not self._is_due(current, at_least):
+                return
+            made = self._make()
+            with self._guard:
+                self._current = made
+                self._remove_unread()
+
+    def is_newest(self, snapshot: Snapshot | None) -> bool:
+        """Whether a snapshot is the newest."""
+        with self._guard:
+            return snapshot is self._current
+
+    def release(self, snapshot: Snapshot) -> None:
+        """Release a leased snapshot; removed once it has no reader and a newer one exists."""
+        with self._guard:
+            if snapshot in self._readers:  # else all were removed by `close`
+                self._readers[snapshot] -= 1
+            self._remove_unread()
+
+    @contextmanager
+    def scratch(self) -> Iterator[Path]:
+        """A path beside the snapshots where a folder may be made; removed after the block."""
+        if self._home is None:
+            raise GraphError("the map is open for reading only; open it to write")
+        folder = self._home / f"scratch-{uuid.uuid4()}"
+        try:
+            yield folder
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+
+    def close(self) -> None:
+        """Remove all of them."""
+        with self._guard:
+            if self._closed is not None:
+                self._closed()
+            self._readers.clear()
+            self._current = None
+
+    def _is_due(self, current: Snapshot, at_least: int | None) -> bool:
+        moved = current.sequence < self._store.sequence
+        if at_least is None:
+            return moved
+        return moved and (current.sequence < at_least or self._is_old(current))
+
+    def _is_enough(self, current: Snapshot, at_least: int, refreshed: bool) -> bool:
+        if current.sequence >= self._store.sequence:
+            return True
+        if current.sequence < at_least:
+            return False
+        return refreshed or not self._is_old(current)
+
+    def _is_old(self, current: Snapshot) -> bool:
+        return time.monotonic() - current.made >= self._refresh
+
+    def _is_as_good(self, held: Snapshot, at_least: int) -> bool:
+        return held in self._readers and held.sequence >= at_least and not self._is_old(held)
+
+    def _make(self) -> Snapshot:
+        # read before the backup, so that the snapshot holds at least this transaction
+        sequence, made = self._store.sequence, time.monotonic()
+        if self._home is None:
+            # workers have another working directory
+            folder = Path(self._store.where).resolve() / "store"
+            return Snapshot(folder, sequence, made, False)
+        folder = self._home / str(uuid.uuid4())
+        try:
+            copy_store(self._store, folder)
+        except OSError as error:
+            raise GraphError(f"cannot make a snapshot at {folder}: {error}") from error
+        return Snapshot(folder, sequence, made, True)
+
+    def _remove_unread(self) -> None:
+        for snapshot in [s for s, readers in self._readers.items() if readers <= 0]:
+            if snapshot is not self._current:
+                del self._readers[snapshot]
+                if snapshot.owned:
+                    shutil.rmtree(snapshot.folder, ignore_errors=True)
+
+
+def copy_store(store: TransactionalStore, folder: Path) -> None:
+    """Copy the map to a folder, by hard links if it is on disk."""
+    if store.path is not None:
+        store.native.backup(str(folder))
+        return
+    copy = Store(str(folder))
+    copy.bulk_extend(store.native)
+    copy.flush()
+
+
+def make_home(path: Path | None) -> tuple[Path, int]:
+    """A locked folder for snapshots, beside the map since hard links cross no file system."""
+    beside = path.resolve() if path else Path(tempfile.gettempdir()) / "hereabouts"
+    remove_abandoned(beside, "snapshots")
+    name = uuid.uuid4().hex
+    home, making = (beside.parent / f".{beside.name}.{k}-{name}" for k in ("snapshots", "making"))
+    try:
+        making.mkdir(mode=0o700)
+        lock = os.open(making / "lock", os.O_RDWR | os.O_CREAT, 0o600)
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        making.rename(home)  # once it is locked, so that no process removes it as abandoned
+    except OSError as error:
+        raise GraphError(
+            f"cannot make {home} for snapshots: {error.strerror}; queries of others are answered "
+            "from snapshots beside the map, so its parent folder must be writable"
+        ) from error
+    return home, lock
+
+
+def remove_home(home: Path, lock: int) -> None:
+    """Remove a folder that `make_home` made."""
+    shutil.rmtree(home, ignore_errors=True)
+    os.close(lock)

@@ -1,0 +1,97 @@
+"""Updates and documents of clients: evaluated in a worker, applied by the writer.
+
+The worker evaluates on a snapshot. Where the result depends on the state of the map, it is applied
+only if there was no write since that state; else it is evaluated again (optimistic concurrency
+control), at last while other writers wait, for a limited time.
+"""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass
+from typing import Any, Final
+
+from pyoxigraph import Quad, RdfFormat, parse
+
+from kg.maps.stored_map import StoredMap
+from kg.maps.update.ground_update import GroundUpdate
+from kg.model.errors import ConflictError
+from kg.model.transactions import ChangeSet
+from kg.serving.workers.pool import QueryPool
+
+ATTEMPTS: Final = 3  # evaluations without a lock
+HELD: Final = 2.0  # [s] of an evaluation with the lock of the writer
+
+
+@dataclass(frozen=True, slots=True)
+class UpdateRequest:
+    """A SPARQL Update of a client; the graphs are parameters of the protocol."""
+
+    sparql: str
+    using: Sequence[str] = ()  # using-graph-uri
+    using_named: Sequence[str] = ()  # using-named-graph-uri
+
+
+def update_map(
+    pool: QueryPool,
+    semantic_map: StoredMap,
+    request: UpdateRequest,
+    *,
+    by: str | None,
+    check: Callable[[], None] | None = None,
+    confirmed: bool = False,
+) -> ChangeSet | None:
+    """Evaluate an update in a worker and apply it as one transaction; None without changes.
+
+    `check` may refuse it right before it is applied, while no one else writes. Raises as
+    `SemanticMap.update`, and QueryTimeoutError or QueryTooLargeError at the limits of the pool.
+    """
+    semantic_map.store.check_writable()
+    for attempt in range(ATTEMPTS + 1):
+        last = attempt == ATTEMPTS
+        with semantic_map.hold() if last else nullcontext():
+            update, sequence = _evaluated(pool, semantic_map, request, HELD if last else None)
+            with semantic_map.hold():
+                if update.reads and sequence != semantic_map.sequence:
+                    continue
+                if check is not None:
+                    check()
+                return semantic_map.apply_ground(update, request.sparql, by=by, confirmed=confirmed)
+    raise ConflictError("others write faster than this update is evaluated; try again later")
+
+
+def _evaluated(
+    pool: QueryPool, semantic_map: StoredMap, request: UpdateRequest, timeout: float | None
+) -> tuple[GroundUpdate, int]:
+    """The evaluated update, and the transaction of the state it was evaluated on."""
+    least = semantic_map.sequence
+    body: dict[str, Any] = {
+        "name": "update",
+        "sparql": request.sparql,
+        "base_iri": semantic_map.base,
+        "default_graphs": list(request.using),
+        "named_graphs": list(request.using_named),
+        "least": least,
+    }
+    try:
+        # an update of data alone needs no new snapshot
+        answer = pool.request(b"U", body, timeout=timeout)
+    except ConflictError:
+        answer = pool.request(b"U", body, timeout=timeout, at_least=least)
+    return GroundUpdate.decode(dict(answer.details), answer.body), answer.sequence
+
+
+def parsed_document(pool: QueryPool, body: bytes, form: RdfFormat, base: str) -> list[Quad]:
+    """The quads of an RDF document, parsed in a worker.
+
+    Raises QueryError for what does not parse, ShapeError for triple terms.
+    """
+    request = {
+        "name": "the body",
+        "form": form.media_type,
+        "base_iri": base,
+        "body": base64.b64encode(body).decode("ascii"),
+    }
+    return list(parse(pool.request(b"L", request).body, format=RdfFormat.N_QUADS))

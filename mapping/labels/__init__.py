@@ -1,0 +1,1 @@
+"""Labels of detectors, resolved to categories of the ontology."""

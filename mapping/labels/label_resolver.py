@@ -1,0 +1,80 @@
+"""Label resolution: a network's labels to categories, by a table, the ontology, or a new class."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+
+from kg.maps.semantic_map import SemanticMap
+from mapping.labels.label_table import LabelTable
+from mapping.reference.settings import UnknownLabels
+
+
+class LabelResolver:
+    """Resolver of one network's labels in a map's ontology, again whenever that has changed.
+
+    `kind` is "object" or "place". `table` comes first, then the ontology's names; any other label
+    becomes a provisional category, or is ignored, by `unknown`. `unknown_labels` counts labels
+    without a category; `provisional` has the labels of provisional ones.
+    """
+
+    def __init__(
+        self,
+        semantic_map: SemanticMap,
+        kind: str,
+        *,
+        table: LabelTable | None = None,
+        unknown: UnknownLabels = "ignore",
+        model: str = "",
+    ) -> None:
+        self._map, self._kind, self._unknown = semantic_map, kind, unknown
+        self._table, self._model = table or LabelTable(), model
+        self._catalogue = semantic_map.catalogue
+        self._iris: dict[str, str | None] = {}
+        self.unknown_labels: Counter[str] = Counter()
+        self.provisional: dict[str, None] = {}  # in the order in which they were met
+
+    def learn(self, labels: Iterable[str]) -> None:
+        """Make provisional categories of labels without a category, where `unknown` is that."""
+        if self._unknown == "ignore":
+            return
+        new = [label for label in dict.fromkeys(labels) if self._known(label) is None]
+        new = [label for label in new if not self._table.ignores(label)]
+        if new:
+            self._map.ontology.learn(new, self._kind, model=self._model)
+
+    def category(self, label: str) -> str | None:
+        """IRI of the category of `label`; None, and counted, where there is none."""
+        iri = self._known(label)
+        if iri is None and not self._table.ignores(label):
+            self.unknown_labels[label] += 1
+        return iri
+
+    def ignores(self, label: str) -> bool:
+        """Whether the table says to ignore `label`."""
+        return self._table.ignores(label)
+
+    def name(self, label_or_iri: str) -> str:
+        """Label of the category that has this label or IRI; the text itself where none has."""
+        category = self._catalogue.by_iri(label_or_iri)
+        category = category or self._catalogue.by_iri(self._known(label_or_iri) or "")
+        return label_or_iri if category is None else category.label
+
+    def _known(self, label: str) -> str | None:
+        if self._catalogue is not self._map.catalogue:  # somebody changed the ontology
+            self._catalogue = self._map.catalogue
+            self._iris.clear()
+        if label not in self._iris:
+            self._iris[label] = self._find(label)
+        return self._iris[label]
+
+    def _find(self, label: str) -> str | None:
+        if self._table.ignores(label):
+            return None
+        given = self._table.category(label, self._kind, self._catalogue)
+        category = given or self._catalogue.for_label(label, self._kind)
+        if category is None:
+            return None
+        if category.provisional:
+            self.provisional[category.label] = None
+        return category.iri

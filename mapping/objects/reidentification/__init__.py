@@ -1,0 +1,1 @@
+"""Object identity over time: moves, departures and merges."""

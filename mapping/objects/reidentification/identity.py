@@ -1,0 +1,121 @@
+"""Identity of objects: things that appear go on as the objects that left elsewhere."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Sequence
+
+from kg.maps.semantic_map import SemanticMap
+from mapping.objects.object_cache import ObjectCache
+from mapping.objects.reidentification.departures import Departures
+from mapping.objects.reidentification.moves import Absentee, Departed
+from mapping.objects.settings import ObjectSettings
+from mapping.objects.tracks import Track, track_of_departed
+from mapping.objects.usual_sizes import SizeOf
+
+
+class IdentityResolver:
+    """Decides which things are objects that left where they stood; `objects` is the map's cache."""
+
+    def __init__(
+        self,
+        semantic_map: SemanticMap,
+        objects: ObjectCache,
+        settings: ObjectSettings,
+        usual_size: SizeOf,
+    ) -> None:
+        self._map, self._objects, self._settings = semantic_map, objects, settings
+        self._usual_size = usual_size
+        self.departures = Departures(settings)
+        self._remember(None)
+
+    def refresh(self, touched: frozenset[str]) -> None:
+        """Read again which of the things that others `touched` are objects that left."""
+        prefix = self._map.base + "object/"
+        known = self.departures.iris
+        iris = {iri for iri in touched if iri in known or iri.startswith(prefix)}
+        iris -= self._objects.perceived.keys()
+        self.departures.forget(touched - iris)
+        if iris:
+            self.departures.forget(iris - self._remember(iris))
+
+    def _remember(self, iris: Collection[str] | None) -> set[str]:
+        """Remember objects that left by the map, all or those among `iris`; returns their IRIs."""
+        known, catalogue = self.departures.iris, self._map.catalogue
+        records = self._map.departed(iris)
+        self.departures.remember(
+            [
+                track_of_departed(record, self._settings, self._usual_size)
+                for record in records
+                if record.iri not in known and catalogue.by_iri(record.category) is not None
+            ]
+        )
+        return {record.iri for record in records}
+
+    def resolve(
+        self,
+        tracks: Sequence[Track],
+        new: Sequence[Track],
+        touched: Sequence[Track],
+        lost: Sequence[Track],
+        removed: set[str],
+        departed: Departed,
+        now: float,
+    ) -> tuple[list[Track], list[Track]]:
+        """Let things that appeared go on as the objects that left elsewhere.
+
+        Returns the tracks to be written besides, and those of `tracks` that others go on as;
+        changes the IRIs that are `removed`. `now` is the frame's stamp [s].
+        """
+        self.departures.add([t for t in lost if not self._fixed(t) and not self._denied(t)])
+        also = self._returned(new, tracks)
+        old = list[Track]()
+        gone = {id(track) for track in lost}
+        least = self._settings.left
+        left = [t for t in touched if t.iri and t.absent >= least and id(t) not in gone]
+        if not (new or lost or left) or not (left or self.departures):
+            return also, []
+        objects = [t for t in tracks if t.iri and id(t) not in gone]
+        free = [t for t in objects if not self._fixed(t)]
+        appeared = [
+            t for t in objects if t.existence >= 0.5 and not self._objects.has_assertions(t.iri)
+        ]
+        appeared += [t for t in new if t.iri is None]
+        count = Counter(track.category for track in objects)
+        perhaps = [Absentee(track, track.absent, looked=track.absent >= least) for track in free]
+        for move in self.departures.found(perhaps, appeared, departed, now, count.__getitem__):
+            iri = move.old.iri
+            assert iri is not None
+            removed.discard(iri)
+            if move.former_iri is not None:
+                removed.add(move.former_iri)
+            old.append(move.old)
+            also.append(move.track)
+        return also, old
+
+    def _returned(self, new: Sequence[Track], tracks: Sequence[Track]) -> list[Track]:
+        """Undo moves of things that stand in their old spot after all; the tracks they were given.
+
+        What was taken for the object is one of its own again.
+        """
+        others, present = list[Track](), {id(track) for track in tracks}
+        for track in new:
+            move = self.departures.back(track)
+            if move is None or id(move.track) not in present or self._fixed(move.track):
+                continue
+            other = move.track
+            track.becomes(other)
+            other.iri = move.former_iri or self._map.new_object_iri()
+            other.written, other.first_seen = None, move.first_seen
+            other.observations -= move.old.observations
+            others.append(other)
+        return others
+
+    def _denied(self, track: Track) -> bool:
+        """Whether people assert that an object is not there."""
+        return track.iri is not None and self._objects.asserted_absent(track.iri)
+
+    def _fixed(self, track: Track) -> bool:
+        """Whether people assert where an object is, or that it is there."""
+        asserted = track.iri is not None and self._objects.asserted_present(track.iri)
+        return asserted or self._objects.asserted(track.iri)[0] is not None

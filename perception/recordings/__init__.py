@@ -1,1 +1,0 @@
-"""Recordings of RGB-D frames with poses, one module a format."""

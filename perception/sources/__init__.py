@@ -1,0 +1,1 @@
+"""Sources of RGB-D frames with poses: recordings, bags and live streams."""

@@ -1,0 +1,230 @@
+"""Check of a recording's depth against its poses and its colour, before anything is mapped.
+
+Pairs of frames that a short motion separates must agree on the surfaces they show
+(`perception.camera.depth_agreement`). Where they do not, and would with another unit of depth or
+another convention of poses, the recording is read wrongly, and that is what would work.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kg.model.errors import RecordingError
+from perception.camera.depth_agreement import Agreement, DepthSamples, agreement, depth_samples
+from perception.camera.depth_edges import EdgeOffset, edge_offset
+from perception.camera.poses import CONVENTIONS, Pose
+from perception.frames import Frame
+
+Floats = NDArray[np.float64]
+
+ANCHORS: Final = 240  # frames that pairs are looked for from, spread evenly
+PAIRS: Final = 12  # of frames, by each of two readings of the poses
+APART: Final = 0.3  # [m] between the two frames of a pair ...
+TURNED: Final = np.radians(25.0)  # ... that are not turned more against each other
+REACH: Final = 60  # frames between the two, at most
+EDGE_FRAMES: Final = 24  # whose edges are compared
+MIN_PAIRS: Final = 5  # pairs that show enough of one scene, to conclude anything
+OVERLAP: Final = 0.15  # share of a pair's points that both frames show
+GOOD: Final = 0.85  # share of points that agree; sound recordings have 0.95
+POOR: Final = 0.8  # another reading may be the right one
+BAD: Final = 0.65  # something is wrong
+BETTER: Final = 0.15  # by how much another reading must agree better
+SCALES: Final = 2.0 ** np.arange(-5, 5.01, 0.25)  # factors of depth that are tried
+USUAL_SCALES: Final = (1.0, 10.0, 100.0, 256.0, 1000.0, 2000.0, 4000.0, 5000.0, 6553.5, 10000.0)
+SNAP: Final = 1.2  # factor within which a depth scale is taken for a usual one
+EDGES_APART: Final = 6.0  # [px of 640] between the edges of depth and of colour
+
+_log = logging.getLogger(__name__)
+FrameAt = Callable[[int], Frame]
+
+
+@dataclass(frozen=True, slots=True)
+class FramePair:
+    """Two frames that may show one scene."""
+
+    a: DepthSamples
+    b: DepthSamples
+    poses: tuple[Pose, Pose]  # camera -> world, as read
+
+    def share(self, convention: str, scale: float) -> Agreement:
+        """Agreement by another convention of poses and depth `scale` times as large."""
+        T_a, T_b = (CONVENTIONS[convention](T) for T in self.poses)
+        T = np.linalg.inv(T_a) @ T_b
+        T[:3, 3] /= scale
+        return agreement(self.a, self.b, T)
+
+
+@dataclass(frozen=True, slots=True)
+class DepthFindings:
+    """Findings of a sample of a recording's depth."""
+
+    share: float | None  # of points that two frames share and agree on; None: too few to tell
+    registration: EdgeOffset | None  # of depth's edges against colour's; None: too few to tell
+    error: str | None  # what another depth scale or convention of poses would explain
+    warnings: tuple[str, ...]
+
+
+def check_depth(
+    name: str, poses: Sequence[Pose], convention: str, depth_scale: float, frame_at: FrameAt
+) -> None:
+    """Check `poses` (n of (4, 4), camera -> world by `convention`) against the frames' depth.
+
+    `depth_scale` [units a metre] is the one that depth was read with; `frame_at` reads a frame.
+    Raises RecordingError where another depth scale or convention of poses explains the depth and
+    the present one does not; warns where none does, and where depth is not registered to colour.
+    """
+    findings = depth_findings(name, poses, convention, depth_scale, frame_at)
+    if findings.error is not None:
+        raise RecordingError(findings.error)
+    for warning in findings.warnings:
+        _log.warning("%s", warning)
+
+
+def depth_findings(
+    name: str, poses: Sequence[Pose], convention: str, depth_scale: float, frame_at: FrameAt
+) -> DepthFindings:
+    """Findings by which `check_depth` raises and warns."""
+    read = dict[int, Frame]()
+
+    def frame(index: int) -> Frame:
+        if index not in read:
+            read[index] = frame_at(index)
+        return read[index]
+
+    def pairs_by(reading: str) -> list[FramePair]:
+        return [
+            FramePair(
+                depth_samples(frame(i).depth, frame(i).K),
+                depth_samples(frame(j).depth, frame(j).K),
+                (poses[i], poses[j]),
+            )
+            for i, j in _chosen_pairs(poses, reading)
+        ]
+
+    pairs = pairs_by(convention)
+    share = _median_share(pairs, convention, 1.0)
+    error, warnings = None, []
+    if share is None or share < GOOD:
+        inverse = "camera-to-world" if convention == "world-to-camera" else "world-to-camera"
+        error = _another_convention(name, [*pairs, *pairs_by(inverse)], convention)
+    if error is None and share is not None and share < POOR:
+        error = _another_scale(name, pairs, convention, depth_scale)
+    if share is not None and share < BAD:
+        warnings.append(
+            f"{name}: depth does not fit the poses: only {100 * share:.0f} % of the points that "
+            "two frames share agree; intrinsics, poses or their stamps are wrong, or much of the "
+            "scene moves"
+        )
+    shown = [read[index] for index in sorted(read)] or [frame(0)]
+    # the first few, of all parts of the recording, may be enough
+    spread = [one for start in range(3) for one in shown[start::3]]
+    offset = edge_offset([(f.rgb, f.depth) for f in spread[:EDGE_FRAMES]])
+    if offset is not None and offset.pixels > EDGES_APART:
+        warnings.append(_unregistered(name, offset))
+    return DepthFindings(share, offset, error, tuple(warnings))
+
+
+def _chosen_pairs(poses: Sequence[Pose], convention: str) -> list[tuple[int, int]]:
+    """Pairs of frames some motion apart by a convention of poses, spread over the recording."""
+    T = [CONVENTIONS[convention](pose) for pose in poses]
+    found = []
+    for i in np.unique(np.linspace(0, max(len(T) - 2, 0), ANCHORS).astype(int)):
+        for j in range(i + 1, min(i + REACH, len(T))):
+            if np.linalg.norm(T[j][:3, 3] - T[i][:3, 3]) < APART:
+                continue
+            turn = np.arccos(np.clip((np.sum(T[i][:3, :3] * T[j][:3, :3]) - 1) / 2, -1, 1))
+            if turn <= TURNED:
+                found.append((int(i), j))
+            break
+    return found[:: max(1, -(-len(found) // PAIRS))]
+
+
+def better_convention(
+    found: Mapping[str, Sequence[Agreement]], convention: str, good: float = GOOD
+) -> tuple[float, float, str] | None:
+    """Whether another convention explains depth that the given one does not.
+
+    `found` has, by convention, how pairs of frames agree. Returns the share of agreeing points by
+    the given one (0: no pair shows one scene by it, though it may by others), the share by the
+    best, which is at least `good`, and its name; None where none is better.
+    """
+    given = median_share(found[convention]) or 0.0
+    best, other = max((median_share(found[one]) or 0.0, one) for one in found)
+    return (given, best, other) if given < POOR and best >= max(good, given + BETTER) else None
+
+
+def _another_convention(name: str, pairs: list[FramePair], convention: str) -> str | None:
+    """Message for poses that fit by another convention; None where none fits."""
+    found = {one: [pair.share(one, 1.0) for pair in pairs] for one in CONVENTIONS}
+    better = better_convention(found, convention)
+    if better is None:
+        return None
+    given, best, other = better
+    return (
+        f"{_problem(name, given)} ({best:.0%}) if these are {other} poses; "
+        f"--pose-convention {other} would work, --no-check maps it as it is"
+    )
+
+
+def _another_scale(
+    name: str, pairs: list[FramePair], convention: str, depth_scale: float
+) -> str | None:
+    """Message for depth that fits by another scale; None where none fits."""
+    given = _median_share(pairs, convention, 1.0) or 0.0
+    best, scale = _best_scale(pairs, convention)
+    if best >= max(GOOD, given + BETTER):
+        return (
+            f"{_problem(name, given)} ({best:.0%}) if it is {scale:.2g} times as large; "
+            f"--depth-scale {_usual(depth_scale / scale):g} would work instead of "
+            f"{depth_scale:g}, --no-check maps it as it is"
+        )
+    return None
+
+
+def _problem(name: str, given: float) -> str:
+    return (
+        f"{name}: depth does not fit the poses ({given:.0%} of the points that two frames share "
+        "agree), but does"
+    )
+
+
+def _median_share(pairs: list[FramePair], convention: str, scale: float) -> float | None:
+    return median_share([pair.share(convention, scale) for pair in pairs])
+
+
+def median_share(found: Sequence[Agreement]) -> float | None:
+    """Median share of agreeing points; None where too few pairs show one scene."""
+    shares = [one.share for one in found if one.overlap >= OVERLAP]
+    return float(np.median(shares)) if len(shares) >= MIN_PAIRS else None
+
+
+def _best_scale(pairs: list[FramePair], convention: str) -> tuple[float, float]:
+    """Share and factor of depth that fits best; share 0 where the largest factors fit as well.
+
+    Those take the motion for nothing, which fits a scene that moves with the camera.
+    """
+    shares = np.array([_median_share(pairs, convention, s) or 0.0 for s in SCALES])
+    if shares.max() - shares[-1] < BETTER / 4:
+        return 0.0, 1.0
+    near = shares >= shares.max() - 0.02
+    return float(shares.max()), float(np.exp(np.log(SCALES[near]).mean()))
+
+
+def _usual(scale: float) -> float:
+    """The usual depth scale nearby, or two digits of this one."""
+    nearest = min(USUAL_SCALES, key=lambda usual: abs(np.log(usual / scale)))
+    return nearest if abs(np.log(nearest / scale)) < np.log(SNAP) else float(f"{scale:.2g}")
+
+
+def _unregistered(name: str, offset: EdgeOffset) -> str:
+    return (
+        f"{name}: depth seems not registered to colour: their edges lie {offset.pixels:.0f} pixels "
+        f"apart (depth {offset.scale:.2f} times as large, shifted by {offset.right:+.0f}, "
+        f"{offset.down:+.0f}); register it, or give the intrinsics of its own camera"
+    )

@@ -1,0 +1,1 @@
+"""Formats of recordings that are folders of images."""

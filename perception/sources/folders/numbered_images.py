@@ -1,0 +1,123 @@
+"""Recordings with numbered images in two folders, and all poses in one file.
+
+Trajectory log, as ICL-NUIM and Open3D's reconstruction system write it: trajectory.log repeats a
+key line of three integers and the four rows of a camera -> world matrix. The first key is the
+number of the image, or its place in the order of numbers.
+
+HoloLens exporters: poses.txt has a camera -> world matrix of 16 numbers a line (row by row), in the
+order of the images' numbers; K.txt has the 3x3 matrix of the colour camera.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from kg.model.errors import RecordingError
+from perception.camera.intrinsics import find_intrinsics
+from perception.camera.poses import Pose, read_pose_log, read_pose_rows
+from perception.sources.folders.image_files import ImageFile, images_by_number
+from perception.sources.listing import (
+    Format,
+    FrameEntry,
+    RecordingListing,
+    Streams,
+    stamp_of_number,
+    subfolder,
+)
+
+DEPTH_SCALE = 1000.0
+
+
+def _read_log(folder: Path, streams: Streams) -> RecordingListing:
+    """All images of `folder` by number, with the depth image and the pose of that number.
+
+    Raises RecordingError where colour, depth and poses do not match one to one.
+    """
+    log = _log_file(folder)
+    if log is None:
+        raise RecordingError(f"{folder} has no poses: trajectory.log is missing")
+    colour, depth = _images(folder, "image", "color", "rgb")
+    poses = _poses_by_image(read_pose_log(log), list(colour), log)
+    for number, path in colour.items():
+        if number not in depth:
+            raise RecordingError(f"{path} has no depth image numbered {number}")
+    return _listing(folder, ((c, depth[n], poses[n], n) for n, c in colour.items()))
+
+
+def _read_rows(folder: Path, streams: Streams) -> RecordingListing:
+    """All images of `folder` in number order, the n-th with the n-th depth image and pose.
+
+    Raises RecordingError where the three counts differ, or where colour and depth share numbers
+    but an image lacks its partner.
+    """
+    if not _has_rows(folder):
+        raise RecordingError(f"{folder} has no poses: poses.txt is missing")
+    poses = read_pose_rows(folder / "poses.txt")
+    colour, depth = _images(folder, "images", "rgb")
+    if not len(colour) == len(depth) == len(poses):
+        raise RecordingError(
+            f"{folder}: {len(colour)} colour images, {len(depth)} depth images and "
+            f"{len(poses)} poses; there must be as many of each"
+        )
+    _check_gaps(folder, list(colour), list(depth))
+    places = range(len(poses))
+    return _listing(folder, zip(colour.values(), depth.values(), poses, places, strict=True))
+
+
+def _images(folder: Path, *names: str) -> tuple[dict[int, Path], dict[int, Path]]:
+    """Colour images of the first of the named folders, and depth images, by number."""
+    colour = images_by_number(subfolder(folder, *names))
+    return colour, images_by_number(subfolder(folder, "depth"), (".png",))
+
+
+def _listing(folder: Path, images: Iterable[tuple[Path, Path, Pose, int]]) -> RecordingListing:
+    """Listing of colour images, depth images, poses and numbers."""
+    entries = tuple(
+        FrameEntry(colour.stem, ImageFile(colour), ImageFile(depth), T, stamp_of_number(number))
+        for colour, depth, T, number in images
+    )
+    return RecordingListing(entries, find_intrinsics(folder), DEPTH_SCALE)
+
+
+def _has_rows(folder: Path) -> bool:
+    return (folder / "poses.txt").is_file()
+
+
+def _log_file(folder: Path) -> Path | None:
+    found = [folder / "trajectory.log", *sorted(folder.glob("*trajectory*.log"))]
+    return next((path for path in found if path.is_file()), None)
+
+
+def _poses_by_image(poses: dict[int, Pose], numbers: list[int], log: Path) -> dict[int, Pose]:
+    """Poses by image number; by place in their order where the keys count from zero."""
+    if set(numbers) <= set(poses):
+        return poses
+    if len(poses) == len(numbers) and sorted(poses) == list(range(len(poses))):
+        return {number: poses[place] for place, number in enumerate(numbers)}
+    missing = [number for number in numbers if number not in poses]
+    raise RecordingError(
+        f"{log}: {len(poses)} poses for {len(numbers)} images; no pose for image {missing[0]}"
+    )
+
+
+def _check_gaps(folder: Path, colour: list[int], depth: list[int]) -> None:
+    """Raise RecordingError for colour without image 3 beside depth without image 5.
+
+    Their places would not correspond. Another first number, or other numbers altogether (time
+    stamps of two cameras), are fine.
+    """
+    apart = {d - c for c, d in zip(colour, depth, strict=True)}
+    if len(apart) > 1 and not set(colour).isdisjoint(depth):
+        lone = min(set(colour) ^ set(depth))
+        lacks = "depth" if lone in colour else "colour"
+        raise RecordingError(f"{folder}: image {lone} has no {lacks} image of its number")
+
+
+TRAJECTORY_LOG = Format(
+    "trajectory-log",
+    "trajectory.log, image|color|rgb/, depth/ and intrinsics.json",
+    lambda folder: _log_file(folder) is not None,
+    _read_log,
+)
+HOLOLENS = Format("hololens", "images|rgb/, depth/, poses.txt and K.txt", _has_rows, _read_rows)

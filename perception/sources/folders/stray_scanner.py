@@ -1,0 +1,201 @@
+"""Recordings of the Stray Scanner app: phones and tablets with LiDAR (ARKit).
+
+rgb.mp4, depth/N.png [mm], confidence/N.png (0 to 2), odometry.csv with a camera pose a frame, and
+camera_matrix.csv with the 3x3 matrix of the video's frames. The world's y points up. Who holds the
+phone upright records images on their side: they are turned by quarters until up is up.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from kg.model.errors import RecordingError
+from perception.camera.intrinsics import Intrinsics, intrinsics_from_matrix
+from perception.camera.poses import Pose, pose_from_quaternion
+from perception.number_tables import all_numbers, floats
+from perception.sources.folders.image_files import ImageFile, decoded, images_by_number
+from perception.sources.folders.video import Video, VideoFrame
+from perception.sources.listing import (
+    Format,
+    FrameEntry,
+    RecordingListing,
+    StoredImage,
+    Streams,
+    subfolder,
+)
+
+DEPTH_SCALE: Final = 1000.0
+UP: Final = np.array([0.0, 1.0, 0.0])  # in ARKit's world
+UNSURE: Final = 0  # confidence of depth that is left out
+MAX_POSES: Final = 1_000_000
+_POSE: Final = ("x", "y", "z", "qx", "qy", "qz", "qw")
+
+
+@dataclass(frozen=True, slots=True)
+class TurnedImage:
+    """An image turned counter-clockwise by quarters."""
+
+    image: StoredImage
+    turns: int
+
+    def __str__(self) -> str:
+        return str(self.image)
+
+    def check(self) -> None:
+        """As the image's own."""
+        self.image.check()
+
+    def colour(self) -> NDArray[np.uint8]:
+        """(H, W, 3) RGB; raises RecordingError for an unreadable image."""
+        return np.ascontiguousarray(np.rot90(self.image.colour(), self.turns))
+
+    def depth(self, depth_scale: float) -> NDArray[np.float32]:
+        """(H, W) [m], nan = no return; raises RecordingError for an unreadable image."""
+        return np.ascontiguousarray(np.rot90(self.image.depth(depth_scale), self.turns))
+
+
+@dataclass(frozen=True, slots=True)
+class ConfidentDepth:
+    """A depth image without the pixels whose confidence is the least."""
+
+    image: ImageFile
+    confidence: ImageFile
+
+    def __str__(self) -> str:
+        return str(self.image)
+
+    def check(self) -> None:
+        """Raise RecordingError for a missing, truncated or damaged file."""
+        self.image.check()
+        self.confidence.check()
+
+    def colour(self) -> NDArray[np.uint8]:
+        """As the file's own."""
+        return self.image.colour()
+
+    def depth(self, depth_scale: float) -> NDArray[np.float32]:
+        """(H, W) [m], nan = no return or unsure; raises RecordingError for unreadable images."""
+        depth, path = self.image.depth(depth_scale), self.confidence.path
+        sure = decoded(path, cv2.IMREAD_GRAYSCALE)
+        if sure.shape != depth.shape:
+            raise RecordingError(f"{path} and {self.image} have other sizes")
+        depth[sure == UNSURE] = np.nan
+        return depth
+
+
+def matches(folder: Path) -> bool:
+    """Whether `folder` holds odometry.csv and rgb.mp4."""
+    return (folder / "odometry.csv").is_file() and (folder / "rgb.mp4").is_file()
+
+
+def read(folder: Path, streams: Streams) -> RecordingListing:
+    """All frames that have a pose and a depth image, stamps from 0 on.
+
+    Raises RecordingError where a file is missing or malformed, or no frame has both.
+    """
+    if not matches(folder):
+        raise RecordingError(f"{folder} has no rgb.mp4 and odometry.csv")
+    video = Video.open(folder / "rgb.mp4")
+    poses = _poses(folder / "odometry.csv")
+    depth = images_by_number(subfolder(folder, "depth"), (".png",))
+    numbers = sorted(poses.keys() & depth.keys())
+    if not numbers:
+        raise RecordingError(f"{folder}: no depth image has a pose of its number in odometry.csv")
+    turns = _turns([poses[number][1] for number in numbers])
+    T_cam_turned = np.linalg.matrix_power(_QUARTER, turns)
+    first = poses[numbers[0]][0]
+    entries = tuple(
+        FrameEntry(
+            id=depth[number].stem,
+            colour=TurnedImage(VideoFrame(video, number), turns),
+            depth=TurnedImage(_depth(folder, depth[number]), turns),
+            T_world_cam=poses[number][1] @ T_cam_turned,
+            stamp=round(poses[number][0] - first, 9),
+        )
+        for number in numbers
+    )
+    camera = _turned_camera(folder / "camera_matrix.csv", video, turns)
+    return RecordingListing(entries, camera, DEPTH_SCALE, up=UP)
+
+
+def _depth(folder: Path, path: Path) -> StoredImage:
+    confidence = folder / "confidence" / path.name
+    return (
+        ConfidentDepth(ImageFile(path), ImageFile(confidence))
+        if confidence.is_file()
+        else (ImageFile(path))
+    )
+
+
+def _poses(path: Path) -> dict[int, tuple[float, Pose]]:
+    """Stamp [s] and camera pose by the number of the frame."""
+    found = dict[int, tuple[float, Pose]]()
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            table = csv.DictReader(file, skipinitialspace=True)
+            for row in islice(table, MAX_POSES):
+                where = f"{path}, line {table.line_num}"
+                number, stamp = floats(
+                    [_cell(row, "frame", where), _cell(row, "timestamp", where)], where
+                )
+                pose = np.array(floats([_cell(row, name, where) for name in _POSE], where))
+                if not (np.isfinite([number, stamp, *pose]).all() and number >= 0):
+                    raise RecordingError(f"{where}: the pose is not finite")
+                found[int(number)] = stamp, pose_from_quaternion(pose[:3], pose[3:], where)
+    except OSError as error:
+        raise RecordingError(f"cannot read {path}: {error.strerror}") from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise RecordingError(f"{path} is no table of comma-separated values") from error
+    return found
+
+
+def _cell(row: Mapping[str, str | None], name: str, where: str) -> str:
+    value = row.get(name)
+    if value is None:
+        raise RecordingError(
+            f"{where}: no value of {name!r}; columns are timestamp, frame, x, y, z, qx, qy, qz, qw"
+        )
+    return value
+
+
+#: Takes coordinates of a camera turned by a quarter (counter-clockwise) to those of the camera.
+_QUARTER: Final = np.array([[0.0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+
+
+def _turns(poses: list[Pose]) -> int:
+    """Quarters, counter-clockwise, that bring the world's up nearest to the top of most images."""
+    up = np.array([T[:3, :3].T @ UP for T in poses])  # (n, 3) in the cameras
+    quarters = np.round(np.arctan2(up[:, 0], -up[:, 1]) / (np.pi / 2)).astype(int) % 4
+    return int(np.bincount(quarters, np.hypot(up[:, 0], up[:, 1]), 4).argmax())
+
+
+def _turned_camera(path: Path, video: Video, turns: int) -> Intrinsics:
+    """Intrinsics of the turned frames; raises RecordingError for what is no camera matrix."""
+    if not path.is_file():
+        raise RecordingError(f"{path.parent} has no camera matrix: {path.name} is missing")
+    K = all_numbers(path)
+    if K.size != 9:
+        raise RecordingError(f"{path}: a camera matrix has 9 numbers, got {K.size}")
+    camera = intrinsics_from_matrix(K.reshape(3, 3), str(path))
+    (width, height), fx, fy, cx, cy = video.size, camera.fx, camera.fy, camera.cx, camera.cy
+    for _ in range(turns):
+        fx, fy, cx, cy = fy, fx, cy, width - 1 - cx
+        width, height = height, width
+    return Intrinsics(fx, fy, cx, cy, width, height, source=str(path))
+
+
+FORMAT = Format(
+    "stray-scanner",
+    "rgb.mp4, depth/N.png, odometry.csv and camera_matrix.csv of a phone",
+    matches,
+    read,
+)

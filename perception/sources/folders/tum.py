@@ -1,0 +1,126 @@
+"""Recordings in the format of the TUM RGB-D benchmark: lists of time-stamped files.
+
+Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems" (IROS 2012), and its page on
+file formats: rgb.txt and depth.txt (`stamp file`), groundtruth.txt (`stamp tx ty tz qx qy qz qw`,
+pose of the colour camera), associations.txt (`stamp file stamp file`), 16-bit depth with 5000 units
+a metre.
+"""
+
+from __future__ import annotations
+
+import logging
+import re
+from pathlib import Path
+
+import numpy as np
+
+from kg.model.errors import RecordingError
+from perception.camera.intrinsics import Intrinsics, find_intrinsics
+from perception.camera.poses import read_trajectory
+from perception.number_tables import floats, rows
+from perception.sources.association import TOLERANCE, nearest_pairs
+from perception.sources.folders.image_files import ImageFile
+from perception.sources.listing import Format, FrameEntry, RecordingListing, Streams
+
+DEPTH_FACTOR = 5000.0
+POSES = ("groundtruth.txt", "groundtruth_at_rgb.txt")  # the second: already at colour's stamps
+
+#: The benchmark's published colour calibrations, by the camera's name in the folder's name.
+CALIBRATIONS = {
+    "fr1": Intrinsics(
+        517.306408, 516.469215, 318.643040, 255.313989, 640, 480,
+        (0.262383, -0.953104, -0.005358, 0.002628, 1.163314),
+    ),
+    "fr2": Intrinsics(
+        520.908620, 521.007327, 325.141442, 249.701764, 640, 480,
+        (0.231222, -0.784899, -0.003257, -0.000105, 0.917205),
+    ),
+    "fr3": Intrinsics(535.4, 539.2, 320.1, 247.6, 640, 480),
+}  # fmt: skip
+
+_log = logging.getLogger(__name__)
+_Pair = tuple[float, str, str]  # colour stamp, colour file, depth file
+
+
+def matches(folder: Path) -> bool:
+    """Whether `folder` holds rgb.txt or associations.txt."""
+    return (folder / "rgb.txt").is_file() or (folder / "associations.txt").is_file()
+
+
+def read(folder: Path, streams: Streams) -> RecordingListing:
+    """All colour images that have a depth image and a pose; the others are skipped with a warning.
+
+    Raises RecordingError where lists or poses are missing or malformed, or nothing fits together.
+    """
+    poses = next((folder / name for name in POSES if (folder / name).is_file()), None)
+    if poses is None:
+        raise RecordingError(f"{folder} has no poses: {' or '.join(POSES)} is missing")
+    trajectory = read_trajectory(poses)
+    pairs = sorted(_pairs(folder))
+    entries = []
+    for stamp, colour, depth in pairs:
+        T = trajectory.at(stamp, TOLERANCE)
+        if T is not None:
+            frame_id = Path(colour).stem.removesuffix(".color")
+            images = ImageFile(folder / colour), ImageFile(folder / depth)
+            entries.append(FrameEntry(frame_id, *images, T, stamp))
+    if not entries:
+        raise RecordingError(
+            f"{folder}: none of the {len(pairs)} images has a pose in {poses.name} "
+            f"within {TOLERANCE} s (poses: {trajectory.stamp[0]:.3f} to {trajectory.stamp[-1]:.3f})"
+        )
+    if len(entries) < len(pairs):
+        lost = len(pairs) - len(entries)
+        _log.warning("%s: %d of %d images have no pose and are skipped", folder, lost, len(pairs))
+    return RecordingListing(tuple(entries), _camera(folder), DEPTH_FACTOR)
+
+
+def _camera(folder: Path) -> Intrinsics | None:
+    found = find_intrinsics(folder)
+    if found is not None:
+        return found
+    name = folder.resolve().name.lower().replace("freiburg", "fr")
+    return next((c for key, c in CALIBRATIONS.items() if key in re.split(r"[_-]", name)), None)
+
+
+def _pairs(folder: Path) -> list[_Pair]:
+    associations = folder / "associations.txt"
+    if associations.is_file():
+        return [
+            (floats(words[:1], where)[0], words[1], words[3])
+            for where, words in _checked(associations, 4, "stamp file stamp file")
+        ]
+    return _associate(_list(folder / "rgb.txt"), _list(folder / "depth.txt"), folder)
+
+
+def _list(path: Path) -> list[tuple[float, str]]:
+    return [
+        (floats(words[:1], where)[0], words[1]) for where, words in _checked(path, 2, "stamp file")
+    ]
+
+
+def _checked(path: Path, columns: int, meaning: str) -> list[tuple[str, list[str]]]:
+    table = list(rows(path))
+    for where, words in table:
+        if len(words) < columns:
+            raise RecordingError(f"{where}: expected {meaning}, got {' '.join(words)!r}")
+    if not table:
+        raise RecordingError(f"{path} lists no images")
+    return table
+
+
+def _associate(
+    colour: list[tuple[float, str]], depth: list[tuple[float, str]], folder: Path
+) -> list[_Pair]:
+    """Pairs of nearest stamps within TOLERANCE, nearest pair first, each image used once."""
+    of_colour, of_depth = (np.array([s for s, _ in images]) for images in (colour, depth))
+    near = nearest_pairs(of_colour, of_depth, TOLERANCE)
+    pairs = [(*colour[i], depth[j][1]) for i, j in near]
+    if not pairs:
+        raise RecordingError(f"{folder}: no rgb and depth stamps lie within {TOLERANCE} s")
+    return pairs
+
+
+FORMAT = Format(
+    "tum", "rgb.txt, depth.txt (or associations.txt) and groundtruth.txt", matches, read
+)

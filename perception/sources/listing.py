@@ -1,0 +1,101 @@
+"""Recording listing: a folder's image pairs with camera poses, as a format's reader finds them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kg.model.errors import RecordingError
+from perception.camera.intrinsics import Intrinsics
+from perception.sources.association import TOLERANCE
+
+FRAME_RATE = 30.0  # [Hz] of formats that number their frames and say nothing of time
+
+
+def stamp_of_number(number: int) -> float:
+    """Stamp [s] of a frame by its number, in whole nanoseconds, as messages keep it."""
+    return round(number / FRAME_RATE, 9)
+
+
+class StoredImage(Protocol):
+    """An image of a recording, decoded when it is asked for; `str` says where it is."""
+
+    def check(self) -> None:
+        """Raise RecordingError where it can be told, without decoding it, that it is damaged."""
+
+    def colour(self) -> NDArray[np.uint8]:
+        """(H, W, 3) RGB; raises RecordingError for an unreadable image."""
+
+    def depth(self, depth_scale: float) -> NDArray[np.float32]:
+        """(H, W) [m], nan = no return; `depth_scale` [units a metre] is that of 16-bit images."""
+
+
+@dataclass(frozen=True, slots=True)
+class FrameEntry:
+    """Frame entry: a colour image, its depth image and the camera's pose."""
+
+    id: str
+    colour: StoredImage
+    depth: StoredImage
+    T_world_cam: NDArray[np.float64]  # (4, 4) camera -> the recording's world [m]
+    stamp: float  # [s], relative to the start or since 1970
+
+
+@dataclass(frozen=True, slots=True)
+class DepthCamera:
+    """A depth camera apart from the colour camera: its depth is not registered to colour."""
+
+    intrinsics: Intrinsics
+    T_colour_depth: NDArray[np.float64]  # (4, 4) depth camera -> colour camera [m]
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingListing:
+    """All entries of a recording, in time order, and the camera of the colour images."""
+
+    entries: tuple[FrameEntry, ...]
+    camera: Intrinsics | None  # None = the folder does not say
+    depth_scale: float  # depth units a metre, unless the intrinsics or the caller say otherwise
+    depth_camera: DepthCamera | None = None  # None = depth is registered to colour
+    up: NDArray[np.float64] | None = None  # (3,) up in the recording's world, where it is known
+    T_map_world: NDArray[np.float64] | None = None  # (4, 4) where the recording itself says it
+
+
+@dataclass(frozen=True, slots=True)
+class Streams:
+    """Which streams of a recording are read, where it has several; None = guessed."""
+
+    colour: str | None = None
+    depth: str | None = None
+    camera: str | None = None  # colour's CameraInfo
+    pose: str | None = None
+    map_frame: str | None = None
+    tolerance: float = TOLERANCE  # [s] between colour and depth of one frame
+
+    @property
+    def given(self) -> bool:
+        """Whether anything is given."""
+        return self != Streams()
+
+
+@dataclass(frozen=True, slots=True)
+class Format:
+    """A format of recordings: a layout of files in a folder, or a kind of file."""
+
+    name: str
+    looks_for: str  # the files by which it is recognised, for people
+    matches: Callable[[Path], bool]  # whether a folder or file is of this format
+    read: Callable[[Path, Streams], RecordingListing]  # raises RecordingError
+
+
+def subfolder(folder: Path, *names: str) -> Path:
+    """The first of the named folders that is there; raises RecordingError if none is."""
+    for name in names:
+        if (folder / name).is_dir():
+            return folder / name
+    raise RecordingError(f"{folder} has no folder {' or '.join(f'{n}/' for n in names)}")

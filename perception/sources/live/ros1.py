@@ -1,0 +1,155 @@
+"""ROS 1: topics of a master, without ROS.
+
+The master's XML-RPC API names the nodes that publish a topic; each node is asked for a TCPROS
+connection. The subscription is not registered with the master, so that nothing has to be served;
+publishers see it.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Final
+from urllib.parse import urlsplit
+
+from kg.model.errors import RecordingError
+from perception.sources.bags.bag_file import RawMessage
+from perception.sources.live.connection import Inbox, Retry, full_name, max_size
+from perception.sources.live.ros1_api import CALLER, FAILURES, PATIENCE, ask
+from perception.sources.live.tcpros import TcprosConnection
+
+PORT: Final = 11311
+POLL: Final = 0.2  # [s] between two looks at the master
+MAX_SUBSCRIPTIONS: Final = 100
+
+_Key = tuple[str, str, str]  # topic, type as the publisher names it, node
+
+
+@dataclass(frozen=True, slots=True)
+class Ros1Master:
+    """A ROS 1 master, and all that publishes through it."""
+
+    host: str
+    port: int
+    caller: str = CALLER  # the name that it and its nodes know us by
+
+    @classmethod
+    def at(cls, address: str) -> Ros1Master:
+        """The master at ros1://HOST[:PORT], or "ros1": that of ROS_MASTER_URI, else at localhost.
+
+        Raises RecordingError for anything else.
+        """
+        if address == "ros1":
+            address = os.environ.get("ROS_MASTER_URI") or "ros1://localhost"
+        try:
+            parts = urlsplit(address)
+            host, port = parts.hostname, parts.port
+        except ValueError:
+            host, port = None, None
+        if not host:
+            raise RecordingError(f"{address!r} is no ROS 1 master; ros1://localhost:{PORT} is one")
+        return cls(host, port or PORT)
+
+    @property
+    def address(self) -> str:
+        """Where it is, for people."""
+        return f"ros1://{self.host}:{self.port}"
+
+    @property
+    def uri(self) -> str:
+        """Address of its XML-RPC API."""
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"http://{host}:{self.port}/"
+
+    def ask(self, method: str, *arguments: Any) -> Any:
+        """Answer of its XML-RPC API; raises one of FAILURES."""
+        return ask(self.uri, method, *arguments, caller=self.caller)
+
+    def run(self, inbox: Inbox, ended: threading.Event) -> None:
+        """Give messages to `inbox` until `ended`."""
+        retry = Retry(self.address, ended)
+        running: dict[_Key, _Subscription] = {}
+        said = set[tuple[str, str]]()
+        while not ended.is_set():
+            try:
+                wanted = _publishers(self, inbox)
+            except FAILURES as error:
+                retry.failed(error)
+                continue
+            retry.worked()
+            for key in running.keys() - wanted:
+                running.pop(key).close()
+            for key in sorted(wanted - running.keys())[: MAX_SUBSCRIPTIONS - len(running)]:
+                running[key] = _Subscription(self, key, inbox, said)
+            ended.wait(POLL)
+        for one in running.values():
+            one.close()
+
+
+def _publishers(master: Ros1Master, inbox: Inbox) -> set[_Key]:
+    """Topics to subscribe to, with the nodes that publish them now."""
+    types = {str(topic): str(type_) for topic, type_ in master.ask("getTopicTypes")}
+    publishers, *_ = master.ask("getSystemState")
+    nodes = {str(topic): [str(node) for node in names] for topic, names in publishers}
+    full = {topic: full_name(type_) for topic, type_ in types.items() if nodes.get(topic)}
+    return {(topic, types[topic], node) for topic in inbox.wanted(full) for node in nodes[topic]}
+
+
+class _Subscription:
+    """A topic of one publisher, received by a thread of its own."""
+
+    def __init__(
+        self, master: Ros1Master, key: _Key, inbox: Inbox, said: set[tuple[str, str]]
+    ) -> None:
+        self._master, self._inbox, self._said = master, inbox, said
+        self._topic, self._type, self._node = key
+        self._ended = threading.Event()
+        threading.Thread(target=self._run, name=f"ros1 {self._topic}", daemon=True).start()
+
+    def close(self) -> None:
+        """End it; its thread ends at its next check."""
+        self._ended.set()
+
+    def _run(self) -> None:
+        retry = Retry(self._node, self._ended, self._said)
+        while not self._ended.is_set():
+            try:
+                for data in self._messages():
+                    retry.worked()
+                    raw = RawMessage(self._topic, full_name(self._type), time.time_ns(), data)
+                    self._inbox.offer(raw, is_ros1=True)
+                retry.wait()  # an orderly end: the node leaves, and the master will know
+            except FAILURES as error:
+                retry.failed(error)
+
+    def _messages(self) -> Iterator[bytes]:
+        """Messages until `close`; raises one of FAILURES where the connection breaks off."""
+        caller = self._master.caller
+        node = str(self._master.ask("lookupNode", self._node))
+        protocol = ask(node, "requestTopic", self._topic, [["TCPROS"]], caller=caller)
+        if protocol[0] != "TCPROS":
+            raise RecordingError(f"no TCPROS, but {str(protocol)[:80]}")
+        with socket.create_connection((str(protocol[1]), int(protocol[2])), PATIENCE) as connected:
+            connection = TcprosConnection(connected, self._topic, self._ended)
+            connection.send_fields(
+                {
+                    "callerid": caller,
+                    "topic": self._topic,
+                    "type": self._type,
+                    "md5sum": "*",  # any version of the message
+                    "tcp_nodelay": "1",
+                }
+            )
+            fields = connection.fields()
+            if "error" in fields:
+                raise RecordingError(f"{self._topic}: refused: {fields['error']}")
+            if fields.get("type") != self._type:
+                was = f"{fields.get('type')}, not {self._type}"
+                raise RecordingError(f"{self._topic} has messages of {was}")
+            bound = max_size(full_name(self._type))
+            while (data := connection.block(bound)) is not None:
+                yield data

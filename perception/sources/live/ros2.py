@@ -1,0 +1,223 @@
+"""ROS 2: topics over DDS, without ROS; through Eclipse Cyclone DDS.
+
+What ROS 2 makes of a topic: /tf is rt/tf, sensor_msgs/msg/Image is sensor_msgs::msg::dds_::Image_,
+and a message is its CDR (design.ros2.org: Topic and Service name mapping to DDS). Types are made
+from the same definitions as those of bags; messages are taken as bytes and decoded like those of
+bags.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import re
+import threading
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, Final
+
+from kg.model.errors import RecordingError
+from perception.sources.bags.bag_file import RawMessage, message_types
+from perception.sources.bags.bag_index import IMAGES
+from perception.sources.live.connection import MAX_WARNINGS, Inbox, max_size
+
+POLL: Final = 0.2  # [s] between two looks at who publishes
+MAX_READERS: Final = 100
+MAX_WRITERS: Final = 10_000
+MAX_DOMAIN: Final = 232
+TAKEN: Final = 32  # messages of a topic at once
+KEPT: Final = {True: 5, False: 100}  # messages of a topic that wait, of images and others
+_TOPIC: Final = "rt"
+_TYPE: Final = re.compile(r"(\w+)::msg::dds_::(\w+)_")
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class _Topic:
+    """A topic and how it can be read from all that publish it."""
+
+    name: str  # e.g. /tf
+    type: str  # e.g. tf2_msgs/msg/TFMessage
+    reliable: bool
+    durable: bool  # whether its last messages are kept for who comes later
+
+
+@dataclass(frozen=True, slots=True)
+class Ros2Domain:
+    """A ROS 2 domain: all that publishes in it, as far as this computer's network shows it.
+
+    CYCLONEDDS_URI configures the network, as it does for ROS 2 with rmw_cyclonedds.
+    """
+
+    number: int
+
+    @classmethod
+    def at(cls, address: str) -> Ros2Domain:
+        """The domain ros2://NUMBER, or "ros2": that of ROS_DOMAIN_ID, else 0.
+
+        Raises RecordingError for anything else.
+        """
+        text = address.removeprefix("ros2").removeprefix("://").rstrip("/")
+        text = text or os.environ.get("ROS_DOMAIN_ID", "") or "0"
+        if not text.isdecimal() or int(text) > MAX_DOMAIN:
+            raise RecordingError(
+                f"{text!r} is no ROS 2 domain; ros2://0 is one, up to {MAX_DOMAIN}"
+            )
+        return cls(int(text))
+
+    @property
+    def address(self) -> str:
+        """Where it is, for people."""
+        return f"ros2://{self.number}"
+
+    def run(self, inbox: Inbox, ended: threading.Event) -> None:
+        """Give what comes to `inbox` until `ended`; raises RecordingError without a network."""
+        from cyclonedds.core import DDSException
+
+        try:
+            _Participant(self.number, inbox).run(ended)
+        except DDSException as error:
+            said = " ".join(str(error).split())
+            raise RecordingError(
+                f"{self.address}: {said[:200]}; CYCLONEDDS_URI may name a network interface"
+            ) from error
+
+
+class _Participant:
+    """Our part in a domain: who publishes what, and a reader of each topic that is wanted."""
+
+    def __init__(self, domain: int, inbox: Inbox) -> None:
+        from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
+        from cyclonedds.core import InstanceState, ReadCondition, SampleState, ViewState, WaitSet
+        from cyclonedds.domain import DomainParticipant
+
+        self._inbox = inbox
+        self._participant = DomainParticipant(domain)
+        self._writers = BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication)
+        alive = InstanceState.Alive | SampleState.Any | ViewState.Any
+        self._alive = ReadCondition(self._writers, alive)
+        self._news = InstanceState.Any | SampleState.NotRead | ViewState.Any
+        self._waiting = WaitSet(self._participant)
+        self._said = set[_Topic]()
+        self._readers: dict[_Topic, tuple[Any, Any]] = {}  # reader, and its condition
+
+    def run(self, ended: threading.Event) -> None:
+        looked = 0.0
+        while not ended.is_set():
+            if time.monotonic() >= looked + POLL:
+                self._subscribe()
+                looked = time.monotonic()
+            self._waiting.wait(round(POLL * 1e9))
+            for topic, (reader, _) in self._readers.items():
+                for sample in reader.take(TAKEN):
+                    self._received(topic, getattr(sample, "cdr", None))
+
+    def _subscribe(self) -> None:
+        """Have a reader of each topic that is wanted now, and of no other."""
+        from cyclonedds.core import DDSException, ReadCondition
+
+        there = topics_of(self._writers.read(MAX_WRITERS, self._alive))
+        names = self._inbox.wanted({topic.name: topic.type for topic in there})
+        wanted = [topic for topic in there if topic.name in names][:MAX_READERS]
+        for topic in self._readers.keys() - wanted:
+            self._waiting.detach(self._readers.pop(topic)[1])
+        for topic in wanted:
+            if topic not in self._readers:
+                try:
+                    reader = self._reader(topic)
+                except DDSException as error:  # e.g. of a type that it had not before
+                    self._tell(topic, error)
+                    continue
+                condition = ReadCondition(reader, self._news)
+                self._waiting.attach(condition)
+                self._readers[topic] = reader, condition
+
+    def _reader(self, topic: _Topic) -> Any:
+        from cyclonedds.qos import Policy, Qos
+        from cyclonedds.sub import DataReader
+        from cyclonedds.topic import Topic
+        from cyclonedds.util import duration
+
+        reliable = Policy.Reliability.Reliable(duration(seconds=1))
+        durability = Policy.Durability
+        quality = Qos(
+            reliable if topic.reliable else Policy.Reliability.BestEffort,
+            durability.TransientLocal if topic.durable else durability.Volatile,
+            Policy.History.KeepLast(KEPT[topic.type in IMAGES]),
+            Policy.DataRepresentation(use_cdrv0_representation=True),
+        )
+        made = Topic(self._participant, f"{_TOPIC}{topic.name}", idl_type(topic.type))
+        return DataReader(self._participant, made, qos=quality)
+
+    def _tell(self, topic: _Topic, error: object) -> None:
+        if topic not in self._said and len(self._said) < MAX_WARNINGS:
+            self._said.add(topic)
+            said = " ".join(str(error).split())[:200]
+            _log.warning("%s of type %s cannot be read: %s", topic.name, topic.type, said)
+
+    def _received(self, topic: _Topic, data: bytes | None) -> None:
+        if data is not None and len(data) <= max_size(topic.type):
+            raw = RawMessage(topic.name, topic.type, time.time_ns(), data)
+            self._inbox.offer(raw, is_ros1=False)
+
+
+def topics_of(writers: Iterable[Any]) -> list[_Topic]:
+    """Topics of messages whose types are known, as all that write each can be read."""
+    from cyclonedds.qos import Policy
+
+    known = message_types(False).fielddefs
+    found = dict[str, _Topic]()
+    for writer in writers:
+        name, match = str(writer.topic_name), _TYPE.fullmatch(str(writer.type_name))
+        kind = f"{match[1]}/msg/{match[2]}" if match else ""
+        if not name.startswith(f"{_TOPIC}/") or kind not in known:
+            continue
+        # images as sensor data: one that is lost is not sent again
+        reliable = Policy.Reliability.BestEffort not in writer.qos and kind not in IMAGES
+        durable = reliable and Policy.Durability.TransientLocal in writer.qos
+        before = found.setdefault(name, _Topic(name.removeprefix(_TOPIC), kind, reliable, durable))
+        if before.type == kind:
+            both = before.reliable and reliable, before.durable and durable
+            found[name] = _Topic(before.name, kind, *both)
+    return list(found.values())
+
+
+class Sample:
+    """A message as it came."""
+
+    def __init__(self, cdr: bytes) -> None:
+        self.cdr = cdr  # with the header that says how it is encoded
+        self.sample_info: Any = None  # what cyclonedds says of it
+
+
+@cache
+def idl_type(name: str) -> Any:
+    """The type of a message, e.g. sensor_msgs/msg/Image, for cyclonedds; it reads bytes."""
+    from cyclonedds.idl import make_idl_struct
+
+    package, _, last = name.split("/")
+    _, definition = message_types(False).fielddefs[name]
+    fields = {field: _idl_of(node) for field, node in definition}
+    typename = f"{package}::msg::dds_::{last}_"
+    made: Any = make_idl_struct(f"{last}_", typename, fields)
+    made.deserialize = Sample  # what readers call
+    return made
+
+
+def _idl_of(node: tuple[Any, Any]) -> Any:
+    """Name of a field's type in cyclonedds.idl."""
+    from cyclonedds.idl import types
+    from rosbags.interfaces import Nodetype
+
+    kind, what = node
+    if kind == Nodetype.BASE:
+        plain = {"bool": bool, "string": str, "byte": types.uint8, "char": types.uint8}
+        return plain.get(what[0]) or getattr(types, what[0])
+    if kind == Nodetype.NAME:
+        return idl_type(what)
+    holder: Any = types.array if kind == Nodetype.ARRAY else types.sequence
+    each, length = _idl_of(what[0]), what[1]
+    return holder[each, length] if kind == Nodetype.ARRAY else holder[each]

@@ -1,0 +1,356 @@
+"""Live streams of messages as frames: the newest whole one whenever one is asked for.
+
+Topics are chosen, colour and depth paired and poses looked up as in bags (`perception.sources`):
+nearest stamps within a tolerance, the transform at colour's stamp. A pair waits until no nearer
+partner can come and transforms reach its stamp, for PATIENCE at most.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+
+from kg.model.errors import RecordingError
+from perception.camera.image_decoding import MILLIMETRES
+from perception.camera.poses import Pose
+from perception.camera.rectification import Rectifier
+from perception.frames import Frame
+from perception.sources.association import nearest_pairs
+from perception.sources.bags.bag import Choice, add_poses, camera_of, choose, depth_camera_of
+from perception.sources.bags.bag_file import RawMessage
+from perception.sources.bags.bag_index import (
+    CAMERA,
+    IMAGES,
+    ODOMETRY,
+    POSES,
+    TRANSFORMS,
+    BagIndex,
+    add_message,
+    header_stamp,
+)
+from perception.sources.listing import FrameEntry, RecordingListing
+from perception.sources.live.images import HeldImages, LiveDecoder, LiveImage
+from perception.sources.recording import ABSOLUTE_STAMP, FolderRecording
+from perception.sources.recording_options import DEFAULT_OPTIONS, RecordingOptions
+from perception.sources.ros.headers import NANOSECONDS
+from perception.sources.ros.transform_tree import TransformTree
+
+PATIENCE: Final = 0.5  # [s] for a nearer partner, and for transforms that reach a pair's stamp
+SETTLING: Final = 1.0  # [s] between the first choice of topics that is possible and the choice ...
+SILENT: Final = 3.0  # ... where there are topics without a message
+TICK: Final = 0.02  # [s] between two checks of the transforms
+MAX_BYTES: Final = 1 << 28  # of the images of all topics that wait
+TRANSFORMS_KEPT: Final = 4000  # of a link
+STAMPS_KEPT: Final = 1000  # of a stream, before topics are chosen
+_WANTED: Final = {*IMAGES, CAMERA, *TRANSFORMS, ODOMETRY, *POSES}
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(slots=True)
+class StreamCounts:
+    """Counts of the received colour images, by their use."""
+
+    received: int = 0
+    taken: int = 0  # given to be mapped
+    without_depth: int = 0  # within the tolerance
+    without_pose: int = 0
+    unreadable: int = 0  # images that cannot be decoded, or change their size
+
+    @property
+    def dropped(self) -> int:
+        """Images that newer ones replaced while an earlier one was mapped, and unused last ones."""
+        lost = self.without_depth + self.without_pose + self.unreadable
+        return self.received - self.taken - lost
+
+
+@dataclass(slots=True)
+class FrameStream:
+    """Frames of a connection's messages; the newest first, and none twice.
+
+    Of the `options` these count: `streams`; `intrinsics` of colour, instead of its CameraInfo; and
+    `depth_scale` [units a metre] of 16-bit depth, by default the intrinsics', else millimetres.
+    """
+
+    address: str
+    options: RecordingOptions = DEFAULT_OPTIONS
+    problem: str = ""  # why there are no frames yet
+    _counts: StreamCounts = field(default_factory=StreamCounts)
+    _came: Counter[str] = field(default_factory=Counter)  # images of a topic
+    _index: BagIndex = field(init=False)
+    _choice: Choice | None = None
+    _possible: Choice | RecordingError | None = None  # of what there is, ...
+    _judged: tuple[str, ...] | None = None  # ... which is this
+    _choosable: float | None = None  # [s] since when topics could be chosen
+    _advertised: set[str] = field(default_factory=set)
+    _held: dict[str, HeldImages] = field(default_factory=dict)
+    _camera: FolderRecording | None = None
+    _said: set[str] = field(default_factory=set)
+    _changed: threading.Condition = field(default_factory=threading.Condition)
+
+    def __post_init__(self) -> None:
+        self._index = BagIndex(self.address, tree=TransformTree(TRANSFORMS_KEPT))
+
+    @property
+    def counts(self) -> StreamCounts:
+        """Counts of the images so far."""
+        with self._changed:
+            choice = self._choice
+            received = (
+                sum(self._came.values()) if choice is None else self._came[choice.colour.topic]
+            )
+            return replace(self._counts, received=received)
+
+    @property
+    def choice(self) -> Choice | None:
+        """The topics and frames that frames are made of; None until they are chosen."""
+        with self._changed:
+            return self._choice
+
+    def latest_pose(self, frame: str) -> tuple[Pose, float] | None:
+        """Pose (4, 4) of `frame` in the map frame, and its stamp [s]; None where there is none.
+
+        The stamp is 0 where no transform on the way moves.
+        """
+        with self._changed:
+            if self._choice is None:
+                return None
+            tree, target = self._index.tree, self._choice.map_frame
+            try:
+                span = tree.span(target, frame)
+                stamp = span[1] if span else 0.0
+                T = tree.at(target, frame, stamp)
+            except RecordingError:
+                return None
+            return None if T is None else (T, stamp)
+
+    def wanted(self, topics: Mapping[str, str]) -> set[str]:
+        """Topics to subscribe to: all that may be used, and after the choice the chosen ones."""
+        with self._changed:
+            wanted = {name for name, type_ in topics.items() if type_ in _WANTED}
+            given, choice = self.options.streams, self._choice
+            if choice is not None:
+                images = {choice.colour.topic, choice.depth.topic}
+                poses = set() if choice.pose is None else {choice.pose.topic}
+                wanted = {n for n in wanted if topics[n] in TRANSFORMS or n in images | poses}
+            elif given.colour is not None and given.depth is not None:
+                images = {given.colour, given.depth}
+                wanted = {n for n in wanted if topics[n] not in IMAGES or n in images}
+            self._advertised = wanted
+            return wanted
+
+    def offer(self, raw: RawMessage, *, is_ros1: bool) -> None:
+        """Take a message; unreadable ones give one warning for each topic."""
+        decoder = LiveDecoder(self.address, is_ros1)
+        with self._changed:
+            try:
+                self._add(raw, decoder)
+            except (RecordingError, ValueError, ArithmeticError) as error:
+                self._tell(raw.topic, error)
+
+    def next_frame(self, seconds: float) -> Frame | None:
+        """The newest whole frame, waiting for it up to `seconds`; None where none came."""
+        until = time.monotonic() + seconds
+        while True:
+            with self._changed:
+                entry = self._newest()
+                if entry is None:
+                    left = until - time.monotonic()
+                    if left <= 0:
+                        return None
+                    self._changed.wait(min(left, TICK))
+                    continue
+            frame = self._frame(entry)
+            if frame is not None:
+                return frame
+
+    def _add(self, raw: RawMessage, decoder: LiveDecoder) -> None:
+        chosen, index = self._choice, self._index
+        if raw.type in TRANSFORMS or (chosen is None and raw.type in _WANTED):
+            add_message(index, decoder, raw)
+            self._trim(raw.topic)
+        elif chosen is not None and chosen.pose is not None and raw.topic == chosen.pose.topic:
+            add_message(index, decoder, raw)
+            add_poses(index, raw.topic, chosen.colour.frame)
+            self._trim(raw.topic, poses=0)
+        if raw.type in IMAGES and self._is_used(raw.topic):
+            self._came[raw.topic] += 1
+            stamp = header_stamp(raw, decoder.is_ros1, self.address) or raw.time
+            image = LiveImage(raw, decoder, stamp, time.monotonic())
+            self._held.setdefault(raw.topic, HeldImages()).add(image)
+            while sum(held.size for held in self._held.values()) > MAX_BYTES:
+                largest = max(self._held.values(), key=lambda held: held.size)
+                largest.drop(largest.images[0])
+            self._changed.notify_all()
+
+    def _is_used(self, topic: str) -> bool:
+        chosen = self._choice
+        return chosen is None or topic in (chosen.colour.topic, chosen.depth.topic)
+
+    def _trim(self, topic: str, poses: int = STAMPS_KEPT) -> None:
+        """Drop old stamps of a stream, and of a stream of poses all but the last `poses`."""
+        stream, index = self._index.streams[topic], self._index
+        if len(stream.stamps) > 2 * STAMPS_KEPT:
+            del stream.stamps[:-STAMPS_KEPT], stream.times[:-STAMPS_KEPT]
+        rows = index.poses.get(topic)
+        if rows is not None and len(rows.stamps) > 2 * poses:
+            rows.stamps = rows.stamps[len(rows.stamps) - poses :]
+            rows.rows = rows.rows[len(rows.rows) - 7 * poses :]
+        if index.refused:
+            self._tell(topic, index.refusal)
+        index.refused, index.refusal = 0, ""
+
+    def _tell(self, topic: str, problem: object) -> None:
+        if topic not in self._said:
+            self._said.add(topic)
+            _log.warning("%s: messages of %s are skipped: %s", self.address, topic, problem)
+
+    def _newest(self) -> FrameEntry | None:
+        """Newest whole frame; older images are dropped."""
+        if self._choice is None and not self._choose():
+            return None
+        assert self._choice is not None
+        colours, depths = (
+            self._held.setdefault(s.topic, HeldImages())
+            for s in (self._choice.colour, self._choice.depth)
+        )
+        self._drop_unpaired(colours, depths)
+        return self._newest_pair(colours, depths)
+
+    def _newest_pair(self, colours: HeldImages, depths: HeldImages) -> FrameEntry | None:
+        if not colours.images or not depths.images:
+            return None
+        c, d = colours.seconds, depths.seconds
+        now = time.monotonic()
+        pairs = nearest_pairs(c, d, self.options.streams.tolerance)
+        for i, j in sorted(pairs, key=lambda ij: -c[ij[0]]):
+            colour, depth = colours.images[i], depths.images[j]
+            waited = now - max(colour.came, depth.came) >= PATIENCE
+            apart = abs(c[i] - d[j])
+            sure = d.max() >= c[i] + apart and c.max() >= d[j] + apart
+            if not (sure or waited):
+                continue
+            known, T = self._pose(colour.seconds, waited=waited)
+            if T is not None:
+                for held, last in ((colours, colour), (depths, depth)):
+                    for image in [one for one in held.images if one.stamp <= last.stamp]:
+                        held.drop(image)
+                return FrameEntry(colour.id, colour, depth, T, colour.seconds)
+            if known:
+                self._counts.without_pose += 1
+                colours.drop(colour)
+                depths.drop(depth)
+                return self._newest_pair(colours, depths)
+        return None
+
+    def _pose(self, stamp: float, *, waited: bool) -> tuple[bool, Pose | None]:
+        """Whether the pose at `stamp` [s] is known for good, and the pose; None: there is none."""
+        assert self._choice is not None
+        tree, names = self._index.tree, (self._choice.map_frame, self._choice.colour.frame)
+        try:
+            span = tree.span(*names)
+            if waited or span is None or span[1] >= stamp:
+                return True, tree.at(*names, stamp)
+        except RecordingError as error:
+            self._tell("/tf", error)
+            return waited, None
+        return False, None
+
+    def _drop_unpaired(self, colours: HeldImages, depths: HeldImages) -> None:
+        """Drop colour images older than the newest depth that have none within the tolerance."""
+        if not depths.images:
+            return
+        passed = max(image.seconds for image in depths.images) - self.options.streams.tolerance
+        near = depths.seconds
+        for image in list(colours.images):
+            apart = np.abs(near - image.seconds).min()
+            if image.seconds < passed and apart > self.options.streams.tolerance:
+                colours.drop(image)
+                self._counts.without_depth += 1
+
+    def _choose(self) -> bool:
+        """Choose the topics once they are there; whether it was done."""
+        index, now = self._index, time.monotonic()
+        there = (*index.streams, *index.tree.frames)
+        if there != self._judged:
+            self._judged, self._possible = there, self._judge()
+        if not isinstance(self._possible, Choice):
+            self.problem, self._choosable = str(self._possible), None
+            return False
+        self._choosable = self._choosable or now
+        silent = self._advertised - index.streams.keys()
+        if now < self._choosable + (SILENT if silent else SETTLING):
+            return False
+        choice = self._judge()  # by all that has come since
+        if not isinstance(choice, Choice):
+            self._judged = None
+            return False
+        self.problem, self._choice = "", choice
+        self._held = {t: held for t, held in self._held.items() if self._is_used(t)}
+        _log.warning("%s: %s", self.address, _told(choice))
+        return True
+
+    def _judge(self) -> Choice | RecordingError:
+        """The choice by the messages so far, or an error that names the missing topic."""
+        try:
+            choice = choose(self._index, self.options.streams)
+            if choice.camera is None and self.options.intrinsics is None:
+                raise RecordingError(
+                    f"{self.address}: no CameraInfo of {choice.colour.topic} (--info-topic names "
+                    "one, --intrinsics FILE gives it)"
+                )
+            if choice.depth_apart:
+                depth_camera_of(self._index, choice, choice.depth.stamps[-1] / NANOSECONDS)
+            return choice
+        except RecordingError as error:
+            return error
+
+    def _frame(self, entry: FrameEntry) -> Frame | None:
+        """The frame of an entry; None, and counted, where it cannot be read."""
+        try:
+            if self._camera is None:
+                self._camera = self._opened(entry)
+            frame = self._camera.decoded(entry)
+        except (RecordingError, ValueError) as error:
+            self._counts.unreadable += 1
+            self._tell("images", error)
+            return None
+        self._counts.taken += 1
+        return frame
+
+    def _opened(self, entry: FrameEntry) -> FolderRecording:
+        """Recording without frames that decodes images: the cameras, fitted to the first image."""
+        assert self._choice is not None
+        choice = self._choice
+        camera = self.options.intrinsics or camera_of(self._index, choice.camera, choice.colour)
+        assert camera is not None
+        apart = None
+        if choice.depth_apart:
+            with self._changed:
+                apart = depth_camera_of(self._index, choice, entry.stamp)
+        height, width = entry.colour.colour().shape[:2]
+        relative = entry.stamp < ABSOLUTE_STAMP
+        return FolderRecording(
+            name=self.address,
+            format="live",
+            T_map_world=np.eye(4),
+            listing=RecordingListing((), camera, MILLIMETRES, apart),
+            rectifier=Rectifier.for_camera(camera.fitted(width, height)),
+            depth_scale=self.options.depth_scale or camera.depth_scale or MILLIMETRES,
+            start_time=time.time() - entry.stamp if relative else 0.0,
+        )
+
+
+def _told(choice: Choice) -> str:
+    by = "tf" if choice.pose is None else choice.pose.topic
+    return (
+        f"colour {choice.colour.topic}, depth {choice.depth.topic}, poses of "
+        f"{choice.colour.frame} in {choice.map_frame} by {by}"
+    )

@@ -1,0 +1,273 @@
+"""Open a recorded sequence of RGB-D frames with poses, whatever its layout on disk."""
+
+from __future__ import annotations
+
+import functools
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kg.model.errors import RecordingError, did_you_mean
+from kg.model.extensions import RECORDINGS, load_extensions
+from perception.camera.gravity_alignment import gravity_aligned_transform, read_gravity
+from perception.camera.intrinsics import ASPECT_TOLERANCE, Intrinsics
+from perception.camera.poses import CONVENTIONS, Pose, checked_pose, gridded_pose, read_trajectory
+from perception.camera.rectification import Rectifier
+from perception.camera.registration import register_depth
+from perception.frames import Frame
+from perception.sources.bags import bag
+from perception.sources.depth_check import check_depth
+from perception.sources.folders import numbered_images, seven_scenes, stray_scanner, tum
+from perception.sources.listing import Format, FrameEntry, RecordingListing
+from perception.sources.recording_options import DEFAULT_OPTIONS, RecordingOptions
+
+#: Tried in this order when the format is not named, before those of extensions.
+FORMATS: tuple[Format, ...] = (
+    seven_scenes.FORMAT,
+    tum.FORMAT,
+    numbered_images.TRAJECTORY_LOG,
+    numbered_images.HOLOLENS,
+    stray_scanner.FORMAT,
+    bag.FORMAT,
+)
+POSE_TOLERANCE = 0.02  # [s] within which a pose of a given trajectory is that of a frame
+ABSOLUTE_STAMP = 1e8  # [s] smaller stamps count from the start of the recording
+
+
+@dataclass(frozen=True, slots=True)
+class FolderRecording:
+    """A recording in a folder or a file; frames are read from disk when asked for."""
+
+    name: str
+    format: str
+    T_map_world: NDArray[np.float64]  # (4, 4)
+    listing: RecordingListing
+    rectifier: Rectifier
+    depth_scale: float  # depth units a metre
+    start_time: float  # [s] added to every stamp; 0 where stamps are absolute
+    gravity_aligned: bool = False  # whether T_map_world was found from what it shows, not given
+    transform_given: bool = False  # whether the caller said how its world sits in the map
+
+    def placed(self, T_map_world: NDArray[np.float64]) -> FolderRecording:
+        """The same recording by the transform (4, 4)."""
+        return replace(self, T_map_world=T_map_world, gravity_aligned=False)
+
+    def __len__(self) -> int:
+        return len(self.listing.entries)
+
+    def frames(self, start: int = 0) -> Iterator[Frame]:
+        """Frames from index `start` on; raises RecordingError at the first unreadable one."""
+        for entry in self.listing.entries[start:]:
+            yield self.decoded(entry)
+
+    def frame(self, index: int) -> Frame:
+        """Frame of that index."""
+        return self.decoded(self.listing.entries[index])
+
+    def decoded(self, entry: FrameEntry) -> Frame:
+        """The frame of an entry by this recording's camera; raises RecordingError."""
+        camera = self.rectifier.camera
+        rgb = entry.colour.colour()
+        if rgb.shape[1::-1] != (camera.width, camera.height):
+            raise RecordingError(
+                f"{entry.colour} is {rgb.shape[1]}x{rgb.shape[0]}, the first image "
+                f"{camera.width}x{camera.height}"
+            )
+        return Frame(
+            id=entry.id,
+            rgb=self.rectifier.colour(rgb),
+            depth=self._depth(entry),
+            K=camera.K,
+            T_map_cam=self.T_map_world @ entry.T_world_cam,
+            stamp=entry.stamp + self.start_time,
+        )
+
+    def _depth(self, entry: FrameEntry) -> NDArray[np.float32]:
+        depth = entry.depth.depth(self.depth_scale)
+        height, width = depth.shape
+        camera, apart = self.rectifier.camera, self.listing.depth_camera
+        if apart is not None:
+            own = _rectifier_of(apart.intrinsics.fitted(width, height))
+            return register_depth(
+                own.depth(depth), own.camera.K, camera.K, apart.T_colour_depth, camera.size
+            )
+        if abs(width * camera.size[1] / (height * camera.size[0]) - 1) > ASPECT_TOLERANCE:
+            raise RecordingError(
+                f"{entry.depth} is {width}x{height} and colour {camera.width}x{camera.height}: "
+                "another aspect, so depth is not registered to colour"
+            )
+        return self.rectifier.depth(depth)
+
+
+def open_recording(
+    path: Path | str,
+    options: RecordingOptions = DEFAULT_OPTIONS,
+    *,
+    listing: RecordingListing | None = None,
+) -> FolderRecording:
+    """Open the recording at `path`, a folder or a bag, and check all that needs no decoding.
+
+    `listing` is the recording's listing where it was read already. Raises RecordingError.
+    """
+    folder, o = Path(path), options
+    chosen = format_of(folder, o.format)
+    if o.streams.given and chosen is not bag.FORMAT:
+        raise RecordingError(
+            f"{folder} is a {chosen.name} recording: streams are chosen in bags and MCAP files only"
+        )
+    listing = _listing(listing or chosen.read(folder, o.streams), o, folder)
+    relative = max(entry.stamp for entry in listing.entries) < ABSOLUTE_STAMP
+    begin = time.time() if o.start_time is None else o.start_time
+    convert = _convention(o.pose_convention)
+    as_read = [entry.T_world_cam for entry in listing.entries]
+    entries = tuple(
+        replace(entry, T_world_cam=gridded_pose(convert(entry.T_world_cam)))
+        for entry in listing.entries
+    )
+    listing = replace(listing, entries=entries)
+    recording = FolderRecording(
+        name=o.name or _name(folder),
+        format=chosen.name,
+        T_map_world=np.eye(4),
+        listing=listing,
+        rectifier=_rectifier(listing, folder),
+        depth_scale=_depth_scale(listing, o.depth_scale),
+        start_time=begin if relative else 0.0,
+    )
+    _check_images(recording)
+    if o.check:
+        check_depth(
+            recording.name, as_read, o.pose_convention, recording.depth_scale, recording.frame
+        )
+    if o.T_map_world is not None:
+        T = np.asarray(o.T_map_world, np.float64)
+        checked_pose(T, "given T_map_world")
+        return replace(recording.placed(T), transform_given=True)
+    if listing.T_map_world is not None and o.up is None:
+        return replace(recording, T_map_world=listing.T_map_world, gravity_aligned=True)
+    T = gravity_aligned_transform(recording, up=o.up if o.up is not None else _up(listing, folder))
+    return replace(recording, T_map_world=T, gravity_aligned=o.up is None)
+
+
+def _listing(listing: RecordingListing, options: RecordingOptions, path: Path) -> RecordingListing:
+    """Listing of the selected frames, with the camera and the poses that the options give."""
+    entries = options.selection.of(listing.entries, str(path))
+    if options.poses is not None:
+        entries = _with_poses(entries, options.poses)
+    camera = listing.camera
+    if options.intrinsics is not None:
+        camera = _with_scale(options.intrinsics, listing)
+    return replace(listing, entries=entries, camera=camera)
+
+
+def _name(path: Path) -> str:
+    """Name of a folder, or of a file without its suffix."""
+    whole = path.resolve()
+    return whole.name if whole.is_dir() else whole.stem
+
+
+def _up(listing: RecordingListing, folder: Path) -> NDArray[np.float64] | None:
+    return listing.up if listing.up is not None else read_gravity(folder)
+
+
+def _with_poses(entries: tuple[FrameEntry, ...], path: Path) -> tuple[FrameEntry, ...]:
+    """Entries with the poses of a trajectory; all frames must have one."""
+    trajectory = read_trajectory(path)
+    found = [trajectory.at(entry.stamp, POSE_TOLERANCE) for entry in entries]
+    posed = [(entry, T) for entry, T in zip(entries, found, strict=True) if T is not None]
+    if len(posed) < len(entries):
+        raise RecordingError(
+            f"{path} has a pose for {len(posed)} of {len(entries)} frames; one within "
+            f"{POSE_TOLERANCE} s of each frame's stamp, from {entries[0].stamp:.3f} to "
+            f"{entries[-1].stamp:.3f}, would work"
+        )
+    return tuple(replace(entry, T_world_cam=T) for entry, T in posed)
+
+
+def _convention(name: str) -> Callable[[Pose], Pose]:
+    if name not in CONVENTIONS:
+        raise RecordingError(
+            f"unknown pose convention {name!r}; known are {', '.join(CONVENTIONS)}"
+            + did_you_mean(name, CONVENTIONS)
+        )
+    return CONVENTIONS[name]
+
+
+def _with_scale(given: Intrinsics, listing: RecordingListing) -> Intrinsics:
+    """Given intrinsics with the folder's depth scale, where they do not say one."""
+    if given.depth_scale is not None or listing.camera is None:
+        return given
+    return replace(given, depth_scale=listing.camera.depth_scale)
+
+
+def all_formats() -> Iterator[Format]:
+    """The formats of `FORMATS`, then those of extensions, which are imported when reached."""
+    yield from FORMATS
+    yield from load_extensions(RECORDINGS, Format)
+
+
+def format_of(path: Path, name: str = "auto") -> Format:
+    """Format of a recording by its files, or by name; raises RecordingError for no recording."""
+    if name != "auto" and name not in (names := [known.name for known in all_formats()]):
+        raise RecordingError(
+            f"unknown recording format {name!r}{did_you_mean(name, names)}; known are auto, "
+            f"{_known_formats()}"
+        )
+    if not path.exists():
+        raise RecordingError(f"recording {path} does not exist")
+    if path.is_dir() and not any(path.iterdir()):
+        raise RecordingError(f"recording {path} is empty; known formats are {_known_formats()}")
+    for candidate in all_formats():
+        if name in ("auto", candidate.name):
+            named = name == candidate.name and path.is_dir()
+            if named or candidate.matches(path):
+                return candidate
+    raise RecordingError(
+        f"{path} is no recording of a known format{_nested(path)}; known are {_known_formats()}"
+    )
+
+
+def _known_formats() -> str:
+    return "; ".join(f"{known.name} ({known.looks_for})" for known in all_formats())
+
+
+def _nested(folder: Path) -> str:
+    """A hint where the recordings lie one folder deeper."""
+    inner = [p for p in sorted(folder.iterdir()) if p.is_dir()] if folder.is_dir() else []
+    found = [p.name for p in inner if any(known.matches(p) for known in all_formats())]
+    return f", but its folder {found[0]} is: open {folder / found[0]}" if found else ""
+
+
+@functools.lru_cache(maxsize=4)
+def _rectifier_of(camera: Intrinsics) -> Rectifier:
+    return Rectifier.for_camera(camera)
+
+
+def _rectifier(listing: RecordingListing, folder: Path) -> Rectifier:
+    """The camera fitted to the first image, which is decoded for its size."""
+    if listing.camera is None:
+        raise RecordingError(
+            f"{folder} has no intrinsics: add intrinsics.json or K.txt, or give intrinsics"
+        )
+    height, width = listing.entries[0].colour.colour().shape[:2]
+    return Rectifier.for_camera(listing.camera.fitted(width, height))
+
+
+def _depth_scale(listing: RecordingListing, given: float | None) -> float:
+    of_camera = listing.camera.depth_scale if listing.camera is not None else None
+    scale = next(s for s in (given, of_camera, listing.depth_scale) if s is not None)
+    if not (np.isfinite(scale) and scale > 0):
+        raise RecordingError(f"depth scale must be a positive number of units a metre, got {scale}")
+    return float(scale)
+
+
+def _check_images(recording: FolderRecording) -> None:
+    """Check every file's head and tail, and decode the first frame."""
+    for entry in recording.listing.entries:
+        entry.colour.check()
+        entry.depth.check()
+    next(recording.frames())

@@ -1,0 +1,214 @@
+"""Tree of coordinate frames over time, as tf2 has it: any frame as seen from any other.
+
+Transforms between two stamps are interpolated (linear, and spherical for the rotation); static ones
+hold for all times.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+
+from kg.model.errors import RecordingError, did_you_mean
+from perception.camera.poses import Pose, Trajectory, pose_from_quaternion
+from perception.sources.ros.headers import NANOSECONDS, frame_name, nanoseconds
+
+MAX_GAP: Final = 1.0  # [s] between two transforms of one link that are still interpolated
+MAX_LINKS: Final = 10_000  # in a tree that keeps little
+TOLERANCE: Final = 0.02  # [s] before its first and after its last that a transform still holds
+
+
+def pose_numbers(position: Any, orientation: Any) -> tuple[float, ...]:
+    """x y z [m] and the quaternion x y z w of the two halves of a pose or transform message."""
+    t, q = position, orientation
+    return tuple(float(n) for n in (t.x, t.y, t.z, q.x, q.y, q.z, q.w))
+
+
+class TransformTree:
+    """Links of frames to their parents, each a static transform or one over time.
+
+    With `kept` a link has that many transforms at most, the latest; it forgets those before time
+    went back, as where a simulation begins anew; and links are MAX_LINKS at most.
+    """
+
+    def __init__(self, kept: int | None = None) -> None:
+        self._kept, self._count = kept, 0
+        self._links: dict[str, dict[str, _Link]] = {}  # child -> parent -> link
+        self._preferred: dict[str, str] = {}
+
+    def add_message(self, message: Any, *, static: bool) -> list[str]:
+        """Add the transforms of a tf2_msgs/TFMessage; says of those that are none, why."""
+        refused = []
+        for one in message.transforms:
+            numbers = pose_numbers(one.transform.translation, one.transform.rotation)
+            stamp = nanoseconds(one.header)
+            try:
+                self.add(one.header.frame_id, one.child_frame_id, stamp, numbers, static=static)
+            except RecordingError as error:
+                refused.append(str(error))
+        return refused
+
+    def add(
+        self, parent: str, child: str, stamp: int, numbers: Sequence[float], *, static: bool = False
+    ) -> None:
+        """Add the pose of `child` in `parent` at `stamp` [ns]; `numbers` as of `pose_numbers`.
+
+        Raises RecordingError for what is no pose.
+        """
+        parent, child = frame_name(parent), frame_name(child)
+        where = f"transform {parent} -> {child}"
+        if parent == child or not parent or not child:
+            raise RecordingError(f"{where}: a link needs two frames")
+        t, q = np.array(numbers[:3], np.float64), np.array(numbers[3:], np.float64)
+        pose_from_quaternion(t, q, where)
+        if self._kept is not None and parent not in self._links.get(child, ()):
+            if self._count >= MAX_LINKS:
+                raise RecordingError(f"{where}: there are {MAX_LINKS} other links already")
+            self._count += 1
+        link = self._links.setdefault(child, {}).setdefault(parent, _Link())
+        if self._kept is not None:
+            link.forget(0 if static else stamp, self._kept)
+        link.add(0 if static else stamp, numbers, static)
+
+    def prefer(self, parent: str, child: str) -> None:
+        """Take `parent` for the parent of `child`, whatever other links there are."""
+        self._preferred[frame_name(child)] = frame_name(parent)
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """All frames, sorted."""
+        return tuple(sorted({*self._links, *(p for links in self._links.values() for p in links)}))
+
+    def parent(self, child: str) -> str | None:
+        """Parent of a frame, None of a root; of several, the one with the most transforms."""
+        links = self._links.get(frame_name(child))
+        if not links:
+            return None
+        preferred = self._preferred.get(frame_name(child))
+        if preferred in links:
+            return preferred
+        return max(links, key=lambda parent: (len(links[parent]), parent))
+
+    def is_static(self, child: str) -> bool:
+        """Whether the link of `child` to its parent is static."""
+        parent = self.parent(child)
+        return parent is not None and self._links[child][parent].static
+
+    def ancestors(self, frame: str) -> list[str]:
+        """`frame`, its parent and so on up to the root.
+
+        Raises RecordingError where the links form a loop.
+        """
+        chain = [frame_name(frame)]
+        while (parent := self.parent(chain[-1])) is not None:
+            if parent in chain:
+                loop = " -> ".join([*chain[chain.index(parent) :], parent])
+                raise RecordingError(f"transforms form a loop: {loop}")
+            chain.append(parent)
+        return chain
+
+    def at(self, target: str, source: str, stamp: float) -> Pose | None:
+        """Transform (4, 4) of `source` to `target` coordinates at `stamp` [s].
+
+        None where a link on the way has no transform about that time. Raises RecordingError where
+        no links join the two, or links form a loop.
+        """
+        up, down = self.ancestors(source), self.ancestors(target)
+        common = next((frame for frame in up if frame in down), None)
+        if common is None:
+            raise RecordingError(self._apart(target, source, down, up))
+        T_common_source = self._chain(up[: up.index(common)], stamp)
+        T_common_target = self._chain(down[: down.index(common)], stamp)
+        if T_common_source is None or T_common_target is None:
+            return None
+        if len(down) and down[0] == common:
+            return T_common_source
+        T: Pose = np.linalg.inv(T_common_target) @ T_common_source
+        return T
+
+    def span(self, target: str, source: str) -> tuple[float, float] | None:
+        """First and last stamp [s] that all moving links between two frames cover; None: static."""
+        up, down = self.ancestors(source), self.ancestors(target)
+        links = [self._link(frame) for frame in {*up} ^ {*down} if self.parent(frame) is not None]
+        moving = [link.trajectory().stamp for link in links if not link.static]
+        if not moving:
+            return None
+        return float(max(s[0] for s in moving)), float(min(s[-1] for s in moving))
+
+    def _link(self, child: str) -> _Link:
+        parent = self.parent(child)
+        assert parent is not None
+        return self._links[child][parent]
+
+    def _chain(self, children: list[str], stamp: float) -> Pose | None:
+        """Transform (4, 4) of the first of `children` to the last one's parent."""
+        T: Pose | None = None
+        for child in reversed(children):
+            step = self._link(child).at(stamp)
+            if step is None:
+                return None
+            T = step if T is None else T @ step
+        return np.eye(4) if T is None else T
+
+    def _apart(self, target: str, source: str, down: list[str], up: list[str]) -> str:
+        for frame in (target, source):
+            if frame_name(frame) not in self.frames:
+                known = ", ".join(self.frames[:20]) or "none"
+                close = did_you_mean(frame_name(frame), self.frames)
+                return f"no transforms of frame {frame!r}{close}; there are: {known}"
+        return (
+            f"no transforms link {source!r} (in the tree of {up[-1]!r}) to {target!r} (in the "
+            f"tree of {down[-1]!r})"
+        )
+
+
+class _Link:
+    """One link's transforms over time."""
+
+    __slots__ = ("_ordered", "_rows", "static")
+
+    def __init__(self) -> None:
+        self.static = False
+        self._rows = array("d")  # stamp, x, y, z, qx, qy, qz, qw
+        self._ordered: Trajectory | None = None
+
+    def __len__(self) -> int:
+        return len(self._rows) // 8
+
+    def add(self, stamp: int, numbers: Sequence[float], static: bool) -> None:
+        if static:
+            self.static = True
+            self._rows = array("d")  # the latest static transform holds
+        elif self.static:
+            return
+        self._rows.extend((stamp / NANOSECONDS, *numbers))
+        self._ordered = None
+
+    def forget(self, stamp: int, kept: int) -> None:
+        """Forget what is not needed once a transform of `stamp` [ns] comes."""
+        if self.static or not len(self):
+            return
+        if stamp / NANOSECONDS < self._rows[-8] - MAX_GAP:
+            self._rows = array("d")
+        elif len(self) >= 2 * kept:
+            self._rows = self._rows[-8 * kept :]
+
+    def trajectory(self) -> Trajectory:
+        if self._ordered is None:
+            table = np.frombuffer(self._rows).reshape(-1, 8)
+            order = np.argsort(table[:, 0], kind="stable")
+            # of several at one stamp the last
+            last = np.append(np.diff(table[order, 0]) > 0, True)
+            table = table[order[last]]
+            q = table[:, 4:] / np.linalg.norm(table[:, 4:], axis=1, keepdims=True)
+            self._ordered = Trajectory(table[:, 0], table[:, 1:4], q)
+        return self._ordered
+
+    def at(self, stamp: float) -> Pose | None:
+        trajectory = self.trajectory()
+        if self.static:
+            return pose_from_quaternion(trajectory.t[0], trajectory.q[0], "static transform")
+        return trajectory.at(stamp, TOLERANCE, MAX_GAP)

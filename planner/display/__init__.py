@@ -1,0 +1,1 @@
+"""Display of maps and searches: plots, and scenes for viewers."""

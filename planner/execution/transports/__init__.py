@@ -1,0 +1,1 @@
+"""Transports of the robot protocol: HTTP, pipes and ROS 1."""

@@ -1,0 +1,248 @@
+"""A robot behind a ROS 1 master: move_base drives it, its camera is read from topics and tf.
+
+It turns for a look by goals on the spot, a picture at each, overlapping. Pictures on the way are
+looked at as they come.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Generator, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from kg.model.errors import RobotError
+from perception.camera.poses import Pose
+from perception.frames import Detector, Frame
+from perception.sources.bags.bag_file import RawMessage
+from perception.sources.live.ros1 import Ros1Master
+from perception.sources.live.stream import FrameStream
+from perception.sources.ros.headers import NANOSECONDS
+from planner.execution.protocol import (
+    MAX_COORDINATE,
+    Arrived,
+    Command,
+    DetectionsMessage,
+    Failed,
+    GoTo,
+    Hello,
+    LookAround,
+    Message,
+    RobotPose,
+    StopCommand,
+    View,
+)
+from planner.execution.transports.move_base import MoveBase
+
+BASES: Final = ("base_link", "base_footprint")  # frames that robots usually have
+OVERLAP: Final = 0.7  # of the field of view that a look turns between two pictures
+PICTURE_WITHIN: Final = 10.0  # [s] after the robot stands still
+LEAVE_WITHIN: Final = 5.0  # [s] for the threads of the connection
+_TICK: Final = 0.1  # [s]
+
+_FORWARD, _OPTICAL = 0, 2  # axes that robots and cameras look along
+_Step = Message | None  # None: nothing yet
+
+
+@dataclass(frozen=True, slots=True)
+class _Where:
+    """Pose of the robot in the map frame."""
+
+    x: float  # [m] of its base
+    y: float
+    heading: float  # [rad] of its camera, ...
+    turned: float  # [rad] ... which is so much to the left of its base's
+    stamp: float  # [s] by the robot's clock
+
+
+@dataclass(frozen=True, slots=True)
+class _Inboxes:
+    """Forward messages to the camera's frames and to navigation."""
+
+    stream: FrameStream
+    navigation: MoveBase
+
+    def wanted(self, topics: Mapping[str, str]) -> set[str]:
+        """Topics that either wants."""
+        return self.stream.wanted(topics) | self.navigation.wanted(topics)
+
+    def offer(self, raw: RawMessage, *, is_ros1: bool) -> None:
+        """Give a message to both; each takes what is its own."""
+        self.stream.offer(raw, is_ros1=is_ros1)
+        self.navigation.offer(raw, is_ros1=is_ros1)
+
+
+class Ros1Robot:
+    """A `Robot` that move_base drives.
+
+    `base` is its frame in tf (default: one of BASES, else the colour camera's). `patience` [s]
+    bounds how long navigation, images and poses are waited for; RobotError says which is missing.
+    """
+
+    def __init__(
+        self,
+        master: Ros1Master,
+        stream: FrameStream,
+        detector: Detector,
+        *,
+        navigation: str = "/move_base",
+        base: str | None = None,
+        patience: float = 30.0,
+    ) -> None:
+        self.name = f"the robot at {master.address}"
+        self._stream, self._detector, self._base, self._patience = stream, detector, base, patience
+        self._navigation = MoveBase(master, navigation)
+        self._ended = threading.Event()
+        self._thread = threading.Thread(
+            target=master.run, args=(_Inboxes(stream, self._navigation), self._ended), daemon=True
+        )
+        self._thread.start()
+        self._under_way: Iterator[_Step] = iter(())
+        self._field_of_view = 0.0  # [rad] of the camera, across
+        self._latest = math.nan, time.monotonic()  # stamp of the latest pose, and when it came
+
+    def send(self, command: Command) -> None:
+        """Begin with `command`; what was under way is dropped."""
+        if isinstance(command, Hello):
+            self._under_way = self._greet()
+        elif isinstance(command, GoTo):
+            self._under_way = self._drive(command)
+        elif isinstance(command, LookAround):
+            self._under_way = self._look(command)
+        elif isinstance(command, StopCommand):
+            self._under_way = iter(())
+            self._navigation.cancel()
+
+    def receive(self, seconds: float) -> Message | None:
+        """The next message; None where none came within `seconds`."""
+        until = time.monotonic() + seconds
+        while True:
+            step = next(self._under_way, None)
+            left = until - time.monotonic()
+            if step is not None or left <= 0:
+                return step
+            time.sleep(min(left, _TICK / 10))
+
+    def close(self) -> None:
+        """Cancel the goal under way, and leave the master."""
+        self._under_way = iter(())
+        self._navigation.close()
+        self._ended.set()
+        self._thread.join(LEAVE_WITHIN)
+
+    def _greet(self) -> Iterator[_Step]:
+        until = time.monotonic() + self._patience
+        while not self._navigation.ready:
+            name = self._navigation.name
+            self._check_late(until, f"nobody takes goals of {name}/goal (--navigation)")
+            yield None
+        frame: Frame | None = None
+        while frame is None:
+            missing = self._stream.problem or "no images with depth and a pose"
+            self._check_late(until, missing)
+            frame = self._stream.next_frame(_TICK)
+            yield None
+        self._field_of_view = 2 * math.atan(frame.rgb.shape[1] / 2 / float(frame.K[0, 0]))
+        yield Hello(name=self.name, field_of_view=self._field_of_view, detector=self._detector.name)
+        yield self._pose()
+
+    def _check_late(self, until: float, missing: str) -> None:
+        if time.monotonic() > until:
+            raise RobotError(f"{self.name}: {missing}, for {self._patience:.0f} s (--patience)")
+
+    def _drive(self, goal: GoTo) -> Iterator[_Step]:
+        """Drive to a goal; pictures on the way are looked at."""
+        self._go(goal.x, goal.y, goal.heading)
+        outcome = yield from self._until_over(pictures=True)
+        yield Failed(goal.id, outcome) if outcome else Arrived(goal.id)
+
+    def _look(self, look: LookAround) -> Iterator[_Step]:
+        """Turn on the spot by goals, and look at a picture taken after each."""
+        start = self._pose()
+        turns = math.ceil(abs(look.turn) / (OVERLAP * self._field_of_view) - 1e-6)
+        seen = list[View]()
+        for number in range(turns + 1):
+            if number:
+                self._go(start.x, start.y, start.heading + look.turn * number / turns)
+                outcome = yield from self._until_over(pictures=False)
+                if outcome:
+                    yield Failed(look.id, outcome)
+                    return
+            frame = yield from self._picture_after(self._pose().seconds or 0.0)
+            if frame is None:
+                yield Failed(look.id, f"no picture for {PICTURE_WITHIN:g} s")
+                return
+            seen.append(self._view(frame))
+        yield DetectionsMessage(look.id, views=tuple(seen))
+
+    def _until_over(self, *, pictures: bool) -> Generator[_Step, None, str]:
+        """Poses until the goal is over, and pictures if asked for; returns why it failed, or ""."""
+        while (outcome := self._navigation.outcome()) is None:
+            yield self._pose()
+            frame = self._stream.next_frame(_TICK) if pictures else None
+            if frame is not None:
+                view = self._view(frame)
+                yield DetectionsMessage(None, pose=self._pose_of(frame), views=(view,))
+            elif not pictures:
+                self._ended.wait(_TICK)
+        yield self._pose()
+        return outcome
+
+    def _view(self, frame: Frame) -> View:
+        return View(frame, self._detector.detect(frame))
+
+    def _picture_after(self, since: float) -> Generator[_Step, None, Frame | None]:
+        """A frame taken at `since` [s by the robot's clock] or later; None where none comes."""
+        until = time.monotonic() + PICTURE_WITHIN
+        while time.monotonic() < until:
+            frame = self._stream.next_frame(_TICK)
+            if frame is not None and float(frame.id) >= since:
+                return frame
+            yield self._pose()
+        return None
+
+    def _go(self, x: float, y: float, heading: float) -> None:
+        """Send a goal at (x, y) [m] that has the camera look to `heading` [rad]."""
+        choice, where = self._stream.choice, self._where()
+        assert choice is not None  # there were frames
+        stamp = round(max(where.stamp, 0.0) * NANOSECONDS)
+        self._navigation.send(x, y, heading - where.turned, choice.map_frame, stamp)
+
+    def _pose(self) -> RobotPose:
+        where = self._where()
+        return RobotPose(where.x, where.y, where.heading, where.stamp)
+
+    def _pose_of(self, frame: Frame) -> RobotPose:
+        """Position and heading of the camera of a picture."""
+        x, y, _ = (float(c) for c in frame.T_map_cam[:3, 3])
+        return RobotPose(x, y, _heading(frame.T_map_cam, _OPTICAL))
+
+    def _where(self) -> _Where:
+        """Latest pose of the robot; raises RobotError where none came for `patience`."""
+        choice, now = self._stream.choice, time.monotonic()
+        assert choice is not None  # there were frames
+        camera = self._stream.latest_pose(choice.colour.frame)
+        known = (self._stream.latest_pose(name) for name in ([self._base] if self._base else BASES))
+        base = next((pose for pose in known if pose is not None), None)
+        if self._base and base is None:
+            raise RobotError(f"{self.name}: tf has no frame {self._base} (--base-frame)")
+        if camera is None:
+            raise RobotError(f"{self.name}: no transforms link {choice.colour.frame} to the map")
+        T, stamp = base or camera
+        if stamp != self._latest[0]:
+            self._latest = stamp, now
+        if now - self._latest[1] > self._patience:
+            silent = now - self._latest[1]
+            raise RobotError(f"{self.name}: tf has had no new pose for {silent:.0f} s (--patience)")
+        x, y, heading = float(T[0, 3]), float(T[1, 3]), _heading(camera[0], _OPTICAL)
+        if not max(abs(x), abs(y)) <= MAX_COORDINATE:
+            raise RobotError(f"{self.name}: tf has it at ({x:g}, {y:g}) m, which is nowhere")
+        turned = 0.0 if base is None else heading - _heading(T, _FORWARD)
+        return _Where(x, y, heading, turned, stamp)
+
+
+def _heading(T: Pose, axis: int) -> float:
+    """Heading [rad] of an axis of the frame whose pose is `T` (4, 4), seen from above."""
+    return math.atan2(float(T[1, axis]), float(T[0, axis]))

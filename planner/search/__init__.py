@@ -1,0 +1,1 @@
+"""Object search: goals, beliefs, viewpoints and plans."""

@@ -1,0 +1,220 @@
+"""Belief about where a target is: probabilities on cells of the floor.
+
+All evidence shares the cells: a remembered position and the room around it are the same cells, so
+that a failed look at the position lowers the room too, and nothing is counted twice. Instances are
+independent: each lies in some of the cells, or is not on the floor.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from planner.freespace.grid import Cells, FreeSpace
+from planner.freespace.planning_map import PlanningMap
+from planner.search.goals.candidate_queries import Candidate
+from planner.settings import BeliefSettings
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CellBelief:
+    """Probability that the target is in each cell, and that it is on no cell.
+
+    `weight` sums to 1 - `absent`. Raises ValueError for negative or missing mass.
+    """
+
+    cells: Cells  # (c,)
+    weight: NDArray[np.float64]  # (c,)
+    absent: float  # probability that the target is not on this floor
+
+    def __post_init__(self) -> None:
+        total = float(self.weight.sum()) + self.absent
+        if self.weight.min(initial=0.0) < 0 or self.absent < 0 or not np.isclose(total, 1.0):
+            raise ValueError(f"weights must be 0 or more and sum to 1 with absent, got {total:g}")
+
+    @property
+    def present(self) -> float:
+        """Probability that it is on this floor."""
+        return 1.0 - self.absent
+
+    def of_room(self, space: FreeSpace, room: int) -> float:
+        """Probability that it is in `room`."""
+        return float(self.weight[space.room.reshape(-1)[self.cells] == room].sum())
+
+
+def site_weights(
+    space: FreeSpace, cells: Cells, p_map: ArrayLike, sigma: float
+) -> NDArray[np.float64]:
+    """(c,) one unit of probability around `p_map` (2,) [m], Gaussian with `sigma` [m].
+
+    A site off the floor (on a counter, in a wall) falls to the cells nearest to it.
+    """
+    off = ((space.centres(cells) - np.asarray(p_map, np.float64)[:2]) ** 2).sum(axis=1)
+    log = -off / (2 * max(sigma, space.cell / 2) ** 2)
+    weight = np.exp(log - log.max())
+    return np.asarray(weight / weight.sum(), np.float64)
+
+
+Weights = NDArray[np.float64]
+
+_MAX_KNOWN: int = 150  # remembered objects that are instances of their own
+_MAX_NEARBY: int = 100
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Contribution:
+    """Part of an instance's weight that comes from one candidate."""
+
+    candidate: Candidate
+    row: int  # of `TargetBelief.weight`
+    weight: Weights  # (c,)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TargetBelief:
+    """Belief of k instances of the targets.
+
+    In all methods, `unseen` (c,) is the probability that all views so far would have missed an
+    object in each cell.
+    """
+
+    cells: Cells  # (c,)
+    weight: Weights  # (k, c) probability that an instance lies in a cell; rows sum to 1 at most
+    target: NDArray[np.intp]  # (k,) number of the target it is
+    parts: tuple[Contribution, ...]
+
+    def missed(self, unseen: Weights) -> Weights:
+        """(k,) probability that each instance has not been seen."""
+        return np.maximum(1.0 - self.weight @ (1.0 - unseen), 1e-12)
+
+    def still_missing(self, unseen: Weights, targets: int) -> Weights:
+        """(targets,) probability that no instance of each target has been seen."""
+        log = np.bincount(self.target, np.log(self.missed(unseen)), minlength=targets)
+        return np.exp(log)
+
+    def expected(self, unseen: Weights, of: Weights) -> Weights:
+        """(c,) instances expected in each cell after failed views; target j times `of[j]`."""
+        return np.asarray((of[self.target] / self.missed(unseen)) @ self.weight * unseen)
+
+    def left(self, unseen: Weights, wanted: Sequence[int]) -> float:
+        """Probability that any of the `wanted` targets is on this floor after failed views."""
+        rows = np.isin(self.target, wanted)
+        nowhere = np.clip(1.0 - self.weight.sum(axis=1), 0.0, 1.0) / self.missed(unseen)
+        return float(1.0 - np.prod(np.minimum(nowhere[rows], 1.0)))
+
+    def belief(self, unseen: Weights, wanted: Sequence[int], targets: int) -> CellBelief:
+        """Belief about the next instance of all `wanted` targets together."""
+        of = np.zeros(targets)
+        of[list(wanted)] = 1.0
+        weight = self.expected(unseen, of)
+        left, total = self.left(unseen, wanted), float(weight.sum())
+        if total <= 0:
+            return CellBelief(self.cells, np.zeros(len(self.cells)), 1.0)
+        return CellBelief(self.cells, weight / total * left, 1.0 - left)
+
+
+def build_target_belief(
+    ground: PlanningMap, cells: Cells, candidates: Sequence[Candidate], settings: BeliefSettings
+) -> TargetBelief:
+    """Belief of the instances that `candidates` stand for."""
+    rows: list[tuple[int, Weights]] = []
+    parts: list[Contribution] = []
+    for target in sorted({candidate.target for candidate in candidates}):
+        mine = [candidate for candidate in candidates if candidate.target == target]
+        for made in _Instances(ground, cells, mine, settings).made():
+            weight = np.sum([part for _, part in made], axis=0)
+            if float(weight.sum()) > 1e-6:
+                parts += [Contribution(candidate, len(rows), part) for candidate, part in made]
+                rows.append((target, weight))
+    weight = np.array([w for _, w in rows]).reshape(-1, len(cells))
+    return TargetBelief(cells, weight, np.array([t for t, _ in rows], np.intp), tuple(parts))
+
+
+_Made = list[tuple[Candidate, Weights]]
+
+
+class _Instances:
+    """The instances of one target."""
+
+    def __init__(
+        self,
+        ground: PlanningMap,
+        cells: Cells,
+        candidates: Sequence[Candidate],
+        settings: BeliefSettings,
+    ) -> None:
+        self._ground, self._cells, self._settings = ground, cells, settings
+        of = {kind: [c for c in candidates if c.kind == kind] for kind in ("known", "nearby")}
+        self._known = sorted(of["known"], key=lambda c: (-c.probability, c.iri))[:_MAX_KNOWN]
+        self._nearby: dict[int, list[Candidate]] = defaultdict(list)
+        nearby = [c for c in of["nearby"] if c.probability > 0]
+        for near in sorted(nearby, key=lambda c: (-c.probability, c.iri))[:_MAX_NEARBY]:
+            self._nearby[ground.room_at(near.p_map, near.place)].append(near)
+        places = {c.iri: c for c in candidates if c.kind in ("place", "frontier")}
+        self._places = {room: places[iri] for room, iri in enumerate(ground.rooms) if iri in places}
+        self._room = ground.space.room.reshape(-1)[cells]
+        self._seen = np.zeros(len(cells)) if ground.seen is None else ground.seen.reshape(-1)[cells]
+        self._uniform = np.full(len(cells), 1.0 / len(cells))
+
+    def made(self) -> list[_Made]:
+        """The parts of each instance."""
+        rooms = [r for r in range(len(self._ground.rooms)) if (self._room == r).any()]
+        return [
+            *(self._remembered(known) for known in self._known),
+            *(self._of_room(room) for room in rooms),
+        ]
+
+    def _all_over(self, room: int) -> Weights:
+        inside = self._room == room
+        return np.asarray(inside / max(int(inside.sum()), 1))
+
+    def _overlooked(self, room: int, noticed: float) -> Weights:
+        """As `_all_over`, with less weight on seen cells, where it would have been noticed."""
+        weight = (self._room == room) * (1.0 - noticed * self._seen)
+        return np.asarray(weight / max(float(weight.sum()), 1e-12))
+
+    def _mixed(self, weight: Weights) -> Weights:
+        """`weight` with a share of it spread over the whole floor, so that no cell is ruled out."""
+        share = self._settings.uniform_share
+        return (1 - share) * weight + share * float(weight.sum()) * self._uniform
+
+    def _remembered(self, known: Candidate) -> _Made:
+        s, stood = self._settings, known.existence
+        room = self._ground.room_at(known.p_map, known.place)
+        site = site_weights(self._ground.space, self._cells, known.p_map, s.site_sigma)
+        moved = (1 - s.p_left_floor) * (
+            s.p_same_room * self._all_over(room) + (1 - s.p_same_room) * self._anywhere
+        )
+        weight = known.probability * site + max(stood - known.probability, 0.0) * moved
+        return [(known, self._mixed(weight))]
+
+    @property
+    def _anywhere(self) -> Weights:
+        """(c,) distribution over all places by their probability to hold the target."""
+        total = sum(c.probability for c in self._places.values())
+        if total <= 0:
+            return self._uniform
+        return np.asarray(
+            sum(c.probability / total * self._all_over(r) for r, c in self._places.items())
+        )
+
+    def _of_room(self, room: int) -> _Made:
+        """Instance in a room that was not observed; partly around objects it is found near."""
+        place, near = self._places.get(room), self._nearby.get(room, [])
+        here = [*near, *([] if place is None else [place])]
+        p = max((c.probability for c in here), default=0.0)
+        beside = (self._settings.beside if place is not None else 1.0) if near else 0.0
+        total = sum(c.probability for c in near)
+        made: _Made = []
+        if place is not None:
+            spread = self._overlooked(room, place.noticed)
+            made.append((place, self._mixed((1 - beside) * p * spread)))
+        for one in near:
+            sigma = self._settings.beside_sigma
+            site = site_weights(self._ground.space, self._cells, one.p_map, sigma)
+            made.append((one, self._mixed(beside * p * one.probability / total * site)))
+        return made

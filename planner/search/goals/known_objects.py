@@ -1,0 +1,185 @@
+"""Known objects: what the map has of a target, the surest first, for an answer before any plan."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kg.maps.semantic_map import SemanticMap
+from kg.model.records import PlaceRecord
+from planner.freespace.planning_map import number
+from planner.search.goals.candidate_queries import name, span, with_article
+from planner.search.goals.search_goals import whereabouts
+from planner.search.goals.status import stamp
+from planner.search.goals.targets import Target
+
+_MIN_EXISTENCE: Final = 0.05  # existence below which an object is no answer
+LISTED: Final = 5  # objects that an answer in words lists
+_SURE: Final = 0.5  # place belief from which on its category is named
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KnownObject:
+    """An object of the map that is what is searched for."""
+
+    iri: str
+    label: str
+    category: str
+    where: str  # in words: on or inside what, in which place
+    p_map: NDArray[np.float64]  # (2,) [m]
+    existence: float
+    last_seen: datetime | None
+    observations: int
+    frame: str | None  # of its best observation
+    found_by: str | None  # IRI of a search that found it
+    own: str | None = None  # category that it more probably is of
+    may_be: tuple[tuple[str, float], ...] = ()  # other categories, with their probabilities
+    place: str | None = None  # IRI
+
+    @property
+    def sure(self) -> bool:
+        """Whether it is there rather than not, or a search found it."""
+        return self.existence >= _SURE or self.found_by is not None
+
+    @property
+    def doubted(self) -> bool:
+        """Whether it was detected as what it is searched for, and more probably is not there."""
+        return not self.sure and self.own is None
+
+
+def known_objects(
+    semantic_map: SemanticMap, target: Target, *, located: int | None = None
+) -> tuple[KnownObject, ...]:
+    """Objects of the target's kinds that exist with at least 0.05, the surest first.
+
+    `where` is looked up of the first `located` of them (None: of all), and "" of the others.
+    """
+    places = {place.iri: place for place in semantic_map.places()}
+    others = dict[str, list[tuple[str, float]]]()
+    for row in semantic_map.query("may-be", least=0.0).records():
+        alternative = str(row["other"]), number(row, "probability")
+        others.setdefault(str(row["object"]), []).append(alternative)
+    found: dict[str, KnownObject] = {}
+    for category in target.queried:
+        for row in semantic_map.query("goals-remembered", category=category).records():
+            existence, seen = number(row, "existence"), row["lastSeen"]
+            if existence < _MIN_EXISTENCE or str(row["iri"]) in found:
+                continue
+            found[str(row["iri"])] = KnownObject(
+                iri=str(row["iri"]),
+                label=name(row),
+                category=str(row["category"]),
+                where=_kind(semantic_map, places.get(str(row["place"]))),
+                p_map=np.array([number(row, "x"), number(row, "y")]),
+                existence=existence,
+                last_seen=seen if isinstance(seen, datetime) else None,
+                observations=0 if row["observations"] is None else int(number(row, "observations")),
+                frame=None if row["frame"] is None else str(row["frame"]),
+                found_by=None if row["foundBy"] is None else str(row["foundBy"]),
+                own=None if row["own"] is None else str(row["own"]),
+                place=None if row["place"] is None else str(row["place"]),
+                may_be=tuple(others.get(str(row["iri"]), ())),
+            )
+    known = sorted(found.values(), key=lambda one: (not one.sure, -one.existence, one.iri))
+    wanted = len(known) if located is None else located
+    return tuple(
+        replace(one, where=whereabouts(semantic_map, one.iri) + one.where if n < wanted else "")
+        for n, one in enumerate(known)
+    )
+
+
+def _kind(semantic_map: SemanticMap, place: PlaceRecord | None) -> str:
+    """Category of a place, unless it is its label."""
+    if place is None:
+        return ""
+    top = max(place.beliefs, key=lambda iri: (place.beliefs[iri], iri), default="")
+    kind = semantic_map.catalogue.label(top) if place.beliefs.get(top, 0.0) >= _SURE else ""
+    return f" ({kind})" if kind and kind.casefold() not in place.label.casefold() else ""
+
+
+def answer_lines(
+    known: Sequence[KnownObject], now: float, most: int = LISTED, *, address: str = "MAP"
+) -> list[str]:
+    """Known objects in sentences: what, where, when last seen, how sure, by what evidence.
+
+    `now` [s since 1970] is the moment that ages count from, `address` that of the map.
+    """
+    lines = []
+    for one in known[:most]:
+        if one.doubted:
+            lines.append(perhaps(one, now, address))
+            continue
+        x, y = (float(value) for value in one.p_map)
+        text = f"{'' if one.sure else 'perhaps '}{one.label}"
+        if one.own is not None:
+            text += f", which may be {with_article(one.category)}"
+        text += f": {one.where} at ({x:.1f}, {y:.1f}), {one.existence:.2f} sure"
+        text += _may_be(one)
+        if one.found_by is not None:
+            text += f", found by search/{one.found_by.rpartition('/')[2]}"
+        text += _last_seen(one, now)
+        if one.observations:
+            text += f", {one.observations} observation{'s' * (one.observations > 1)}"
+            text += f", the best in {one.frame}" if one.frame else ""
+        lines.append(text)
+    if len(known) > most:
+        lines.append(f"and {len(known) - most} more: `hereabouts ask MAP objects-by-category`")
+    return lines
+
+
+def perhaps(one: KnownObject, now: float, address: str) -> str:
+    """A sentence about an object that was detected, and more probably is not there."""
+    x, y = (float(value) for value in one.p_map)
+    where = "" if one.where.startswith("at (") else f" {one.where}"
+    times = "once" if one.observations == 1 else f"{one.observations} times"
+    number = "/".join(one.iri.rsplit("/", 2)[-2:])
+    return (
+        f"Perhaps: {with_article(one.category)} {f'was seen {times}' if one.observations else 'is'}"
+        f"{where} at ({x:.1f}, {y:.1f}){_last_seen(one, now)}, "
+        f"existence {one.existence:.2f}{_may_be(one)} "
+        f"(hereabouts why {address} {number})"
+    )
+
+
+def _may_be(one: KnownObject) -> str:
+    if one.own is not None or not one.may_be:
+        return ""
+    may_be = (f"{with_article(other)} ({p:.2f})" for other, p in one.may_be)
+    return f", may also be {' or '.join(may_be)}"
+
+
+def _last_seen(one: KnownObject, now: float) -> str:
+    if one.last_seen is None:
+        return ""
+    age = max(now - one.last_seen.timestamp(), 0.0)
+    ago = f", last seen {span(age)} ago" if age >= 1 else ", seen just now"
+    return f"{ago} ({stamp(one.last_seen)})"
+
+
+def known_json(semantic_map: SemanticMap, targets: Sequence[Target]) -> list[dict[str, object]]:
+    """Known objects of all targets as plain values; lengths to 1 mm."""
+    return [
+        {
+            "target": target.label,
+            "iri": one.iri,
+            "label": one.label,
+            "category": one.category,
+            "where": one.where,
+            "x": round(float(one.p_map[0]), 3),
+            "y": round(float(one.p_map[1]), 3),
+            "own_category": one.own or one.category,
+            "existence": round(one.existence, 6),
+            "may_be": [{"category": other, "probability": p} for other, p in one.may_be],
+            "last_seen": None if one.last_seen is None else one.last_seen.isoformat(),
+            "observations": one.observations,
+            "frame": one.frame,
+            "found_by": one.found_by,
+        }
+        for target in targets
+        for one in known_objects(semantic_map, target)
+    ]

@@ -1,0 +1,158 @@
+"""Status: whether something is present, gone, hidden or was never looked for, and the proof.
+
+`queries/status.rq` answers place by place; here the places are added up, and single things are
+looked up in the map and, where they left it, in its history.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Final, Literal, cast
+
+from kg.maps.semantic_map import SemanticMap
+from kg.model.errors import QueryParameterError
+from planner.freespace.planning_map import Row, number
+from planner.search.goals.search_goals import resolve_target
+
+Value = Literal["present", "gone", "hidden", "never looked"]
+
+PRESENT: Final = 0.5  # existence from which on a thing counts as present
+_PLACES_NAMED: Final = 3  # in a proof, the least viewed ones
+
+
+@dataclass(frozen=True, slots=True)
+class PlaceStatus:
+    """Status in one place, or of one thing in no place."""
+
+    value: Value
+    place: str | None  # IRI
+    place_label: str
+    object: str | None  # IRI of what is present
+    label: str
+    existence: float | None
+    last_seen: datetime | None  # of the object
+    viewed_share: float  # of the place's area, 0..1
+    closely_viewed_share: float
+    last_viewed: datetime | None  # of the place
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """Status of a kind of thing, or of one thing, with its proof in words."""
+
+    target: str
+    value: Value
+    proof: str
+    places: tuple[PlaceStatus, ...]
+
+
+def status(semantic_map: SemanticMap, what: str, place: str | None = None) -> Status:
+    """Status of a category (label, synonym or IRI) or of a thing (``object/17`` or its IRI).
+
+    `place` (label, number or IRI) limits it to one place. Raises UnknownCategoryError for what is
+    neither, QueryParameterError for an unknown place or a thing that never was in the map.
+    """
+    if "object/" in what:
+        return _of_thing(semantic_map, what)
+    category = resolve_target(semantic_map.catalogue, what)
+    rows = semantic_map.query("status", category=category.iri).records()
+    found = tuple(_place(row) for row in rows)
+    if place is not None:
+        chosen = semantic_map.resolve("place", place)
+        found = tuple(one for one in found if one.place == chosen)
+    return Status(category.label, _together(found), _proof(category.label, found), found)
+
+
+def _place(row: Row) -> PlaceStatus:
+    return PlaceStatus(
+        value=cast(Value, row["status"]),
+        place=None if row["place"] is None else str(row["place"]),
+        place_label=str(row["placeLabel"] or "no place"),
+        object=None if row["object"] is None else str(row["object"]),
+        label=str(row["label"] or ""),
+        existence=None if row["existence"] is None else number(row, "existence"),
+        last_seen=_time(row, "lastSeen"),
+        viewed_share=_share(row, "viewedShare"),
+        closely_viewed_share=_share(row, "closelyViewedShare"),
+        last_viewed=_time(row, "lastViewed"),
+    )
+
+
+def _share(row: Row, column: str) -> float:
+    return 0.0 if row[column] is None else number(row, column)
+
+
+def _time(row: Row, column: str) -> datetime | None:
+    value = row[column]
+    return value if isinstance(value, datetime) else None
+
+
+def _together(places: Sequence[PlaceStatus]) -> Value:
+    """The status of all places: gone only where each was viewed, present where any is."""
+    values = {one.value for one in places}
+    if "present" in values:
+        return "present"
+    if values == {"gone"}:
+        return "gone"
+    return "hidden" if values - {"never looked"} else "never looked"
+
+
+def _proof(label: str, places: Sequence[PlaceStatus]) -> str:
+    there = [one for one in places if one.value == "present"]
+    if there:
+        best = there[0]
+        more = f", and {len(there) - 1} more" if len(there) > 1 else ""
+        seen = f", last seen {stamp(best.last_seen)}" if best.last_seen else ""
+        sure = f"{best.existence:.2f} sure" if best.existence is not None else "stated"
+        return f"{best.label or label} in {best.place_label}, {sure}{seen}{more}"
+    if not places:
+        return "the map has no places, so nothing says what was viewed"
+    least = sorted(places, key=lambda one: one.viewed_share)[:_PLACES_NAMED]
+    parts = [
+        f"{one.place_label} viewed to {one.viewed_share:.0%}"
+        + (f", last {stamp(one.last_viewed)}" if one.last_viewed else "")
+        for one in least
+    ]
+    others = len(places) - len(least)
+    rest = f"; {others} more places to more than that" if others else ""
+    return f"no {label} in what was viewed: {'; '.join(parts)}{rest}"
+
+
+def stamp(time: datetime | None) -> str:
+    """A time as people read it, in UTC."""
+    return "" if time is None else time.astimezone(UTC).strftime("%Y-%m-%d %H:%M:%S")
+
+
+def _of_thing(semantic_map: SemanticMap, what: str) -> Status:
+    iri = what if "://" in what else semantic_map.base + what
+    records = semantic_map.perceived.objects((iri,))
+    labels = {place.iri: place for place in semantic_map.places()}
+    if records:
+        (record,) = records
+        place = labels.get(record.place or "")
+        views = None if place is None else place.viewed
+        seen = datetime.fromtimestamp(record.last_seen, UTC)
+        since = views is not None and views.last > record.last_seen
+        value: Value = "present" if record.existence >= PRESENT else "gone" if since else "hidden"
+        where = place.label if place else "no place"
+        proof = f"in {where}, {record.existence:.2f} sure, last seen {stamp(seen)}"
+        if value != "present" and views is not None:
+            viewed = datetime.fromtimestamp(views.last, UTC)
+            proof += f"; {where} last viewed {stamp(viewed)}"
+        return Status(what, value, proof, ())
+    for left in semantic_map.departed((iri,)):
+        seen, gone = (datetime.fromtimestamp(t, UTC) for t in (left.last_seen, left.found_gone))
+        x, y, _ = left.p_map
+        area = next((p.label for p in labels.values() if p.area.contains(x, y)), "no place")
+        proof = f"left ({x:.2f}, {y:.2f}) in {area}: last seen {stamp(seen)}, gone {stamp(gone)}"
+        return Status(what, "gone", proof, ())
+    *_, last = semantic_map.history.events(iri)
+    if not any(change.endswith("removed") for change in last.changes):
+        raise QueryParameterError(f"{what} is no object; `hereabouts ask MAP objects` lists them")
+    when = datetime.fromtimestamp(last.time, UTC)
+    by = last.cause.by or last.cause.note or last.cause.kind
+    return Status(
+        what, "gone", f"left the map by transaction #{last.sequence} ({by}), {stamp(when)}", ()
+    )

@@ -1,0 +1,269 @@
+"""Report of a plan: plain values for JSON, and text."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from itertools import takewhile
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kg.maps.semantic_map import SemanticMap
+from planner.search.goals.candidate_queries import Candidate
+from planner.search.goals.known_objects import known_json
+from planner.search.goals.targets import resolve
+from planner.search.plans.baselines import Baseline
+from planner.search.plans.search_state import PlanningState, ViewReason, build_search
+from planner.search.plans.view_plan import (
+    ViewPlan,
+    ViewStep,
+    VisitedCandidate,
+    plan_from,
+    planned_ways,
+)
+
+_SAME_WEIGHT: Final = 0.5  # share of the weightiest reason from which on a second one is named
+
+
+def plan_json(
+    plan: ViewPlan, ways: Sequence[NDArray[np.float64]] | None = None
+) -> dict[str, object]:
+    """The plan as plain values; lengths to 1 mm, times to 1 ms, probabilities to 6 places.
+
+    With `ways`, one (n, 2) [m] for each step, steps have the way to them, points to 1 cm. `goals`
+    are the candidates in visiting order; `distance` and `seconds` of one that no step shows are
+    null.
+    """
+    return {
+        "target": ", ".join(plan.targets),
+        "targets": list(plan.targets),
+        "rule": "viewpoints",
+        "start": [round(float(value), 3) for value in plan.start],
+        "goals": [_goal(goal) for goal in plan.goals],
+        "expected_seconds": _rounded(plan.expected_seconds),
+        "probability": round(plan.probability, 6),
+        "present": round(plan.present, 6),
+        "steps": [_step(step) for step in plan.steps] if ways is None else _on_ways(plan, ways),
+        "alternatives": [
+            {
+                "name": other.name,
+                "expected_seconds": _rounded(other.expected_seconds),
+                "probability": round(other.probability, 6),
+                "plan_seconds": _rounded(other.plan_seconds),
+                "looks": other.views,
+            }
+            for other in plan.baselines
+        ],
+    }
+
+
+def _rounded(value: float | None, digits: int = 3) -> float | None:
+    return None if value is None or not math.isfinite(value) else round(value, digits)
+
+
+def _goal(goal: VisitedCandidate) -> dict[str, object]:
+    candidate = goal.candidate
+    return {
+        "iri": candidate.iri,
+        "kind": candidate.kind,
+        "x": round(float(candidate.p_map[0]), 3),
+        "y": round(float(candidate.p_map[1]), 3),
+        "probability": round(min(candidate.probability, 1.0), 6),
+        "why": "; ".join(candidate.facts),
+        "distance": _rounded(goal.metres),
+        "seconds": _rounded(goal.seconds),
+    }
+
+
+def _on_ways(plan: ViewPlan, ways: Sequence[NDArray[np.float64]]) -> list[dict[str, object]]:
+    return [
+        {**_step(step), "way": _corners(way)} for step, way in zip(plan.steps, ways, strict=True)
+    ]
+
+
+def _corners(way: NDArray[np.float64]) -> list[list[float]]:
+    """Every third point of a way and its end, which tell as much as all at a grid's 5 or 10 cm."""
+    kept = np.append(np.arange(0, len(way) - 1, 3), len(way) - 1)
+    return [[round(float(x), 2), round(float(y), 2)] for x, y in way[kept]]
+
+
+def _step(step: ViewStep) -> dict[str, object]:
+    return {
+        "x": round(float(step.p_map[0]), 3),
+        "y": round(float(step.p_map[1]), 3),
+        "heading": round(step.heading, 4),
+        "extent": round(step.extent, 4),
+        "place": step.place or None,
+        "probability": round(step.probability, 6),
+        "seconds": round(step.seconds, 3),
+        "distance": round(step.metres, 3),
+        "cost": round(step.cost, 3),
+        "left": round(step.left, 6),
+        "why": [_reason(reason) for reason in step.why],
+    }
+
+
+def _reason(reason: ViewReason) -> dict[str, object]:
+    return {
+        "iri": reason.candidate.iri,
+        "kind": reason.candidate.kind,
+        "target": reason.target,
+        "probability": round(reason.probability, 6),
+        "facts": list(reason.candidate.facts),
+    }
+
+
+_WINDS = ("east", "north-east", "north", "north-west", "west", "south-west", "south", "south-east")
+
+
+def direction(step: ViewStep) -> str:
+    """Direction of a view: ``all around``, or a compass point where x is east and y north."""
+    if step.extent >= 2 * math.pi - 1e-9:
+        return "all around"
+    return f"{_WINDS[round(step.heading / (math.pi / 4)) % 8]}"
+
+
+def purpose(candidate: Candidate) -> str:
+    """Label of a candidate: the object, the object it is near, or the place."""
+    if candidate.kind == "nearby":
+        return f"near {candidate.label}"
+    return "beyond seen floor" if candidate.kind == "frontier" else candidate.label
+
+
+def main_candidates(step: ViewStep) -> tuple[Candidate, ...]:
+    """Main candidates of a view: the weightiest, and a second of about the same weight."""
+    least = _SAME_WEIGHT * step.why[0].probability if step.why else 0.0
+    return tuple(reason.candidate for reason in step.why[:2] if reason.probability >= least)
+
+
+def step_purpose(step: ViewStep) -> str:
+    """Labels of the main candidates of a view; "" where there are none."""
+    return ", ".join(dict.fromkeys(map(purpose, main_candidates(step))))
+
+
+def looks_table(steps: Sequence[ViewStep]) -> tuple[tuple[str, ...], list[tuple[object, ...]]]:
+    """Header and rows of a plan: viewpoint, direction, probability, time, probability left."""
+    header = ("", "stand at", "in", "look", "for", "chance", "by [s]", "left")
+    return header, [
+        (
+            number,
+            f"{step.p_map[0]:.1f}, {step.p_map[1]:.1f}",
+            step.place_name,
+            direction(step),
+            step_purpose(step),
+            f"{step.probability:.3f}",
+            round(step.seconds),
+            f"{step.left:.3f}",
+        )
+        for number, step in enumerate(steps, start=1)
+    ]
+
+
+def reason_lines(steps: Sequence[ViewStep]) -> list[str]:
+    """Each main candidate of the views once, with its chain of facts and without sources."""
+    first = {one.iri: one for step in steps for one in main_candidates(step)}
+    return [f"{purpose(one)}: {fact_chain(one.facts)}" for one in first.values()]
+
+
+def fact_chain(facts: Sequence[str]) -> str:
+    """Facts in brief, without those that only sum up others."""
+    return "; ".join(without_sources(fact) for fact in takewhile(_leads, facts))
+
+
+def _leads(fact: str) -> bool:
+    return not fact.startswith(("together ", "viewed "))
+
+
+def without_sources(fact: str) -> str:
+    """A fact without its sources.
+
+    >>> without_sources("apple is found near banana (0.6, thesis 3.4.1; 42 of 70 rooms)")
+    'apple is found near banana (0.6)'
+    """
+    return re.sub(r"\(([^(),]*),[^()]*\)", r"(\1)", fact)
+
+
+def plan_lines(plan: ViewPlan) -> list[str]:
+    """Lines below the steps: probability and expected time of the plan, and of its baselines."""
+    assert plan.expected_seconds is not None, "there are steps"
+    count = len(plan.targets)
+    if count == 1:
+        lines = [
+            f"{plan.targets[0]} is on this floor with probability {plan.present:.2f}; these looks "
+            f"find it with probability {plan.probability:.2f}, after {plan.expected_seconds:.0f} s "
+            "on average if they do"
+        ]
+    else:
+        lines = [
+            f"these looks are expected to find {plan.probability:.2f} of {count}, after "
+            f"{plan.expected_seconds:.0f} s on average"
+        ]
+    return lines + [baseline_line(other, count) for other in plan.baselines]
+
+
+def baseline_line(other: Baseline, targets: int = 1) -> str:
+    """Expected time of a baseline beside that of the plan."""
+    much = "it with probability " if targets == 1 else ""
+    of = "" if targets == 1 else f" of {targets}"
+    return (
+        f"{other.name}: finds {much}{other.probability:.2f}{of} after {other.expected_seconds:.0f} "
+        f"s on average; this plan needs {other.plan_seconds:.0f} s for the same"
+    )
+
+
+def step_lines(number: int, step: ViewStep) -> list[str]:
+    """One step in full: viewpoint, chains of facts, cost, probability left."""
+    x, y = (float(value) for value in step.p_map)
+    degrees = math.degrees(step.extent)
+    lines = [
+        f"{number}. From ({x:.1f}, {y:.1f}) in {step.place_name or 'no place'}, look "
+        f"{direction(step)} ({degrees:.0f} degrees)."
+    ]
+    for reason in step.why[:5]:
+        lines.append(f"   {reason.probability:.3f}  {reason.candidate.facts[0]}")
+        lines += [f"          {fact}" for fact in reason.candidate.facts[1:]]
+    if len(step.why) > 5:
+        rest = sum(reason.probability for reason in step.why[5:])
+        lines.append(f"   {rest:.3f}  for {len(step.why) - 5} lesser reasons")
+    lines.append(
+        f"   Takes {step.cost:.0f} s, over at {step.seconds:.0f} s after {step.metres:.1f} m. "
+        f"Finds it here first with {step.probability:.3f}, which leaves {step.left:.3f}."
+    )
+    return lines
+
+
+def find_answer(semantic_map: SemanticMap, wanted: Sequence[str]) -> dict[str, object]:
+    """Answer of `find --json` for `wanted`, by default settings from where the robot is.
+
+    Raises QueryParameterError for what is no object, UnknownCategoryError for an unknown word.
+    """
+    state = build_search(semantic_map, wanted)
+    if state is None:
+        return empty_answer([target.label for target in resolve(semantic_map, wanted)])
+    return answer_json(semantic_map, state, plan_from(semantic_map, state))
+
+
+def answer_json(
+    semantic_map: SemanticMap, state: PlanningState, found: ViewPlan
+) -> dict[str, object]:
+    """A plan with its ways, and what the map has of its targets, as plain values."""
+    ways = planned_ways(state, found, found.steps)
+    return {**plan_json(found, ways), "known": known_json(semantic_map, state.targets)}
+
+
+def empty_answer(targets: Sequence[str]) -> dict[str, object]:
+    """The answer of a map without floor, where there is nowhere to look."""
+    return {
+        "target": ", ".join(targets),
+        "targets": list(targets),
+        "goals": [],
+        "expected_seconds": None,
+        "probability": 0.0,
+        "present": 0.0,
+        "steps": [],
+        "alternatives": [],
+        "known": [],
+    }

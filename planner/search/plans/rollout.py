@@ -1,0 +1,137 @@
+"""Rollout of a sequence of views in a planning state, and local search for better sequences."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.search.plans.search_state import PlanningState
+from planner.search.viewpoints.next_best_view import RobotState
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rollout:
+    """Views in order, with times and gains given that all earlier views failed."""
+
+    views: tuple[int, ...]
+    arrivals: Floats  # (n,) [s] when each view is over
+    metres: Floats  # (n,) [m] driven until then
+    gains: Floats  # (n,) expected number of targets first found at each view
+    unseen: Floats  # (n + 1, c) probability that an object in a cell was missed before view i
+
+    @property
+    def expected_seconds(self) -> float:
+        """[s] until found, given that it is; of several targets the mean over all finds."""
+        total = float(self.gains.sum())
+        return float(self.arrivals @ self.gains) / total if total > 0 else 0.0
+
+    def until(self, found: float) -> float:
+        """[s] mean time of the first `found` of all that the views find."""
+        before = np.concatenate([[0.0], np.cumsum(self.gains)[:-1]])
+        counted = np.clip(found - before, 0.0, self.gains)
+        total = float(counted.sum())
+        return float(self.arrivals @ counted) / total if total > 0 else 0.0
+
+
+class PlanEvaluator:
+    """Evaluates and improves sequences of views from a planning state and a robot state."""
+
+    def __init__(self, state: PlanningState, at: RobotState, before: float = 0.0) -> None:
+        self.state, self.at, self._before = state, at, before
+        count = len(state.targets)
+        self._wanted = np.isin(np.arange(count), state.wanted)
+        self._missing = state.target_belief.still_missing(state.unseen, count)
+        self.most = self._still(np.where(state.next_best_view.seeable, 0.0, state.unseen))
+
+    def _still(self, unseen: Floats) -> Floats:
+        """(targets,) probability to have been found by now, since the plan began."""
+        count = len(self.state.targets)
+        missing = self.state.target_belief.still_missing(unseen, count) / self._missing
+        return np.where(self._wanted, 1.0 - np.minimum(missing, 1.0), 0.0)
+
+    def play(self, order: Sequence[int]) -> Rollout:
+        """Rollout of the views `order`."""
+        state, at, revisits = self.state, self.at, self.state.revisits.copy()
+        seconds, metres = np.zeros(len(order)), np.zeros(len(order))
+        unseen = np.empty((len(order) + 1, len(state.unseen)))
+        unseen[0] = state.unseen
+        found = [self._still(unseen[0])]
+        for i, view in enumerate(order):
+            seconds[i] = self.cost(at, view)
+            metres[i] = self._way(at, view)
+            unseen[i + 1] = unseen[i] * (1.0 - revisits.chance(view))
+            revisits.add(view)
+            at = state.next_best_view.after(at, view)
+            found.append(self._still(unseen[i + 1]))
+        gains = np.diff([float(one.sum()) for one in found])
+        arrivals = self._before + np.cumsum(seconds)
+        return Rollout(tuple(order), arrivals, np.cumsum(metres), gains, unseen)
+
+    def cost(self, at: RobotState, view: int) -> float:
+        """[s] to drive, to turn and to take the view."""
+        return float(self.state.next_best_view.costs(at, np.array([view]))[0])
+
+    def _way(self, at: RobotState, view: int) -> float:
+        views = self.state.views
+        viewpoint = int(views.viewpoint[view])
+        if at.viewpoint is None:
+            return float(views.metres_from(at.cell)[viewpoint])
+        return float(views.metres[at.viewpoint, viewpoint])
+
+    def construct(self, enough: float, most: int, budget: float) -> list[int]:
+        """Greedy sequence by the ratio rule with lookahead (`NextBestView.best`)."""
+        state, at, revisits = self.state, self.at, self.state.revisits.copy()
+        unseen, spent, order = state.unseen.copy(), self._before, list[int]()
+        goal = enough * float(self.most.sum())
+        while len(order) < most and float(self._still(unseen).sum()) < goal:
+            view = state.choose(at, unseen, revisits)
+            if view is None or (spent := spent + self.cost(at, view)) > budget:
+                break
+            unseen = unseen * (1.0 - revisits.chance(view))
+            revisits.add(view)
+            at = state.next_best_view.after(at, view)
+            order.append(view)
+        return order
+
+    def improve(self, order: list[int], trials: int, deadline: float, seed: int) -> list[int]:
+        """`order` after seeded trials: a view moved, a stretch reversed, two views swapped.
+
+        A trial is kept if its expected time is lower; `deadline` is of
+        `time.monotonic`.
+        """
+        if len(order) < 3:
+            return order
+        rng, best = np.random.default_rng(seed), self._score(self.play(order))
+        for _ in range(trials):
+            if time.monotonic() > deadline:
+                break
+            trial = _varied(order, rng)
+            score = self._score(self.play(trial))
+            if score < best - 1e-9:
+                order, best = trial, score
+        return order
+
+    def _score(self, rollout: Rollout) -> float:
+        """[s] expected time; a target that is not found costs all views."""
+        lost = float(self.most.sum() - rollout.gains.sum())
+        return float(rollout.arrivals @ rollout.gains + lost * rollout.arrivals[-1])
+
+
+def _varied(order: list[int], rng: np.random.Generator) -> list[int]:
+    trial = list(order)
+    i = int(rng.integers(len(order)))
+    j = int(np.clip(i + rng.integers(1, 7), 0, len(order) - 1))
+    kind = int(rng.integers(3))
+    if kind == 0:
+        trial.insert(i, trial.pop(j))
+    elif kind == 1:
+        trial[i : j + 1] = trial[i : j + 1][::-1]
+    else:
+        trial[i], trial[j] = trial[j], trial[i]
+    return trial

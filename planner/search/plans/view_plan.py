@@ -1,0 +1,244 @@
+"""View plan: viewpoints in order for a planning state, with reasons, expected times and the way."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from kg.maps.semantic_map import SemanticMap
+from kg.model.errors import LayoutError
+from planner.freespace.geodesic import shortest_path
+from planner.search.goals.candidate_queries import Candidate
+from planner.search.plans.baselines import Baseline, room_baselines
+from planner.search.plans.rollout import PlanEvaluator, Rollout
+from planner.search.plans.search_state import PlanningState, ViewReason, build_search
+from planner.search.viewpoints.next_best_view import RobotState
+from planner.settings import ENOUGH, IDLE, MAX_VIEWS, MIN_CHANCE, TRIALS
+
+Start = tuple[float, float, float]  # x, y [m], heading [rad]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ViewStep:
+    """One view of a plan."""
+
+    view: int  # number in the state's candidate views
+    p_map: NDArray[np.float64]  # (2,) [m] viewpoint
+    heading: float  # [rad] the middle of the view
+    extent: float  # [rad] seen in one sweep
+    place: str  # IRI of the place it is in; "" for none
+    place_name: str
+    why: tuple[ViewReason, ...]  # the weightiest first
+    probability: float  # to find it here and not before; of several targets, expected finds
+    seconds: float  # [s] since the start of the search when this view is over
+    metres: float  # [m] driven until then
+    cost: float  # [s] of the way, the turn and the view
+    left: float  # probability to be on this floor and not found by then; of several, finds left
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VisitedCandidate:
+    """A candidate, and when the plan shows it."""
+
+    candidate: Candidate
+    metres: float | None  # [m] driven until then; None where no view of the plan shows it
+    seconds: float | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ViewPlan:
+    """View plan: views in order with their gains, and baselines."""
+
+    targets: tuple[str, ...]
+    start: NDArray[np.float64]  # (2,) [m]
+    steps: tuple[ViewStep, ...]
+    goals: tuple[VisitedCandidate, ...]  # in visiting order
+    expected_seconds: float | None  # given that it is found; None where there is no step
+    probability: float  # to find it along the plan; of several targets, expected finds
+    present: float  # probability that any target is on this floor, before the first view
+    baselines: tuple[Baseline, ...] = ()
+
+
+def plan(
+    state: PlanningState,
+    start: RobotState | ArrayLike,
+    *,
+    heading: float = 0.0,
+    budget: float | None = None,
+    seed: int = 0,
+    time_limit: float = 0.3,
+    trials: int = TRIALS,
+    compare: bool = True,
+) -> ViewPlan:
+    """Plan of views that find the targets of `state` in little expected time, from `start` on.
+
+    `start` is a robot state, or a position (2,) [m] where it faces `heading` [rad]; from
+    off the floor it drives to it in a straight line first. `budget` [s] ends the plan. Built by the
+    ratio rule, then improved by seeded `trials`, as far as `time_limit` [s] lets them: infinite,
+    the plan is the same on every machine. With `compare` it has baselines.
+    `state` stays as it is.
+    """
+    begin, at, before = _begin(state, start, heading)
+    evaluator = PlanEvaluator(state, at, before / state.views.motion.speed)
+    limit = math.inf if budget is None else budget
+    order = evaluator.construct(ENOUGH, MAX_VIEWS, limit) if state.wanted else []
+    order = evaluator.improve(order, trials, time.monotonic() + time_limit, seed)
+    rollout = _without_idle_looks(evaluator, evaluator.play(order))
+    steps = _steps(state, rollout, before)
+    found = float(rollout.gains.sum())
+    return ViewPlan(
+        targets=tuple(state.targets[i].label for i in state.wanted),
+        start=begin,
+        steps=steps,
+        goals=_visited(state, steps),
+        expected_seconds=rollout.expected_seconds if steps else None,
+        probability=found,
+        present=state.left,
+        baselines=room_baselines(evaluator, rollout) if steps and compare else (),
+    )
+
+
+def _without_idle_looks(evaluator: PlanEvaluator, rollout: Rollout) -> Rollout:
+    """The rollout without views that find next to nothing."""
+    worth = rollout.gains >= max(IDLE * float(rollout.gains.sum()), MIN_CHANCE)
+    if bool(worth.all()) or not worth.any():
+        return rollout
+    return evaluator.play([view for view, kept in zip(rollout.views, worth, strict=True) if kept])
+
+
+def _begin(
+    state: PlanningState, start: RobotState | ArrayLike, heading: float
+) -> tuple[NDArray[np.float64], RobotState, float]:
+    """Position [m], robot state, and metres to drive before the floor is reached."""
+    if isinstance(start, RobotState):
+        return state.space.centres([start.cell])[0], start, 0.0
+    p_map = np.asarray(start, np.float64)[:2]
+    at = state.robot_state(p_map, heading)
+    off = float(np.linalg.norm(state.space.centres([at.cell])[0] - p_map))
+    return p_map, at, off if off > 2 * state.space.cell else 0.0
+
+
+def _steps(state: PlanningState, rollout: Rollout, before: float) -> tuple[ViewStep, ...]:
+    views, revisits, steps = state.views, state.revisits, list[ViewStep]()
+    trial = revisits.copy()
+    previous = 0.0
+    found, all_of_it = np.cumsum(rollout.gains), state.expected_finds
+    try:
+        state.revisits = trial
+        for i, view in enumerate(rollout.views):
+            why = state.why(view, rollout.unseen[i])
+            trial.add(view)
+            steps.append(
+                ViewStep(
+                    view=view,
+                    p_map=state.space.centres([views.viewpoints[views.viewpoint[view]]])[0],
+                    heading=float(views.heading[view]),
+                    extent=float(views.extent[view]),
+                    place=state.place_of(view),
+                    place_name=state.place_name(view),
+                    why=why,
+                    probability=float(rollout.gains[i]),
+                    seconds=float(rollout.arrivals[i]),
+                    metres=float(rollout.metres[i]) + before,
+                    cost=float(rollout.arrivals[i]) - previous,
+                    left=max(all_of_it - float(found[i]), 0.0),
+                )
+            )
+            previous = float(rollout.arrivals[i])
+    finally:
+        state.revisits = revisits
+    return tuple(steps)
+
+
+def _visited(state: PlanningState, steps: Iterable[ViewStep]) -> tuple[VisitedCandidate, ...]:
+    """Every candidate with some probability, in the order in which the steps show it."""
+    wanted = set(state.wanted)
+    open_ = [VisitedCandidate(c, None, None) for c in state.candidates if c.target in wanted]
+    open_ = [v for v in open_ if v.candidate.probability > 0]
+    open_.sort(key=lambda v: (-v.candidate.probability, v.candidate.iri))
+    cells, done = state.views.cells, list[VisitedCandidate]()
+    at = {id(v): int(np.searchsorted(cells, state.space.nearest(v.candidate.p_map))) for v in open_}
+    for step in steps:
+        chance = state.views.chance[step.view]
+        for one in list(open_):
+            if _gets_to(step, one.candidate, float(chance[min(at[id(one)], len(cells) - 1)])):
+                open_.remove(one)
+                done.append(replace(one, metres=step.metres, seconds=step.seconds))
+    return (*done, *open_)
+
+
+def _gets_to(step: ViewStep, candidate: Candidate, chance: float) -> bool:
+    if candidate.kind in ("place", "frontier"):
+        return step.place == candidate.iri
+    return chance > 0
+
+
+def planned_ways(
+    state: PlanningState, plan: ViewPlan, steps: Sequence[ViewStep]
+) -> list[NDArray[np.float64]]:
+    """The way (n, 2) [m] to the stop of each of `steps`, the first ones of `plan`."""
+    views, cell = state.views, state.space.nearest(plan.start)
+    ways = []
+    for step in steps:
+        viewpoint = int(views.viewpoint[step.view])
+        try:
+            cells = shortest_path(state.space, views.fields[viewpoint], cell)
+        except LayoutError:  # through a passage that no cell leads into
+            cells = np.array([cell, views.viewpoints[viewpoint]], np.intp)
+        ways.append(_smooth(state.space.centres(cells)))
+        cell = int(views.viewpoints[viewpoint])
+    return ways
+
+
+def planned_route(
+    state: PlanningState, plan: ViewPlan, steps: Sequence[ViewStep]
+) -> NDArray[np.float64]:
+    """(n, 2) [m] the whole way from the start over the stops of `steps`."""
+    return np.concatenate([plan.start[None, :], *planned_ways(state, plan, steps)])
+
+
+def _smooth(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 2) each point the mean of its neighbours within two, the ends kept."""
+    if len(points) < 5:
+        return points
+    padded = np.vstack([points[:1], points[:1], points, points[-1:], points[-1:]])
+    mean = np.mean([padded[i : i + len(points)] for i in range(5)], axis=0)
+    mean[0], mean[-1] = points[0], points[-1]
+    return np.asarray(mean, np.float64)
+
+
+def plan_from(
+    semantic_map: SemanticMap,
+    state: PlanningState,
+    start: Start | None = None,
+    *,
+    budget: float | None = None,
+    compare: bool = True,
+) -> ViewPlan:
+    """The plan on `state` from `start` or from where the robot is, as `plan` makes it."""
+    x, y, heading = start or robot_start(semantic_map)
+    return plan(state, (x, y), heading=heading, budget=budget, time_limit=math.inf, compare=compare)
+
+
+def robot_start(semantic_map: SemanticMap) -> Start:
+    """Pose of the robot; the map's origin while it has none."""
+    robot = semantic_map.robot()
+    if robot is None:
+        return 0.0, 0.0, 0.0
+    return float(robot.p_map[0]), float(robot.p_map[1]), robot.heading
+
+
+def planned(
+    semantic_map: SemanticMap, wanted: Sequence[str], start: Start | None = None
+) -> ViewPlan | None:
+    """The plan for `wanted` by default settings, from `start` or from where the robot is.
+
+    None for a map without floor. Raises as `find_answer`.
+    """
+    state = build_search(semantic_map, wanted)
+    return None if state is None else plan_from(semantic_map, state, start)

@@ -1,0 +1,198 @@
+"""The web API over real HTTP: pages, limits, errors, and an import that goes on after a break."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import requests
+
+from kg.knowledge.conceptnet.api import ApiClient
+from kg.knowledge.conceptnet.cache import ResponseCache
+from kg.knowledge.conceptnet.importing import import_conceptnet
+from kg.knowledge.conceptnet.throttle import Throttle
+from kg.model import vocabulary as v
+from kg.model.errors import ConceptNetError
+
+Serve = Callable[[list[dict[str, Any]]], Any]
+AsEdge = Callable[..., dict[str, Any]]
+
+
+class Clock:
+    """Time that passes only where somebody sleeps."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+        self.slept: list[float] = []
+
+    def __call__(self) -> float:
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        self.slept.append(seconds)
+        self.now += seconds
+
+
+def client_of(service: Any, cache: Path | None = None) -> tuple[ApiClient, Clock]:
+    clock = Clock()
+    throttle = Throttle(clock=clock, sleep=clock.sleep)
+    kept = ResponseCache(cache) if cache else None
+    return ApiClient(service.address, kept, throttle, clock.sleep), clock
+
+
+def test_the_stand_in_is_as_the_documentation_says(serve: Serve, as_edge: AsEdge) -> None:
+    edges = [as_edge("AtLocation", f"thing {n}", "kitchen", 1 + n) for n in range(30)]
+    edges.append(as_edge("AtLocation", "café/n", "kitchen"))
+    service = serve(edges)
+
+    def get(path: str, **headers: str) -> requests.Response:
+        return requests.get(service.address + path, headers=headers, timeout=120)
+
+    looked_up = get("/c/en/kitchen").json()
+    assert len(looked_up["edges"]) == 20
+    assert looked_up["edges"][0]["weight"] == 30
+    assert looked_up["view"]["nextPage"] == "/c/en/kitchen?node=/c/en/kitchen&offset=20&limit=20"
+    assert "view" not in get("/query?end=/c/en/kitchen").json()
+    assert len(get("/query?end=/c/en/kitchen&limit=-5").json()["edges"]) == 1
+    assert len(get("/query?end=/c/en/kitchen&limit=many").json()["edges"]) == 31
+    assert len(get("/query?start=/c/en/café").json()["edges"]) == 1  # a prefix of /c/en/café/n
+    assert get("/query?start=/c/en/caf").json()["error"]["status"] == 404  # is none
+    assert get("/query?start=/c/en/caf").status_code == 200
+    assert get("/nowhere").status_code == 404
+    assert "café" in get("/query?start=/c/en/café").content.decode()
+    assert get("/c/en/kitchen", Accept="text/html").text.startswith("<html>")
+    assert get("/c/en/kitchen?format=json", Accept="text/html").json()
+
+
+def test_all_pages_are_read_and_by_relative_address(serve: Serve, as_edge: AsEdge) -> None:
+    service = serve([as_edge("AtLocation", f"thing {n}", "kitchen") for n in range(2500)])
+    client, _ = client_of(service)
+    found = list(client.edges(end="/c/en/kitchen", rel="/r/AtLocation"))
+    assert len({edge["@id"] for edge in found}) == len(found) == 2500  # type: ignore[index]
+    assert client.statistics.requests == 3
+    assert list(client.edges(end="/c/en/nowhere")) == []  # HTTP 200 with "error"
+    client.close()
+
+
+def test_a_busy_service_is_asked_again_after_as_long_as_it_wants(
+    serve: Serve, as_edge: AsEdge
+) -> None:
+    service = serve([as_edge("AtLocation", "cup", "kitchen")])
+    service.failures = [(429, {"Retry-After": "30"}), (502, {}), (503, {})]
+    client, clock = client_of(service)
+    assert len(list(client.edges(end="/c/en/kitchen"))) == 1
+    assert clock.slept == [30.0, 2.0, 4.0]
+    client.close()
+
+
+def test_a_service_that_is_down_is_given_up_with_a_way_out(serve: Serve) -> None:
+    service = serve([])
+    service.failures = [(502, {})] * 5
+    client, clock = client_of(service)
+    with pytest.raises(ConceptNetError, match=r"answers 502 .*5 times; .*often down.*--from FILE"):
+        list(client.edges(end="/c/en/kitchen"))
+    assert clock.slept == [1.0, 2.0, 4.0, 8.0]
+    client.close()
+
+
+def test_nobody_at_the_address_is_one_line(serve: Serve) -> None:
+    client, _ = client_of(serve([]))
+    client.address = "http://127.0.0.1:9/"
+    with pytest.raises(ConceptNetError, match=r"cannot be reached \(ConnectionError\), 5 times"):
+        list(client.edges(end="/c/en/kitchen"))
+    client.close()
+
+
+@pytest.mark.parametrize(
+    ("garbage", "complaint"),
+    [
+        (b"<html>welcome</html>", "did not answer JSON"),
+        (b"[" * 100_000, "did not answer JSON"),
+        (b"[]", "JSON without edges"),
+        (b'{"edges": 3}', "JSON without edges"),
+        (
+            b'{"edges": [1], "view": {"nextPage": "http://example.org/x"}}',
+            "a next page on another server",
+        ),
+        (b'{"edges": [1], "view": {"nextPage": "/query?same"}}', "repeats a page"),
+    ],
+)
+def test_what_is_not_conceptnet_is_one_line(serve: Serve, garbage: bytes, complaint: str) -> None:
+    service = serve([])
+    service.garbage = garbage
+    service.edges = []
+    service.query = lambda asked: []
+    client, _ = client_of(service)
+    with pytest.raises(ConceptNetError, match=complaint):
+        list(client.edges(end="/c/en/kitchen"))
+    client.close()
+
+
+def test_a_wrong_route_is_not_tried_again(serve: Serve) -> None:
+    service = serve([])
+    client, _ = client_of(service)
+    client.address += "wiki/"
+    with pytest.raises(ConceptNetError, match="answers 404"):
+        list(client.edges(end="/c/en/kitchen"))
+    assert len(service.asked) == 1
+    client.close()
+
+
+def test_edges_that_are_none_are_counted(serve: Serve, as_edge: AsEdge) -> None:
+    bad = [as_edge("AtLocation", "cup", "kitchen", 2.0) for _ in range(3)]
+    bad[0]["weight"] = -1
+    bad[1]["end"] = {"@id": 7}
+    bad[2]["rel"] = None
+    service = serve([])
+    service.query = lambda asked: bad if asked.get("end") == "/c/en/kitchen" else []
+    client, _ = client_of(service)
+    imported = import_conceptnet(service.address, client=client)
+    assert imported.skipped == {"weight is no number above 0": 1, "no edge": 2}
+    assert imported.found == ()
+
+
+def test_no_window_sees_more_requests_than_allowed() -> None:
+    clock = Clock()
+    throttle = Throttle(clock=clock, sleep=clock.sleep)
+    taken = []
+    for _ in range(5000):
+        throttle.take()
+        taken.append(clock.now)
+    for allowed, seconds in ((120, 60.0), (3600, 3600.0)):
+        for first, later in zip(taken, taken[allowed:], strict=False):
+            assert later - first >= seconds - 1e-6
+
+
+def test_an_import_that_broke_off_goes_on_and_comes_to_the_same(
+    serve: Serve, indoor_edges: list[dict[str, Any]], tmp_path: Path
+) -> None:
+    service = serve(indoor_edges)
+    client, clock = client_of(service, tmp_path / "cache")
+    whole = import_conceptnet(service.address, tmp_path / "whole.ttl", client=client)
+    once = len(service.asked)
+    assert whole.requests == once > 1000
+    # within an hour's 3,600 requests, and no slower than the limits force it to be
+    assert clock.now < 3600
+    found = {(f.kind, f.subject, f.target): f for f in whole.found}
+    bed = found[v.LOCATED_AT, v.HERE + "Bed", v.HERE + "Bedroom"]
+    assert bed.weight > 5
+    assert bed.licenses == (v.LICENSES + "by/4.0/",)
+
+    for path in sorted((tmp_path / "cache").iterdir())[:100]:
+        path.write_text("{broken")
+    again, _ = client_of(service, tmp_path / "cache")
+    service.failures = [(500, {})] * 7  # gives up in the middle of the missing hundred
+    with pytest.raises(ConceptNetError, match="500"):
+        import_conceptnet(service.address, tmp_path / "again.ttl", client=again)
+    assert not (tmp_path / "again.ttl").exists()
+    again, _ = client_of(service, tmp_path / "cache")
+    import_conceptnet(service.address, tmp_path / "again.ttl", client=again)
+    assert (tmp_path / "again.ttl").read_bytes() == (tmp_path / "whole.ttl").read_bytes()
+    assert len(service.asked) - once <= 110
+
+
+def test_no_address_and_no_file_is_one_line() -> None:
+    with pytest.raises(ConceptNetError, match="is no http"):
+        ApiClient("ftp://example.org")

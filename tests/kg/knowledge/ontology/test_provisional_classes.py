@@ -1,0 +1,204 @@
+"""Labels that nothing in the ontology is called become categories like any other, and stay."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pyoxigraph import NamedNode, Quad, RdfFormat, parse
+
+from kg.export.serialization import export_text
+from kg.knowledge.ontology.catalogue import Catalogue, name_key
+from kg.knowledge.ontology.lint import check_map, check_quads
+from kg.knowledge.ontology.loading import load_ontologies
+from kg.knowledge.ontology.provisional_classes import clean, provisional_iri
+from kg.maps.semantic_map import SemanticMap
+from kg.model import vocabulary as v
+from kg.model.records import MapUpdate, ObjectRecord
+from kg.serving.opening import create_map, in_memory_map, open_map
+
+MODEL = "openimages_600"
+
+
+@pytest.fixture
+def home() -> Iterator[SemanticMap]:
+    with in_memory_map(base="https://example.org/home/") as semantic_map:
+        yield semantic_map
+
+
+def stand(semantic_map: SemanticMap, category: str) -> str:
+    """Have an object of a category stand in the map; its IRI."""
+    iri = semantic_map.new_object_iri()
+    at = np.array([1.0, 2.0, 0.5])
+    record = ObjectRecord(iri, category, at, 2.0, 0.6, 3, first_seen=5.0, last_seen=9.0)
+    semantic_map.apply(MapUpdate(objects=(record,)))
+    return iri
+
+
+def test_a_new_label_is_a_category_that_questions_know(home: SemanticMap) -> None:
+    made = home.ontology.learn(["espresso machine"], "object", model=MODEL)
+    stand(home, made["espresso machine"])
+    (found,) = home.objects("Espresso_Machines")
+    assert found.category == made["espresso machine"]
+    rows = home.query("objects-by-category", category="espresso machine").records()
+    assert [row["category"] for row in rows] == ["espresso machine"]
+    assert check_map(home.store.engine.quads_for_pattern(None, None, None, None)) == []
+    assert check_quads(home.ontology.quads()) == []
+
+
+def test_labels_that_are_known_make_nothing(home: SemanticMap) -> None:
+    before = home.sequence
+    found = home.ontology.learn(["Coffee cup", "Television", "Houseplant"], "object", model=MODEL)
+    names = [home.catalogue.label(iri) for iri in found.values()]
+    assert names == ["cup", "tv", "potted plant"]
+    assert home.sequence == before
+
+
+def test_labels_alike_but_for_case_and_marks_are_one_category(home: SemanticMap) -> None:
+    made = home.ontology.learn(["espresso machine", "Espresso-Machine"], "object", model=MODEL)
+    again = home.ontology.learn(["ESPRESSO_MACHINE"], "object", model=MODEL)
+    assert len({*made.values(), *again.values()}) == 1
+    assert sum(c.provisional for c in home.catalogue.categories) == 1
+
+
+def test_what_a_label_means_does_not_depend_on_the_order_of_meeting(home: SemanticMap) -> None:
+    glass = home.ontology.learn(["Glass"], "object", model=MODEL)["Glass"]
+    assert home.ontology.learn(["Glasses"], "object", model=MODEL)["Glasses"] != glass
+
+
+def test_an_object_and_a_place_may_be_called_the_same(home: SemanticMap) -> None:
+    one = home.ontology.learn(["aviary"], "object", model=MODEL)["aviary"]
+    other = home.ontology.learn(["aviary"], "place", model=MODEL)["aviary"]
+    assert one != other
+    kinds = {home.catalogue.by_iri(iri).kind for iri in (one, other)}  # type: ignore[union-attr]
+    assert kinds == {"object", "place"}
+
+
+def test_a_label_that_is_a_supercategory_stands_below_it(home: SemanticMap) -> None:
+    stand(home, home.ontology.learn(["Food"], "object", model=MODEL)["Food"])
+    assert len(home.objects("food")) == 1
+    assert home.catalogue.find("food").kind == "supercategory"
+
+
+def test_labels_without_a_printable_character_mean_nothing(home: SemanticMap) -> None:
+    assert home.ontology.learn(["", " \t", "\x00\x07"], "object", model=MODEL) == {}
+
+
+def test_the_history_says_which_network_it_was(home: SemanticMap) -> None:
+    iri = home.ontology.learn(["espresso machine"], "object", model=MODEL)["espresso machine"]
+    told = home.history.explain(f"<{iri}> a")
+    texts = [step.text for reason in told for _, step in reason.walk()]
+    assert any(MODEL in text for text in texts)
+    with home.at(home.sequence - 1) as then:
+        assert then.catalogue.by_iri(iri) is None
+
+
+def test_it_is_there_when_the_map_is_opened_again(tmp_path: Path) -> None:
+    with create_map(tmp_path / "home.map") as semantic_map:
+        stand(
+            semantic_map, semantic_map.ontology.learn(["teapot"], "object", model=MODEL)["teapot"]
+        )
+    with open_map(tmp_path / "home.map") as semantic_map:
+        assert len(semantic_map.objects("teapot")) == 1
+        assert semantic_map.catalogue.find("teapot").provisional
+
+
+def test_a_reloaded_ontology_keeps_what_the_map_speaks_of_and_no_more(home: SemanticMap) -> None:
+    made = home.ontology.learn(["teapot", "samovar"], "object", model=MODEL)
+    stand(home, made["teapot"])
+    home.ontology.replace(load_ontologies().quads)
+    assert home.catalogue.by_iri(made["teapot"]) is not None
+    assert home.catalogue.by_iri(made["samovar"]) is None
+    assert len(home.objects("teapot")) == 1
+    assert check_map(home.store.engine.quads_for_pattern(None, None, None, None)) == []
+
+
+def test_a_person_puts_one_below_a_real_category(home: SemanticMap) -> None:
+    made = home.ontology.learn(["teapot"], "object", model=MODEL)["teapot"]
+    thing = stand(home, made)
+    vase = home.catalogue.find("vase").iri
+    graph = v.ONTOLOGY_GRAPH
+    below = Quad(NamedNode(made), NamedNode(v.RDFS_SUB_CLASS_OF), NamedNode(vase), graph)
+    home.ontology.replace([*home.ontology.quads(), below])
+    assert [record.iri for record in home.objects("vase")] == [thing]
+    assert home.catalogue.get("teapot") is not None
+
+
+def test_a_person_says_what_a_provisional_thing_really_is(home: SemanticMap) -> None:
+    made = home.ontology.learn(["teapot"], "object", model=MODEL)["teapot"]
+    thing = stand(home, made)
+    vase = home.catalogue.find("vase").iri
+    home.update(f"DELETE {{ ?o a <{made}> }} INSERT {{ ?o a <{vase}> }} WHERE {{ ?o a <{made}> }}")
+    home.ontology.replace(load_ontologies().quads)
+    assert [record.iri for record in home.objects("vase")] == [thing]
+    assert home.perceived.objects([thing])[0].category == made
+
+
+def test_a_synonym_written_by_a_person_beats_a_provisional_category(home: SemanticMap) -> None:
+    home.ontology.learn(["teapot"], "object", model=MODEL)
+    vase = home.catalogue.find("vase").iri
+    home.update(
+        f'INSERT DATA {{ GRAPH graph:ontology {{ <{vase}> skos:altLabel "teapot" }} }}',
+        allow=("ontology",),
+    )
+    assert home.catalogue.find("teapot").iri == vase
+    assert home.catalogue.for_label("teapot", "object").iri == vase  # type: ignore[union-attr]
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.lists(st.text(), min_size=1, max_size=4), st.sampled_from(("object", "place")))
+def test_any_text_makes_safe_names_and_well_made_ontologies(labels: list[str], kind: str) -> None:
+    for label in map(clean, labels):
+        if label:
+            iri = provisional_iri(label, kind)
+            assert NamedNode(iri).value == iri
+            assert iri.isascii()
+    keys = {name_key(label) for label in map(clean, labels) if label}
+    assert len({provisional_iri(clean(x), kind) for x in labels if clean(x)}) == len(keys)
+
+
+@settings(max_examples=5, deadline=None)
+@given(st.lists(st.text(min_size=1), min_size=1, max_size=3))
+def test_any_text_survives_a_map_and_its_export(labels: list[str]) -> None:
+    with in_memory_map(base="https://example.org/home/") as home:
+        made = home.ontology.learn(labels, "object", model="\x00net\n")
+        for iri in set(made.values()):
+            stand(home, iri)
+            label = home.catalogue.label(iri)
+            assert home.query("objects-by-category", category=iri).records()[0]["category"] == label
+        read = list(parse(export_text(home, "ttl").encode(), format=RdfFormat.TURTLE))
+        kinds = {q.object.value for q in read if q.predicate == v.RDF_TYPE}
+        assert set(made.values()) <= kinds
+        assert Catalogue.from_quads(home.ontology.quads()) == home.catalogue
+
+
+def test_on_a_server_too(sparql_server: str) -> None:
+    with create_map(sparql_server) as semantic_map:
+        stand(
+            semantic_map, semantic_map.ontology.learn(["teapot"], "object", model=MODEL)["teapot"]
+        )
+        assert len(semantic_map.objects("teapot")) == 1
+    with open_map(sparql_server) as semantic_map:
+        assert semantic_map.catalogue.find("teapot").provisional
+
+
+def test_two_threads_that_learn_the_same_make_one(home: SemanticMap) -> None:
+    threads = [
+        threading.Thread(
+            target=home.ontology.learn, args=(["teapot"], "object"), kwargs={"model": str(n)}
+        )
+        for n in range(4)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    iri = home.catalogue.find("teapot").iri
+    assert len([*home.engine.quads_for_pattern(NamedNode(iri), None, None, None)]) > 0
+    sources = home.engine.quads_for_pattern(NamedNode(iri), NamedNode(v.DCT_SOURCE), None, None)
+    assert len([*sources]) == 1

@@ -1,0 +1,333 @@
+"""A past state of a map becomes its present one, whole or in part, and the history keeps both."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pyoxigraph import Literal, NamedNode, Quad
+
+from kg.history.timestamps import iso
+from kg.maps.cache_invalidation import PerceivedObjects
+from kg.maps.semantic_map import SemanticMap
+from kg.model import vocabulary as v
+from kg.model.errors import (
+    GraphError,
+    HistoryError,
+    OntologyError,
+    QueryParameterError,
+    ShapeError,
+    UnconfirmedDeletionError,
+)
+from kg.model.records import MapUpdate, ObjectRecord
+from kg.serving.opening import in_memory_map, open_map
+from planner.cli import main
+
+ROOT = Path(__file__).resolve().parents[4]
+BASE = "https://example.org/flat/"
+EVERYTHING = "DELETE WHERE { ?s ?p ?o }"
+Written = Callable[[int], SemanticMap]
+Frame = Callable[..., MapUpdate]
+
+
+def facts(semantic_map: SemanticMap) -> set[Quad]:
+    """All quads but the number of the last transaction."""
+    return {quad for quad in semantic_map.engine if quad.predicate.value != v.SEQUENCE}
+
+
+@pytest.fixture
+def flat(written: Written) -> Iterator[SemanticMap]:
+    with written(5) as semantic_map:
+        yield semantic_map
+
+
+def test_a_map_that_was_emptied_is_restored_quad_for_quad(flat: SemanticMap) -> None:
+    flat.assertions.add(f"{BASE}object/1", "category", "cup", by="ann")
+    before, number = facts(flat), flat.sequence
+    flat.update(EVERYTHING, by="bob", confirmed=True)
+    assert not flat.objects()
+    done = flat.restore(f"#{number}", by="ann")
+    assert facts(flat) == before
+    assert (done.restored, done.sequence) == (number, number + 2)
+    assert (done.objects_back, done.objects_gone, done.places_back) == (2, 0, 1)
+    (change,) = flat.history.changes(number + 1)
+    assert (change.cause.kind, change.cause.by) == ("restore", "ann")
+    assert (len(change.added), len(change.removed)) == (done.added, done.removed)
+    with flat.at(number + 1) as emptied:
+        assert not emptied.objects(), "the history keeps what was undone"
+    with flat.at(number) as then:
+        assert facts(then) == before
+
+
+def test_a_restoration_is_undone_by_another(flat: SemanticMap) -> None:
+    late = facts(flat)
+    flat.restore(2)
+    assert flat.recordings()[0].frames_applied == 2
+    flat.restore(5)
+    assert facts(flat) == late
+
+
+def test_a_moment_is_named_by_its_time_too(flat: SemanticMap) -> None:
+    (change,) = flat.history.changes(4)
+    flat.update("DELETE WHERE { <object/1> ?p ?o }")
+    flat.restore(iso(change.time))
+    assert len(flat.objects()) == 2
+
+
+def test_nothing_is_written_where_nothing_differs_and_in_a_dry_run(flat: SemanticMap) -> None:
+    number = flat.sequence
+    assert flat.restore(number).sequence is None
+    done = flat.restore(1, dry_run=True)
+    assert done.sequence is None and done.added > 0 and done.removed > 0
+    assert flat.sequence == number
+
+
+def test_object_numbers_are_never_given_out_twice(flat: SemanticMap) -> None:
+    new = flat.new_object_iri()
+    chair = flat.objects()[0]
+    flat.apply(MapUpdate(objects=(_renamed(chair, new),)))
+    flat.restore(5)
+    assert {record.iri for record in flat.objects()} == {f"{BASE}object/1", f"{BASE}object/2"}
+    assert int(flat.new_object_iri().rpartition("/")[2]) > int(new.rpartition("/")[2])
+
+
+def _renamed(record: ObjectRecord, iri: str) -> ObjectRecord:
+    return replace(record, iri=iri, evidence=None)
+
+
+def test_frames_written_after_it_are_as_if_never_interrupted(
+    flat: SemanticMap, frame: Frame
+) -> None:
+    objects = PerceivedObjects(flat)
+    flat.update(EVERYTHING, confirmed=True)
+    objects.refresh()
+    assert not objects
+    flat.restore(5)
+    objects.refresh()
+    assert set(objects) == {f"{BASE}object/1", f"{BASE}object/2"}
+    flat.apply(frame(5))
+    with in_memory_map(base=BASE) as uninterrupted:
+        for number in range(6):
+            uninterrupted.apply(frame(number))
+        ours, theirs = (
+            {q for q in facts(m) if q.graph_name == v.MAP_GRAPH} for m in (flat, uninterrupted)
+        )
+        assert ours == theirs
+
+
+def test_one_object_comes_back_with_all_that_belonged_to_it(flat: SemanticMap) -> None:
+    flat.assertions.add(f"{BASE}object/1", "label", "Ann's chair", by="ann")
+    before, number = facts(flat), flat.sequence
+    flat.update("DELETE WHERE { <object/1> ?p ?o }")
+    flat.assertions.add(f"{BASE}object/2", "category", "cup", by="bob")
+    done = flat.restore(number, only=["object/1"])
+    assert (done.objects_back, done.removed) == (1, 0)
+    assert {r.iri for r in flat.objects("cup")} == {f"{BASE}object/2"}, "others stay as they are"
+    about = f"{BASE}object/1"
+    mine = {q for q in before if about in (getattr(q.subject, "value", ""), _text(q.object))}
+    assert mine and mine <= facts(flat)
+    assert {a.by for a in flat.assertions.all("object/1")} == {"ann"}
+
+
+def _text(term: object) -> str:
+    return getattr(term, "value", "")
+
+
+def test_objects_and_places_are_restored_apart(flat: SemanticMap) -> None:
+    flat.update("DELETE WHERE { <object/1> ?p ?o }")
+    flat.update(
+        'DELETE { <place/1> rdfs:label ?l } INSERT { <place/1> rdfs:label "hall" } '
+        "WHERE { <place/1> rdfs:label ?l }"
+    )
+    flat.restore(5, only=["objects"])
+    assert len(flat.objects()) == 2
+    assert [place.label for place in flat.places()] == ["hall"]
+    flat.restore(5, only=["places"])
+    assert [place.label for place in flat.places()] == ["place 1"]
+
+
+def test_assertions_come_back_over_what_perception_believes_now(
+    flat: SemanticMap, frame: Frame
+) -> None:
+    flat.assertions.add(f"{BASE}object/1", "category", "cup", by="ann")
+    number = flat.sequence
+    flat.assertions.retract(f"{BASE}object/1", "category", by="bob")
+    flat.assertions.add(f"{BASE}object/2", "label", "bob's", by="bob")
+    flat.apply(frame(5))
+    done = flat.restore(number, only=["assertions"])
+    assert done.skipped == ()
+    one, two = flat.objects()
+    assert one.category == flat.catalogue.find("cup").iri
+    assert one.observations == 6, "perception's latest belief stays"
+    (said,) = flat.assertions.all()
+    assert (said.by, said.value) == ("ann", one.category)
+    assert two.category == v.HERE + "Chair"
+
+
+def test_assertions_of_what_is_gone_stay_away_and_are_named(flat: SemanticMap) -> None:
+    flat.assertions.add(f"{BASE}object/1", "label", "Ann's", by="ann")
+    number = flat.sequence
+    flat.update("DELETE WHERE { <object/1> ?p ?o }")
+    done = flat.restore(number, only=["assertions"])
+    assert done.skipped == (f"{BASE}object/1",)
+    assert not flat.assertions.all()
+
+
+def test_the_ontology_is_restored_and_known(flat: SemanticMap) -> None:
+    before, number = facts(flat), flat.sequence
+    flat.ontology.learn(["gramophone"], "object", model="net")
+    assert flat.catalogue.for_label("gramophone", "object") is not None
+    flat.restore(number)
+    assert flat.catalogue.for_label("gramophone", "object") is None
+    assert facts(flat) == before
+    assert flat.ontology.learn(["gramophone"], "object", model="net"), "a mapper can learn it again"
+
+
+def test_an_ontology_that_lacks_what_the_map_uses_is_refused(flat: SemanticMap) -> None:
+    number = flat.sequence
+    found = flat.ontology.learn(["gramophone"], "object", model="net")
+    flat.apply(MapUpdate(objects=(replace(flat.objects()[0], category=found["gramophone"]),)))
+    before = facts(flat)
+    with pytest.raises(OntologyError, match="Gramophone"):
+        flat.restore(number, only=["ontology"])
+    assert facts(flat) == before
+
+
+def test_a_part_that_does_not_fit_the_rest_is_refused(flat: SemanticMap) -> None:
+    number = flat.sequence
+    flat.update("DELETE WHERE { <place/1> ?p ?o }")
+    flat.update("DELETE WHERE { <object/1> ?p ?o }")
+    before = facts(flat)
+    try:
+        flat.restore(number, only=["object/1"])
+    except ShapeError as error:
+        assert "place/1" in str(error) or "inPlace" in str(error)
+        assert facts(flat) == before
+    else:
+        pytest.fail("an object in a place that is not there was let in")
+
+
+def test_what_cannot_be_restored_is_one_line(flat: SemanticMap) -> None:
+    for when in ("#99", "yesterday"):
+        with pytest.raises(HistoryError):
+            flat.restore(when)
+    with pytest.raises(QueryParameterError, match="there are objects, places, assertions"):
+        flat.restore(1, only=["everything else"])
+    path = Path(flat.store.where)
+    flat.close()
+    with open_map(path, read_only=True) as reader, pytest.raises(GraphError):
+        reader.restore(1)
+
+
+def test_a_restoration_that_deletes_much_asks_too() -> None:
+    with in_memory_map(base=BASE) as home:
+        home.apply(MapUpdate())
+        cup = home.catalogue.find("cup").iri
+        home.ontology.learn(["gramophone"], "object", model="net")
+        number = home.sequence
+        place = np.array([1.0, 1.0, 0.5])
+        home.apply(
+            MapUpdate(
+                objects=tuple(
+                    ObjectRecord(home.new_object_iri(), cup, place, 1.0, 0.5, 3, 1.0, 2.0)
+                    for _ in range(12)
+                )
+            )
+        )
+        with pytest.raises(UnconfirmedDeletionError, match="12 of 12"):
+            home.restore(number)
+        assert home.restore(number, confirmed=True).objects_gone == 12
+
+
+def test_the_command_restores_and_counts(
+    flat: SemanticMap, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, before = flat.store.where, facts(flat)
+    flat.update(EVERYTHING, confirmed=True)
+    flat.close()
+    assert main(["restore", path, "--to", "#5", "--dry-run"]) == 0
+    assert "restoring the state of #5 would be" in capsys.readouterr().err
+    assert main(["restore", path, "--to", "#5", "--by", "ann"]) == 0
+    assert "objects 2 back, 0 gone; places 1 back, 0 gone" in capsys.readouterr().err
+    assert main(["restore", path, "--to", "#500"]) == 1
+    assert capsys.readouterr().err.startswith("error: no transaction #500 is kept")
+    with open_map(path) as again:
+        assert facts(again) == before
+
+
+# restores the one state and the other for ever, and says of each when it is done
+_RESTORER = """
+import os, sys
+from kg.serving.opening import open_map
+from kg.store.transactional import TransactionalStore
+semantic_map = open_map(sys.argv[1])
+if "between" in sys.argv:  # the log has the transaction, the store will never get it
+    TransactionalStore._write = lambda *_: os.kill(os.getpid(), 9)
+while True:
+    for when in (2, 5):
+        print(when, semantic_map.restore(when).sequence, flush=True)
+"""
+
+
+def _restorer(path: Path, *words: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-c", _RESTORER, str(path), *words],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+
+
+def test_a_restoration_that_is_killed_is_whole_or_did_not_happen(
+    flat: SemanticMap, tmp_path: Path
+) -> None:
+    path, states = Path(flat.store.where), {}
+    for when in (2, 5):
+        with flat.at(when) as then:
+            states[when] = _but_counter(facts(then))
+    flat.close()
+    rng = random.Random(3)
+    for words in ((), (), ("between",)):
+        process = _restorer(path, *words)
+        assert process.stdout is not None
+        lines = [process.stdout.readline()] if not words else []
+        time.sleep(rng.uniform(0.0, 0.1))
+        if not words:
+            process.kill()
+        lines += process.stdout.read().splitlines(keepends=True)
+        assert process.wait() == -signal.SIGKILL
+        process.stdout.close()
+        done = [line for line in lines if line.endswith("\n")]
+        with open_map(path) as killed:
+            assert _but_counter(facts(killed)) in states.values()
+            numbers = [int(line.split()[1]) for line in done if "None" not in line]
+            assert killed.sequence >= max(numbers, default=0)
+            with killed.at(killed.sequence) as now:
+                assert facts(now) == facts(killed)
+
+
+def _but_counter(quads: set[Quad]) -> set[Quad]:
+    return {quad for quad in quads if quad.predicate.value != v.NEXT_OBJECT}
+
+
+def test_literals_come_back_as_they_were(flat: SemanticMap) -> None:
+    note = Quad(
+        NamedNode(f"{BASE}object/1"),
+        NamedNode("http://example.org/note"),
+        Literal('a "quote",\nand a line', language="en"),
+        v.MAP_GRAPH,
+    )
+    flat.update(f"INSERT DATA {{ {note.triple} }}")
+    number = flat.sequence
+    flat.update("DELETE WHERE { <object/1> ?p ?o }")
+    flat.restore(number)
+    assert note in flat.engine

@@ -1,0 +1,100 @@
+"""A publisher whose target dies, refuses, or wants a token."""
+
+from __future__ import annotations
+
+import http.server
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from kg.model.errors import RemoteError
+from kg.serving.opening import in_memory_map
+from kg.serving.publishing.publisher import Publisher
+from kg.serving.publishing.target import PublishTarget
+from kg.serving.server import MapServer, Settings
+from planner.cli import main
+from tests.conftest import running_server
+from tests.kg.serving.publishing.test_publisher import NORTH, own, published, see, until
+
+
+def test_a_target_that_is_killed_and_started_again_is_continued(tmp_path: Path) -> None:
+    with in_memory_map(title="north", base=NORTH) as north:
+        see(north, "chair", 1.0)
+        with MapServer(north, Settings(port=0)) as server:
+            lines: list[str] = []
+            with running_server(tmp_path / "target") as url:
+                port = int(url.rpartition(":")[2])
+                publisher = Publisher(server.url, PublishTarget(url), lines.append)
+                following = threading.Thread(target=publisher.follow)
+                following.start()
+                for step in range(20):
+                    see(north, "cup", float(step))
+                until(lambda: publisher.acknowledged > 5, "nothing was published")
+            for step in range(20):
+                see(north, "banana", float(step))
+            until(lambda: any("waits" in line for line in lines), "the death went unnoticed")
+            with running_server(tmp_path / "target", port=port) as url:
+                until(lambda: publisher.acknowledged == north.sequence, "not taken up again")
+                assert published(url) == own(north.engine)
+                publisher.stop()
+                following.join()
+
+
+class _Guarded(http.server.BaseHTTPRequestHandler):
+    """Answers only who brings the token, and knows nothing."""
+
+    seen: list[tuple[str, str | None]] = []  # noqa: RUF012
+
+    def do_POST(self) -> None:
+        self.rfile.read(int(self.headers["Content-Length"]))
+        token = self.headers["Authorization"]
+        self.seen.append((self.path, token))
+        body = b'{"head": {}, "boolean": true}'
+        self.send_response(200 if token == "Bearer let-me-in" else 401)
+        self.send_header("Content-Type", "application/sparql-results+json")
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        self.wfile.write(body)
+
+    def log_message(self, *words: object) -> None:
+        """Nothing."""
+
+
+@pytest.fixture
+def guarded() -> Iterator[str]:
+    _Guarded.seen.clear()
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), _Guarded) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield f"http://127.0.0.1:{server.server_port}"
+        server.shutdown()
+        thread.join()
+
+
+def test_the_token_of_the_file_goes_to_the_target_and_nowhere_else(
+    guarded: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HEREABOUTS_TOKEN", "of-the-map-0123456789")
+    with pytest.raises(RemoteError, match="401"):
+        PublishTarget(guarded, "wrong")
+    PublishTarget(guarded, "let-me-in").close()
+    assert {token for _, token in _Guarded.seen} == {"Bearer wrong", "Bearer let-me-in"}
+
+
+@pytest.mark.parametrize("content", ["", "two tokens", None])
+def test_a_token_file_without_one_token_is_one_line(
+    content: str | None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "token"
+    if content is not None:
+        file.write_text(content)
+    words = ["publish", "kitchen.map", "--to", "http://127.0.0.1:9", "--token-file", str(file)]
+    assert main(words) == 1
+    assert "token file" in capsys.readouterr().err
+
+
+def test_a_target_that_does_not_answer_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["publish", "kitchen.map", "--to", "http://127.0.0.1:9"]) == 1
+    assert "no server answers at http://127.0.0.1:9" in capsys.readouterr().err

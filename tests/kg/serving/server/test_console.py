@@ -1,0 +1,261 @@
+"""The console: a page that asks a map in SPARQL, in a real browser, and what it asks the server."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
+
+import pytest
+
+from kg.serving.server.linked_data.resource_description import local_path
+from tests.kg.serving.server.browser_pages import HOSTILE, PATIENCE, OpenPage, says, serious_faults
+
+if TYPE_CHECKING:
+    from conftest import Served
+
+CUPS = "SELECT ?cup ?name { ?cup a here:Cup ; rdfs:label ?name }"
+
+
+def write(page: Any, query: str) -> None:
+    """Replace the query in the editor, as somebody types it."""
+    page.click(".cm-content")
+    page.keyboard.press("Control+a")
+    page.keyboard.insert_text(query)
+
+
+def ask(page: Any, query: str) -> None:
+    write(page, query)
+    page.keyboard.press("Control+Enter")
+
+
+def test_pages_run_no_script_and_no_style_of_their_own_text(served: Served) -> None:
+    for path in ("", "console", "object/1"):
+        page = served.get(path, headers={"Accept": "text/html"})
+        policy = page.headers["Content-Security-Policy"]
+        assert "default-src 'none'; script-src 'self'; style-src 'self'" in policy
+        assert "unsafe" not in policy
+        assert "<style" not in page.text
+        assert "://" not in "".join(re.findall(r"<(?:script|link)[^>]*>", page.text))
+
+
+def test_questions_are_listed_with_their_parameters(served: Served) -> None:
+    content = served.get("queries").json()
+    assert content["prefixes"]["here"] == "https://w3id.org/hereabouts#"
+    (question,) = (q for q in content["queries"] if q["name"] == "objects-by-category")
+    assert question["columns"][0] == "object"
+    category, least = question["parameters"]
+    assert (category["name"], category["type"], category["default"]) == (
+        *("category", "category"),
+        None,
+    )
+    assert (least["name"], least["default"]) == ("least", "0.5")
+
+
+def test_a_question_is_given_as_sparql_with_its_values(served: Served) -> None:
+    answer = served.get("queries/objects-by-category", params={"category": "cup"})
+    assert answer.headers["Content-Type"].startswith("application/sparql-query")
+    assert [row["label"] for row in served.rows(answer.text)] == ["cup 1"]
+
+
+@pytest.mark.parametrize(
+    ("path", "status", "word"),
+    [
+        ("queries/objects-by-category?category=cpu", 422, "did you mean"),
+        ("queries/objects-by-category", 400, "category"),
+        ("queries/objects-by-category?category=cup&category=bowl", 400, "2 times"),
+        ("queries/objects-by-category?category=cup&least=x", 400, "number"),
+        ("queries/objects-by-category?category=cup&most=1", 400, "most"),
+        ("queries/objects-by-categories?category=cup", 404, "did you mean"),
+    ],
+)
+def test_values_that_do_not_fit_are_refused_in_words(
+    served: Served, path: str, status: int, word: str
+) -> None:
+    answer = served.get(path)
+    assert (answer.status_code, word in answer.text) == (status, True)
+
+
+def test_a_shipped_question_is_asked_with_a_parameter_and_shown_on_the_map(
+    open_page: OpenPage,
+) -> None:
+    page = open_page("console")
+    page.click("#questions >> text=objects-by-category")
+    page.fill("#question [name=category]", "cup")
+    page.click("#question >> text=Ask")
+    says(page, "#table", "cup 1")
+    assert page.get_attribute("#table a", "href") == "/object/1"
+    page.click("text=on the map")
+    says(page, "#status", "1 of the answer on the map")
+    assert page.locator("#canvas").bounding_box()["height"] > 200
+    page.click("#shown-as >> text=table")
+    says(page, "#table", "cup 1")
+
+
+def test_an_error_is_marked_at_its_place(open_page: OpenPage) -> None:
+    page = open_page("console")
+    ask(page, "SELECT ?x\n{ ?x a here:Cup }}")
+    says(page, "#status", "2:")
+    says(page, ".cm-line:nth-child(2) .cm-lintRange-error", "}")
+    ask(page, CUPS)
+    says(page, "#table", "cup 1")
+    assert page.locator(".cm-lintRange-error").count() == 0
+
+
+def test_properties_classes_variables_and_questions_are_completed(open_page: OpenPage) -> None:
+    page = open_page("console")
+    for typed, offered in (
+        ("SELECT ?thing { ?thing here:existe", "here:existence"),
+        ("SELECT ?thing { ?thing a here:Cu", "here:Cup"),
+        ("SELECT ?thing { ?th", "?thing"),
+        ("whereab", "whereabouts"),
+    ):
+        write(page, "")
+        page.keyboard.type(typed)
+        says(page, ".cm-tooltip-autocomplete", offered)
+        page.keyboard.press("Escape")
+
+
+def test_hostile_names_are_text_everywhere(served: Served, open_page: OpenPage) -> None:
+    served.map.assertions.add(f"{served.map.base}object/1", "label", HOSTILE, by="mallory")
+    page = open_page("console")
+    ask(page, CUPS)
+    says(page, "#table", HOSTILE)
+    ask(page, "SELECT ?name ?e { ?cup rdfs:label ?name ; here:existence ?e }")
+    page.click("text=chart")
+    says(page, "#chart", "bars")
+    page.click("#questions >> text=whereabouts")
+    ask(page, f'SELECT ("{HOSTILE.replace(chr(34), chr(39))}" AS ?x) {{}}')
+    says(page, "#table", "onerror")
+    assert page.locator("img").count() == 0
+
+
+def test_iris_that_run_scripts_are_no_links_to_them(served: Served, open_page: OpenPage) -> None:
+    page = open_page("console")
+    ask(page, 'SELECT (IRI("javascript:alert(1)") AS ?x) {}')
+    says(page, "#table a", "javascript:alert(1)")
+    assert page.get_attribute("#table a", "href").startswith("/resource?iri=javascript%3A")
+
+
+def test_iris_of_the_map_lead_to_no_other_host(served: Served, open_page: OpenPage) -> None:
+    iri = f"{served.map.base}/evil.example/"
+    page = open_page("console")
+    ask(page, f'SELECT (IRI("{iri}") AS ?x) {{}}')
+    says(page, "#table a", "/evil.example/")
+    assert page.get_attribute("#table a", "href").startswith("/resource?iri=")
+    assert local_path(served.map.base, iri).startswith("/resource?iri=")
+
+
+def test_numbers_are_drawn_and_words_told_where_there_are_none(open_page: OpenPage) -> None:
+    page = open_page("console")
+    ask(page, "SELECT ?c (COUNT(*) AS ?n) { ?o a ?c ; here:x ?x } GROUP BY ?c")
+    says(page, "#status", "row")
+    page.click("text=chart")
+    page.wait_for_selector("#chart rect")
+    ask(page, CUPS)
+    says(page, "#chart", "a column of numbers")
+    ask(page, "SELECT ?x ?y { ?o here:x ?x ; here:y ?y } ORDER BY ?x")
+    page.wait_for_selector("#chart polyline")
+    ask(page, "SELECT ?a ?b { { BIND(1 AS ?a) } UNION { BIND(2 AS ?b) } }")
+    says(page, "#chart", "no row has both")
+
+
+@pytest.mark.parametrize(
+    ("query", "name", "file", "content"),
+    [
+        (CUPS, "CSV", "answer.csv", "cup,name"),
+        (CUPS, "TSV", "answer.tsv", "?cup\t?name"),
+        (CUPS, "JSON", "answer.json", '"bindings"'),
+        (f"CONSTRUCT {{ ?cup rdfs:label ?name }} {CUPS[17:]}", "Turtle", "answer.ttl", "cup 1"),
+    ],
+)
+def test_answers_are_downloaded(
+    open_page: OpenPage, tmp_path: Path, query: str, name: str, file: str, content: str
+) -> None:
+    page = open_page("console")
+    ask(page, query)
+    with page.expect_download() as coming:
+        page.click(f"#downloads >> text={name}")
+    assert coming.value.suggested_filename == file
+    coming.value.save_as(tmp_path / file)
+    assert content in (tmp_path / file).read_text()
+
+
+def test_an_address_names_a_query_and_does_not_ask_it(open_page: OpenPage) -> None:
+    page = open_page(f"console#query={quote(CUPS)}")
+    says(page, ".cm-content", "here:Cup")
+    assert page.locator("#table >> text=cup 1").count() == 0
+    page.click("#form >> text=Ask")
+    says(page, "#table", "cup 1")
+    assert quote("here:Cup", safe="") in page.url
+
+
+def test_the_form_asks_without_scripts(open_page: OpenPage) -> None:
+    page = open_page("console", java_script_enabled=False, ready="#query")
+    page.fill("#query", "ASK { ?cup a here:Cup }")
+    page.click("#form >> text=Ask")
+    says(page, "body", "true")
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_console_has_no_serious_fault_of_accessibility(
+    open_page: OpenPage, scheme: str
+) -> None:
+    pytest.importorskip("axe_playwright_python")
+    page = open_page("console", color_scheme=scheme, bypass_csp=True)
+    page.click("#questions >> text=objects-by-category")
+    ask(page, "SELECT ?x ?y { ?o here:x ?x ; here:y ?y }")
+    says(page, "#status", "rows,")
+    assert serious_faults(page) == []
+    page.click("text=chart")
+    page.wait_for_selector("#chart polyline")
+    assert serious_faults(page) == []
+
+
+def test_a_phone_shows_the_console_in_one_column(open_page: OpenPage) -> None:
+    page = open_page("console")
+    page.set_viewport_size({"width": 390, "height": 844})
+    ask(page, "SELECT * { GRAPH ?g { ?s ?p ?o } } LIMIT 20")
+    says(page, "#status", "20 rows")
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+
+
+@pytest.mark.parametrize("path", ["", "console"])
+def test_a_private_map_is_looked_at_with_a_token_that_is_kept_nowhere(
+    private: Served, open_page: OpenPage, path: str
+) -> None:
+    reader = "a-token-that-only-reads"
+    page = open_page(path, private, ready="#entry")
+    page.fill("#entry-token", "a-token-that-somebody-guessed")
+    page.click("#entry button")
+    says(page, "#entry-outcome", "private")
+    page.fill("#entry-token", reader)
+    page.click("#entry button")
+    page.wait_for_selector("html[data-ready]")
+    if path:
+        ask(page, CUPS)
+        says(page, "#table", "cup 1")
+    else:
+        says(page, "#count", "2 of 2 objects")
+        private.put(1, "cup", 1.0 + private.map.sequence / 10, 0.5)
+        says(page, "#sequence", str(private.map.sequence))
+    says(page, "h1", "flat <1>")
+    kept = page.evaluate(
+        "JSON.stringify([location.href, document.cookie, {...localStorage}, {...sessionStorage}])"
+    )
+    assert reader not in kept
+    page.reload()
+    page.wait_for_selector("#entry-token", timeout=PATIENCE)
+
+
+def test_the_vendored_editor_is_what_its_build_file_names() -> None:
+    root = Path(__file__).parents[4]
+    pinned = json.loads((root / "bundles/codemirror/package.json").read_text())["dependencies"]
+    vendored = root / "kg/serving/server/files/vendor"
+    banner = (vendored / "codemirror.min.js").read_text().partition("*/")[0]
+    licences = (vendored / "codemirror.LICENSES").read_text()
+    for name, version in pinned.items():
+        assert f"{name} {version}" in banner
+        assert f"{name} {version}" in licences

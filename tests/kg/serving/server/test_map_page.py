@@ -1,0 +1,228 @@
+"""The live map in a real browser."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from kg.model.records import MapUpdate, RobotRecord
+from planner.search.plans.report import find_answer
+from tests.kg.serving.server.browser_pages import HOSTILE, OpenPage, says, serious_faults
+
+if TYPE_CHECKING:
+    from conftest import Served
+
+    from kg.maps.semantic_map import SemanticMap
+
+CUP = "object/1"
+
+
+@pytest.fixture
+def served(flat: SemanticMap, serve: Callable[..., Served]) -> Served:
+    return serve(planner=partial(find_answer, flat))
+
+
+@pytest.fixture
+def token(served: Served) -> str:
+    return served.bearer()["Authorization"].removeprefix("Bearer ")
+
+
+def test_objects_and_places_are_drawn_and_listed(open_page: OpenPage) -> None:
+    page = open_page()
+    says(page, "#count", "2 of 2 objects, 1 places")
+    page.click("text=All objects")
+    says(page, "#objects", "cup 1 in the kitchen (kitchen), existence 0.80")
+    picture = page.evaluate_handle("document.getElementById('canvas')")
+    colours = page.evaluate(
+        """(canvas) => { const c = canvas.getContext("2d");
+        const pixels = c.getImageData(0, 0, canvas.width, canvas.height).data;
+        const found = new Set();
+        for (let i = 0; i < pixels.length; i += 4)
+          found.add(`${pixels[i]},${pixels[i + 1]},${pixels[i + 2]}`);
+        return found.size; }""",
+        picture,
+    )
+    assert colours > 20
+
+
+def test_address_of_an_object_selects_it(open_page: OpenPage) -> None:
+    page = open_page(f"#{CUP}")
+    says(page, "#about h2", "cup 1")
+    says(page, "#about dl", "1.00, 0.50, 0.80 m")
+    says(page, "#about-history", "new here:Cup")
+
+
+@pytest.mark.parametrize("fragment", ["#%E0%A4%A", "#javascript:alert(1)", "#%22%3E<img src=x>"])
+def test_an_address_that_names_nothing_selects_nothing(
+    fragment: str, served: Served, open_page: OpenPage
+) -> None:
+    page = open_page(fragment)
+    says(page, "#about", "Nothing is selected")
+    served.put(3, "bowl", 2.0, 2.0)
+    says(page, "#count", "3 of 3 objects")
+
+
+def test_an_iri_with_a_percent_sign_is_found_again_by_its_address(
+    served: Served, open_page: OpenPage
+) -> None:
+    odd = "https://x/t%41b"
+    served.write(f"INSERT DATA {{ <{odd}> a here:Cup ; rdfs:label 'odd' ; here:x 1 ; here:y 1 }}")
+    page = open_page()
+    page.click("text=All objects")
+    page.click("#objects >> text=odd")
+    says(page, "#about h2", "odd")
+    page.reload()
+    says(page, "#about h2", "odd")
+
+
+def test_a_robot_that_is_nowhere_near_does_not_stop_the_page(
+    served: Served, open_page: OpenPage
+) -> None:
+    served.map.apply(MapUpdate(robot=RobotRecord(np.array([1e30, 0.0, 0.0]), 0.0, 1.7e9)))
+    page = open_page(f"#{CUP}")
+    says(page, "#about h2", "cup 1")
+
+
+def test_a_plan_without_finite_numbers_is_refused_in_words(serve: Callable[..., Served]) -> None:
+    accept = {"Accept": "application/json"}
+    server = serve(planner=lambda wanted: {"target": wanted[0], "seconds": float("inf")})
+    answer = server.get("find", params={"object": "cup"}, headers=accept)
+    assert answer.status_code == 422
+    assert "finite" in answer.json()["detail"]
+
+
+def test_changes_arrive_without_reloading(served: Served, open_page: OpenPage) -> None:
+    page = open_page(f"#{CUP}")
+    served.put(3, "bowl", 2.0, 2.0)
+    says(page, "#count", "3 of 3 objects")
+    served.map.apply(MapUpdate(removed=(f"{served.map.base}object/3",)))
+    says(page, "#count", "2 of 2 objects")
+
+
+def test_what_is_said_of_the_selected_thing_follows_it(served: Served, open_page: OpenPage) -> None:
+    page = open_page(f"#{CUP}")
+    says(page, "#about dl", "1.00, 0.50, 0.80 m")
+    served.move(1, 3.25)
+    says(page, "#about dl", "3.25, 0.50, 0.80 m")
+    served.map.apply(MapUpdate(removed=(f"{served.map.base}{CUP}",)))
+    says(page, "#about", "Nothing is selected")
+
+
+def test_the_past_is_shown_as_it_was(served: Served, open_page: OpenPage) -> None:
+    first = served.map.sequence
+    served.put(3, "bowl", 2.0, 2.0)
+    page = open_page()
+    says(page, "#count", "3 of 3 objects")
+    page.locator("#time").fill(str(first))
+    says(page, "#moment", f"transaction {first}")
+    says(page, "#count", "2 of 2 objects")
+    page.locator("#time").fill(str(served.map.sequence))
+    says(page, "#count", "3 of 3 objects")
+
+
+def test_a_correction_lands_in_the_graph_and_on_other_pages(
+    served: Served, open_page: OpenPage, token: str
+) -> None:
+    page, other = open_page(f"#{CUP}"), open_page()
+    other.click("text=All objects")
+    page.fill("#token", token)
+    page.click("#corrector button")
+    page.fill("[aria-label=name]", "the blue mug")
+    page.click("text=rename")
+    says(other, "#objects", "the blue mug")
+    (made,) = served.map.assertions.all(f"{served.map.base}{CUP}")
+    assert (made.property, made.value, made.by) == ("label", "the blue mug", "ann")
+    page.click("text=undo")
+    says(other, "#objects", "cup 1")
+    assert served.map.assertions.all() == ()
+    kept = page.evaluate("JSON.stringify([location.href, {...localStorage}, {...sessionStorage}])")
+    assert token not in kept
+
+
+def test_a_wrong_token_is_refused_in_words(served: Served, open_page: OpenPage) -> None:
+    page = open_page(f"#{CUP}")
+    page.fill("#token", "not-the-token-at-all")
+    page.click("#corrector button")
+    page.click("text=it is not there")
+    says(page, "#status", "token")
+    assert served.map.assertions.all() == ()
+
+
+def test_names_of_things_are_never_markup(served: Served, open_page: OpenPage) -> None:
+    served.map.assertions.add(f"{served.map.base}{CUP}", "label", HOSTILE, by="mallory")
+    page = open_page(f"#{CUP}")
+    says(page, "#about h2", HOSTILE)
+    page.click("text=All objects")
+    says(page, "#objects", HOSTILE)
+    assert page.locator("main img").count() == 0
+
+
+def test_find_draws_the_plan_with_its_reasons(open_page: OpenPage) -> None:
+    page = open_page()
+    page.fill("#wanted", "cup")
+    page.click("#find button")
+    says(page, "#plan", "cup 1")
+    says(page, "#plan ol", "look 1")
+    says(page, "#plan ol", "cup 1 is in the map")
+
+
+def test_of_two_searches_in_a_row_the_last_one_is_answered(
+    serve: Callable[..., Served], flat: SemanticMap, open_page: OpenPage
+) -> None:
+    begun, go_on = threading.Event(), threading.Event()
+
+    def slowly(wanted: list[str]) -> Mapping[str, object]:
+        if wanted == ["cup"]:
+            begun.set()
+            assert go_on.wait(60)
+        return find_answer(flat, wanted)
+
+    page = open_page(of=serve(planner=slowly))
+    page.fill("#wanted", "cup")
+    page.click("#find button")
+    assert begun.wait(60)
+    page.fill("#wanted", "chair")
+    page.click("#find button")
+    says(page, "#plan", "planning")
+    go_on.set()
+    says(page, "#plan", "chair 2")
+    assert "cup 1 is in the map" not in page.inner_text("#plan")
+
+
+def test_the_page_of_a_thing_leads_to_where_it_stands(open_page: OpenPage) -> None:
+    page = open_page(f"#{CUP}")
+    page.click("text=all its facts")
+    page.click("text=show it on the map")
+    says(page, "#about h2", "cup 1")
+
+
+def test_an_object_is_picked_on_the_canvas_and_keys_move_it(open_page: OpenPage) -> None:
+    page = open_page(f"#{CUP}")  # brings it into the middle
+    says(page, "#about h2", "cup 1")
+    box = page.locator("#canvas").bounding_box()
+    page.mouse.click(box["x"] + box["width"] / 2, box["y"] + 40)
+    page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    says(page, "#about h2", "cup 1")
+    page.focus("#canvas")
+    page.keyboard.press("0")
+    page.keyboard.press("+")
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_page_has_no_serious_fault_of_accessibility(scheme: str, open_page: OpenPage) -> None:
+    pytest.importorskip("axe_playwright_python")
+    page = open_page(f"#{CUP}", color_scheme=scheme, bypass_csp=True)
+    says(page, "#about-history", "new here:Cup")
+    assert serious_faults(page) == []
+
+
+def test_a_phone_shows_map_and_list_one_below_the_other(open_page: OpenPage) -> None:
+    page = open_page()
+    page.set_viewport_size({"width": 390, "height": 844})
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    assert page.locator("#canvas").bounding_box()["width"] > 300

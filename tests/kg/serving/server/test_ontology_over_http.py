@@ -1,0 +1,136 @@
+"""An ontology taken into a map that is being served: no restart, and the old one where refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+import rdflib
+from pyoxigraph import RdfFormat, serialize
+
+from kg.knowledge.ontology.import_closure import load_with_imports
+from kg.knowledge.ontology.loading import load_ontologies
+from kg.model.errors import OntologyError, RemoteError
+from kg.model.vocabulary import HERE, OWL_AXIOM, PREFIXES
+from kg.serving.editing.ontology_sources import ontology_at
+from kg.serving.editing.reloading import reload
+
+if TYPE_CHECKING:
+    from conftest import Served
+
+TURTLE = """<urn:mine> a owl:Ontology ; rdfs:label "mine" ; rdfs:comment "Ours." ;
+    owl:imports <https://w3id.org/hereabouts/ontology/commonsense> ;
+    owl:versionInfo "1" ; dct:license <urn:free> .
+here:Mug a owl:Class ; rdfs:subClassOf here:Cup ; rdfs:label "mug" ; rdfs:comment "A cup." ;
+    here:locatedAt here:Kitchen .
+[] a owl:Axiom ; owl:annotatedSource here:Mug ; owl:annotatedProperty here:locatedAt ;
+    owl:annotatedTarget here:Kitchen ; here:probability 0.6e0 ; dct:source "us" .
+"""
+QUERY = "SELECT ?p { ?r here:relationSubject here:Mug ; here:relationProbability ?p }"
+
+
+@pytest.fixture
+def mine(tmp_path: Path) -> Path:
+    path = tmp_path / "mine.ttl"
+    names = "".join(f"@prefix {name}: <{iri}> .\n" for name, iri in PREFIXES.items())
+    path.write_text(names + TURTLE)
+    return path
+
+
+@pytest.fixture
+def token(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HEREABOUTS_TOKEN", served.bearer()["Authorization"].removeprefix("Bearer "))
+    monkeypatch.setenv("HEREABOUTS_SERVER", served.url)
+
+
+@pytest.mark.usefixtures("token")
+def test_a_served_map_goes_on_with_the_new_ontology(served: Served, mine: Path) -> None:
+    before = served.map.sequence
+    assert served.rows(QUERY) == []
+    with served.stream("changes", {"since": before}) as events:
+        done = reload(served.url, mine)
+        assert [str(change) for change in done.changes] == [
+            "+ category 'mug' added under cup",
+            "+ ontology 'mine' added",
+            "+ mug located at kitchen 0.6 added ('us')",
+        ]
+        assert (done.sequence, done.removed) == (before + 1, 0)
+        number, _, told = events.next()
+        assert number == before + 1
+        assert told["cause"]["kind"] == "ontology"  # type: ignore[index]
+    assert [float(row["p"]) for row in served.rows(QUERY)] == [0.6]
+    assert served.map.catalogue.find("mug").iri == HERE + "Mug"
+    served.map.update("INSERT DATA { <https://example.org/m> a here:Mug ; here:x 1 ; here:y 1 }")
+    assert [record.category for record in served.map.objects("mug")] == [HERE + "Mug"]
+    assert reload(served.url, mine).changes == ()
+    assert served.map.sequence == before + 2
+
+
+@pytest.mark.usefixtures("token")
+def test_a_refused_ontology_leaves_a_served_map_as_it_is(served: Served, mine: Path) -> None:
+    before = set(served.map.engine)
+    mine.write_text(mine.read_text().replace("0.6e0", "6"))
+    with pytest.raises(OntologyError, match=r"mine\.ttl, line \d+: here:Mug .*between 0 and 1"):
+        reload(served.url, mine)
+    headers = {"Content-Type": "text/turtle", **served.bearer()}
+    answer = served.request("PUT", "graphs/ontology", data=mine.read_bytes(), headers=headers)
+    assert answer.status_code == 422
+    assert set(served.map.engine) == before
+
+
+@pytest.mark.usefixtures("token")
+def test_a_server_refuses_what_leaves_out_relations_unless_it_is_the_whole(
+    served: Served, mine: Path
+) -> None:
+    reload(served.url, mine)
+    shipped = serialize([q.triple for q in load_ontologies().quads], format=RdfFormat.N_TRIPLES)
+    headers = {"Content-Type": "application/n-triples", **served.bearer()}
+    answer = served.request("PUT", "graphs/ontology", data=shipped, headers=headers)
+    assert answer.status_code == 422
+    assert "leaves out <urn:mine> of the map" in answer.text
+    assert [float(row["p"]) for row in served.rows(QUERY)] == [0.6]
+    answer = served.request("PUT", "graphs/ontology?whole=true", data=shipped, headers=headers)
+    assert answer.status_code == 200
+    assert served.rows(QUERY) == []
+
+
+def test_a_server_wants_a_token(
+    served: Served, mine: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("HEREABOUTS_TOKEN", raising=False)
+    with pytest.raises(RemoteError, match=r"\(401\).*into HEREABOUTS_TOKEN"):
+        reload(served.url, mine)
+    assert served.rows(QUERY) == []
+
+
+def test_a_trial_of_a_served_map_changes_nothing(served: Served, mine: Path) -> None:
+    before = served.map.sequence
+    done = reload(served.url, mine, dry=True)
+    assert len(done.changes) == 3
+    assert served.map.sequence == before
+
+
+def test_a_served_ontology_is_read_with_blank_nodes(served: Served) -> None:
+    text = served.get("graphs/ontology", headers={"Accept": "application/n-triples"}).text
+    graph = rdflib.Graph().parse(data=text, format="nt")
+    axioms = list(graph.subjects(rdflib.RDF.type, rdflib.URIRef(OWL_AXIOM)))
+    assert axioms
+    assert all(isinstance(axiom, rdflib.BNode) for axiom in axioms)
+    assert set(ontology_at(served.url).quads) == set(served.map.ontology.quads())
+
+
+def test_what_goes_is_said_to_go(served: Served, mine: Path) -> None:
+    def put(quads: object, query: str) -> tuple[int, str]:
+        body = serialize([q.triple for q in quads], format=RdfFormat.N_TRIPLES)  # type: ignore[attr-defined]
+        headers = {"Content-Type": "application/n-triples", **served.bearer()}
+        answer = served.request("PUT", f"graphs/ontology{query}", data=body, headers=headers)
+        return answer.status_code, answer.text
+
+    shipped = load_ontologies().quads
+    assert put(load_with_imports(mine).quads, "")[0] == 200
+    for query in ("", "?whole=0", "?whole=false"):
+        status, text = put(shipped, query)
+        assert (status, "leaves out <urn:mine>" in text) == (422, True), query
+    assert put(shipped, "?whole=perhaps")[0] == 400
+    assert put(shipped, "?whole=true")[0] == 200

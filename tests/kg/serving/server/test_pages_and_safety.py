@@ -1,0 +1,126 @@
+"""Pages and documents of the map's things, and what keeps strangers out."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+from urllib.parse import quote
+
+import numpy as np
+import pytest
+import rdflib
+
+from kg.maps.object_pictures import ObjectPictures
+from kg.model.errors import ServerError
+from kg.model.records import Evidence, MapUpdate, ObjectRecord
+from kg.serving.opening import create_map
+from kg.serving.server import BearerTokens, Limits, Settings
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from contextlib import AbstractContextManager
+    from pathlib import Path
+
+    from conftest import Served
+
+CUP = "https://example.org/maps/flat/object/1"
+
+
+def test_thing_as_page_and_as_turtle(served: Served) -> None:
+    page = served.get("object/1", headers={"Accept": "text/html"})
+    assert "cup 1" in page.text
+    turtle = served.get("object/1", headers={"Accept": "text/turtle"})
+    graph = rdflib.Graph().parse(data=turtle.text, format="turtle")
+    assert (rdflib.URIRef(CUP), rdflib.RDFS.label, rdflib.Literal("cup 1")) in graph
+    assert served.get("object/99").status_code == 404
+
+
+def test_what_stands_somewhere_has_a_link_to_its_place_on_the_map(served: Served) -> None:
+    served.write("INSERT DATA { <urn:%41> a here:Cup ; rdfs:label 'odd' ; here:x 1 ; here:y 1 }")
+    for path, fragment in (
+        ("object/1", "object/1"),
+        ("place/1", "place/1"),
+        ("resource?iri=urn:%2541", "urn:%2541"),
+        ("resource?iri=https://w3id.org/hereabouts%23Cup", None),
+    ):
+        page = served.get(path, headers={"Accept": "text/html"}).text
+        assert (f'<a href="/#{fragment}">' in page) == (fragment is not None)
+        assert ('href="/#' in page) == (fragment is not None)
+
+
+def test_files_of_the_pages_are_sent_again_only_when_they_changed(served: Served) -> None:
+    first = served.get("files/map-page.js")
+    again = served.get("files/map-page.js", headers={"If-None-Match": first.headers["ETag"]})
+    other = served.get("files/map-page.js", headers={"If-None-Match": '"another"'})
+    assert (first.status_code, again.status_code, again.content) == (200, 304, b"")
+    assert other.content == first.content
+    for name in ("console.html", "../app.py", "vendor/../style.css", "vendor"):
+        assert served.get(f"files/{quote(name, safe='')}").status_code == 404
+
+
+def test_the_live_map_has_less_than_100_kb_of_our_own_code(served: Served) -> None:
+    waiting, read = ["map-page.js"], dict[str, str]()
+    while waiting:
+        name = waiting.pop()
+        read[name] = served.get(f"files/{name}").text
+        imported = re.findall(r'"/files/([\w-]+\.js)"', read[name])
+        waiting += [one for one in imported if one not in read and one not in waiting]
+    assert len(read) > 15
+    assert sum(len(text.encode()) for text in read.values()) < 100_000
+
+
+def test_front_page_escapes_and_loads_nothing_from_afar(served: Served) -> None:
+    page = served.get("", headers={"Accept": "text/html"})
+    assert "flat &lt;1&gt;" in page.text
+    assert "flat <1>" not in page.text
+    assert "default-src 'none'" in page.headers["Content-Security-Policy"]
+
+
+def test_limits_of_host_body_and_rate(serve: Callable[..., Served]) -> None:
+    served = serve(limits=Limits(body=1000, rate=0.01, burst=4))
+    assert served.get("health", headers={"Host": "evil.example"}).status_code == 421
+    long = served.post("sparql", data={"query": "#" * 2000})
+    assert long.status_code == 413
+    assert [served.get("health").status_code for _ in range(5)][-1] == 429
+
+
+def test_weak_token_and_open_host_are_refused(tmp_path: Path) -> None:
+    file = tmp_path / "tokens"
+    file.write_text("ann q7x-tiny\n")
+    with pytest.raises(ServerError, match="16") as refused:
+        BearerTokens.load(file)
+    assert "q7x-tiny" not in str(refused.value)
+    with pytest.raises(ServerError, match="--public"):
+        Settings(host="0.0.0.0")
+
+
+def test_an_object_has_its_picture_or_none(
+    tmp_path: Path, on_disk: Callable[..., AbstractContextManager[Served]]
+) -> None:
+    folder = tmp_path / "a.map"
+    with create_map(folder, base="https://example.org/maps/flat/") as semantic_map:
+        seen = Evidence("frame-1", "flat", 1.7e9, (1.0, 2.0, 3.0, 4.0), 0.9, "a detector")
+        cup = ObjectRecord(
+            iri=CUP,
+            category=semantic_map.catalogue.find("cup").iri,
+            p_map=np.array([1.0, 0.5, 0.8]),
+            confidence=2.4,
+            existence=0.8,
+            observations=3,
+            first_seen=1.7e9,
+            last_seen=1.7e9,
+            evidence=seen,
+        )
+        semantic_map.apply(MapUpdate(objects=(cup,)))
+        ObjectPictures(folder).write(cup, b"\xff\xd8 a picture")
+    with on_disk(folder, read_only=True) as served:
+        picture = served.get("pictures/1")
+        assert (picture.status_code, picture.content) == (200, b"\xff\xd8 a picture")
+        assert picture.headers["Content-Type"] == "image/jpeg"
+        for other in ("2", "1%00", "x", "9" * 40):
+            assert served.get(f"pictures/{other}").status_code == 204, other
+        assert served.get("pictures/..%2Fhistory.sqlite").status_code == 404
+        (kept,) = (folder / "pictures").iterdir()
+        kept.rename(tmp_path / "elsewhere.jpg")
+        kept.symlink_to(tmp_path / "elsewhere.jpg")
+        assert served.get("pictures/1").status_code == 204  # what is not the map's is not shown

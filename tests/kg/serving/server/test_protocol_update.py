@@ -1,0 +1,222 @@
+"""The SPARQL 1.1 Protocol's update operation, case by case as its specification has them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from conftest import Served
+
+from kg.serving.server import BearerTokens
+
+UPDATE = "application/sparql-update"
+MAP = "https://w3id.org/hereabouts/graph/map"
+ASSERTIONS = "https://example.org/graphs/notes"
+CUP = "<https://example.org/maps/flat/object/1>"
+NOTE = f'INSERT DATA {{ GRAPH graph:map {{ {CUP} rdfs:comment "chipped" }} }}'
+NOTES = f"SELECT ?note ?g WHERE {{ GRAPH ?g {{ {CUP} rdfs:comment ?note }} }} ORDER BY ?g ?note"
+
+
+def test_update_by_posted_form(served: Served) -> None:
+    answer = served.post("sparql", data={"update": NOTE}, headers=served.bearer())
+    assert answer.status_code == 200, answer.text
+    assert served.rows(NOTES) == [{"note": "chipped", "g": MAP}]
+
+
+def test_update_posted_directly(served: Served) -> None:
+    answer = served.write(NOTE)
+    assert answer.status_code == 200, answer.text
+    assert served.rows(NOTES) == [{"note": "chipped", "g": MAP}]
+
+
+def test_update_tells_what_it_changed_and_is_one_commit_in_its_writers_name(served: Served) -> None:
+    heard = []
+    served.map.subscriptions.listen(heard.append)
+    told = served.write(NOTE)
+    assert told.json() == {"sequence": served.map.sequence, "added": 1, "removed": 0}
+    (change,) = heard
+    assert change.cause.kind == "update"
+    assert change.cause.by == "ann"
+    again = served.write(NOTE)
+    assert again.json() == {"sequence": served.map.sequence, "added": 0, "removed": 0}
+    assert len(heard) == 1
+
+
+def test_update_without_graph_writes_graph_map(served: Served) -> None:
+    served.write(f'INSERT DATA {{ {CUP} rdfs:comment "chipped" }}')
+    assert served.rows(NOTES) == [{"note": "chipped", "g": MAP}]
+
+
+def copy_comments(served: Served, update: str, **given: str | list[str]) -> object:
+    return served.post("sparql", data={"update": update, **given}, headers=served.bearer())
+
+
+@pytest.fixture
+def noted(served: Served) -> Served:
+    """The cup has a comment in graph:map and another in graph:assertions."""
+    for graph, note in ((MAP, "perceived"), (ASSERTIONS, "asserted")):
+        done = served.write(f'INSERT DATA {{ GRAPH <{graph}> {{ {CUP} rdfs:comment "{note}" }} }}')
+        assert done.status_code == 200, done.text
+    return served
+
+
+COPY = (
+    f"INSERT {{ GRAPH graph:map {{ {CUP} rdfs:label ?note }} }} WHERE {{ ?s rdfs:comment ?note }}"
+)
+
+
+def labels(served: Served) -> set[str]:
+    query = f"SELECT ?label WHERE {{ GRAPH graph:map {{ {CUP} rdfs:label ?label }} }}"
+    return {row["label"] for row in served.rows(query)} - {"cup 1"}
+
+
+def test_using_graph_is_the_default_graph_of_where(noted: Served) -> None:
+    answer = copy_comments(noted, COPY, **{"using-graph-uri": ASSERTIONS})
+    assert answer.status_code == 200, answer.text
+    assert labels(noted) == {"asserted"}
+
+
+def test_several_using_graphs_are_merged(noted: Served) -> None:
+    only_cup = COPY.replace("?s rdfs:comment", f"{CUP} rdfs:comment")
+    copy_comments(noted, only_cup, **{"using-graph-uri": [ASSERTIONS, MAP]})
+    assert labels(noted) == {"asserted", "perceived"}
+
+
+def test_using_named_graph_limits_graph_clauses(noted: Served) -> None:
+    update = COPY.replace("?s rdfs:comment ?note", f"GRAPH ?g {{ {CUP} rdfs:comment ?note }}")
+    copy_comments(noted, update, **{"using-named-graph-uri": ASSERTIONS})
+    assert labels(noted) == {"asserted"}
+
+
+def test_using_and_using_named_together(noted: Served) -> None:
+    update = (
+        f"INSERT {{ GRAPH graph:map {{ {CUP} rdfs:label ?both }} }} WHERE {{ {CUP} rdfs:comment ?a "
+        f". GRAPH ?g {{ {CUP} rdfs:comment ?b }} BIND(CONCAT(?a, '+', ?b) AS ?both) }}"
+    )
+    given = {"using-graph-uri": MAP, "using-named-graph-uri": ASSERTIONS}
+    copy_comments(noted, update, **given)
+    assert labels(noted) == {"perceived+asserted"}
+
+
+def test_using_reaches_delete_where_and_every_operation(noted: Served) -> None:
+    update = (
+        f"# WHERE\nDELETE WHERE {{ {CUP} rdfs:label ?where }} ;\n"
+        f"DELETE {{ GRAPH <https://example.org/graphs/notes> {{ ?s rdfs:comment ?note }} }} "
+        f"WHERE {{ ?s rdfs:comment ?note }}"
+    )
+    answer = copy_comments(noted, update, **{"using-graph-uri": ASSERTIONS})
+    assert answer.status_code == 200, answer.text
+    assert noted.rows(NOTES) == [{"note": "perceived", "g": MAP}]
+
+
+@pytest.mark.parametrize("clause", ["USING", "USING NAMED", "WITH"])
+def test_graphs_named_twice_over_are_a_conflict(noted: Served, clause: str) -> None:
+    if clause == "WITH":
+        update = f"WITH graph:map {COPY}"
+    else:
+        update = COPY.replace("WHERE", f"{clause} graph:map WHERE")
+    answer = copy_comments(noted, update, **{"using-graph-uri": ASSERTIONS})
+    assert answer.status_code == 400
+    assert "USING" in answer.text
+    assert labels(noted) == set()
+
+
+def test_base_of_an_update_resolves_its_iris(served: Served) -> None:
+    update = f'BASE <{CUP[1:-2]}> INSERT DATA {{ GRAPH graph:map {{ <1> rdfs:comment "based" }} }}'
+    assert served.write(update).status_code == 200
+    assert served.rows(NOTES) == [{"note": "based", "g": MAP}]
+
+
+def refused(served: Served, status: int, answer: object) -> None:
+    assert answer.status_code == status, answer.text  # type: ignore[attr-defined]
+    assert answer.text.count("\n") == 1  # type: ignore[attr-defined]
+    assert served.rows(NOTES) == []
+
+
+def test_update_by_get_is_refused(served: Served) -> None:
+    answer = served.get("sparql", params={"update": NOTE}, headers=served.bearer())
+    refused(served, 400, answer)
+
+
+def test_two_updates_are_refused(served: Served) -> None:
+    answer = served.post("sparql", data={"update": [NOTE, NOTE]}, headers=served.bearer())
+    refused(served, 400, answer)
+
+
+def test_query_and_update_in_one_form_are_refused(served: Served) -> None:
+    both = {"update": NOTE, "query": "ASK {}"}
+    refused(served, 400, served.post("sparql", data=both, headers=served.bearer()))
+
+
+def test_update_of_another_media_type_is_refused(served: Served) -> None:
+    headers = {"Content-Type": "text/plain", **served.bearer()}
+    refused(served, 415, served.post("sparql", data=NOTE, headers=headers))
+
+
+def test_update_without_a_media_type_is_refused(served: Served) -> None:
+    answer = served.post("sparql", data=NOTE.encode(), headers=served.bearer())
+    refused(served, 415, answer)
+
+
+def test_update_that_is_not_utf_8_is_refused(served: Served) -> None:
+    body = NOTE.replace("chipped", "tür").encode("latin-1")
+    headers = {"Content-Type": UPDATE, **served.bearer()}
+    refused(served, 400, served.post("sparql", data=body, headers=headers))
+
+
+@pytest.mark.parametrize("update", ["INSERT nothing", "INSERT DATA { ?s ?p ?o }", "SELECT * {}"])
+def test_update_that_does_not_parse_is_refused(served: Served, update: str) -> None:
+    refused(served, 400, served.write(update))
+
+
+@pytest.mark.parametrize(
+    "update",
+    [
+        "LOAD <http://127.0.0.1:1/> INTO GRAPH graph:map",
+        "LOAD SILENT <file:///etc/passwd> INTO GRAPH graph:map",
+        "INSERT { ?s ?p ?o } WHERE { SERVICE <http://127.0.0.1:1/> { ?s ?p ?o } }",
+    ],
+)
+def test_update_that_reaches_out_is_refused(served: Served, update: str) -> None:
+    before = served.map.sequence
+    assert served.write(update).status_code in (400, 403)
+    assert served.map.sequence == before
+
+
+def test_update_without_a_token_is_unauthorised(served: Served) -> None:
+    answer = served.post("sparql", data={"update": NOTE})
+    refused(served, 401, answer)
+    assert answer.headers["WWW-Authenticate"].startswith("Bearer")
+
+
+@pytest.mark.parametrize(
+    "authorization",
+    [
+        "Bearer a-token-of-the-tests-012",
+        "Bearer ",
+        "Basic YTpi",
+        "a-token-of-the-tests-0123",
+        "Bearer \xff",
+    ],
+)
+def test_update_with_a_wrong_token_is_unauthorised(served: Served, authorization: str) -> None:
+    headers = {"Authorization": authorization.encode("latin-1")}
+    answer = served.post("sparql", data={"update": NOTE}, headers=headers)
+    refused(served, 401, answer)
+    assert "a-token" not in answer.text
+
+
+def test_server_without_tokens_only_reads(serve: Callable[..., Served]) -> None:
+    served = serve(tokens=BearerTokens())
+    refused(served, 403, served.write(NOTE))
+
+
+def test_what_was_written_is_read_right_afterwards(served: Served) -> None:
+    for number in range(20):
+        update = f'INSERT DATA {{ GRAPH graph:map {{ {CUP} rdfs:comment "{number}" }} }}'
+        assert served.write(update).status_code == 200
+        assert len(served.rows(NOTES)) == number + 1

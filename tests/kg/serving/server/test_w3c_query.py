@@ -1,0 +1,211 @@
+"""The W3C's SPARQL 1.0 and 1.1 query suites, through a real `/sparql`.
+
+Whatever pyoxigraph by itself answers, the server answers alike: the same rows, the same graph, or
+an error of the client's. SERVICE is left out. The suites' data are user graphs of the map named by
+their files, which `default-graph-uri` and `named-graph-uri` choose; blank nodes are kept, since no
+update is involved.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+import pytest
+import requests
+from pyoxigraph import (
+    BlankNode,
+    NamedNode,
+    Quad,
+    QueryBoolean,
+    QueryResultsFormat,
+    QueryTriples,
+    RdfFormat,
+    Store,
+    parse,
+)
+
+from kg.model import vocabulary as v
+from kg.serving.opening import in_memory_map
+from kg.serving.server import Limits, MapServer, Settings
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+TESTS = "http://www.w3.org/2001/sw/DataAccess/tests/test-"
+RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
+MF, QT = f"{TESTS}manifest#", f"{TESTS}query#"
+ROOT = "http://w3c.example/"
+BASE = "https://example.org/maps/suites/"
+FORMATS = {".ttl": RdfFormat.TURTLE, ".nt": RdfFormat.N_TRIPLES, ".rdf": RdfFormat.RDF_XML}
+#: tests of the suites as of 2024: of answers, and of syntax alone
+EVALUATED, PARSED = 589, 310
+#: of other protocols, and what calls out
+LEFT_OUT = {"service", "syntax-fed", "protocol", "http-rdf-update"}
+LEFT_OUT |= {"graph-store-protocol", "service-description"}
+#: a graph that there is not
+NOTHING = "urn:w3c:nothing"
+
+
+@dataclass(frozen=True)
+class Case:
+    """One test of a manifest: its text, and the graphs it reads."""
+
+    name: str
+    kind: str
+    text: str
+    default: tuple[str, ...]
+    named: tuple[str, ...]
+
+    @property
+    def syntax(self) -> bool:
+        """Whether it is but a matter of whether the text is a query."""
+        return "Syntax" in self.kind
+
+
+def iri_of(root: Path, path: Path) -> str:
+    return ROOT + path.relative_to(root).as_posix()
+
+
+def cases(root: Path) -> Iterator[Case]:
+    for manifest in sorted(root.glob("sparql1*/*/manifest.ttl")):
+        if manifest.parent.name in LEFT_OUT:
+            continue
+        base = iri_of(root, manifest)
+        store = Store()
+        store.extend(parse(path=str(manifest), format=RdfFormat.TURTLE, base_iri=base))
+
+        def values(subject: Any, name: str, store: Store = store) -> list[Any]:
+            return [q.object for q in store.quads_for_pattern(subject, NamedNode(name), None)]
+
+        for quad in store.quads_for_pattern(None, NamedNode(f"{MF}action"), None):
+            types = values(quad.subject, f"{RDF}type")
+            kind = next((t.value for t in types if "Test" in t.value), "")
+            action, blank = quad.object, isinstance(quad.object, BlankNode)
+            queries = values(action, f"{QT}query") if blank else [action]
+            if "Update" in kind or not queries:
+                continue
+            text = (root / queries[0].value.removeprefix(ROOT)).read_text(encoding="utf-8")
+            graphs = [
+                tuple(value.value for value in values(action, QT + name)) if blank else ()
+                for name in ("data", "graphData")
+            ]
+            if "service" not in text.lower().split():
+                yield Case(quad.subject.value, kind, f"BASE <{base}>\n{text}", *graphs)
+
+
+@pytest.fixture(scope="module")
+def suites(shared: Callable[[str], Path]) -> Path:
+    return shared("data/w3c-sparql")
+
+
+@pytest.fixture(scope="module")
+def data(suites: Path) -> list[Quad]:
+    """Every data file of the suites as a graph named by it."""
+    quads = []
+    for path in sorted(suites.glob("sparql1*/*/*")):
+        form = FORMATS.get(path.suffix)
+        if form is None or "manifest" in path.name:
+            continue
+        iri = iri_of(suites, path)
+        try:
+            found = list(parse(path=str(path), format=form, base_iri=iri, rename_blank_nodes=True))
+        except SyntaxError:
+            continue  # results of tests of bad syntax
+        quads += [Quad(q.subject, q.predicate, q.object, NamedNode(iri)) for q in found]
+    return quads
+
+
+@pytest.fixture(scope="module")
+def raw(data: list[Quad]) -> Store:
+    store = Store()
+    store.extend(data)
+    return store
+
+
+@pytest.fixture(scope="module")
+def endpoint(data: list[Quad]) -> Iterator[str]:
+    """The address of a server of a map that holds the data."""
+    limits = Limits(query_seconds=120.0, rate=1e6, burst=10**6)
+    with in_memory_map(base=BASE) as semantic_map:
+        cast(Store, semantic_map.engine).extend(data)
+        with MapServer(semantic_map, Settings(port=0, limits=limits)) as server:
+            yield server.url
+
+
+def masked(value: str) -> str:
+    return re.sub(r"_:\w+", "_:b", value)
+
+
+def graphs_of(case: Case) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The graphs to choose in the request; none where FROM chooses.
+
+    Without either, a test's dataset is empty, where that of the server is the union of its graphs.
+    """
+    none = not case.default and not case.named and not re.search(r"\bfrom\b", case.text, re.I)
+    return ((NOTHING,), ()) if case.syntax or none else (case.default, case.named)
+
+
+def answer_of(raw: Store, case: Case, base: str) -> object:
+    """What pyoxigraph answers: a truth value, a multiset of rows or triples, or None: an error."""
+    default, named = graphs_of(case)
+    chosen: dict[str, Any] = {}
+    if default or named:
+        chosen["default_graph"] = [NamedNode(iri) for iri in default]
+        chosen["named_graphs"] = [NamedNode(iri) for iri in named]
+    try:
+        found = raw.query(case.text, base_iri=base, prefixes=v.PREFIXES, **chosen)
+        if isinstance(found, QueryBoolean):
+            return bool(found)
+        if isinstance(found, QueryTriples):
+            return Counter(masked(str(triple)) for triple in found)
+        return rows_of(json.loads(found.serialize(format=QueryResultsFormat.JSON) or b""))
+    except (SyntaxError, ValueError, OSError, RuntimeError):
+        return None
+
+
+def rows_of(results: dict[str, Any]) -> Counter[str]:
+    rows = results["results"]["bindings"]
+    for row in rows:
+        for term in row.values():
+            if term["type"] == "bnode":
+                term["value"] = "b"
+    return Counter(json.dumps(row, sort_keys=True) for row in rows)
+
+
+def response_of(endpoint: str, session: requests.Session, case: Case) -> object:
+    """What the server answers, in the same form."""
+    default, named = graphs_of(case)
+    given = {"query": case.text, "default-graph-uri": default, "named-graph-uri": named}
+    accept = "application/sparql-results+json, application/n-triples"
+    answer = session.post(f"{endpoint}sparql", data=given, headers={"Accept": accept})
+    if answer.status_code != 200:
+        assert answer.status_code == 400, (answer.status_code, answer.text)
+        return None
+    if answer.headers["Content-Type"].startswith("application/n-triples"):
+        triples = parse(answer.content, format=RdfFormat.N_TRIPLES)
+        return Counter(masked(str(quad.triple)) for quad in triples)
+    results = answer.json()
+    return results["boolean"] if "boolean" in results else rows_of(results)
+
+
+def test_every_query_is_answered_as_by_the_engine_alone(
+    suites: Path, raw: Store, endpoint: str
+) -> None:
+    found = list(cases(suites))
+    other = {}
+    with requests.Session() as session:
+        for case in found:
+            expected = answer_of(raw, case, BASE)
+            answer = response_of(endpoint, session, case)
+            if answer != expected:
+                other[case.name.rpartition("data-")[2]] = (expected, answer)
+    assert other == {}
+    # an empty run is no success
+    kinds = Counter(case.syntax for case in found)
+    assert kinds == {False: EVALUATED, True: PARSED}

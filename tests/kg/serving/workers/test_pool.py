@@ -1,0 +1,332 @@
+"""Queries in worker processes: right answers, from a state of the map that is known."""
+
+from __future__ import annotations
+
+import asyncio
+import csv
+import io
+import json
+import queue
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from pyoxigraph import Literal, NamedNode, Quad
+
+from kg.maps.query.query_files import find_query
+from kg.maps.semantic_map import SemanticMap
+from kg.model import vocabulary as v
+from kg.model.errors import (
+    GraphError,
+    NotAcceptableError,
+    PoolBusyError,
+    QueryError,
+    QueryTimeoutError,
+)
+from kg.model.transactions import Cause
+from kg.serving.opening import create_map, in_memory_map, open_map
+from kg.serving.workers import process
+from kg.serving.workers.pool import QueryPool
+
+ENDLESS = "SELECT (SUM(STRLEN(STR(?a))) AS ?n) {?a ?b ?c. ?d ?e ?f. ?g ?h ?i. ?j ?k ?l}"
+
+
+def note(number: int) -> Quad:
+    graph = v.ASSERTIONS_GRAPH
+    return Quad(NamedNode(f"urn:note:{number}"), NamedNode("urn:says"), Literal(number), graph)
+
+
+def write(live: SemanticMap, number: int) -> None:
+    live.store.commit([], [note(number)], Cause("update"))
+
+
+@pytest.fixture
+def live(tmp_path: Path) -> Iterator[SemanticMap]:
+    with create_map(tmp_path / "home") as opened:
+        yield opened
+
+
+@pytest.fixture
+def pool(live: SemanticMap) -> Iterator[QueryPool]:
+    with QueryPool(live, timeout=60) as made:
+        yield made
+
+
+def rows(pool: QueryPool, sparql: str, **options: object) -> list[list[str]]:
+    answer = pool.run(sparql, accept="text/csv", **options)  # type: ignore[arg-type]
+    return list(csv.reader(io.StringIO(answer.body.decode())))[1:]
+
+
+def test_an_answer_is_what_the_map_itself_answers(live: SemanticMap, pool: QueryPool) -> None:
+    sparql = "SELECT ?label {here:Kitchen rdfs:label ?label} ORDER BY ?label"
+    assert rows(pool, sparql) == [[str(cell) for cell in row] for row in live.query(sparql).rows]
+
+
+def test_a_shipped_question_is_answered_as_by_the_map_itself(live: SemanticMap) -> None:
+    live.update("INSERT DATA { <object/1> a here:Cup ; here:x 3.0 ; here:y 4.0 ; here:z 0.5 }")
+    question = find_query("objects-within-radius")
+    around = {"x": 0.0, "y": 0.0, "radius": 10.0}
+    distance = question.columns.index("distance")
+    with QueryPool(live, timeout=60) as pool:
+        (row,) = rows(pool, question.bind(around, lambda _, text: text))
+    assert float(row[distance]) == 5.0 == live.query(question.name, **around).rows[0][distance]
+
+
+def test_each_form_comes_in_the_format_asked_for(pool: QueryPool) -> None:
+    table = pool.run("SELECT ?p {graph:dataset ?p ?o}", accept="application/json")
+    triples = pool.run("CONSTRUCT WHERE {?s a here:SemanticMap}", accept="application/n-triples")
+    assert "bindings" in json.loads(table.body)["results"]
+    assert table.media_type == "application/json"
+    assert triples.body.decode().rstrip().endswith(f"<{v.SEMANTIC_MAP}> .")
+    assert b"true" in pool.run("ASK {}", accept="application/sparql-results+xml").body
+
+
+def test_a_format_nobody_has_is_refused_before_and_after_the_form_is_known(
+    pool: QueryPool,
+) -> None:
+    with pytest.raises(NotAcceptableError, match="image/png"):
+        pool.run("ASK {}", accept="image/png")
+    with pytest.raises(NotAcceptableError, match="table or truth value"):
+        pool.run("ASK {}", accept="text/turtle")
+    with pytest.raises(NotAcceptableError, match="triples"):
+        pool.run("DESCRIBE here:Kitchen", accept="text/csv")
+
+
+def test_the_default_graph_is_the_union_unless_graphs_are_chosen(
+    live: SemanticMap, pool: QueryPool
+) -> None:
+    write(live, 7)
+    ask = "SELECT ?n {?s <urn:says> ?n}"
+    elsewhere = "SELECT ?n FROM graph:map {?s <urn:says> ?n}"
+    by_name = "SELECT ?n FROM NAMED graph:assertions {GRAPH ?g {?s <urn:says> ?n}}"
+    assert rows(pool, ask, at_least=1) == [["7"]]
+    assert rows(pool, elsewhere) == []
+    assert rows(pool, by_name) == [["7"]]
+    assert rows(pool, ask, default_graphs=[v.MAP_GRAPH.value]) == []
+    assert rows(pool, elsewhere, default_graphs=[v.ASSERTIONS_GRAPH.value]) == [["7"]]
+    assert rows(pool, by_name, named_graphs=[v.MAP_GRAPH.value]) == []
+
+
+def test_graphs_that_the_map_has_not_are_empty_in_the_request_too(pool: QueryPool) -> None:
+    assert rows(pool, "SELECT ?s {?s ?p ?o}", default_graphs=["file:///etc/passwd"]) == []
+    with pytest.raises(QueryError, match="IRI"):
+        pool.run("ASK {}", named_graphs=["no iri"])
+
+
+def test_answers_say_which_transaction_they_saw_and_catch_up_when_told(live: SemanticMap) -> None:
+    with QueryPool(live, refresh=3600) as pool:
+        assert pool.run("ASK {}").sequence == 0
+        for number in range(3):
+            write(live, number)
+        assert pool.run("ASK {}").sequence == 0
+        answer = pool.run("SELECT (COUNT(*) AS ?n) {?s <urn:says> ?o}", at_least=2)
+        assert answer.sequence == 3
+        assert b'"3"' in answer.body
+
+
+def test_a_live_map_is_followed_within_its_refresh_time(live: SemanticMap) -> None:
+    with QueryPool(live, refresh=0.1) as pool:
+        pool.run("ASK {}")
+        write(live, 1)
+        time.sleep(0.15)
+        assert pool.run("ASK {}").sequence == 1
+
+
+def test_maps_in_memory_and_maps_open_for_reading_are_answered_as_well(tmp_path: Path) -> None:
+    with in_memory_map() as memory, QueryPool(memory) as pool:
+        write(memory, 5)
+        assert rows(pool, "SELECT ?n {?s <urn:says> ?n}", at_least=1) == [["5"]]
+    create_map(tmp_path / "still").close()
+    with open_map(tmp_path / "still", read_only=True) as still, QueryPool(still) as pool:
+        assert b"true" in pool.run("ASK {here:Kitchen a ?x}").body
+    assert [path.name for path in tmp_path.iterdir()] == ["still"]
+
+
+def test_snapshots_live_beside_the_map_and_are_removed_with_the_pool(
+    live: SemanticMap, tmp_path: Path
+) -> None:
+    with QueryPool(live, refresh=0) as pool:
+        for number in range(5):
+            write(live, number)
+            pool.run("ASK {}")
+        (home,) = (path for path in tmp_path.iterdir() if path.name != "home")
+        assert len([path for path in home.iterdir() if path.is_dir()]) <= 3
+    assert [path.name for path in tmp_path.iterdir()] == ["home"]
+
+
+def test_snapshots_of_a_killed_server_are_removed_at_the_next_start(tmp_path: Path) -> None:
+    code = (
+        "import os, signal, sys; from kg.serving.opening import create_map\n"
+        "from kg.serving.workers.pool import QueryPool\n"
+        "pool = QueryPool(create_map(sys.argv[1])); pool.run('ASK {}')\n"
+        "print(*pool.pids, flush=True); os.kill(os.getpid(), signal.SIGKILL)"
+    )
+    root = Path(__file__).resolve().parents[4]
+    ran = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path / "home")],
+        cwd=root, stdout=subprocess.PIPE, check=False, text=True,
+    )  # fmt: skip
+    assert len(list(tmp_path.glob(".home.snapshots-*"))) == 1
+    with open_map(tmp_path / "home") as opened, QueryPool(opened) as pool:
+        pool.run("ASK {}")
+        assert len(list(tmp_path.glob(".home.snapshots-*"))) == 1
+    assert not list(tmp_path.glob(".home.snapshots-*"))
+    pids = ran.stdout.split()
+    assert len(pids) == 3
+    end = time.monotonic() + 60
+    while (left := [pid for pid in pids if _runs(pid)]) and time.monotonic() < end:
+        time.sleep(0.02)
+    assert not left, "workers outlived the process that asked them"
+
+
+def _runs(pid: str) -> bool:
+    """Whether there is such a process; one that ended and that nobody asked after is none."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+def test_many_threads_ask_at_once_and_each_gets_its_own_answer(pool: QueryPool) -> None:
+    answers: dict[int, bytes] = {}
+
+    def ask(number: int) -> None:
+        answers[number] = pool.run(f"SELECT (({number} + 0) AS ?n) {{}}", accept="text/csv").body
+
+    threads = [threading.Thread(target=ask, args=(number,)) for number in range(20)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert {n: int(body.split()[1]) for n, body in answers.items()} == {n: n for n in range(20)}
+
+
+def test_a_full_queue_says_so_at_once(live: SemanticMap) -> None:
+    with QueryPool(live, workers=1, queue=1, timeout=60) as pool:
+
+        async def crowd() -> list[object]:
+            asked = [
+                pool.run_async(ENDLESS, timeout=0.7),
+                pool.run_async("ASK {}"),
+                pool.run_async("ASK {}"),
+            ]
+            return await asyncio.gather(*asked, return_exceptions=True)
+
+        first, second, third = asyncio.run(crowd())
+        assert isinstance(first, QueryTimeoutError)
+        assert not isinstance(second, QueryError)
+        assert isinstance(third, PoolBusyError)
+        assert pool.run("ASK {}")
+
+
+def test_a_cancelled_query_is_killed_and_its_worker_free_again(live: SemanticMap) -> None:
+    with QueryPool(live, workers=1, timeout=60) as pool:
+
+        async def give_up() -> None:
+            with pytest.raises(TimeoutError):
+                await asyncio.wait_for(pool.run_async(ENDLESS), 0.3)
+            assert (await pool.run_async("ASK {}")).body
+
+        asyncio.run(give_up())
+
+
+def test_a_shorter_time_limit_holds_and_a_longer_one_is_cut(live: SemanticMap) -> None:
+    with QueryPool(live, workers=1, timeout=0.4) as pool:
+        for timeout in (0.1, 1000.0):
+            with pytest.raises(QueryTimeoutError, match="time limit"):
+                pool.run(ENDLESS, timeout=timeout)
+
+
+def test_a_slow_start_of_a_worker_is_not_taken_off_a_querys_time(
+    live: SemanticMap, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(process, "_START", f"import time; time.sleep(3); {process._START}")
+    with QueryPool(live, workers=1) as pool:
+        assert pool.run("ASK {}", timeout=2).body
+
+
+def test_a_closed_pool_says_it_is_closed(live: SemanticMap) -> None:
+    pool = QueryPool(live)
+    pool.close()
+    pool.close()
+    with pytest.raises(GraphError, match="closed"):
+        pool.run("ASK {}")
+
+
+def test_closing_ends_queries_that_still_run(live: SemanticMap) -> None:
+    pool = QueryPool(live, timeout=60)
+    raised: list[BaseException] = []
+
+    def ask() -> None:
+        try:
+            pool.run(ENDLESS)
+        except (GraphError, QueryError) as error:
+            raised.append(error)
+
+    thread = threading.Thread(target=ask)
+    thread.start()
+    while not pool.busy:
+        time.sleep(0.005)
+    pool.close()
+    thread.join()
+    assert len(raised) == 1
+
+
+def test_questions_about_the_past_leave_a_worker_for_the_present(live: SemanticMap) -> None:
+    for number in range(3):
+        write(live, number)
+    refused: list[BaseException] = []
+
+    def ask(at: int) -> None:
+        try:
+            pool.run(ENDLESS, at=at)
+        except GraphError as error:
+            refused.append(error)
+
+    with QueryPool(live, workers=2, timeout=600) as pool:
+        asking = [threading.Thread(target=ask, args=(at,)) for at in (0, 1, 2)]
+        for thread in asking:
+            thread.start()
+        while not pool.busy:
+            time.sleep(0.01)
+        for _ in range(3):  # however many wait for the other, this one is never theirs
+            assert rows(pool, "SELECT (COUNT(*) AS ?n) {?s <urn:says> ?o}", at_least=3) == [["3"]]
+        assert all(thread.is_alive() for thread in asking)
+    for thread in asking:
+        thread.join()
+    assert len(refused) == 3
+
+
+def test_questions_about_the_past_leave_places_in_the_queue_for_the_present(
+    live: SemanticMap,
+) -> None:
+    write(live, 0)
+    ended: queue.Queue[BaseException] = queue.Queue()
+
+    def ask() -> None:
+        try:
+            pool.run(ENDLESS, at=0)
+        except (GraphError, QueryError) as error:
+            ended.put(error)
+
+    with QueryPool(live, workers=2, queue=4, timeout=600) as pool:
+        asking = [threading.Thread(target=ask) for _ in range(9)]
+        for thread in asking:
+            thread.start()
+        refused = [ended.get(timeout=120) for _ in range(6)]  # one is answered, two wait for that
+        assert {type(error) for error in refused} == {PoolBusyError}
+        assert b"true" in pool.run("ASK {}", accept="application/json").body
+    for thread in asking:
+        thread.join()
+    assert ended.qsize() == 3
+
+
+def test_a_turn_in_the_past_is_given_back_and_not_waited_for_for_ever(pool: QueryPool) -> None:
+    for _ in range(3):
+        with pytest.raises(QueryError, match="expected"):
+            pool.run("SELEKT", at=0)
+    assert b"true" in pool.run("ASK {}", at=0).body

@@ -1,0 +1,239 @@
+"""Messages become frames by the rules of bags; the newest first, and each one that came counted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rosbags")
+from perception.sources.bag_writer import COLOUR, COLOUR_INFO, DEPTH, NOTE_TOPIC
+from perception.sources.bags.bag_file import RawMessage, message_types
+from perception.sources.listing import Streams
+from perception.sources.live import images, stream
+from perception.sources.live.stream import FrameStream
+from perception.sources.recording import FolderRecording
+from perception.sources.recording_options import RecordingOptions
+
+Messages = Callable[[str], list[RawMessage]]
+
+
+@pytest.fixture(autouse=True)
+def settled_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stream, "SETTLING", 0.0)
+    monkeypatch.setattr(stream, "SILENT", 0.0)
+    monkeypatch.setattr(stream, "PATIENCE", 0.05)
+
+
+def by_frame(raws: list[RawMessage]) -> list[list[RawMessage]]:
+    """Messages before the first image and with it, then those with each further one."""
+    starts = [i for i, raw in enumerate(raws) if raw.topic == "/tf"]
+    ends = [*starts[1:], len(raws)]
+    parts = [raws[a:b] for a, b in zip(starts, ends, strict=True)]
+    return [raws[: starts[0]] + parts[0], *parts[1:]]
+
+
+def offered(made: FrameStream, raws: list[RawMessage], *, is_ros1: bool = True) -> FrameStream:
+    made.wanted({raw.topic: raw.type for raw in raws})
+    for raw in raws:
+        made.offer(raw, is_ros1=is_ros1)
+    return made
+
+
+@pytest.mark.parametrize(("suffix", "is_ros1"), [(".bag", True), (".mcap", False)])
+def test_frames_are_those_of_the_recording(
+    room: FolderRecording, messages: Messages, suffix: str, is_ros1: bool
+) -> None:
+    made = FrameStream("peer")
+    for part, frame in zip(by_frame(messages(suffix)), room.frames(), strict=True):
+        offered(made, part, is_ros1=is_ros1)
+        ours = made.next_frame(5)
+        assert ours is not None
+        assert np.array_equal(ours.rgb, frame.rgb)
+        assert np.array_equal(ours.depth, frame.depth, equal_nan=True)
+        assert np.array_equal(ours.K, frame.K)
+        assert np.allclose(ours.T_map_cam, frame.T_map_cam, atol=1e-12)
+    assert made.next_frame(0) is None
+    assert made.counts.taken == made.counts.received == 6
+
+
+def test_the_newest_frame_comes_first_and_older_ones_count_as_dropped(
+    room: FolderRecording, messages: Messages
+) -> None:
+    made = offered(FrameStream("peer"), messages(".bag"))
+    frame = made.next_frame(5)
+    assert frame is not None
+    assert np.array_equal(frame.rgb, room.frame(5).rgb)
+    assert made.next_frame(0) is None
+    assert (made.counts.received, made.counts.taken, made.counts.dropped) == (6, 1, 5)
+
+
+def test_what_waits_is_bounded(messages: Messages, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(images, "HELD", 3)
+    raws = messages(".bag")
+    made = offered(FrameStream("peer"), raws)
+    colours = [raw for raw in raws if raw.topic == COLOUR]
+    for raw in colours * 10:  # depth never comes
+        made.offer(raw, is_ros1=True)
+    assert sum(len(held.images) for held in made._held.values()) <= 6
+    assert made.next_frame(5) is not None
+    assert made.counts.received == 66
+    assert made.counts.dropped + made.counts.without_depth == 65
+
+
+def test_images_without_depth_or_pose_are_counted_as_such(messages: Messages) -> None:
+    first, *rest = by_frame(messages(".bag"))
+    made = offered(FrameStream("peer"), first)
+    assert made.next_frame(5) is not None
+    for i, part in enumerate(rest):
+        for raw in part:
+            no_depth = i == 0 and raw.topic == DEPTH
+            no_pose = i == 2 and raw.topic == "/tf"
+            if not (no_depth or no_pose):
+                made.offer(raw, is_ros1=True)
+        made.next_frame(1 if i != 2 else 0.2)
+    counts = made.counts
+    assert (counts.received, counts.without_depth) == (6, 1)
+    assert counts.without_pose <= 1  # tf may be interpolated
+    assert counts.taken + counts.without_depth + counts.without_pose + counts.dropped == 6
+
+
+def test_a_pose_beyond_the_last_transform_is_waited_for(messages: Messages) -> None:
+    first, second, *_ = by_frame(messages(".bag"))
+    made = offered(FrameStream("peer"), first)
+    assert made.next_frame(5) is not None
+    late = [raw for raw in second if raw.topic == "/tf"]
+    offered(made, [raw for raw in second if raw.topic != "/tf"])
+    assert made._newest() is None
+    offered(made, late)
+    assert made.next_frame(5) is not None
+
+
+def test_a_nearer_depth_image_is_waited_for(messages: Messages) -> None:
+    first, second, *_ = by_frame(messages(".bag"))
+    made = offered(FrameStream("peer"), first)
+    assert made.next_frame(5) is not None
+    colour, depth = (next(r for r in second if r.topic == topic) for topic in (COLOUR, DEPTH))
+    offered(made, [raw for raw in second if raw.topic not in (COLOUR, DEPTH)])
+    offered(made, [moved(depth, milliseconds=-15), colour])
+    assert made._newest() is None  # a nearer one may come
+    offered(made, [moved(depth, milliseconds=5)])
+    assert made._newest() is None  # and a colour image that is nearer to that one
+    offered(made, [moved(colour, milliseconds=40)])
+    entry = made._newest()
+    assert entry is not None
+    assert entry.depth.seconds == pytest.approx(entry.stamp + 0.005)
+
+
+def test_a_nearer_depth_image_is_not_waited_for_without_end(
+    messages: Messages, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, second, *_ = by_frame(messages(".bag"))
+    made = offered(FrameStream("peer"), first)
+    assert made.next_frame(5) is not None
+    colour, depth = (next(r for r in second if r.topic == topic) for topic in (COLOUR, DEPTH))
+    offered(made, [raw for raw in second if raw.topic not in (COLOUR, DEPTH)])
+    offered(made, [moved(depth, milliseconds=-15), colour])
+    monkeypatch.setattr(stream, "PATIENCE", 0.0)
+    entry = made._newest()
+    assert entry is not None
+    assert entry.depth.seconds == pytest.approx(entry.stamp - 0.015)
+
+
+def test_a_depth_image_makes_one_frame(messages: Messages) -> None:
+    first, second, *_ = by_frame(messages(".bag"))
+    made = offered(FrameStream("peer"), first)
+    assert made.next_frame(5) is not None
+    colour = next(raw for raw in second if raw.topic == COLOUR)
+    offered(made, [*second, moved(colour, milliseconds=10), moved(colour, milliseconds=500)])
+    assert made.next_frame(5) is not None
+    assert made.next_frame(1) is None
+    assert made.counts.taken == 2
+
+
+def test_topics_are_those_of_the_options(messages: Messages) -> None:
+    raws = messages(".bag")
+    other = [replace(raw, topic="/rear/color") for raw in raws if raw.topic == COLOUR]
+    types = {raw.topic: raw.type for raw in [*raws, *other]}
+    given = FrameStream(
+        "peer",
+        RecordingOptions(streams=Streams(colour="/rear/color", depth=DEPTH, camera=COLOUR_INFO)),
+    )
+    assert COLOUR not in given.wanted(types)
+    assert NOTE_TOPIC not in given.wanted(types)
+    offered(given, [raw for raw in [*raws, *other] if raw.topic in given.wanted(types)])
+    assert given.next_frame(5) is not None
+    assert given.wanted(types) == {"/rear/color", DEPTH, "/tf", "/tf_static"}
+
+
+def test_what_is_missing_is_said(messages: Messages) -> None:
+    made = offered(FrameStream("peer"), [r for r in messages(".bag") if r.topic != DEPTH])
+    assert made.next_frame(0) is None
+    assert "no depth images" in made.problem
+    made = offered(FrameStream("peer"), [r for r in messages(".bag") if r.topic != COLOUR_INFO])
+    assert made.next_frame(5) is not None  # depth's CameraInfo is of the same frame
+
+
+def test_damaged_messages_are_skipped(messages: Messages, caplog: pytest.LogCaptureFixture) -> None:
+    raws = messages(".bag")
+    made = offered(FrameStream("peer"), raws)
+    assert made.next_frame(5) is not None
+    damaged = [replace(raw, data=raw.data[: len(raw.data) // 2]) for raw in raws]
+    damaged += [replace(raw, data=b"\xff" * 300) for raw in raws]
+    damaged += [replace(raw, data=b"") for raw in raws]
+    offered(made, damaged)
+    while made.next_frame(0.2) is not None:
+        pass
+    assert made.counts.taken == 1
+    assert "skipped" in caplog.text
+    offered(made, [replace(raw) for raw in raws])  # and what is whole is taken again
+    frame = made.next_frame(5)
+    assert frame is not None
+
+
+def test_time_that_goes_back_begins_anew(messages: Messages) -> None:
+    """A simulation that is started again: poses are not made of transforms of before."""
+    raws = messages(".bag")
+    later = [moved(raw, 100) for raw in raws if raw.topic not in ("/tf_static", NOTE_TOPIC)]
+    made = offered(FrameStream("peer"), [*raws, *later])
+    frame = made.next_frame(5)
+    assert frame is not None
+    assert frame.id.startswith("100.")
+    again = [raw for raw in raws if raw.topic != "/tf"]
+    offered(made, [raw for raw in raws if raw.topic == "/tf"][:1])
+    assert made._index.tree.span("world", "camera_color_optical_frame") is not None
+    first, last = made._index.tree.span("world", "camera_color_optical_frame") or (0, 0)
+    assert first == last < 1
+    offered(made, again)
+    frame = made.next_frame(5)
+    assert frame is not None
+    assert frame.id.startswith("0.")
+
+
+def moved(raw: RawMessage, seconds: int = 0, milliseconds: int = 0) -> RawMessage:
+    """The message, so much later."""
+    types = message_types(True)
+    message = types.deserialize_ros1(raw.data, raw.type)
+    headers = [t.header for t in message.transforms] if raw.topic == "/tf" else [message.header]
+    for header in headers:
+        passed = header.stamp.nanosec + milliseconds * 1_000_000
+        header.stamp = replace(
+            header.stamp,
+            sec=header.stamp.sec + seconds + passed // 10**9,
+            nanosec=passed % 10**9,
+        )
+    return replace(raw, data=bytes(types.serialize_ros1(message, raw.type)))
+
+
+def test_all_that_waits_is_bounded_in_size(
+    messages: Messages, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    raws = [raw for raw in messages(".bag") if raw.topic == DEPTH]
+    most = 3 * len(raws[0].data)
+    monkeypatch.setattr(stream, "MAX_BYTES", most)
+    made = FrameStream("peer")
+    for number in range(20):
+        offered(made, [replace(raw, topic=f"/depth_{number}") for raw in raws])
+    assert 0 < sum(held.size for held in made._held.values()) <= most

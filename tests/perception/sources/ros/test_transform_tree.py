@@ -1,0 +1,132 @@
+"""Frames as seen from others, over time."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace as Message
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from kg.model.errors import RecordingError
+from perception.camera.poses import pose_from_quaternion
+from perception.sources.ros.transform_tree import TransformTree
+from tests.perception.sources.ros.messages import transform
+
+HALF = float(np.sqrt(0.5))
+
+
+def tree(*moving: Message, static: tuple[Message, ...] = ()) -> TransformTree:
+    made = TransformTree()
+    made.add_message(Message(transforms=list(moving)), static=False)
+    made.add_message(Message(transforms=list(static)), static=True)
+    return made
+
+
+def test_links_are_followed_up_and_down() -> None:
+    made = tree(
+        transform("map", "odom", 1.0, (1, 0, 0)),
+        transform("odom", "base", 1.0, (0, 2, 0), (0, 0, HALF, HALF)),
+        static=(
+            transform("base", "colour", 0.0, (0.5, 0, 1)),
+            transform("base", "depth", 0.0, (0.5, 0.1, 1)),
+        ),
+    )
+    T = made.at("map", "colour", 1.0)
+    assert T is not None
+    assert np.allclose(T[:3, 3], (1, 2.5, 1))
+    assert np.allclose(T[:3, 0], (0, 1, 0))
+    between = made.at("depth", "colour", 99.0)  # joined by static links alone
+    assert between is not None
+    assert np.allclose(between[:3, 3], (0, -0.1, 0))
+    assert np.allclose(made.at("/colour", "map", 1.0) @ T, np.eye(4))  # names of ROS 1 may have /
+
+
+def test_poses_between_two_stamps_are_interpolated() -> None:
+    made = tree(
+        transform("map", "camera", 10.0, (0, 0, 0)),
+        transform("map", "camera", 10.5, (1, 2, 0), (0, 0, HALF, HALF)),
+    )
+    T = made.at("map", "camera", 10.25)
+    assert T is not None
+    assert np.allclose(T[:3, 3], (0.5, 1, 0))
+    assert np.allclose(T[:3, 0], (np.cos(np.pi / 4), np.sin(np.pi / 4), 0))
+
+
+def test_the_pose_at_a_stamp_is_that_pose_to_the_last_bit() -> None:
+    rng = np.random.default_rng(1)
+    rows = rng.normal(size=(20, 7))
+    rows[:, 3:] /= np.linalg.norm(rows[:, 3:], axis=1, keepdims=True)
+    made = tree(*(transform("map", "camera", i / 30, r[:3], r[3:]) for i, r in enumerate(rows)))
+    for i, row in enumerate(rows):
+        alone = tree(transform("map", "camera", i / 30, row[:3], row[3:]))
+        stamp = round(i / 30 * 1e9) / 1e9
+        assert np.array_equal(made.at("map", "camera", stamp), alone.at("map", "camera", stamp))
+
+
+def test_order_of_arrival_does_not_matter() -> None:
+    rows = [transform("map", "camera", t, (t, 0, 0)) for t in (3.0, 1.0, 2.0, 2.5)]
+    T = tree(*rows).at("map", "camera", 2.25)
+    assert T is not None
+    assert T[0, 3] == pytest.approx(2.25)
+
+
+@pytest.mark.parametrize("stamp", [0.9, 4.1, 2.5])
+def test_no_pose_before_the_first_after_the_last_and_in_a_long_gap(stamp: float) -> None:
+    made = tree(*(transform("map", "camera", t, (t, 0, 0)) for t in (1.0, 4.0)))
+    assert made.at("map", "camera", stamp) is None
+    assert made.at("map", "camera", 4.01) is not None  # within the tolerance
+
+
+def test_static_transforms_hold_for_ever() -> None:
+    made = tree(static=(transform("map", "camera", 5.0, (1, 2, 3)),))
+    for stamp in (0.0, 5.0, 1e10):
+        T = made.at("map", "camera", stamp)
+        assert T is not None
+        assert np.allclose(T[:3, 3], (1, 2, 3))
+    assert made.span("map", "camera") is None
+
+
+def test_loops_and_missing_links_are_said() -> None:
+    loop = tree(transform("a", "b", 1), transform("b", "c", 1), transform("c", "a", 1))
+    with pytest.raises(RecordingError, match=r"form a loop: \w -> \w -> \w -> \w$"):
+        loop.at("a", "b", 1.0)
+    apart = tree(transform("map", "base", 1), transform("head", "camera", 1))
+    with pytest.raises(RecordingError, match=r"'camera' .*'head'.* to 'map' .*'map'"):
+        apart.at("map", "camera", 1.0)
+    with pytest.raises(RecordingError, match="of frame 'camara'; did you mean camera"):
+        apart.at("map", "camara", 1.0)
+
+
+def test_transforms_that_are_none() -> None:
+    for bad in (
+        transform("map", "camera", 1, (np.nan, 0, 0)),
+        transform("map", "camera", 1, (0, 0, 0), (0, 0, 0, 0)),
+        transform("map", "camera", 1, (0, 0, 0), (np.inf, 0, 0, 1)),
+        transform("map", "map", 1),
+        transform("", "map", 1),
+    ):
+        made = TransformTree()
+        (why,) = made.add_message(Message(transforms=[bad, transform("a", "b", 1)]), static=False)
+        assert why.startswith("transform ")
+        assert made.frames == ("a", "b")  # the others of the message hold
+
+
+def test_of_two_parents_the_preferred_one_counts() -> None:
+    made = tree(*(transform("odom", "base", t) for t in (1, 2, 3)), transform("map", "base", 1))
+    assert made.parent("base") == "odom"
+    made.prefer("map", "base")
+    assert made.parent("base") == "map"
+
+
+@given(
+    st.lists(st.floats(-50, 50), min_size=3, max_size=3),
+    st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(lambda q: np.linalg.norm(q) > 0.1),
+)
+def test_there_and_back_is_where_one_was(t: list[float], q: list[float]) -> None:
+    unit = np.array(q) / np.linalg.norm(q)
+    made = tree(transform("map", "a", 1, t, unit), transform("map", "b", 1, (1, 2, 3)))
+    there, back = made.at("a", "b", 1.0), made.at("b", "a", 1.0)
+    assert np.allclose(there @ back, np.eye(4), atol=1e-9)
+    assert np.allclose(made.at("map", "a", 1.0), pose_from_quaternion(np.array(t), unit, ""))

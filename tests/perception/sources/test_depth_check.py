@@ -1,0 +1,96 @@
+"""Wrong depth scales and conventions of poses are noticed, with what would work."""
+
+from __future__ import annotations
+
+import logging
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kg.model.errors import RecordingError
+from perception.camera.poses import BODY_FROM_CAMERA, CONVENTIONS
+from perception.sources.recording import open_recording
+from perception.sources.recording_options import RecordingOptions
+from perception.sources.recording_writer import RecordingWriter, pose_line
+from tests.perception.box_room import room_frame, round_tour
+
+#: by convention, right poses as they would be given
+MISREAD = {
+    "world-to-camera": CONVENTIONS["world-to-camera"],
+    "opengl": CONVENTIONS["opengl"],
+    "ros": lambda T: T @ np.linalg.inv(BODY_FROM_CAMERA),
+}
+
+
+def write(folder: Path, as_written=lambda T: T) -> Path:
+    with RecordingWriter(folder, up=(0, 0, 1)) as writer:
+        for number, T in enumerate(round_tour()):
+            writer.add(room_frame(T, number), as_written(T))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory):
+    return write(tmp_path_factory.mktemp("check") / "room")
+
+
+def test_a_sound_recording_is_opened_without_a_word(room, caplog):
+    with caplog.at_level(logging.WARNING):
+        assert len(open_recording(room)) == 40
+    assert not caplog.records
+
+
+@pytest.mark.parametrize("scale", [1000.0, 25000.0])
+def test_a_wrong_depth_scale_is_refused_with_the_right_one(room, scale):
+    with pytest.raises(RecordingError, match=f"--depth-scale 5000 would work instead of {scale:g}"):
+        open_recording(room, RecordingOptions(depth_scale=scale))
+    assert (
+        open_recording(room, RecordingOptions(depth_scale=scale, check=False)).depth_scale == scale
+    )
+
+
+@pytest.mark.parametrize("convention", MISREAD)
+def test_another_convention_of_poses_is_refused_and_named(tmp_path, room, convention):
+    folder = write(tmp_path / "room", MISREAD[convention])
+    with pytest.raises(RecordingError, match=f"--pose-convention {convention} would work"):
+        open_recording(folder)
+    read = open_recording(folder, RecordingOptions(pose_convention=convention))
+    assert np.allclose(read.frame(7).T_map_cam, open_recording(room).frame(7).T_map_cam, atol=1e-2)
+
+
+def test_unknown_conventions_are_refused(room):
+    with pytest.raises(RecordingError, match=r"known are .*; did you mean opengl\?"):
+        open_recording(room, RecordingOptions(pose_convention="open-gl"))
+
+
+def test_poses_by_file_replace_the_recordings_own(room, tmp_path):
+    moved = [T.copy() for T in round_tour()]
+    for T in moved:
+        T[0, 3] += 0.5
+    poses = tmp_path / "poses.txt"
+    lines = [pose_line(1e9 + n, T) for n, T in enumerate(moved)]
+    poses.write_text("\n".join(lines) + "\n")
+    read = open_recording(room, RecordingOptions(poses=poses))
+    assert np.allclose(read.listing.entries[3].T_world_cam, moved[3], atol=1e-6)
+    poses.write_text("\n".join(lines[:-5]) + "\n")
+    with pytest.raises(RecordingError, match="a pose for 35 of 40 frames"):
+        open_recording(room, RecordingOptions(poses=poses))
+
+
+def test_depth_that_is_not_registered_is_warned_of(shared, tmp_path, caplog):
+    kitchen = shared("data/rgbd/redkitchen")
+    for n in range(0, 1000, 16):
+        stem = f"frame-{n:06d}"
+        shutil.copy(kitchen / f"{stem}.color.jpg", tmp_path)
+        shutil.copy(kitchen / f"{stem}.depth.png", tmp_path / f"{stem}.depthreg.png")
+        shutil.copy(kitchen / f"{stem}.depth.png", tmp_path)
+        shutil.copy(kitchen / f"{stem}.posecolor.txt", tmp_path)
+        shutil.copy(kitchen / f"{stem}.posecolor.txt", tmp_path / f"{stem}.pose.txt")
+    for name in ("color-intrinsics.txt", "camera-intrinsics.txt", "gravity-direction.txt"):
+        shutil.copy(kitchen / name, tmp_path)
+    with caplog.at_level(logging.WARNING):
+        open_recording(tmp_path)
+    (record,) = caplog.records
+    assert "not registered to colour" in record.message

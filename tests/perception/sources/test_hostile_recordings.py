@@ -1,0 +1,300 @@
+"""Recordings that are damaged, incomplete or nonsense are refused in one helpful line."""
+
+from __future__ import annotations
+
+import os
+import struct
+import zlib
+
+import cv2
+import numpy as np
+import pytest
+
+from kg.model.errors import RecordingError
+from perception.camera.intrinsics import load_intrinsics
+from perception.sources.folders.image_files import read_colour
+from perception.sources.recording import open_recording
+from perception.sources.recording_options import RecordingOptions
+
+
+def refusal(path, **options) -> str:
+    """The one line with which opening (or, at the latest, reading) the recording is refused."""
+    options.setdefault("T_map_world", np.eye(4))
+    with pytest.raises(RecordingError) as caught:
+        list(open_recording(path, RecordingOptions(**options)).frames())
+    message = str(caught.value)
+    assert "\n" not in message
+    return message
+
+
+def refusal_at_opening(path, **options) -> str:
+    options.setdefault("T_map_world", np.eye(4))
+    with pytest.raises(RecordingError) as caught:
+        open_recording(path, RecordingOptions(**options))
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def test_folders_that_are_no_recording(tmp_path):
+    assert "does not exist" in refusal_at_opening(tmp_path / "nowhere")
+    assert "is empty" in refusal_at_opening(tmp_path)
+    (tmp_path / "holiday.txt").write_text("sun")
+    assert "no recording of a known format" in refusal_at_opening(tmp_path / "holiday.txt")
+    message = refusal_at_opening(tmp_path)
+    for name in ("7scenes", "tum", "trajectory-log", "hololens", "groundtruth.txt", "poses.txt"):
+        assert name in message
+
+
+def test_a_recording_one_folder_deeper_is_pointed_at(hololens):
+    folder = hololens()
+    assert f"open {folder}" in refusal_at_opening(folder.parent)
+
+
+def test_unknown_format_lists_the_known_ones(hololens):
+    message = refusal_at_opening(hololens(), format="tumm")
+    assert "did you mean tum?" in message
+    assert "trajectory-log" in message
+
+
+@pytest.mark.parametrize("format_", ["7scenes", "tum", "trajectory-log"])
+def test_a_folder_of_another_format_is_refused(hololens, format_):
+    assert "room" in refusal_at_opening(hololens(), format=format_)
+
+
+def test_missing_pose_of_one_frame_is_named(few_frames):
+    folder = few_frames(".color.jpg", ".depthreg.png", ".posecolor.txt")
+    (folder / "frame-000768.posecolor.txt").unlink()
+    assert "frame-000768 has no pose" in refusal_at_opening(folder)
+
+
+def test_missing_depth_of_one_frame_is_named(few_frames):
+    folder = few_frames(".color.jpg", ".depth.png", ".pose.txt")
+    (folder / "frame-000240.depth.png").unlink()
+    assert "frame-000240 has no depth" in refusal_at_opening(folder)
+
+
+def test_all_poses_missing(hololens):
+    folder = hololens()
+    (folder / "poses.txt").unlink()
+    assert "poses.txt is missing" in refusal_at_opening(folder, format="hololens")
+
+
+def test_numbers_of_images_and_poses_differ(hololens):
+    folder = hololens()
+    rows = (folder / "poses.txt").read_text().splitlines()
+    (folder / "poses.txt").write_text("\n".join(rows[:-1]))
+    message = refusal_at_opening(folder)
+    assert "6 colour images, 6 depth images and 5 poses" in message
+
+
+def test_an_image_without_pose_in_the_log_is_named(shared, tmp_path):
+    source = shared("data/rgbd/icl_livingroom")
+    for name in ("image", "depth", "intrinsics.json"):
+        (tmp_path / name).symlink_to(source / name)
+    log = (source / "trajectory.log").read_text().splitlines()
+    (tmp_path / "trajectory.log").write_text("\n".join(log[:5] + log[10:]))
+    assert "no pose for image 3" in refusal_at_opening(tmp_path)
+    (tmp_path / "trajectory.log").write_text("\n".join(log[:8]))
+    assert "four rows" in refusal_at_opening(tmp_path)
+
+
+def replace_pose(folder, change) -> None:
+    rows = np.loadtxt(folder / "poses.txt")
+    T = rows[2].reshape(4, 4)
+    change(T)
+    np.savetxt(folder / "poses.txt", rows)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "complaint"),
+    [
+        (lambda T: T.__setitem__((0, 3), np.nan), "not finite"),
+        (lambda T: T.__setitem__((0, 3), np.inf), "not finite"),
+        (lambda T: T.__setitem__(slice(3), T[:3] * 1.1), "not rigid"),
+        (lambda T: T.__setitem__((0, 3), 1e308), "from the origin"),
+        (lambda T: T.__setitem__((slice(3), 0), -T[:3, 0]), "determinant -1"),
+        (lambda T: T.__setitem__(3, [0, 0, 0, 2]), "last row"),
+        (lambda T: T.__setitem__(slice(None), 0), "last row"),
+    ],
+)
+def test_poses_that_are_no_rigid_motion(hololens, spoil, complaint):
+    folder = hololens()
+    replace_pose(folder, spoil)
+    message = refusal_at_opening(folder)
+    assert complaint in message
+    assert "poses.txt, line 3" in message
+
+
+def test_poses_that_are_no_numbers(hololens):
+    folder = hololens()
+    (folder / "poses.txt").write_text("one two three")
+    assert "'one' is not a number" in refusal_at_opening(folder)
+    (folder / "poses.txt").write_text("1 2 3")
+    assert "16 numbers" in refusal_at_opening(folder)
+    (folder / "poses.txt").write_bytes(b"\xff\xfe\x00")
+    assert "not a text file" in refusal_at_opening(folder)
+
+
+@pytest.mark.parametrize("kind", ["images", "depth"])
+def test_truncated_and_foreign_images_are_found_before_anything_is_read(hololens, kind):
+    folder = hololens()
+    path = folder / kind / "11.png"
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    assert "11.png is truncated" in refusal_at_opening(folder)
+    path.write_bytes(b"")
+    assert "neither PNG nor JPEG" in refusal_at_opening(folder)
+    path.write_bytes(b"version https://git-lfs.github.com/spec/v1\n")
+    assert "neither PNG nor JPEG" in refusal_at_opening(folder)
+
+
+def test_a_damaged_image_is_refused_when_its_turn_comes(hololens):
+    folder = hololens()
+    path = folder / "depth" / "11.png"
+    damaged = bytearray(path.read_bytes())
+    damaged[20:60] = bytes(40)
+    path.write_bytes(damaged)
+    assert "11.png" in refusal(folder)
+
+
+def test_a_truncated_jpeg_is_found(few_frames):
+    folder = few_frames(".color.jpg", ".depthreg.png", ".posecolor.txt")
+    path = folder / "frame-000912.color.jpg"
+    whole = path.read_bytes()
+    path.unlink()
+    path.write_bytes(whole[:9000])
+    assert "frame-000912.color.jpg is truncated after 9000 bytes" in refusal_at_opening(folder)
+
+
+def test_colour_in_place_of_depth(hololens):
+    folder = hololens()
+    cv2.imwrite(str(folder / "depth" / "8.png"), np.zeros((120, 160, 3), np.uint8))
+    assert "one 16-bit channel" in refusal_at_opening(folder)
+
+
+@pytest.mark.parametrize("name", ["first.png", "².png"])
+def test_images_without_numbers(hololens, name):
+    folder = hololens()
+    (folder / "images" / "8.png").rename(folder / "images" / name)
+    assert name in refusal_at_opening(folder)
+
+
+def test_an_image_that_is_a_pipe_is_not_waited_for(hololens):
+    folder = hololens()
+    (folder / "depth" / "8.png").unlink()
+    os.mkfifo(folder / "depth" / "8.png")
+    assert "8.png: it is no file" in refusal_at_opening(folder)
+
+
+def test_depth_of_another_aspect_is_not_registered(hololens):
+    folder = hololens()
+    cv2.imwrite(str(folder / "depth" / "8.png"), np.full((120, 120), 1000, np.uint16))
+    assert "not registered" in refusal_at_opening(folder)
+
+
+def test_images_of_changing_size(hololens):
+    folder = hololens()
+    cv2.imwrite(str(folder / "images" / "10.png"), np.zeros((240, 320, 3), np.uint8))
+    assert "10.png is 320x240, the first image 160x120" in refusal(folder)
+
+
+def test_missing_intrinsics(hololens):
+    folder = hololens()
+    (folder / "K.txt").unlink()
+    assert "intrinsics.json or K.txt, or give intrinsics" in refusal_at_opening(folder)
+
+
+@pytest.mark.parametrize(
+    ("card", "complaint"),
+    [
+        ({"fx": 0, "fy": 130, "cx": 80, "cy": 60}, "must be positive"),
+        ({"fx": -130, "fy": 130, "cx": 80, "cy": 60}, "must be positive"),
+        ({"fx": 130, "fy": 130, "cx": 319.5, "cy": 60}, "principal point"),
+        ({"fx": 130, "fy": 130, "cx": 80, "cy": 60, "width": 640, "height": 360}, "aspect"),
+        ({"fx": 130, "fy": 130, "cx": 80}, "expected JSON"),
+        ({"fx": "wide", "fy": 130, "cx": 80, "cy": 60}, "expected JSON"),
+        ({"fx": 130, "fy": 130, "cx": 80, "cy": 60, "width": 0, "height": 0}, "size"),
+        ({"fx": 130, "fy": 130, "cx": 80, "cy": 60, "dist": [1, 2]}, "4, 5 or 8"),
+        ({"fx": 130, "fy": 130, "cx": 80, "cy": 60, "depth_scale": 0}, "depth scale"),
+        ({"fx": 0.8, "fy": 1.1, "cx": 0.5, "cy": 0.5}, "field of view"),
+        ([1, 2, 3], "expected JSON"),
+    ],
+)
+def test_intrinsics_that_make_no_sense(hololens, write_json, card, complaint):
+    folder = hololens()
+    (folder / "K.txt").unlink()
+    write_json(folder / "intrinsics.json", card)
+    assert complaint in refusal_at_opening(folder)
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        ({"depth_scale": -1000}, "depth scale"),
+        ({"T_map_world": np.eye(3)}, "given T_map_world"),
+        ({"T_map_world": 2 * np.eye(4)}, "given T_map_world"),
+        ({"T_map_world": None, "up": "w"}, "up is one of"),
+        ({"T_map_world": None, "up": (0, 0, 0)}, "up is one of"),
+    ],
+)
+def test_options_that_make_no_sense(hololens, options, complaint):
+    assert complaint in refusal_at_opening(hololens(), **options)
+
+
+def test_tum_lists_that_do_not_fit(shared, tmp_path):
+    source = shared("data/rgbd/redkitchen_tum")
+    (tmp_path / "a").mkdir()
+    folder = tmp_path / "a"
+    for path in source.iterdir():
+        (folder / path.name).symlink_to(path)
+    (folder / "groundtruth.txt").unlink()
+    assert "groundtruth.txt or groundtruth_at_rgb.txt is missing" in refusal_at_opening(folder)
+    (folder / "groundtruth.txt").write_text("# nothing\n")
+    assert "holds no poses" in refusal_at_opening(folder)
+    (folder / "groundtruth.txt").write_text("500 0 0 0 0 0 0 1\n")
+    assert "none of the 250 images has a pose" in refusal_at_opening(folder)
+    (folder / "groundtruth.txt").write_text("0 0 0 0 0 0 0 0\n")
+    assert "length 1" in refusal_at_opening(folder)
+    (folder / "groundtruth.txt").write_text("0 0 0 0 0 0 0\n")
+    assert "line 1: expected stamp tx" in refusal_at_opening(folder)
+    (folder / "groundtruth.txt").write_text("0 0 0 0 0 0 0 1\n")
+    assert "cannot read image" in refusal_at_opening(folder), "../redkitchen is not there"
+
+
+def test_colour_and_depth_that_miss_different_images_are_refused(hololens):
+    folder = hololens()
+    rows = (folder / "poses.txt").read_text().splitlines()
+    (folder / "poses.txt").write_text("\n".join(rows[:-1]))
+    (folder / "images" / "9.png").unlink()
+    (folder / "depth" / "11.png").unlink()
+    assert "image 9 has no colour image" in refusal_at_opening(folder)
+
+
+@pytest.mark.parametrize("first", [1, 1000])
+def test_depth_may_count_from_another_number_than_colour(hololens, first):
+    folder = hololens()
+    for path in sorted((folder / "depth").iterdir(), key=lambda p: -int(p.stem)):
+        path.rename(path.with_stem(str(int(path.stem) + first)))
+    assert len(open_recording(folder, RecordingOptions(T_map_world=np.eye(4)))) == 6
+
+
+def test_a_header_that_names_a_huge_image_is_an_error(tmp_path):
+    header = struct.pack(">IIBBBBB", 60_000, 60_000, 8, 2, 0, 0, 0)
+    image = tmp_path / "huge.png"
+    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(b"\0" * 99)), (b"IEND", b""))
+    image.write_bytes(
+        b"\x89PNG\r\n\x1a\n"
+        + b"".join(
+            struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+            for kind, data in chunks
+        )
+    )
+    with pytest.raises(RecordingError, match="too large a size"):
+        read_colour(image)
+
+
+def test_deeply_nested_json_is_an_error(tmp_path):
+    deep = tmp_path / "deep.json"
+    deep.write_text("[" * 200_000 + "]" * 200_000)
+    with pytest.raises(RecordingError, match="expected JSON"):
+        load_intrinsics(deep)

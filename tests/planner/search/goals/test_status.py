@@ -1,0 +1,122 @@
+"""Status: present, gone, hidden, never looked; and what proves it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kg.maps.semantic_map import SemanticMap
+from kg.model.errors import QueryParameterError, UnknownCategoryError
+from kg.model.records import MapUpdate, ObjectRecord, PlaceRecord, PlaceViews
+from kg.model.transactions import Cause
+from kg.serving.opening import create_map
+from planner.cli import main
+from planner.search.goals.status import status
+
+SEEN = 1_700_000_000.0
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "status.map"
+
+
+@pytest.fixture
+def semantic_map(path: Path) -> Iterator[SemanticMap]:
+    with create_map(path) as made:
+        shares = (1.0, 0.5, 0.02)
+        places = tuple(
+            PlaceRecord(
+                *(made.place_iri(n), name, 10.0 * n, 10.0 * n + 4, 0.0, 4.0),
+                viewed=PlaceViews(share, share / 2, SEEN + 60),
+            )
+            for n, (name, share) in enumerate(zip(("kitchen", "hall", "den"), shares, strict=True))
+        )
+        attic = PlaceRecord(made.place_iri(3), "attic", 40.0, 44.0, 0.0, 4.0)
+        made.apply(MapUpdate(objects=(thing(made, places[1]),), places=(*places, attic)))
+        yield made
+
+
+def thing(semantic_map: SemanticMap, place: PlaceRecord, existence: float = 0.9) -> ObjectRecord:
+    cup = semantic_map.catalogue.find("cup", "object").iri
+    p = np.array([place.xmin + 1, 1.0, 0.8])
+    iri = semantic_map.new_object_iri()
+    return ObjectRecord(iri, cup, p, 3.0, existence, 5, SEEN - 9, SEEN, place.iri)
+
+
+def values(semantic_map: SemanticMap, what: str) -> dict[str, str]:
+    return {one.place_label: one.value for one in status(semantic_map, what).places}
+
+
+def test_each_place_has_its_own_answer(semantic_map: SemanticMap) -> None:
+    assert values(semantic_map, "cup") == {
+        "kitchen": "gone",
+        "hall": "present",
+        "den": "never looked",
+        "attic": "never looked",
+    }
+    assert values(semantic_map, "banana")["hall"] == "hidden"
+    found = status(semantic_map, "cup")
+    assert found.value == "present"
+    assert "in hall, 0.90 sure, last seen 2023-11-14 22:13:20" in found.proof
+
+
+def test_no_and_never_looked_are_different_answers(semantic_map: SemanticMap) -> None:
+    assert status(semantic_map, "banana", "kitchen").value == "gone"
+    assert status(semantic_map, "banana", "place/2").value == "never looked"
+    assert status(semantic_map, "banana", "HALL").value == "hidden"
+    found = status(semantic_map, "banana")
+    assert found.value == "hidden"
+    assert "attic viewed to 0%" in found.proof
+    with pytest.raises(QueryParameterError, match="there are: kitchen, hall, den, attic"):
+        status(semantic_map, "banana", "cellar")
+    with pytest.raises(UnknownCategoryError, match="did you mean banana"):
+        status(semantic_map, "bananna")
+
+
+def test_what_left_the_map_is_gone_by_the_frame_that_showed_it(semantic_map: SemanticMap) -> None:
+    (record,) = semantic_map.perceived.objects()
+    short = record.iri.removeprefix(semantic_map.base)
+    assert status(semantic_map, short).value == "present"
+    doubted = replace(record, existence=0.2)
+    semantic_map.apply(MapUpdate(objects=(doubted,)))
+    assert status(semantic_map, short).value == "gone"  # its place was viewed since
+    semantic_map.apply(MapUpdate(removed=(record.iri,)), Cause("frame", note="tour/frame-000042"))
+    found = status(semantic_map, short)
+    assert found.value == "gone"
+    assert "tour/frame-000042" in found.proof
+    with pytest.raises(QueryParameterError, match="knows nothing of object/77"):
+        status(semantic_map, "object/77")
+
+
+def test_a_kind_of_cup_counts_as_a_cup(semantic_map: SemanticMap) -> None:
+    semantic_map.update(
+        "INSERT DATA { GRAPH graph:ontology { here:Mug a owl:Class ; rdfs:subClassOf here:Cup ; "
+        'rdfs:label "mug" } }',
+        allow=("ontology",),
+    )
+    record = thing(semantic_map, semantic_map.places()[2])
+    mug = replace(record, category=semantic_map.catalogue.find("mug", "object").iri)
+    semantic_map.apply(MapUpdate(objects=(mug,)))
+    assert values(semantic_map, "cup")["den"] == "present"
+    assert values(semantic_map, "mug")["hall"] == "hidden"
+
+
+def test_the_command_prints_answer_and_proof(
+    semantic_map: SemanticMap, path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    semantic_map.close()
+    assert main(["status", str(path), "cup"]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("cup: present. ")
+    assert main(["status", str(path), "banana", "--in", "kitchen", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["value"] == "gone"
+    assert told["places"][0]["last_viewed"].startswith("2023-11-14T22:14:20")
+    assert main(["status", str(path), "unicorn"]) == 1
+    assert capsys.readouterr().err.count("\n") == 1
