@@ -1,19 +1,27 @@
-"""Detection report: fates of detections by category, and the things that are not believed."""
+"""Detection report: fates of detections by category, and the things that are not believed.
+
+The folder of a map keeps the report as `detections.json`.
+"""
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from pathlib import Path
 from typing import Any, Final
+
+from kg.model.errors import GraphError
 
 BELIEVED: Final = 0.5  # existence from which on queries show an object
 VERSION: Final = 1
 MAX_THINGS: Final = 200  # in one report
 MAX_CATEGORIES: Final = 500
-MAX_OBJECTS: Final = 20  # of one category whose detections are told apart
-_MAX_NAME: Final = 1000  # characters of a name
+MAX_OBJECTS: Final = 20  # of one category whose detections are listed
+FILE: Final = "detections.json"  # in the folder of a map
+MAX_BYTES: Final = 2_000_000  # of that file
 
 
 class Fate(StrEnum):
@@ -28,7 +36,7 @@ class Fate(StrEnum):
     DOUBLE = "second box"  # of a thing that the frame shows already
     CUT = "cut off"  # by the border, beside a thing of its category
     CANDIDATE = "candidate"
-    FORGOTTEN = "forgotten"  # of candidates that were dropped
+    FORGOTTEN = "forgotten"  # belongs to a candidate that was dropped
     OBJECT = "object"
     LEFT = "former object"
 
@@ -43,7 +51,7 @@ class CategoryFates:
 
     @property
     def detections(self) -> int:
-        """All of them."""
+        """Number of all detections."""
         return sum(self.fates.values())
 
 
@@ -71,124 +79,73 @@ class DetectionReport:
     frames: int
     categories: Mapping[str, CategoryFates]
     things: tuple[DoubtedThing, ...] = ()  # not believed: the most probable first
-    doubted: int = 0  # things that are not believed; without forgotten ones
+    doubted: int = 0  # number of things that are not believed, without forgotten ones
     least_score: float = 0.0  # detections below are too weak
-    nearest: float = 0.0  # [m] that a thing may be, and ...
-    farthest: float = 0.0
+    nearest: float = 0.0  # [m] least depth of a detection that counts
+    farthest: float = 0.0  # [m] greatest depth
 
     def to_json(self) -> dict[str, Any]:
-        """Plain values; as many as one report may have."""
-        return {
-            "version": VERSION,
-            "frames": self.frames,
-            "least_score": self.least_score,
-            "nearest": self.nearest,
-            "farthest": self.farthest,
-            "categories": {
-                name: {
-                    "fates": {fate.value: n for fate, n in of.fates.items() if n},
-                    "objects": dict(list(of.objects.items())[:MAX_OBJECTS]),
-                    "merged": of.merged,
-                }
-                for name, of in list(self.categories.items())[:MAX_CATEGORIES]
-            },
-            "doubted": self.doubted,
-            "things": [thing_json(thing) for thing in self.things[:MAX_THINGS]],
-        }
+        """Plain values, of MAX_CATEGORIES categories and MAX_THINGS things at most."""
+        from kg.serving.client.update_codec import codec_of
 
-
-def thing_json(thing: DoubtedThing) -> dict[str, Any]:
-    """Plain values of a thing; lengths to 1 mm."""
-    values = asdict(thing)
-    for name, digits in (("existence", 4), ("score", 4)):
-        values[name] = round(values[name], digits)
-    values["p_map"] = [round(x, 3) for x in thing.p_map]
-    values["box"] = None if thing.box is None else [round(x, 1) for x in thing.box]
-    return values
+        categories = dict(list(self.categories.items())[:MAX_CATEGORIES])
+        part = replace(self, categories=categories, things=self.things[:MAX_THINGS])
+        return {"version": VERSION} | codec_of(DetectionReport).encode(part)
 
 
 def report_from_json(value: object) -> DetectionReport:
-    """The report that `to_json` gave; raises ValueError, KeyError or TypeError for all else."""
-    record = _record(value)
-    if record["version"] != VERSION:
-        raise ValueError(f"it has the version {record['version']!r:.20}, not {VERSION}")
-    things = _listed(record["things"], MAX_THINGS)
-    return DetectionReport(
-        frames=_count(record["frames"]),
-        categories={
-            _text(name): _category(of)
-            for name, of in _record(record["categories"], MAX_CATEGORIES).items()
-        },
-        things=tuple(_thing(one) for one in things),
-        doubted=_count(record["doubted"]),
-        least_score=_number(record["least_score"]),
-        nearest=_number(record["nearest"]),
-        farthest=_number(record["farthest"]),
-    )
+    """The inverse of `to_json`; raises ValueError or InvalidFactError for anything else."""
+    from kg.serving.client.update_codec import codec_of
+
+    if not isinstance(value, dict) or value.get("version") != VERSION:
+        raise ValueError(f"it has no version {VERSION}")
+    members = {name: member for name, member in value.items() if name != "version"}
+    report: DetectionReport = codec_of(DetectionReport).decode(members, "report")
+    return report
 
 
-def _category(value: object) -> CategoryFates:
-    record = _record(value)
-    return CategoryFates(
-        fates={Fate(name): _count(n) for name, n in _record(record["fates"]).items()},
-        objects={
-            _text(iri): _count(n) for iri, n in _record(record["objects"], MAX_OBJECTS).items()
-        },
-        merged=_count(record["merged"]),
-    )
+def read_report(folder: Path) -> DetectionReport | None:
+    """The report in the folder of a map; None where there is none.
+
+    Raises GraphError for a file that holds no report, is too large, or is a link.
+    """
+    path = folder / FILE
+    if path.is_symlink() or (path.exists() and not path.is_file()):
+        raise GraphError(f"{path} is no file of its own; without it, mapping writes a new one")
+    if not path.exists():
+        return None
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise GraphError(f"cannot read {path}: {error.strerror or error}") from error
+    try:
+        if len(data) > MAX_BYTES:
+            raise ValueError(f"it is larger than {MAX_BYTES // 1_000_000} MB")
+        return report_from_json(json.loads(data, parse_float=_finite, parse_constant=_finite))
+    except (ValueError, GraphError, RecursionError) as error:
+        reason = " ".join(str(error).split())[:100]
+        raise GraphError(f"{path} is no detection report: {reason}") from error
 
 
-def _thing(value: object) -> DoubtedThing:
-    record = _record(value)
-    box = None if record["box"] is None else _numbers(record["box"], 4)
-    x, y, z = _numbers(record["p_map"], 3)
-    return DoubtedThing(
-        category=_text(record["category"]),
-        existence=_number(record["existence"]),
-        seen=_count(record["seen"]),
-        iri=_text(record["iri"]),
-        one_side=record["one_side"] is True,
-        forgotten=record["forgotten"] is True,
-        p_map=(x, y, z),
-        frame=_text(record["frame"]),
-        recording=_text(record["recording"]),
-        box=None if box is None else (box[0], box[1], box[2], box[3]),
-        score=_number(record["score"]),
-    )
+def _finite(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(f"{text[:20]} is no finite number")
+    return number
 
 
-def _record(value: object, most: int = 100) -> dict[str, Any]:
-    if not isinstance(value, dict) or len(value) > most:
-        raise ValueError("it has another form")
-    return value
+def write_report(folder: Path, report: DetectionReport) -> None:
+    """Write the report into the folder of a map; raises GraphError where that fails."""
+    from kg.store.atomic_file import write_atomically
 
-
-def _listed(value: object, most: int) -> Sequence[object]:
-    if not isinstance(value, list) or len(value) > most:
-        raise ValueError("it has another form")
-    return value
-
-
-def _text(value: object) -> str:
-    if not isinstance(value, str) or len(value) > _MAX_NAME:
-        raise ValueError("a name in it is none")
-    return value
-
-
-def _count(value: object) -> int:
-    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < 10**15:
-        raise ValueError("a count in it is none")
-    return value
-
-
-def _number(value: object) -> float:
-    if not isinstance(value, int | float) or not math.isfinite(value) or abs(value) > 1e9:
-        raise ValueError("a number in it is none")
-    return float(value)
-
-
-def _numbers(value: object, count: int) -> list[float]:
-    numbers = [_number(one) for one in _listed(value, count)]
-    if len(numbers) != count:
-        raise ValueError("a position in it is none")
-    return numbers
+    path = folder / FILE
+    try:
+        if path.is_symlink():
+            path.unlink()  # it may lead to a file that is not the map's
+        if path.exists() and not path.is_file():
+            raise GraphError(f"{path} is no file of its own")
+    except OSError as error:
+        raise GraphError(f"cannot write {path}: {error.strerror or error}") from error
+    text = json.dumps(report.to_json(), ensure_ascii=False, allow_nan=False)
+    write_atomically(path, text.encode("utf-8", "replace"))

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import time
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import GraphError
-from kg.model.records import Evidence, ObjectRecord
-from mapping.detection_files import read_report, write_report
+from kg.model.records import Evidence
 from mapping.detection_report import (
     BELIEVED,
     MAX_OBJECTS,
@@ -21,13 +23,15 @@ from mapping.detection_report import (
     DetectionReport,
     DoubtedThing,
     Fate,
+    read_report,
+    write_report,
 )
-from mapping.objects.detection_fates import DetectionFates, ThingFates
+from mapping.objects.detection_fates import DetectionFates
 from mapping.objects.object_mapper import ObjectMapper
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.tracks import Track
 
-WRITE_INTERVAL: Final = 30.0  # [s] of the report in the map's folder
+WRITE_INTERVAL: Final = 30.0  # [s] between two reports in the map's folder
 
 
 class DetectionReporter:
@@ -45,7 +49,7 @@ class DetectionReporter:
     ) -> None:
         self._map, self._objects = semantic_map, objects
         self._settings = settings or ObjectSettings()
-        self._earlier: tuple[DoubtedThing, ...] = ()  # candidates that other runs left
+        self._earlier: tuple[DoubtedThing, ...] = ()  # candidates of earlier runs
         self._folder = None if objects.fates is None else semantic_map.store.path
         if self._folder is not None and objects.fates is not None:
             self._resume(self._folder, objects.fates)
@@ -58,14 +62,17 @@ class DetectionReporter:
         fates.settle()
         fates.sweep(tracks)
         things = [*self._doubted_objects(tracks, fates), *self._candidates(tracks, fates)]
-        forgotten = [self._forgotten(one) for one in fates.forgotten if one.track.log_odds]
-        known = {_view(one) for one in (*things, *forgotten)}
-        forgotten += [one for one in self._earlier if _view(one) not in known]
-        listed = [*sorted(things, key=_rank), *sorted(forgotten, key=_rank)]
+        forgotten = [
+            replace(self._candidate(thing.track, thing.track.peak, thing.one_side), forgotten=True)
+            for thing in fates.forgotten
+            if thing.track.log_odds
+        ]
+        views = {_view(thing) for thing in (*things, *forgotten)}
+        forgotten += [thing for thing in self._earlier if _view(thing) not in views]
         return DetectionReport(
             frames=fates.frames,
             categories=_categories(fates),
-            things=tuple(listed[:MAX_THINGS]),
+            things=(*sorted(things, key=_rank), *sorted(forgotten, key=_rank))[:MAX_THINGS],
             doubted=len(things),
             least_score=s.min_score,
             nearest=s.min_depth,
@@ -76,7 +83,7 @@ class DetectionReporter:
         """Settle the last frame's fates; write the report every WRITE_INTERVAL."""
         if self._objects.fates is not None:
             self._objects.fates.settle()
-        if self._folder is not None and time.monotonic() - self._written > WRITE_INTERVAL:
+        if time.monotonic() - self._written > WRITE_INTERVAL:
             self.finish()
 
     def finish(self) -> None:
@@ -90,7 +97,7 @@ class DetectionReporter:
         self._written = time.monotonic()
 
     def _resume(self, folder: Path, fates: DetectionFates) -> None:
-        """Add the counts of earlier runs; those of an unreadable report are lost."""
+        """Add the counts of earlier runs; an unreadable report has none."""
         try:
             report = read_report(folder)
         except GraphError:
@@ -98,87 +105,96 @@ class DetectionReporter:
         if report is None:
             return
         fates.frames = report.frames
-        for name, of in report.categories.items():
-            for fate, count in of.fates.items():
-                rest = count - sum(of.objects.values()) if fate is Fate.OBJECT else count
-                fates.add(name, Fate.FORGOTTEN if fate is Fate.CANDIDATE else fate, max(rest, 0))
-            fates.objects[name] = Counter(of.objects)
-            fates.merged[name] = of.merged
-        self._earlier = tuple(_as_forgotten(one) for one in report.things if not one.iri)
+        for name, category in report.categories.items():
+            for fate, count in category.fates.items():
+                if fate is Fate.OBJECT:
+                    count -= sum(category.objects.values())
+                fates.add(name, Fate.FORGOTTEN if fate is Fate.CANDIDATE else fate, max(count, 0))
+            fates.objects[name] = Counter(category.objects)
+            fates.merged[name] = category.merged
+        candidates = (thing for thing in report.things if not thing.iri)
+        self._earlier = tuple(replace(thing, forgotten=True) for thing in candidates)
 
     def _doubted_objects(
         self, tracks: Sequence[Track], fates: DetectionFates
     ) -> list[DoubtedThing]:
-        held = {track.iri: track for track in tracks if track.iri is not None}
+        by_iri = {track.iri: fates.things.get(track.number) for track in tracks}
         return [
-            self._object(record, held.get(record.iri), fates)
+            _doubted(
+                self._map.catalogue.label(record.category),
+                record.existence,
+                record.observations,
+                record.p_map,
+                record.evidence,
+                iri=record.iri,
+                one_side=(thing := by_iri.get(record.iri)) is not None and thing.one_side,
+            )
             for record in self._objects.objects()
             if round(record.existence, 2) < BELIEVED  # as the map has it
         ]
 
-    def _object(
-        self, record: ObjectRecord, track: Track | None, fates: DetectionFates
-    ) -> DoubtedThing:
-        return DoubtedThing(
-            category=self._map.catalogue.label(record.category),
-            existence=record.existence,
-            seen=record.observations,
-            iri=record.iri,
-            one_side=track is not None and _from_one_side(track, fates),
-            p_map=_position(*record.p_map),
-            **_best(record.evidence),
-        )
-
     def _candidates(self, tracks: Sequence[Track], fates: DetectionFates) -> list[DoubtedThing]:
         return [
-            self._candidate(track, track.existence, _from_one_side(track, fates))
+            self._candidate(
+                track,
+                track.existence,
+                (thing := fates.things.get(track.number)) is not None and thing.one_side,
+            )
             for track in tracks
             if track.iri is None and track.log_odds
         ]
 
-    def _forgotten(self, thing: ThingFates) -> DoubtedThing:
-        track = thing.track
-        one_side = thing.one_side and thing.looks >= track.observations
-        return _as_forgotten(self._candidate(track, track.peak, one_side))
-
     def _candidate(self, track: Track, existence: float, one_side: bool) -> DoubtedThing:
-        return DoubtedThing(
-            category=self._map.catalogue.label(track.category),
-            existence=existence,
-            seen=track.observations,
-            one_side=one_side,
-            p_map=_position(*track.position),
-            **_best(track.best),
+        label = self._map.catalogue.label(track.category)
+        return _doubted(
+            label, existence, track.observations, track.position, track.best, one_side=one_side
         )
 
 
-def _from_one_side(track: Track, fates: DetectionFates) -> bool:
-    thing = fates.things.get(track.number)
-    if thing is None:
-        return False
-    return thing.one_side and thing.bearing is not None and thing.looks >= track.observations
+def _doubted(
+    category: str,
+    existence: float,
+    seen: int,
+    p_map: NDArray[np.float64],
+    view: Evidence | None,
+    *,
+    iri: str = "",
+    one_side: bool = False,
+) -> DoubtedThing:
+    """A doubted thing with its best view, in the precision of the report."""
+    x, y, z = (round(float(side), 3) for side in p_map)
+    thing = DoubtedThing(category, round(existence, 4), seen, iri, one_side, p_map=(x, y, z))
+    if view is None:
+        return thing
+    left, top, right, bottom = (round(float(side), 1) for side in view.box)
+    return replace(
+        thing,
+        frame=view.frame,
+        recording=view.recording,
+        box=(left, top, right, bottom),
+        score=round(float(view.score), 4),
+    )
 
 
 def _categories(fates: DetectionFates) -> dict[str, CategoryFates]:
     """Counts by category, the most detected first."""
-    found = {name: Counter(counts) for name, counts in fates.counts.items()}
-    objects = {name: Counter(counts) for name, counts in fates.objects.items()}
+    counts = defaultdict(Counter[Fate], {n: Counter(c) for n, c in fates.counts.items()})
+    objects = defaultdict(Counter[str], {n: Counter(c) for n, c in fates.objects.items()})
     for thing in fates.things.values():
         for name, count in thing.counts.items():
-            held = found.setdefault(name, Counter())
             if thing.track.iri is None:
-                held[Fate.CANDIDATE] += count
+                counts[name][Fate.CANDIDATE] += count
             else:
-                objects.setdefault(name, Counter())[thing.track.iri] += count
-    for name, counts in objects.items():
-        found.setdefault(name, Counter())[Fate.OBJECT] += counts.total()
+                objects[name][thing.track.iri] += count
+    for name, of_objects in objects.items():
+        counts[name][Fate.OBJECT] += of_objects.total()
     made = {
         name: CategoryFates(
-            fates={fate: counts[fate] for fate in Fate if counts[fate]},
-            objects=dict(objects.get(name, Counter()).most_common(MAX_OBJECTS)),
+            fates={fate: of_name[fate] for fate in Fate if of_name[fate]},
+            objects=dict(objects[name].most_common(MAX_OBJECTS)),
             merged=fates.merged[name],
         )
-        for name, counts in found.items()
+        for name, of_name in counts.items()
     }
     return dict(sorted(made.items(), key=lambda item: (-item[1].detections, item[0])))
 
@@ -189,23 +205,3 @@ def _rank(thing: DoubtedThing) -> tuple[float, str, str]:
 
 def _view(thing: DoubtedThing) -> tuple[object, ...]:
     return thing.recording, thing.frame, thing.box
-
-
-def _as_forgotten(thing: DoubtedThing) -> DoubtedThing:
-    return replace(thing, forgotten=True)
-
-
-def _position(x: float, y: float, z: float) -> tuple[float, float, float]:
-    return float(x), float(y), float(z)
-
-
-def _best(view: Evidence | None) -> dict[str, Any]:
-    """Fields of a thing that describe its best view."""
-    if view is None:
-        return {}
-    return {
-        "frame": view.frame,
-        "recording": view.recording,
-        "box": view.box,
-        "score": float(view.score),
-    }

@@ -5,10 +5,10 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, Final
 
-from mapping.detection_report import DoubtedThing, thing_json
+from mapping.detection_report import DoubtedThing
 
 STAGES: Final = ("read", "detect", "scene", "map", "floor", "graph")
 _MAX_DOUBTED: Final = 20  # things that are seen but not believed, in JSON
@@ -77,9 +77,7 @@ class MappingReport:
             "problems": list(self.problems),
             "fit": self.fit,
             "doubted": self.doubted,
-            "most_probable_doubted": [
-                thing_json(thing) for thing in self.most_probable[:_MAX_DOUBTED]
-            ],
+            "most_probable_doubted": [asdict(thing) for thing in self.most_probable[:_MAX_DOUBTED]],
         }
 
 

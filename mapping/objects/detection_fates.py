@@ -1,14 +1,14 @@
-"""Detection fates: what became of each detection, counted by category.
+"""Detection fates: counts of detections by category and by their use.
 
 Boxes of one category on one thing of a frame count once. Detections of a candidate follow it: they
-are an object's once it is one, and another thing's once it is merged into that.
+count for the object that it becomes, or for the thing that it is merged into.
 """
 
 from __future__ import annotations
 
 import heapq
 import math
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Final
@@ -20,10 +20,10 @@ from mapping.detection_report import Fate
 from mapping.objects.tracks import Track
 
 _ONE_SIDE: Final = math.radians(30)  # from the first direction, up to which all are one side
-_SWEEP: Final = 100  # frames between two looks for things that are no longer held
-_MOST_NAMES: Final = 1000  # that are counted apart; labels may be any text
-_LONGEST: Final = 100  # characters of a label
-_REMEMBERED: Final = 100  # forgotten candidates, the most probable ones
+_SWEEP: Final = 100  # frames between two sweeps of things that are no longer held
+_MAX_NAMES: Final = 1000  # names with counts of their own; labels may be any text
+_MAX_LENGTH: Final = 100  # characters of a name
+_MAX_FORGOTTEN: Final = 100  # forgotten candidates that are kept, the most probable ones
 OTHERS: Final = "other labels"
 
 
@@ -33,47 +33,46 @@ class ThingFates:
 
     track: Track
     counts: Counter[str] = field(default_factory=Counter)  # by name of the category
-    looks: int = 0  # frames that showed it
+    views: int = 0  # frames that showed it
     bearing: float | None = None  # [rad] from it to the first camera
-    one_side: bool = True
+    same_side: bool = True  # whether all bearings lie near the first
 
-    def see(self, names: Iterable[str], bearing: float | None) -> None:
-        """Count detections in one frame, from the direction `bearing` [rad]."""
-        self.counts.update(names)
-        self.looks += 1
-        self._turn(bearing)
-
-    def merge(self, other: ThingFates) -> None:
-        """Take over the detections of another track of the same thing."""
-        self.counts.update(other.counts)
-        self.looks += other.looks
-        self.one_side &= other.one_side
-        self._turn(other.bearing)
-
-    def _turn(self, bearing: float | None) -> None:
-        if self.bearing is None or bearing is None:
-            self.bearing = bearing if self.bearing is None else self.bearing
-        elif self.one_side:
+    def add(
+        self, counts: Counter[str], views: int, bearing: float | None, same_side: bool = True
+    ) -> None:
+        """Add detections in `views` frames, the first of them at the direction `bearing` [rad]."""
+        self.counts.update(counts)
+        self.views += views
+        self.same_side &= same_side
+        if self.bearing is None:
+            self.bearing = bearing
+        elif bearing is not None:
             turn = abs(bearing - self.bearing) % math.tau
-            self.one_side = min(turn, math.tau - turn) <= _ONE_SIDE
+            self.same_side &= min(turn, math.tau - turn) <= _ONE_SIDE
+
+    @property
+    def one_side(self) -> bool:
+        """Whether all observations of the track are known to be from one side."""
+        known = self.bearing is not None and self.views >= self.track.observations
+        return known and self.same_side
 
 
 class DetectionFates:
-    """Counter of detection fates; `name` gives the category of a label or of an IRI in words.
+    """Counter of detection fates; `name` gives the name of a label or of a category's IRI.
 
-    What a frame adds can be taken back until it is settled.
+    The counts of a frame can be undone until they are settled.
     """
 
     def __init__(self, name: Callable[[str], str] = str) -> None:
         self._name = name
         self.frames = 0
-        self.counts: dict[str, Counter[Fate]] = {}  # by name; of what is none's of a held thing
-        self.objects: dict[str, Counter[str]] = {}  # by name: detections of objects, by IRI
+        # by name, without the detections of things that are held
+        self.counts: defaultdict[str, Counter[Fate]] = defaultdict(Counter)
+        self.objects: defaultdict[str, Counter[str]] = defaultdict(Counter)  # ... by object's IRI
         self.merged: Counter[str] = Counter()  # by name: things merged into another one
         self.forgotten: list[ThingFates] = []  # candidates that are no longer held
-        self.things: dict[int, ThingFates] = {}  # those that are held, by number of the track
-        self._unused: list[tuple[Fate, str]] = []  # of this frame: label or IRI
-        self._unnamed: Counter[tuple[Fate, str]] = Counter()  # of the frames before
+        self.things: dict[int, ThingFates] = {}  # things that are held, by number of the track
+        self._unused: list[tuple[Fate, str]] = []  # of this frame, with label or IRI
         self._seen: list[tuple[Track, frozenset[str], float | None]] = []
         self._merges: list[tuple[Track, Track]] = []
         self._open = False  # whether a frame has begun and is not settled
@@ -112,50 +111,49 @@ class DetectionFates:
         self._merges.append((kept, absorbed))
 
     def undo(self) -> None:
-        """Take back a frame that is not settled; merged tracks stay merged."""
+        """Undo the counts of a frame that is not settled; merged tracks stay merged."""
         self.frames -= self._open
         self._open = False
         self._unused.clear()
         self._seen.clear()
 
     def settle(self) -> None:
-        """Add this frame's detections to the counts; they can no longer be taken back."""
-        self._unnamed.update(self._unused)
+        """Add this frame's detections to the counts; they can no longer be undone."""
+        for fate, label_or_iri in self._unused:
+            self.add(self._name(label_or_iri)[:_MAX_LENGTH], fate)
         for track, categories, bearing in self._seen:
-            names = [self._name(category) for category in categories]
-            self._thing(track).see(names, bearing)
+            self._thing(track).add(Counter(map(self._name, categories)), 1, bearing)
         for kept, absorbed in self._merges:
             if (thing := self.things.pop(absorbed.number, None)) is not None:
-                self._thing(kept).merge(thing)
+                into = self._thing(kept)
+                into.add(thing.counts, thing.views, thing.bearing, thing.same_side)
                 self.merged.update(thing.counts.keys())
         self._unused, self._seen, self._merges, self._open = [], [], [], False
 
     def sweep(self, held: Sequence[Track]) -> None:
-        """Settle what became of things that the mapper no longer has, and name the rest."""
-        for (fate, key), count in self._unnamed.items():
-            self.add(self._name(key)[:_LONGEST], fate, count)
-        self._unnamed.clear()
-        kept = {track.number for track in held}
-        for number in [number for number in self.things if number not in kept]:
+        """Move the detections of things that the mapper no longer has to the other counts."""
+        for number in self.things.keys() - {track.number for track in held}:
             thing = self.things.pop(number)
+            if thing.track.iri is None:
+                self.forgotten.append(thing)
             for name, count in thing.counts.items():
                 if thing.track.iri is None:
                     self.add(name, Fate.FORGOTTEN, count)
                 else:
-                    self.objects.setdefault(name, Counter())[thing.track.iri] += count
-            if thing.track.iri is None:
-                self.forgotten.append(thing)
-        self.forgotten = heapq.nlargest(_REMEMBERED, self.forgotten, lambda one: one.track.peak)
+                    self.objects[name][thing.track.iri] += count
+        self.forgotten = heapq.nlargest(
+            _MAX_FORGOTTEN, self.forgotten, key=lambda thing: thing.track.peak
+        )
         present = {track.iri for track in held}
         for name, counts in self.objects.items():
-            for iri in [iri for iri in counts if iri not in present]:
+            for iri in counts.keys() - present:
                 self.add(name, Fate.LEFT, counts.pop(iri))
 
     def add(self, name: str, fate: Fate, count: int = 1) -> None:
         """Add to the count of a category or label."""
-        if name not in self.counts and len(self.counts) >= _MOST_NAMES:
+        if name not in self.counts and len(self.counts) >= _MAX_NAMES:
             name = OTHERS
-        self.counts.setdefault(name, Counter())[fate] += count
+        self.counts[name][fate] += count
 
     def _thing(self, track: Track) -> ThingFates:
         return self.things.setdefault(track.number, ThingFates(track))

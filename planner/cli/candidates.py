@@ -4,8 +4,14 @@ from __future__ import annotations
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import GraphError, UnknownCategoryError
-from mapping.detection_files import NAME, read_report
-from mapping.detection_report import CategoryFates, DetectionReport, DoubtedThing, Fate
+from mapping.detection_report import (
+    FILE,
+    CategoryFates,
+    DetectionReport,
+    DoubtedThing,
+    Fate,
+    read_report,
+)
 from planner.cli.console import counted, heading, note, print_table, write, write_json
 from planner.cli.doubted_things import (
     ROWS,
@@ -67,7 +73,7 @@ def _report(semantic_map: SemanticMap) -> DetectionReport:
     report = read_report(folder)
     if report is None:
         raise GraphError(
-            f"{folder} has no {NAME}: nothing was mapped into it by a detector, or by an earlier "
+            f"{folder} has no {FILE}: nothing was mapped into it by a detector, or by an earlier "
             "version; `hereabouts map --again` writes it"
         )
     return report

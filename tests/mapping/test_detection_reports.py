@@ -12,13 +12,14 @@ import pytest
 from kg.model.errors import GraphError
 from kg.model.records import MapUpdate
 from kg.serving.opening import create_map, open_map
-from mapping.detection_files import MAX_BYTES, read_report
 from mapping.detection_report import (
+    MAX_BYTES,
     MAX_THINGS,
     CategoryFates,
     DetectionReport,
     DoubtedThing,
     Fate,
+    read_report,
     report_from_json,
 )
 from mapping.detection_reporter import DetectionReporter
@@ -177,7 +178,7 @@ def test_detections_follow_a_thing_that_is_merged():
     fates.settle()
     fates.sweep([cup])
     thing = fates.things[cup.number]
-    assert (thing.counts, thing.looks, thing.one_side) == ({"cup": 1, "mug": 1}, 2, False)
+    assert (thing.counts, thing.views, thing.one_side) == ({"cup": 1, "mug": 1}, 2, False)
     assert fates.merged == {"mug": 1}
     fates.sweep([])
     assert fates.things == {}

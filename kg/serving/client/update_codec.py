@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, is_dataclass
+from enum import StrEnum
 from functools import cache
 from types import UnionType
 from typing import Any, Final, Literal, get_args, get_origin, get_type_hints
@@ -36,19 +37,23 @@ class _Codec:
 
 def update_to_json(update: MapUpdate) -> dict[str, Any]:
     """The update as JSON values."""
-    encoded_update: dict[str, Any] = _codec_of(MapUpdate).encode(update)
+    encoded_update: dict[str, Any] = codec_of(MapUpdate).encode(update)
     return encoded_update
 
 
 def update_from_json(data: Any) -> MapUpdate:
     """The inverse of `update_to_json`; raises InvalidFactError for invalid data."""
-    update: MapUpdate = _codec_of(MapUpdate).decode(data, "update")
+    update: MapUpdate = codec_of(MapUpdate).decode(data, "update")
     return update
 
 
 @cache
-def _codec_of(kind: Any, field: str = "") -> _Codec:
-    """The codec of a type; `field` is the name of the field that has it."""
+def codec_of(kind: Any, field: str = "") -> _Codec:
+    """The codec of a type; `field` is the name of the field that has it.
+
+    The type is that of a field of a record: a plain one, a dataclass, an enumeration of texts, or a
+    mapping, tuple or optional one of these.
+    """
     origin, args = get_origin(kind), get_args(kind)
     if kind in _PLAIN:
         return _PLAIN[kind]
@@ -56,15 +61,19 @@ def _codec_of(kind: Any, field: str = "") -> _Codec:
         return _array(_SHAPES[field])
     if isinstance(kind, type) and is_dataclass(kind):
         hints = get_type_hints(kind).items()
-        return _record(kind, {name: _codec_of(hint, name) for name, hint in hints})
+        return _record(kind, {name: codec_of(hint, name) for name, hint in hints})
+    if isinstance(kind, type) and issubclass(kind, StrEnum):
+        return _choice(tuple(kind), kind)
     if origin is Literal:
         return _choice(args)
+    if origin is Mapping:
+        return _mapping(*map(codec_of, args))
     if origin is UnionType:
-        return _optional(_codec_of(args[0], field))
+        return _optional(codec_of(args[0], field))
     assert origin is tuple, f"no codec for {kind}"
     if args[-1] is Ellipsis:
-        return _list(_codec_of(args[0]))
-    return _row(_codec_of(args[0]), len(args), "numbers" if args[0] is float else "texts")
+        return _list(codec_of(args[0]))
+    return _row(codec_of(args[0]), len(args), "numbers" if args[0] is float else "texts")
 
 
 def _wrong(what: str, wanted: str, data: object) -> InvalidFactError:
@@ -100,12 +109,6 @@ def _yes_no(data: Any, what: str) -> bool:
     return data
 
 
-def _shares(data: Any, what: str) -> dict[str, float]:
-    if not isinstance(data, dict):
-        raise _wrong(what, "an object of numbers", data)
-    return {_text(name, what): _number(share, f"{what}: {name}") for name, share in data.items()}
-
-
 def _cells(data: Any, what: str) -> np.ndarray:
     cells = decoded(_text(data, what))
     if cells is None:
@@ -125,19 +128,33 @@ _PLAIN: Final[dict[Any, _Codec]] = {
     int: _Codec(int, _whole),
     str: _Codec(str, _text),
     bool: _Codec(bool, _yes_no),
-    Mapping[str, float]: _Codec(lambda held: {k: float(p) for k, p in held.items()}, _shares),
     NDArray[np.uint8]: _Codec(encoded, _cells),
     NDArray[np.uint32]: _Codec(encoded_times, _view_times),
 }
 
 
-def _choice(options: tuple[str, ...]) -> _Codec:
+def _choice(options: tuple[str, ...], kind: type[str] = str) -> _Codec:
     def decode(data: Any, what: str) -> str:
         if data not in options:
             raise _wrong(what, " or ".join(options), data)
-        return str(data)
+        return kind(data)
 
     return _Codec(str, decode)
+
+
+def _mapping(keys: _Codec, values: _Codec) -> _Codec:
+    def decode(data: Any, what: str) -> dict[Any, Any]:
+        if not isinstance(data, dict):
+            raise _wrong(what, "an object", data)
+        return {
+            keys.decode(name, what): values.decode(value, f"{what}: {name}")
+            for name, value in data.items()
+        }
+
+    return _Codec(
+        lambda held: {keys.encode(name): values.encode(value) for name, value in held.items()},
+        decode,
+    )
 
 
 def _optional(codec: _Codec) -> _Codec:

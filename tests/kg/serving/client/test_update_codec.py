@@ -132,7 +132,7 @@ def changed(told: Any, path: tuple[object, ...], value: object) -> Any:
         (("objects", 0, "observations"), 1.5, "must be a whole number"),
         (("objects", 0, "observations"), 1 << 60, "must be a whole number"),
         (("objects", 0, "evidence"), [], "must be an object of frame"),
-        (("places", 0, "beliefs"), [], "must be an object of numbers"),
+        (("places", 0, "beliefs"), [], "must be an object"),
         (("places", 0, "beliefs", "x"), None, "must be a number"),
         (("search", "state"), "lost", "must be running or stopped or found or given up"),
         (("robot",), "here", "must be an object of p_map"),
