@@ -90,7 +90,8 @@ class DetectionReport:
 
         categories = dict(list(self.categories.items())[:MAX_CATEGORIES])
         part = replace(self, categories=categories, things=self.things[:MAX_THINGS])
-        return {"version": VERSION} | codec_of(DetectionReport).encode(part)
+        members: dict[str, Any] = codec_of(DetectionReport).encode(part)
+        return {"version": VERSION} | members
 
 
 def report_from_json(value: object) -> DetectionReport:
