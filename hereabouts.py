@@ -6,42 +6,21 @@
         print(semantic_map.query("objects").to_csv())
         search = hereabouts.build_search(semantic_map, ["cup"])
 
-Programs should rely on these names alone. The packages `kg`, `perception`, `mapping` and `planner`
-are inner: their modules may change between versions.
+Programs should import these names alone: modules of the packages `kg`, `perception`, `mapping` and
+`planner` may change between versions.
 """
 
 from __future__ import annotations
 
 import importlib
 
-TYPE_CHECKING = False  # type checkers take it for true; `typing` takes longer than this module
+TYPE_CHECKING = False  # type checkers assume true; `typing` takes longer to import than this module
 if TYPE_CHECKING:
     from kg.export.exporter import Exporter
-    from kg.knowledge.ontology.reasoning import load_world, world_quads
     from kg.maps.query.evaluation import Table
-    from kg.maps.room_statistics import placement_table
     from kg.maps.semantic_map import SemanticMap
-    from kg.model.errors import (
-        ConflictError,
-        ExtensionError,
-        GraphError,
-        HereaboutsError,
-        HistoryError,
-        InvalidFactError,
-        MapBusyError,
-        MapNotFoundError,
-        OntologyError,
-        QueryError,
-        RecordingError,
-    )
-    from kg.model.records import (
-        Assertion,
-        Evidence,
-        MapUpdate,
-        ObjectRecord,
-        PlaceRecord,
-        RobotRecord,
-    )
+    from kg.model.errors import HereaboutsError, MapNotFoundError, RecordingError
+    from kg.model.records import MapUpdate, ObjectRecord, PlaceRecord
     from kg.serving.opening import create_map, in_memory_map, open_map, open_or_create_map
     from kg.serving.publishing.merging import merged
     from kg.serving.server.http.bearer_tokens import BearerTokens
@@ -52,7 +31,7 @@ if TYPE_CHECKING:
     from mapping.recording_mapper import map_recording
     from mapping.sighting import Sighting
     from perception.camera.intrinsics import Intrinsics
-    from perception.frames import Detections, Frame, SceneScores
+    from perception.frames import Detections, Frame
     from perception.inference.detector import load_detector
     from perception.sources.listing import Format as RecordingFormat
     from perception.sources.listing import FrameEntry, RecordingListing
@@ -64,36 +43,24 @@ if TYPE_CHECKING:
     __version__: str
 
 __all__ = [
-    "Assertion",
     "BearerTokens",
-    "ConflictError",
     "Detections",
-    "Evidence",
     "Exporter",
-    "ExtensionError",
     "Frame",
     "FrameEntry",
-    "GraphError",
     "HereaboutsError",
-    "HistoryError",
     "Intrinsics",
-    "InvalidFactError",
-    "MapBusyError",
     "MapNotFoundError",
     "MapServer",
     "MapUpdate",
     "Mapper",
     "MappingOptions",
     "ObjectRecord",
-    "OntologyError",
     "PlaceRecord",
-    "QueryError",
     "RecordingError",
     "RecordingFormat",
     "RecordingListing",
     "RecordingOptions",
-    "RobotRecord",
-    "SceneScores",
     "SemanticMap",
     "ServerSettings",
     "Sighting",
@@ -104,29 +71,24 @@ __all__ = [
     "find",
     "in_memory_map",
     "load_detector",
-    "load_world",
     "map_recording",
     "merged",
     "open_map",
     "open_or_create_map",
     "open_recording",
-    "placement_table",
-    "world_quads",
 ]
 
-#: module -> its public names; ``name:public`` where a name differs here
+#: module -> its public names; ``inner:public`` where the public name differs
 _SOURCES = {
     "kg.serving.opening": "create_map open_map open_or_create_map in_memory_map",
     "kg.serving.publishing.merging": "merged",
     "kg.maps.semantic_map": "SemanticMap",
     "kg.maps.query.evaluation": "Table",
-    "kg.model.records": "MapUpdate ObjectRecord PlaceRecord RobotRecord Assertion Evidence",
-    "kg.maps.room_statistics": "placement_table",
-    "kg.knowledge.ontology.reasoning": "load_world world_quads",
+    "kg.model.records": "MapUpdate ObjectRecord PlaceRecord",
     "kg.serving.server.map_server": "MapServer",
     "kg.serving.server.http.settings": "Settings:ServerSettings",
     "kg.serving.server.http.bearer_tokens": "BearerTokens",
-    "perception.frames": "Frame Detections SceneScores",
+    "perception.frames": "Frame Detections",
     "perception.camera.intrinsics": "Intrinsics",
     "perception.sources.listing": "Format:RecordingFormat RecordingListing FrameEntry",
     "kg.export.exporter": "Exporter",
@@ -139,10 +101,7 @@ _SOURCES = {
     "mapping.recording_mapper": "map_recording",
     "planner.search.plans.search_state": "build_search",
     "planner.search.plans.view_plan": "plan:find",
-    "kg.model.errors": (
-        "HereaboutsError GraphError MapNotFoundError MapBusyError HistoryError ConflictError "
-        "InvalidFactError QueryError OntologyError RecordingError ExtensionError"
-    ),
+    "kg.model.errors": "HereaboutsError MapNotFoundError RecordingError",
 }
 
 
@@ -157,7 +116,7 @@ def _load(name: str) -> object:
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
-if not TYPE_CHECKING:  # a type checker knows the names above, and reports any other
+if not TYPE_CHECKING:  # so that type checkers report names that do not exist
 
     def __getattr__(name: str) -> object:
         globals()[name] = value = _load(name)

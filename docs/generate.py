@@ -33,25 +33,17 @@ PUBLIC: Final = {
         *("create_map", "open_map", "open_or_create_map", "in_memory_map", "merged"),
         *("SemanticMap", "Table"),
     ),
-    "Records": (
-        *("MapUpdate", "ObjectRecord", "Evidence", "PlaceRecord", "RobotRecord", "Assertion"),
-    ),
+    "Records": ("MapUpdate", "ObjectRecord", "PlaceRecord"),
     "Frames and recordings": (
-        *("Frame", "Detections", "SceneScores", "open_recording", "load_detector"),
-        "RecordingOptions",
+        *("Frame", "Detections", "open_recording", "load_detector", "RecordingOptions"),
     ),
     "Mapping": ("Mapper", "MappingOptions", "Sighting", "map_recording"),
-    "Searches": ("build_search", "find", "placement_table"),
+    "Searches": ("build_search", "find"),
     "Extensions": (
         *("RecordingFormat", "RecordingListing", "FrameEntry", "Intrinsics", "Exporter"),
     ),
     "Serving": ("MapServer", "ServerSettings", "BearerTokens"),
-    "Ontologies": ("load_world", "world_quads"),
-    "Errors": (
-        *("HereaboutsError", "GraphError", "MapNotFoundError", "MapBusyError", "HistoryError"),
-        *("ConflictError", "InvalidFactError", "QueryError", "OntologyError", "RecordingError"),
-        *("ExtensionError",),
-    ),
+    "Errors": ("HereaboutsError", "MapNotFoundError", "RecordingError"),
 }
 #: Modules of the classes that a map is composed of; their members are described with it.
 _PARTS: Final = (

@@ -21,9 +21,9 @@ from kg.maps.facts.searches import SearchRecords
 from kg.maps.map_metadata import Description, description_of
 from kg.maps.map_parts import MapAssertions, MapHistory, MapOntology
 from kg.maps.networkx_graph import network
-from kg.maps.query.evaluation import evaluate
+from kg.maps.query.evaluation import Table, evaluate
 from kg.maps.query.parameter_resolution import ParameterResolver
-from kg.maps.query.query_files import ParameterizedQuery, Table, resolve_query
+from kg.maps.query.query_files import ParameterizedQuery, resolve_query
 from kg.maps.subscriptions import MapSubscriptions
 from kg.model import vocabulary as v
 from kg.model.errors import QueryParameterError
@@ -311,12 +311,9 @@ class SemanticMap(ABC):
         machine that wrote the map. Raises HistoryError where that past is not kept.
         """
 
+    @abstractmethod
     def snapshot(self) -> SemanticMap:
         """A read-only copy in memory of the current state."""
-        from kg.maps.stored_map import StoredMap
-
-        with self.hold():
-            return StoredMap(TransactionalStore.in_memory(self.engine, read_only=True))
 
     def close(self) -> None:
         """Flush and close the store; closing twice is fine."""

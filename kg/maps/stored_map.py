@@ -63,7 +63,7 @@ class StoredMap(SemanticMap):
         self.assertions = AssertionService(
             store, self._facts, self.perceived, self._writer, self._guard
         )
-        self.subscriptions = StoredSubscriptions(self)
+        self.subscriptions = StoredSubscriptions(self.query, store)
 
     @property
     def next_object(self) -> int:
@@ -183,6 +183,11 @@ class StoredMap(SemanticMap):
         """Lock the map against writes of other threads."""
         with self._guard:
             yield
+
+    def snapshot(self) -> SemanticMap:
+        """A read-only copy in memory of the current state."""
+        with self.hold():
+            return StoredMap(TransactionalStore.in_memory(self.engine, read_only=True))
 
     def at(self, when: Instant) -> SemanticMap:
         """The map as believed at `when`, replayed into memory; the last ones are cached."""

@@ -1,25 +1,114 @@
-"""Subscriptions to the commits of a map, and to the rows by which they change a query's result."""
+"""Subscriptions: to the commits of a map, and to the rows that commits add to a query's result."""
 
 from __future__ import annotations
 
+import threading
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from kg.maps.query.evaluation import Row, Table
 from kg.maps.query.query_files import resolve_query
-from kg.maps.query.subscriptions import RowsListener, Subscription
+from kg.model.errors import GraphError, RemoteError
 from kg.model.transactions import ChangeSet, Listener
+from kg.store.transactional import TransactionalStore
 
-if TYPE_CHECKING:
-    from kg.maps.semantic_map import SemanticMap
+POLL_EVERY = 1.0  # [s] between polls of a map whose other writers send no notifications
+
+#: Called with the rows added and the rows removed since the last call.
+RowsListener = Callable[[Table, Table], None]
+
+
+class Subscription:
+    """A query that is evaluated again after each commit, on a thread of its own, until `stop`.
+
+    A slow query therefore delays no writer; its next evaluation then covers several commits.
+
+    - `answer` evaluates the query.
+    - `callback` gets the rows added and removed, not those of the first result. If it raises, the
+      subscription ends.
+    - `sequence` returns the number of the map's last transaction. With `polls` it is called
+      regularly, since other programs may commit without a notification.
+    """
+
+    def __init__(
+        self,
+        answer: Callable[[], Table],
+        callback: RowsListener,
+        sequence: Callable[[], int],
+        *,
+        polls: bool,
+    ) -> None:
+        self._answer, self._callback, self._sequence = answer, callback, sequence
+        self._every = POLL_EVERY if polls else None
+        self._changed, self._stopped = threading.Event(), threading.Event()
+        self._last_sequence = sequence()
+        self._last = answer()
+        self._thread = threading.Thread(target=self._run, name="subscription", daemon=True)
+        self._thread.start()
+
+    def on_commit(self, change: ChangeSet) -> None:
+        """Cause a new evaluation; returns at once."""
+        self._changed.set()
+
+    def check(self) -> None:
+        """Cause a new evaluation if the map has changed since the first result."""
+        if self._has_moved():
+            self._changed.set()
+
+    def stop(self) -> None:
+        """End the subscription; no callback runs after the return (unless a callback called it)."""
+        self._stopped.set()
+        self._changed.set()
+        if threading.current_thread() is not self._thread:
+            self._thread.join()
+
+    def _run(self) -> None:
+        with suppress(GraphError):  # the map was closed meanwhile
+            while not self._stopped.is_set():
+                notified = self._changed.wait(self._every)
+                self._changed.clear()
+                try:
+                    if not self._stopped.is_set() and (notified or self._has_moved()):
+                        self._report(self._answer())
+                except RemoteError:  # a server may be unreachable or busy for a while
+                    self._changed.set()
+                    self._stopped.wait(POLL_EVERY)
+
+    def _has_moved(self) -> bool:
+        before, self._last_sequence = self._last_sequence, self._sequence()
+        return self._last_sequence != before
+
+    def _report(self, now: Table) -> None:
+        added, removed = difference(self._last, now)
+        self._last = now
+        if (added.rows or removed.rows) and not self._stopped.is_set():
+            self._callback(added, removed)
+
+
+def difference(before: Table, now: Table) -> tuple[Table, Table]:
+    """Rows of `now` that `before` lacks, and rows of `before` that `now` lacks, in their order."""
+    return _without(now, before), _without(before, now)
+
+
+def _without(table: Table, other: Table) -> Table:
+    left = Counter(other.rows)
+    rows: list[Row] = []
+    for row in table.rows:
+        if left[row] > 0:
+            left[row] -= 1
+        else:
+            rows.append(row)
+    return Table(table.columns, tuple(rows))
 
 
 class MapSubscriptions(ABC):
-    """Listeners of one map."""
+    """Listeners of one map, which `query` reads; `sequence` is its last transaction."""
 
-    def __init__(self, semantic_map: SemanticMap) -> None:
-        self._map = semantic_map
+    def __init__(self, query: Callable[..., Table], sequence: Callable[[], int]) -> None:
+        self._query, self._sequence = query, sequence
         self._stops: list[Callable[[], None]] = []
 
     @property
@@ -33,13 +122,13 @@ class MapSubscriptions(ABC):
 
     @abstractmethod
     def is_external(self, change: ChangeSet) -> bool:
-        """Whether anybody but this process's mapper made a transaction."""
+        """Whether a transaction was made by anybody other than this process's mapper."""
 
     @abstractmethod
     def listen(self, listener: Listener) -> Callable[[], None]:
-        """Have `listener` called with each change set once it is stored; returns its unsubscribe.
+        """Call `listener` with each change set once it is stored; returns a function that stops it.
 
-        It runs on the committing thread: it must be quick, and must not write.
+        The listener runs on the committing thread: it must be quick, and must not write.
         """
 
     def on(
@@ -47,17 +136,17 @@ class MapSubscriptions(ABC):
     ) -> Callable[[], None]:
         """Subscribe `callback(added, removed)` to the rows by which commits change a result.
 
-        `question` is as for `SemanticMap.query`. The callback runs on a thread of its own, with two
-        Tables; the rows of the first result are not reported. On a plain SPARQL server, commits of
-        other programs are noticed within a second. Returns the function that stops it; closing the
-        map does too.
+        `question` is as for `SemanticMap.query`. The callback gets two Tables, on a thread of its
+        own; the rows of the first result are not reported. On a plain SPARQL server, commits of
+        other programs are noticed within a second. Returns a function that ends the subscription;
+        closing the map ends it too.
         """
         self.catch_up()
         query = resolve_query(question, parameters)
         subscription = Subscription(
-            lambda: self._map.query(query, **parameters),
+            lambda: self._query(query, **parameters),
             callback,
-            lambda: self._map.sequence,
+            self._sequence,
             polls=not self.notifies_of_all,
         )
         unsubscribe = self.listen(subscription.on_commit)
@@ -81,18 +170,22 @@ class MapSubscriptions(ABC):
 class StoredSubscriptions(MapSubscriptions):
     """Listeners of a map in a store, notified on the committing thread."""
 
+    def __init__(self, query: Callable[..., Table], store: TransactionalStore) -> None:
+        super().__init__(query, lambda: store.sequence)
+        self._store = store
+
     @property
     def notifies_of_all(self) -> bool:
-        """Whether listeners are notified of every transaction up to `catch_up`."""
-        return not self._map.store.shared
+        """Whether no other program writes to the store unnoticed."""
+        return not self._store.shared
 
     def catch_up(self) -> None:
         """Nothing: listeners were notified at each commit."""
 
     def is_external(self, change: ChangeSet) -> bool:
-        """Whether anybody but this process's mapper made a transaction."""
+        """Whether a transaction is not a mapper's frame."""
         return change.cause.kind != "frame" or change.cause.by is not None
 
     def listen(self, listener: Listener) -> Callable[[], None]:
-        """Have `listener` called on the committing thread; returns its unsubscribe."""
-        return self._map.store.listen(listener)
+        """Call `listener` on the committing thread; returns a function that stops it."""
+        return self._store.listen(listener)

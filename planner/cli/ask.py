@@ -16,7 +16,7 @@ from planner.cli.arguments import MAP_HELP, add_at, name_value, plain_value
 from planner.cli.console import counted, note, print_table, write
 
 if TYPE_CHECKING:
-    from kg.maps.query.query_files import Table
+    from kg.maps.query.evaluation import Table
     from kg.maps.semantic_map import SemanticMap
 
 

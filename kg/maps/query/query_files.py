@@ -28,7 +28,7 @@ from pathlib import Path
 
 from pyoxigraph import Literal, NamedNode
 
-from kg.maps.query.evaluation import Table, TripleTable, Value, evaluate
+from kg.maps.query.evaluation import Table
 from kg.model import vocabulary as v
 from kg.model.errors import QueryError, QueryParameterError, UnknownQueryError, did_you_mean
 from kg.model.resources import QUERIES
@@ -40,22 +40,6 @@ from kg.rdf.sparql.parameters import (
     substitute,
     variables_in,
 )
-
-__all__ = [
-    "Parameter",
-    "ParameterizedQuery",
-    "Resolver",
-    "Table",
-    "TripleTable",
-    "Value",
-    "evaluate",
-    "find_query",
-    "inline_query",
-    "load_query",
-    "parse_query_file",
-    "resolve_query",
-    "shipped_queries",
-]
 
 #: (parameter type, text) -> IRI; raises HereaboutsError for names that the map lacks
 Resolver = Callable[[str, str], str]

@@ -67,6 +67,11 @@ class RemoteMap(SemanticMap):
         """The map as of `when`; each query is evaluated by the server."""
         return _past_map(self._served, when)
 
+    def snapshot(self) -> SemanticMap:
+        """A read-only copy in memory of the current state, read from the server."""
+        with self.hold():
+            return StoredMap(TransactionalStore.in_memory(self.engine, read_only=True))
+
     def dump(self, *, seconds: float, most: int) -> bytes:
         """All quads of one state, as N-Quads; QueryTooLargeError beyond `most` bytes."""
         _, body = self._served.fetch(

@@ -24,7 +24,8 @@ class RemoteSubscriptions(MapSubscriptions):
     """Listeners of one served map, and which of its transactions this process has read."""
 
     def __init__(self, semantic_map: SemanticMap, served: ServedClient) -> None:
-        super().__init__(semantic_map)
+        super().__init__(semantic_map.query, lambda: semantic_map.sequence)
+        self._map = semantic_map
         self._served = served
         self._guard = threading.RLock()
         self._notified = served.sequence  # the last transaction that listeners were notified of

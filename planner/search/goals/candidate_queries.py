@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.knowledge.placement.table import PlacementTable
-from kg.maps.query.query_files import Value
+from kg.maps.query.evaluation import Value
 from kg.maps.semantic_map import SemanticMap
 from mapping.persistence import holds, learned_half_life, listed_half_life
 from planner.freespace.planning_map import Place, PlanningMap, Row, UnexploredArea, number

@@ -18,7 +18,7 @@ from typing import Any, Final
 import numpy as np
 
 from kg.export.serialization import export_map
-from kg.maps.query.query_files import Table
+from kg.maps.query.evaluation import Table
 from kg.maps.semantic_map import SemanticMap
 from kg.model.areas import Rectangle
 from kg.model.errors import GraphError, MapBusyError

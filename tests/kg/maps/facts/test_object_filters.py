@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kg.maps.query.query_files import Table
+from kg.maps.query.evaluation import Table
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import GraphError, QueryError, QueryParameterError, UnknownCategoryError
 from kg.model.records import MapUpdate, ObjectRecord, PlaceRecord
