@@ -22,7 +22,7 @@ from benchmarks.graph.loading import furnished
 from benchmarks.graph.ours import FLAT, asking, on_disk, parameters_for, resident
 from kg.history.storage.recovery import FILE
 from kg.maps.query.query_files import find_query
-from kg.store.gc_freezing import gc_frozen
+from kg.store.process_memory import gc_frozen
 
 COLUMNS = ("frames", "update [ms]", "lookup [ms]", "memory [MB]", "store [MB]", "history [MB]")
 

@@ -9,7 +9,7 @@ from typing import Any
 from kg.maps.semantic_map import SemanticMap
 from kg.model.areas import Ring
 from kg.model.records import DepartedRecord, ObjectRecord, PlaceRecord, RobotRecord
-from kg.rdf.geosparql import CRS
+from kg.rdf.standard_terms import CRS
 
 _FRAME = "local frame of this map: metres, z up, the floor about z = 0; not geographic"
 

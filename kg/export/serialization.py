@@ -1,7 +1,7 @@
 """Serialisation of maps for other tools: Turtle, TriG, N-Quads, N-Triples, JSON-LD, RDF/XML.
 
 An export has the map and dataset graphs, the assertions, optionally the ontology, and derived
-triples in standard vocabularies (`kg.rdf.standard_terms`, `kg.rdf.geosparql`). TriG
+triples in standard vocabularies (`kg.rdf.standard_terms`). TriG
 and N-Quads keep the graphs and ontologies apart; the other formats hold one graph, with the
 ontology an OWL 2 DL document without imports. The same map gives the same text.
 """
@@ -20,12 +20,11 @@ from kg.maps.facts.objects_and_places import RecordCodec
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
 from kg.model.errors import GraphError, did_you_mean
-from kg.rdf.geosparql import geometry_quads
 from kg.rdf.jsonld import to_jsonld
 from kg.rdf.literals import by_subject
 from kg.rdf.quad_store import Subject
 from kg.rdf.skolem import anonymous
-from kg.rdf.standard_terms import standard_quads
+from kg.rdf.standard_terms import geometry_quads, standard_quads
 from kg.rdf.turtle_names import with_full_iris
 from kg.rdf.xml_characters import in_xml
 from kg.store.atomic_file import write_atomically

@@ -1,7 +1,7 @@
 """Areas of the map's horizontal plane: rectangles, and polygons with their bounding rectangle.
 
-An outline is a ring of corners (x, y) [m], and further rings for holes; none repeats its first
-corner at its end. Polygons are shapely's, which is imported when the first one is needed.
+An outline is a ring of corners (x, y) [m], and further rings for holes. A ring does not repeat its
+first corner at its end. shapely, which computes the polygons, is imported on first use.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import shapely
 
 Ring = tuple[tuple[float, float], ...]
-Outline = tuple[Ring, ...]  # () stands for the rectangle itself
+Outline = tuple[Ring, ...]  # () means: the bounding rectangle itself
 
 MAX_CORNERS: Final = 2000  # of an outline
 MAX_COORDINATE: Final = 1e6  # [m] from the origin
@@ -30,7 +30,7 @@ _MIN_AREA: Final = 1e-12  # [m^2]
 class Rectangle:
     """Axis-aligned rectangle of the map's horizontal plane [m]; its sides belong to it.
 
-    Not validated here: who reads one from outside checks it (`kg.maps.facts`,
+    The constructor does not validate. Readers of external data do (`kg.maps.facts`,
     `mapping.places.layout`).
     """
 
@@ -75,23 +75,23 @@ class Rectangle:
 
 @dataclass(frozen=True, slots=True)
 class Area(Rectangle):
-    """A rectangle, or with an `outline` the polygon whose bounding rectangle the sides are."""
+    """A polygon with its bounding rectangle; without an `outline`, the rectangle itself."""
 
     outline: Outline = field(default=(), kw_only=True)
 
     @property
     def polygon(self) -> shapely.Polygon:
-        """The area as a polygon of shapely, prepared for tests of many points."""
+        """The shapely polygon of the area, prepared for tests of many points."""
         return polygon_of(self.rings)
 
     @property
     def area(self) -> float:
-        """Area [m^2], without that of holes."""
+        """Area [m^2] without holes."""
         return float(self.polygon.area) if self.outline else Rectangle.area.__get__(self)
 
     @property
     def centre(self) -> tuple[float, float]:
-        """Centroid (x, y) [m] where it is inside, else a point that is."""
+        """Centroid (x, y) [m]; another inner point where the centroid is outside."""
         if not self.outline:
             return Rectangle.centre.__get__(self)  # type: ignore[no-any-return]
         point = self.polygon.centroid
@@ -101,7 +101,7 @@ class Area(Rectangle):
 
     @property
     def rings(self) -> Outline:
-        """The outline; that of a rectangle is its four corners."""
+        """The outline; for a rectangle, a ring of its four corners."""
         return self.outline or (
             (
                 (self.xmin, self.ymin),
@@ -113,14 +113,14 @@ class Area(Rectangle):
 
     @property
     def oriented_rings(self) -> Outline:
-        """The rings, the outer one anticlockwise, holes clockwise."""
+        """The rings: the outer one anticlockwise, holes clockwise."""
         return tuple(
             ring if (_signed_area(ring) > 0) == (number == 0) else ring[::-1]
             for number, ring in enumerate(self.rings)
         )
 
     def contains(self, x: float, y: float) -> bool:
-        """Point-in-polygon test of (x, y) [m]; sides belong to the area."""
+        """Point-in-polygon test of (x, y) [m]; the boundary belongs to the area."""
         return bool(self.contains_each(np.array([x]), np.array([y]))[0])
 
     def contains_each(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -138,16 +138,18 @@ class Area(Rectangle):
         return float(self.polygon.intersection(other.polygon).area)
 
     def shifted(self, dx: float) -> Self:
-        """The same area, moved by `dx` [m] along x."""
+        """The area moved by `dx` [m] along x."""
         moved = tuple(tuple((x + dx, y) for x, y in ring) for ring in self.outline)
         return replace(self, xmin=self.xmin + dx, xmax=self.xmax + dx, outline=moved)
 
 
 def area_of(outline: Sequence[Sequence[tuple[float, float]]]) -> Area:
-    """The area with that outline [m]: the outer ring, then those of holes.
+    """The area with that outline [m]: the outer ring, then the rings of holes.
 
-    A ring's last corner may repeat its first. An axis-aligned rectangle is recognised. Raises
-    ValueError, saying what is wrong, where the outline does not enclose one area.
+    The last corner of a ring may repeat the first. An axis-aligned rectangle is recognised.
+
+    Raises:
+        ValueError: the outline does not enclose one area; the message names the fault.
     """
     rings = tuple(_open(ring) for ring in outline)
     problem = _problem(rings)
@@ -161,13 +163,13 @@ def area_of(outline: Sequence[Sequence[tuple[float, float]]]) -> Area:
 
 
 def _open(ring: Sequence[tuple[float, float]]) -> Ring:
-    """`ring` without corners that repeat the one before them, or at the end the first."""
+    """`ring` without repeated neighbours, the first and the last corner included."""
     corners = [corner for corner, _ in groupby((float(x), float(y)) for x, y in ring)]
     return tuple(corners[:-1] if len(corners) > 1 and corners[0] == corners[-1] else corners)
 
 
 def _problem(rings: Outline) -> str | None:
-    """Why `rings` are no outline, and what would work; None if they are one."""
+    """The fault of an outline, and a remedy; None for a valid outline."""
     if not rings:
         return "an outline without corners; a ring of (x, y) would work"
     count = sum(len(ring) for ring in rings)
@@ -181,21 +183,17 @@ def _problem(rings: Outline) -> str | None:
     for ring in rings:
         if len(ring) < 3 or abs(_signed_area(ring)) < _MIN_AREA:
             return "an outline that encloses nothing; three corners or more around it would work"
-    if _crosses_itself(rings):
+    import shapely
+
+    reason = shapely.is_valid_reason(shapely.Polygon(rings[0], rings[1:]))
+    # rings may touch in points
+    if not reason.startswith(("Valid Geometry", "Ring Self-intersection")):
         return "an outline that crosses itself; corners in their order around it would work"
     return None
 
 
-def _crosses_itself(rings: Outline) -> bool:
-    """Whether sides cross, or a hole lies outside of the outer ring; rings may touch in points."""
-    import shapely
-
-    reason = shapely.is_valid_reason(shapely.Polygon(rings[0], rings[1:]))
-    return not reason.startswith(("Valid Geometry", "Ring Self-intersection"))
-
-
 def _signed_area(ring: Ring) -> float:
-    """Area of a ring by the shoelace formula [m^2]; positive where the ring runs anticlockwise."""
+    """Area of a ring by the shoelace formula [m^2]; positive for an anticlockwise ring."""
     x, y = np.array(ring).T
     x, y = x - x[0], y - y[0]
     return float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y) / 2)
@@ -203,7 +201,7 @@ def _signed_area(ring: Ring) -> float:
 
 @lru_cache(maxsize=256)
 def polygon_of(rings: Outline) -> shapely.Polygon:
-    """Prepared polygon with these rings [m]; of several parts where a ring touches itself."""
+    """Prepared polygon with these rings [m]; a ring that touches itself gives several parts."""
     import shapely
 
     polygon = shapely.make_valid(shapely.Polygon(rings[0], rings[1:]))

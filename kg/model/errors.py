@@ -1,41 +1,41 @@
-"""Every error hereabouts raises on purpose, in one tree.
+"""All errors that hereabouts raises on purpose, in one tree.
 
     HereaboutsError
-    ├── GraphError               the store on disk
+    ├── GraphError               the store on disk cannot be opened, read or written
     │   ├── MapNotFoundError     no map at that path
-    │   ├── MapBusyError         another process is writing it
-    │   ├── HistoryError         a past that is not kept, or a log that cannot be read
-    │   ├── ConflictError        somebody else has changed meanwhile what would be written
-    │   ├── InvalidFactError     a record that cannot become facts (not finite, unknown class, ...)
-    │   │   ├── ShapeError       an update that would leave the map badly made
-    │   │   ├── ProtectedError   an update of what is not written that way
-    │   │   └── UnconfirmedDeletionError   a large deletion that nobody confirmed
-    │   └── RemoteError          a server that refuses, fails, or breaks off its answer
-    │       └── UnreachableError nothing answers at the address
-    ├── QueryError               a query that cannot be evaluated
+    │   ├── MapBusyError         another process is writing the map
+    │   ├── HistoryError         a past state is not kept, or the log cannot be read
+    │   ├── ConflictError        another writer changed the same facts in the meantime
+    │   ├── InvalidFactError     a record cannot become facts (not finite, unknown class, ...)
+    │   │   ├── ShapeError       an update breaks a SHACL shape or uses an undeclared term
+    │   │   ├── ProtectedError   an update writes facts that have another way to be written
+    │   │   └── UnconfirmedDeletionError   a large deletion is not confirmed
+    │   └── RemoteError          a server refuses, fails, or breaks off its answer
+    │       └── UnreachableError no server answers at the address
+    ├── QueryError               a query cannot be evaluated
     │   ├── UnknownQueryError    no query file of that name
-    │   ├── QueryParameterError  missing, unknown or malformed parameter
-    │   ├── QueryRefusedError    reaches outside the map, writes, or is nested too deeply
-    │   ├── QueryTimeoutError    stopped at its time limit
-    │   ├── QueryTooLargeError   stopped at its limit of memory or of result bytes
-    │   ├── EngineFailureError   the query engine broke down on it
-    │   ├── NotAcceptableError   no format the asker accepts can carry the answer
+    │   ├── QueryParameterError  a parameter is missing, unknown or malformed
+    │   ├── QueryRefusedError    a query reaches outside the map, writes, or nests too deeply
+    │   ├── QueryTimeoutError    a query reached its time limit
+    │   ├── QueryTooLargeError   a query reached its limit of memory or of result bytes
+    │   ├── EngineFailureError   the query engine failed
+    │   ├── NotAcceptableError   no accepted format can carry the answer
     │   └── PoolBusyError        all query workers are busy and the queue is full
-    ├── OntologyError            an ontology that does not parse, or breaks its shapes
-    │   ├── UnknownCategoryError a label no category carries; says which come close
-    │   └── ConceptNetError      ConceptNet, or a file of it, that cannot be read
-    ├── RecordingError           a recording that cannot be read: poses, images, intrinsics
-    │   └── FrameError           a frame, or its detections, that cannot be mapped; a ValueError too
-    ├── ModelError               a network that cannot be loaded, fetched or understood
-    ├── LayoutError              places or transforms given by file that make no sense
-    ├── LabelsError              a table of what a network's labels mean that makes no sense
-    ├── RobotError               a robot that does not answer, or says what makes no sense
-    ├── ExtensionError           an extension of another distribution that cannot be used
-    ├── ServerError              a server that cannot start as configured, or a request it refuses
-    └── PictureError             a picture or a file for viewers that cannot be written
+    ├── OntologyError            an ontology does not parse, or breaks its shapes
+    │   ├── UnknownCategoryError no category has that label
+    │   └── ConceptNetError      ConceptNet, or a file of it, cannot be read
+    ├── RecordingError           a recording cannot be read: poses, images, intrinsics
+    │   └── FrameError           a frame or its detections are invalid; a ValueError too
+    ├── ModelError               a network cannot be loaded, fetched or understood
+    ├── LayoutError              a file of places or transforms is invalid
+    ├── LabelsError              a table of the labels of a network is invalid
+    ├── RobotError               a robot does not answer, or breaks the protocol
+    ├── ExtensionError           an extension of another distribution cannot be used
+    ├── ServerError              a server cannot start as configured, or refuses a request
+    └── PictureError             a picture or a file for viewers cannot be written
 
-A message is one line: what was wrong, what was given, and what would have worked. The command line
-prints it after ``error:`` and exits with 1. Anything outside this tree is a bug and keeps its
+A message is one line: the fault, the given value, and a value that would work. The command line
+prints the message after ``error:`` and exits with 1. Any other exception is a bug and keeps its
 traceback.
 """
 
@@ -62,14 +62,13 @@ class MapBusyError(GraphError):
 
 
 class HistoryError(GraphError):
-    """A past that the map does not keep, or a log of it that cannot be read."""
+    """A past state of the map is not kept, or the log cannot be read."""
 
 
 class ConflictError(GraphError):
-    """Others changed what was to be written after the writer had read it; nothing was written.
+    """Another writer changed the same facts after they were read; nothing was written.
 
-    `things` has the IRIs of what they changed. Reading it anew, and writing what follows from
-    that, would work.
+    `things` has the IRIs of the changed objects and places. Read them again and retry.
     """
 
     def __init__(self, message: str, things: Iterable[str] = ()) -> None:
@@ -78,15 +77,15 @@ class ConflictError(GraphError):
 
 
 class InvalidFactError(GraphError):
-    """A record that cannot become facts of the map."""
+    """A record cannot become facts of the map."""
 
 
 class ShapeError(InvalidFactError):
-    """An update from outside would break a shape, or use a term that no ontology declares."""
+    """An update would break a SHACL shape, or uses a term that no ontology declares."""
 
 
 class ProtectedError(InvalidFactError):
-    """An update from outside would write what is kept by other means; says by which."""
+    """An update writes facts that have another way to be written; the message names it."""
 
 
 class UnconfirmedDeletionError(InvalidFactError):
@@ -102,11 +101,11 @@ class UnreachableError(RemoteError):
 
 
 class QueryError(HereaboutsError):
-    """A query that does not parse or cannot be evaluated."""
+    """A query does not parse or cannot be evaluated."""
 
 
 class UnknownQueryError(QueryError):
-    """No query file of that name."""
+    """No query file has that name."""
 
 
 class QueryParameterError(QueryError):
@@ -126,15 +125,15 @@ class QueryTooLargeError(QueryError):
 
 
 class EngineFailureError(QueryError):
-    """The query engine broke down while it evaluated a query: a defect of the engine."""
+    """The query engine failed during the evaluation of a query: a defect of the engine."""
 
 
 class NotAcceptableError(QueryError):
-    """The asker accepts no format that can carry the answer."""
+    """The client accepts no format that can carry the answer."""
 
 
 class PoolBusyError(QueryError):
-    """All query workers are busy, and as many queries wait already as may."""
+    """All query workers are busy and the queue is full."""
 
 
 class OntologyError(HereaboutsError):
@@ -142,11 +141,11 @@ class OntologyError(HereaboutsError):
 
 
 class UnknownCategoryError(OntologyError):
-    """No category carries that label."""
+    """No category has that label."""
 
 
 class ConceptNetError(OntologyError):
-    """ConceptNet, or a file of it, cannot be read: not reached, not its format, broken off."""
+    """ConceptNet, or a file of it, cannot be read: unreachable, wrong format, or truncated."""
 
 
 class RecordingError(HereaboutsError):
@@ -154,7 +153,7 @@ class RecordingError(HereaboutsError):
 
 
 class FrameError(RecordingError, ValueError):
-    """A frame or its detections cannot be right: shapes, types, depth, pose, intrinsics, stamp."""
+    """A frame or its detections are invalid: shapes, types, depth, pose, intrinsics, stamp."""
 
 
 class ModelError(HereaboutsError):
@@ -162,11 +161,11 @@ class ModelError(HereaboutsError):
 
 
 class LayoutError(HereaboutsError):
-    """Places or transforms given by file make no sense."""
+    """A file of places or transforms is invalid."""
 
 
 class LabelsError(HereaboutsError):
-    """A table of what a network's labels mean cannot be read, or names no category."""
+    """A table of the labels of a network cannot be read, or names no category."""
 
 
 class RobotError(HereaboutsError):
@@ -174,7 +173,7 @@ class RobotError(HereaboutsError):
 
 
 class ExtensionError(HereaboutsError):
-    """An extension that another distribution adds cannot be imported, or is none."""
+    """An extension of another distribution cannot be imported, or has the wrong type."""
 
 
 class ServerError(HereaboutsError):
@@ -182,7 +181,7 @@ class ServerError(HereaboutsError):
 
 
 class PictureError(HereaboutsError):
-    """A picture or a viewer's file cannot be written: unknown format, or nowhere to write to."""
+    """A picture or a viewer's file cannot be written: unknown format, or no such folder."""
 
 
 def did_you_mean(given: str, known: Iterable[str]) -> str:

@@ -28,8 +28,8 @@ T = TypeVar("T")
 
 @functools.cache
 def extensions(group: Group) -> Mapping[str, EntryPoint]:
-    """The entry points of a group by name; nothing is imported yet."""
-    from importlib.metadata import entry_points  # 20 ms, which most commands need not spend
+    """The entry points of a group by name; their modules are not imported yet."""
+    from importlib.metadata import entry_points  # takes 20 ms; most commands do not need it
 
     return {point.name: point for point in entry_points(group=group)}
 
@@ -38,7 +38,7 @@ def load_extension(group: Group, name: str, kind: type[T]) -> T:
     """Import the extension `name`.
 
     Raises:
-        ExtensionError: where its import fails, or gives anything but a `kind`.
+        ExtensionError: the import fails, or the object is not a `kind`.
     """
     point = extensions(group)[name]
     try:

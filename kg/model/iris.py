@@ -1,4 +1,4 @@
-"""IRIs of agents and observations in the map whose base IRI is `base`."""
+"""IRIs of agents and observations of a map, from its base IRI `base`."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ def agent_iri(base: str, name: str) -> str:
 
 
 def agent_name(base: str, iri: str) -> str:
-    """The name in an agent's IRI; the inverse of `agent_iri`."""
+    """The name of the agent with that IRI; the inverse of `agent_iri`."""
     return unquote(iri.removeprefix(base + AGENT))
 
 
 def observation_iri(base: str, thing: str) -> str:
-    """IRI of the observation that explains the object `thing` best (sosa:Observation)."""
+    """IRI of the best observation (sosa:Observation) of the object `thing`."""
     local = thing.removeprefix(base + "object/")
     return thing + "/observation" if local == thing else f"{base}observation/{local}"

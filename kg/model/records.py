@@ -17,7 +17,7 @@ from kg.model.areas import Area, Outline, Rectangle
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """The observation that explains an object best: the most confident one so far."""
+    """The best observation of an object: the one with the highest score so far."""
 
     frame: str  # frame id within the recording
     recording: str  # recording name
@@ -36,7 +36,7 @@ class Relation:
 
     kind: RelationKind
     target: str  # IRI of the other object
-    probability: float  # 0..1; from 0.5 on it counts as so
+    probability: float  # 0..1; from 0.5 on the relation holds
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,45 +55,45 @@ class ObjectRecord:
     evidence: Evidence | None = None
     extent: NDArray[np.float64] | None = None  # (3,) [m] of its box along the map's axes
     deviation: float | None = None  # [m] standard deviation of each coordinate of `p_map`
-    relations: tuple[Relation, ...] | None = None  # None, when written: the map's stay
-    #: what else it may be: category IRI -> probability that a thing of it is there
+    relations: tuple[Relation, ...] | None = None  # None: a write keeps the relations in the map
+    #: alternative categories: IRI -> probability that an object of that category is there
     labels: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def covariance(self) -> NDArray[np.float64] | None:
-        """(3, 3) [m^2] of `p_map`; None where it is not known."""
+        """(3, 3) [m^2] of `p_map`; None: unknown."""
         return None if self.deviation is None else np.eye(3) * self.deviation**2
 
 
 @dataclass(frozen=True, slots=True)
 class DepartedRecord:
-    """An object that left the spot where it stood, as it was known there."""
+    """An object that left its position, with its last known properties."""
 
     iri: str
     category: str  # IRI of its class
     p_map: NDArray[np.float64]  # (3,) [m]
-    peak: float  # its greatest existence, 0..1
+    peak: float  # highest existence so far, 0..1
     observations: int
     first_seen: float  # [s]
     last_seen: float  # [s]
-    found_gone: float  # [s] when its spot was first known to be empty
+    found_gone: float  # [s] when the position was first known to be empty
     extent: NDArray[np.float64] | None = None  # (3,) [m] of its box along the map's axes
 
 
 @dataclass(frozen=True, slots=True)
 class PlaceViews:
-    """How much of a place, floor and tops of furniture, has been viewed."""
+    """Viewed shares of a place: its floor and the tops of its furniture."""
 
-    share: float  # of its area, 0..1
-    close_share: float  # of its area, from close by (2 m)
-    last: float  # [s] since 1970, to the minute
+    share: float  # share of the area, 0..1
+    close_share: float  # share of the area viewed from up to 2 m
+    last: float  # [s] since 1970, to the minute: the last view
 
 
 @dataclass(frozen=True, slots=True)
 class PlaceRecord:
     """A place with its area and the belief over its categories.
 
-    Without an `outline` the area is the rectangle; with one, the sides are its bounding rectangle.
+    The sides are the bounding rectangle of the `outline`, or the area itself without an outline.
     """
 
     iri: str
@@ -102,19 +102,21 @@ class PlaceRecord:
     xmax: float
     ymin: float
     ymax: float
-    views: int = 0  # k of eq. 3.5: scene categorisations that went into the belief
+    views: int = 0  # k of eq. 3.5: number of scene categorisations in the belief
     beliefs: Mapping[str, float] = field(default_factory=dict)  # category IRI -> belief
     #: beliefs by views alone; empty unless there are `evidence_objects`
     scene_beliefs: Mapping[str, float] = field(default_factory=dict)
     evidence_objects: tuple[str, ...] = ()  # IRIs of objects that count in `beliefs`
     outline: Outline = ()  # rings of corners (x, y) [m], the outer one first; () for a rectangle
-    from_floor: bool = False  # found in the mapped floor, and changing with it; else it was given
+    from_floor: bool = (
+        False  # segmented from the mapped floor; False: given by a layout or a person
+    )
     adjacent: tuple[str, ...] = ()  # IRIs of places that a door leads to
-    viewed: PlaceViews | None = None  # None where nothing is known of views
+    viewed: PlaceViews | None = None  # None: unknown
 
     @property
     def area(self) -> Area:
-        """The area of floor that it covers."""
+        """The covered area of the floor."""
         return Area(self.xmin, self.xmax, self.ymin, self.ymax, outline=self.outline)
 
     def with_area(self, area: Rectangle) -> PlaceRecord:
@@ -130,7 +132,7 @@ class PlaceRecord:
 
     @property
     def from_views(self) -> Mapping[str, float]:
-        """Beliefs in its categories from the views alone."""
+        """Beliefs in the categories by the views alone."""
         return self.scene_beliefs if self.evidence_objects else self.beliefs
 
 
@@ -147,7 +149,7 @@ class DoorRecord:
 
 @dataclass(frozen=True, slots=True)
 class RobotRecord:
-    """Where the robot (its camera) is."""
+    """Pose of the robot: the pose of its camera."""
 
     p_map: NDArray[np.float64]  # (3,) [m]
     heading: float  # [rad] about z, 0 along x
@@ -156,7 +158,7 @@ class RobotRecord:
 
 @dataclass(frozen=True, slots=True)
 class RecordingRecord:
-    """How far a recording has been applied to the map, and how its world sits in the map."""
+    """Progress of mapping a recording, and the transform of its world into the map."""
 
     name: str
     frames_applied: int
@@ -174,10 +176,10 @@ class Assertion:
     value: str  # IRI of a category or object; "x y z" [m]; "present"; "absent"; "nothing"; a label
     by: str
     stamp: float  # [s] when it was asserted
-    perceived: str | None = None  # like value; of existence a number 0..1; None: no opinion
-    strength: float = 0.0  # how strongly perception believes that, 0..1
-    since: float | None = None  # [s] since when the two contradict each other; None: they agree
-    beliefs: Mapping[str, float] = field(default_factory=dict)  # perception's, of a place
+    perceived: str | None = None  # as `value`; for existence a number 0..1; None: unknown
+    strength: float = 0.0  # belief of perception in `perceived`, 0..1
+    since: float | None = None  # [s] start of the contradiction between both; None: they agree
+    beliefs: Mapping[str, float] = field(default_factory=dict)  # perceived beliefs of a place
 
 
 SearchState = Literal["running", "stopped", "found", "given up"]
@@ -185,38 +187,38 @@ SearchState = Literal["running", "stopped", "found", "given up"]
 
 @dataclass(frozen=True, slots=True)
 class SearchRecord:
-    """A search by a robot: for what, how far it is, how it ended."""
+    """A search by a robot: its targets, its state and its result."""
 
     iri: str  # <base>search/N
     words: tuple[str, ...]  # the targets as given, e.g. "something to drink from"
-    categories: tuple[str, ...]  # IRIs of the categories that are wanted
+    categories: tuple[str, ...]  # IRIs of the target categories
     state: SearchState
     started: float  # [s]
-    ended: float | None = None  # [s] None while it runs
-    seconds: float = 0.0  # [s] of the robot's own clock, over all its runs
-    left: float = 1.0  # probability that what is still wanted is there to be found
+    ended: float | None = None  # [s] None: running
+    seconds: float = 0.0  # [s] by the robot's clock, over all its runs
+    left: float = 1.0  # probability that the remaining targets can still be found
     found: tuple[str, ...] = ()  # IRIs of objects
 
 
 @dataclass(frozen=True, slots=True)
 class LookRecord:
-    """A look that a robot took during a search, in vain or not."""
+    """A look of a robot during a search, successful or not."""
 
     iri: str  # <search>/look/N
     search: str  # IRI
     number: int  # 1, 2, 3, ... within the search
     stamp: float  # [s]
-    position: tuple[float, float]  # [m] where the robot stood
-    heading: float  # [rad] the middle of what it saw
-    extent: float  # [rad] seen in all, the camera's field of view included
-    categories: tuple[str, ...]  # IRIs of the categories it looked for
-    found: tuple[str, ...] = ()  # IRIs of the objects of these categories that it showed
+    position: tuple[float, float]  # [m] of the robot
+    heading: float  # [rad] middle of the viewed sector
+    extent: float  # [rad] angle of the viewed sector, the field of view included
+    categories: tuple[str, ...]  # IRIs of the target categories
+    found: tuple[str, ...] = ()  # IRIs of the target objects in view
     glimpses: tuple[tuple[float, float, float], ...] = ()  # x, y, heading of pictures on the way
 
 
 @dataclass(frozen=True, slots=True)
 class ObstacleRecord:
-    """Where a robot on a search could not go on."""
+    """A position where a robot on a search was blocked."""
 
     iri: str  # <search>/obstacle/N
     search: str  # IRI
@@ -226,43 +228,42 @@ class ObstacleRecord:
     reason: str
 
 
-#: what is known of a cell of the floor
-UNKNOWN: Final = 0  # nobody has seen it
+#: states of a cell of the floor
+UNKNOWN: Final = 0  # never viewed
 FREE: Final = 1
-LOW: Final = 2  # an obstacle that a camera sees over: a table, a bed
-TALL: Final = 3  # an obstacle that occludes what is behind it: a wall, a cupboard
+LOW: Final = 2  # an obstacle below the camera: a table, a bed
+TALL: Final = 3  # an obstacle that blocks the view: a wall, a cupboard
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FloorTile:
     """A square of the floor of one storey, cell by cell."""
 
-    storey: int  # 0, 1, 2, ...; in the order in which they were met
-    column: int  # number of the tile along x, ...
-    row: int  # ... and along y
+    storey: int  # 0, 1, 2, ...; in the order of discovery
+    column: int  # number of the tile along x
+    row: int  # number of the tile along y
     height: float  # [m] of the floor in the map frame
     resolution: float  # [m] side of a cell
     cells: NDArray[np.uint8]  # (n, n) cells (x, y): UNKNOWN, FREE, LOW or TALL
-    changed: float  # [s] stamp of the frame that it was last changed by
-    #: (2, m, m) [min since 1970] when each of m x m larger cells was last viewed, from close by and
-    #: at all; 0 where never. None where nothing is known of views.
+    changed: float  # [s] stamp of the last frame that changed the tile
+    #: (2, m, m) [min since 1970] last view of each of m x m larger cells: from close by, and from
+    #: any distance; 0: never viewed. None: unknown.
     viewed: NDArray[np.uint32] | None = None
 
     @property
     def corner(self) -> tuple[float, float]:
-        """(x, y) [m] of the corner where both are least."""
+        """(x, y) [m] of the corner with the lowest coordinates."""
         span = len(self.cells) * self.resolution
         return self.column * span, self.row * span
 
 
 @dataclass(frozen=True, slots=True)
 class MapUpdate:
-    """One frame's worth of change, applied as one transaction or not at all.
+    """Changes of one frame, applied as one transaction or not at all.
 
-    `objects` and `places` hold the whole new record of everything that may have changed (the writer
-    works out which triples differ); `removed` holds IRIs of objects, places and doors that left the
-    map, and of departed objects to be forgotten. `departed` says of objects among `removed` that
-    they are remembered, and as what.
+    `objects` and `places` hold whole records; the writer finds the triples that differ. `removed`
+    holds IRIs of objects, places and doors that left the map, and of departed objects to forget.
+    `departed` holds the records under which removed objects are remembered.
     """
 
     objects: tuple[ObjectRecord, ...] = ()

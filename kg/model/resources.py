@@ -1,7 +1,7 @@
-"""Where the ontologies and the queries that ship with hereabouts lie.
+"""Folders of the shipped ontologies and queries.
 
-In an installed wheel they are data of this package; in a source checkout (and an editable install)
-they are the top-level folders beside it.
+In an installed wheel they are data of this package. In a source checkout (and an editable install)
+they are top-level folders beside the package.
 """
 
 from __future__ import annotations

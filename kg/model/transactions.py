@@ -9,24 +9,16 @@ from typing import Literal
 from pyoxigraph import Quad
 
 Kind = Literal[
-    "frame",
-    "update",
-    "assert",
-    "retract",
-    "import",
-    "ontology",
-    "recovery",
-    "search",
-    "restore",
+    "frame", "update", "assert", "retract", "import", "ontology", "recovery", "search", "restore"
 ]
 
 
 @dataclass(frozen=True, slots=True)
 class Cause:
-    """Reason for a transaction: kind of act, author, and a note."""
+    """Reason for a transaction: its kind, its author, and a note."""
 
     kind: Kind
-    by: str | None = None  # the person or program; None = the mapper itself
+    by: str | None = None  # name of a person or program; None: the mapper
     note: str = ""  # e.g. "redkitchen/frame-000056", or the text of an update
 
 
@@ -44,9 +36,9 @@ class ChangeSet:
         return len(self.added) + len(self.removed)
 
     def reversed(self) -> ChangeSet:
-        """The change that undoes it, under the same number."""
+        """The inverse change set, under the same number."""
         return ChangeSet(self.sequence, self.time, self.cause, self.removed, self.added)
 
 
-#: Hears of each change set right after it is in the store, in order, on the committing thread.
+#: Called with each stored change set, in order, on the committing thread.
 Listener = Callable[[ChangeSet], None]

@@ -1,8 +1,8 @@
-"""Every IRI that code may name; no other module spells one out.
+"""All IRIs that the code names; no other module contains an IRI.
 
-Named graphs, datatypes and rdf:type are `NamedNode`s, as quads hold them. Other terms are strings,
-as records and tables hold them. All are `Final` names, so that type checkers see a misspelt one.
-The object and place categories themselves are data (`ontologies/`), never constants here.
+Named graphs, datatypes and rdf:type are `NamedNode`s, as in quads. Other terms are strings, as in
+records and tables. All names are `Final`, so that type checkers report a misspelt one. Object and
+place categories are data (`ontologies/`), not constants.
 """
 
 from __future__ import annotations
@@ -33,9 +33,8 @@ MAP_GRAPH: Final = NamedNode(GRAPH + "map")
 HISTORY_GRAPH: Final = NamedNode(GRAPH + "history")
 ASSERTIONS_GRAPH: Final = NamedNode(GRAPH + "assertions")
 DATASET_GRAPH: Final = NamedNode(GRAPH + "dataset")
-PUBLISHED_GRAPH: Final = NamedNode(
-    GRAPH + "published"
-)  # of a mirror: how far each map is published
+#: of a mirror: the last published transaction of each map
+PUBLISHED_GRAPH: Final = NamedNode(GRAPH + "published")
 
 # classes
 OBJECT: Final = HERE + "Object"
@@ -79,7 +78,7 @@ STATISTICS_PLACE: Final = HERE + "statisticsPlace"
 ROOM_COUNT: Final = HERE + "roomCount"
 ROOMS_WITH_OBJECT: Final = HERE + "roomsWithObject"
 
-# individuals: where
+# individuals: position
 X: Final = HERE + "x"
 Y: Final = HERE + "y"
 Z: Final = HERE + "z"
@@ -100,7 +99,7 @@ FROM_FLOOR: Final = HERE + "fromFloor"  # of a place found in the mapped floor
 DOOR: Final = HERE + "Door"
 WIDTH: Final = HERE + "width"
 
-# individuals: in what relation to others
+# individuals: relations
 SPATIAL_RELATION: Final = HERE + "SpatialRelation"
 SPATIAL: Final = HERE + "spatialRelation"  # super-property of the next three
 ON: Final = HERE + "on"
@@ -110,16 +109,16 @@ HAS_RELATION: Final = HERE + "hasRelation"
 OF_RELATION: Final = HERE + "ofRelation"  # here:on, here:inside or here:beside
 RELATED_TO: Final = HERE + "relatedTo"
 
-# individuals: how sure, how often, when
+# individuals: confidence, counts and times
 CONFIDENCE: Final = HERE + "confidence"  # the thesis' C, between 0 and nu
 EXISTENCE: Final = HERE + "existence"
 OBSERVATION_COUNT: Final = HERE + "observationCount"
 FIRST_SEEN: Final = HERE + "firstSeen"
 LAST_SEEN: Final = HERE + "lastSeen"
-FOUND_GONE: Final = HERE + "foundGone"  # of one that left, as is:
+FOUND_GONE: Final = HERE + "foundGone"  # this and the next: of departed objects
 PEAK_EXISTENCE: Final = HERE + "peakExistence"
 
-# individuals: what else they may be
+# individuals: alternative categories
 HAS_LABEL_BELIEF: Final = HERE + "hasLabelBelief"
 LABEL_PROBABILITY: Final = HERE + "labelProbability"
 
@@ -127,21 +126,21 @@ LABEL_PROBABILITY: Final = HERE + "labelProbability"
 HAS_BELIEF: Final = HERE + "hasBelief"
 OF_CATEGORY: Final = HERE + "ofCategory"
 BELIEF: Final = HERE + "belief"
-SCENE_BELIEF: Final = HERE + "sceneBelief"  # of the views alone, where objects count too
+SCENE_BELIEF: Final = HERE + "sceneBelief"  # by the views alone
 TOLD_BY: Final = HERE + "toldBy"
 VIEW_COUNT: Final = HERE + "viewCount"
 VIEWED_SHARE: Final = HERE + "viewedShare"
 CLOSELY_VIEWED_SHARE: Final = HERE + "closelyViewedShare"
 LAST_VIEWED: Final = HERE + "lastViewed"
 
-# why
+# observations
 EXPLAINED_BY: Final = HERE + "explainedBy"
 FRAME: Final = HERE + "frame"
 BOX: Final = HERE + "box"
 SCORE: Final = HERE + "score"
 MODEL: Final = HERE + "model"
 
-# assertions of people, and what perception believes meanwhile (graph:assertions)
+# assertions of people, and the perceived values beside them (graph:assertions)
 ASSERTION: Final = HERE + "Assertion"
 ASSERTED_OF: Final = HERE + "assertedOf"
 ASSERTED_PROPERTY: Final = HERE + "assertedProperty"
@@ -151,7 +150,7 @@ PERCEIVED_STRENGTH: Final = HERE + "perceivedStrength"
 PERCEIVED_BELIEF: Final = HERE + "perceivedBelief"
 CONFLICT_SINCE: Final = HERE + "conflictSince"
 
-# searches by a robot: what it looked for, from where, with what outcome (graph:map)
+# searches by a robot: targets, looks, results (graph:map)
 SEARCH: Final = HERE + "Search"
 LOOK: Final = HERE + "Look"
 OBSTACLE: Final = HERE + "Obstacle"
@@ -167,14 +166,14 @@ EXTENT: Final = HERE + "extent"
 GLIMPSES: Final = HERE + "glimpses"
 REASON: Final = HERE + "reason"
 
-# the floor as depth frames show it (graph:map)
+# the floor by depth frames (graph:map)
 FLOOR_TILE: Final = HERE + "FloorTile"
 STOREY: Final = HERE + "storey"
 CELL_SIZE: Final = HERE + "cellSize"
 FLOOR_CELLS: Final = HERE + "floorCells"
 VIEW_TIMES: Final = HERE + "viewTimes"
 
-# the map itself and what was fed to it (graph:dataset)
+# the map itself and its recordings (graph:dataset)
 NEXT_OBJECT: Final = HERE + "nextObject"
 SEQUENCE: Final = HERE + "sequence"  # of the last transaction; stated of graph:dataset
 FRAMES_APPLIED: Final = HERE + "framesApplied"
@@ -284,7 +283,7 @@ VOID_ENTITIES: Final = "http://rdfs.org/ns/void#entities"
 VOID_CLASS: Final = "http://rdfs.org/ns/void#class"
 VOID_CLASS_PARTITION: Final = "http://rdfs.org/ns/void#classPartition"
 
-#: Prefixes every query may use without declaring them, and every export declares.
+#: Prefixes that queries may use undeclared and that exports declare.
 PREFIXES: Final[dict[str, str]] = {
     "here": HERE,
     "graph": GRAPH,

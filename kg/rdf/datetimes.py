@@ -16,7 +16,8 @@ _DATE_TIME = NamedNode(v.XSD + "dateTime")
 def date_time(stamp: float) -> Literal:
     """The xsd:dateTime of `stamp` [s], to the second.
 
-    Raises ValueError, OverflowError or OSError, as datetime does, outside of years 1 to 9999.
+    Raises:
+        ValueError, OverflowError, OSError: the year is outside of 1 to 9999.
     """
     return _at_second(round(stamp))
 
@@ -29,16 +30,16 @@ def _at_second(second: int) -> Literal:
 
 
 def seconds(text: str) -> float:
-    """Seconds of the lexical form of an xsd:dateTime; without a time zone it is UTC."""
+    """Seconds since 1970 of the lexical form of an xsd:dateTime; UTC without a time zone."""
     moment = datetime.fromisoformat(text)
     return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
 
 
 def transaction_time() -> float:
-    """The present time [s], in whole milliseconds: exactly what `--at` and the feeds print."""
+    """The current time [s] in whole milliseconds, the precision of `--at` and of the feeds."""
     return time.time_ns() // 1_000_000 / 1000
 
 
 def now() -> Literal:
-    """The present instant."""
+    """The current time."""
     return date_time(time.time())

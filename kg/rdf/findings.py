@@ -7,16 +7,16 @@ from dataclasses import dataclass, replace
 
 @dataclass(frozen=True, slots=True, order=True)
 class Finding:
-    """Validation result: of SHACL, or of another check."""
+    """Validation result of SHACL or of another check."""
 
-    focus: str  # IRI of what is wrong, or a blank node's name
+    focus: str  # IRI of the faulty node, or name of a blank node
     message: str
-    path: str = ""  # IRI of the property, where one is to blame
-    value: str = ""  # what was found there
+    path: str = ""  # IRI of the faulty property, if any
+    value: str = ""  # faulty value, if any
     severity: str = "violation"  # or "warning"
 
     def without_value(self) -> Finding:
-        """The same fault, whatever the value that shows it."""
+        """The finding without its value, to compare faults."""
         return replace(self, value="")
 
     def __str__(self) -> str:

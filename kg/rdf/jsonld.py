@@ -1,6 +1,6 @@
-"""Quads as compact JSON-LD: a context of prefixes, one node a subject, sorted as given.
+"""Compact JSON-LD of quads: a context of prefixes and one node for each subject, in given order.
 
-The engine's own writer gives the expanded form only, which is for machines.
+The engine's own writer has only the expanded form, which people do not read easily.
 """
 
 from __future__ import annotations
@@ -11,8 +11,6 @@ from collections.abc import Iterable, Mapping
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from kg.model import vocabulary as v
-
-Node = dict[str, object]
 
 
 def to_jsonld(triples: Iterable[Triple], prefixes: Mapping[str, str]) -> str:
@@ -25,12 +23,12 @@ def to_jsonld(triples: Iterable[Triple], prefixes: Mapping[str, str]) -> str:
         else:
             key = _compact(triple.predicate.value, prefixes)
             node.setdefault(key, []).append(_value(triple.object, prefixes))
-    graph: list[Node] = [{"@id": subject, **_single(node)} for subject, node in nodes.items()]
+    graph = [
+        {"@id": subject}
+        | {key: values[0] if len(values) == 1 else values for key, values in node.items()}
+        for subject, node in nodes.items()
+    ]
     return json.dumps({"@context": dict(prefixes), "@graph": graph}, ensure_ascii=False, indent=1)
-
-
-def _single(node: dict[str, list[object]]) -> Node:
-    return {key: values[0] if len(values) == 1 else values for key, values in node.items()}
 
 
 def _value(term: object, prefixes: Mapping[str, str]) -> object:
@@ -53,10 +51,10 @@ def _id(term: object, prefixes: Mapping[str, str]) -> str:
 
 
 def _compact(iri: str, prefixes: Mapping[str, str]) -> str:
-    held = [(len(ns), name) for name, ns in prefixes.items() if iri.startswith(ns)]
-    if not held:
+    matching = [(len(ns), name) for name, ns in prefixes.items() if iri.startswith(ns)]
+    if not matching:
         return iri
-    length, name = max(held)
+    length, name = max(matching)
     local = iri[length:]
-    # a local part that starts with // would read as an absolute IRI
+    # a prefixed name with // after the colon is an absolute IRI
     return iri if local.startswith("//") else f"{name}:{local}"

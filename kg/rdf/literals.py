@@ -24,12 +24,12 @@ SIDES: Final = (v.EXTENT_X, v.EXTENT_Y, v.EXTENT_Z)
 
 @lru_cache(maxsize=4096)
 def known_iri(iri: str) -> NamedNode:
-    """Cached node of an IRI that recurs: of the vocabulary, a category, a cell, a place."""
+    """Cached node of a frequent IRI: of the vocabulary, a category, a cell or a place."""
     return NamedNode(iri)
 
 
 def iri_node(text: str, what: str) -> NamedNode:
-    """Node of the IRI `text`. Raises InvalidFactError, naming `what`, where it is no IRI."""
+    """Node of the IRI `text`. Raises InvalidFactError, which names `what`, for an invalid IRI."""
     try:
         return NamedNode(text)
     except ValueError as error:
@@ -37,7 +37,7 @@ def iri_node(text: str, what: str) -> NamedNode:
 
 
 def quantised(value: float, what: str, digits: int = 2) -> float:
-    """`value` rounded to `digits`. Raises InvalidFactError where it is not finite."""
+    """`value` rounded to `digits`. Raises InvalidFactError for a value that is not finite."""
     number = float(value)
     if not math.isfinite(number):
         raise InvalidFactError(f"{what} must be a finite number, got {number}")
@@ -49,13 +49,13 @@ def number_literal(
     what: str,
     *,
     digits: int = 2,
-    least: float = -math.inf,
-    most: float = math.inf,
+    minimum: float = -math.inf,
+    maximum: float = math.inf,
 ) -> Literal:
     """Literal of `value`, quantised. Raises InvalidFactError if not finite or out of bounds."""
     number = quantised(value, what, digits)
-    if not least <= number <= most:
-        raise InvalidFactError(f"{what} must be within {least:g}..{most:g}, got {number:g}")
+    if not minimum <= number <= maximum:
+        raise InvalidFactError(f"{what} must be within {minimum:g}..{maximum:g}, got {number:g}")
     return Literal(number)
 
 
@@ -72,14 +72,14 @@ def time_literal(stamp: float, what: str) -> Literal:
 def subject_quads(
     subject: str, facts: Iterable[tuple[str, NamedNode | Literal]], graph: NamedNode = v.MAP_GRAPH
 ) -> list[Quad]:
-    """Quads of one subject (an IRI) from its predicates' IRIs and values."""
+    """Quads of one subject (an IRI) with those predicates (IRIs) and values."""
     node = iri_node(subject, "subject")
     return [Quad(node, known_iri(predicate), value, graph) for predicate, value in facts]
 
 
 def share_literal(value: float, what: str) -> Literal:
-    """Literal of a share or a probability. Raises InvalidFactError where not within 0..1."""
-    return number_literal(value, what, least=0.0, most=1.0)
+    """Literal of a share or a probability. Raises InvalidFactError outside of 0..1."""
+    return number_literal(value, what, minimum=0.0, maximum=1.0)
 
 
 def axis_literals(
@@ -87,32 +87,34 @@ def axis_literals(
     values: NDArray[np.float64],
     what: str,
     *,
-    least: float = -math.inf,
+    minimum: float = -math.inf,
 ) -> list[tuple[str, Literal]]:
     """One literal [m] for each of three axes. Raises InvalidFactError for other shapes."""
     if np.shape(values) != (3,):
         raise InvalidFactError(f"{what} must have shape (3,), got {np.shape(values)}")
     return [
-        (predicate, number_literal(value, what, least=least))
+        (predicate, number_literal(value, what, minimum=minimum))
         for predicate, value in zip(predicates, values, strict=True)
     ]
 
 
-def axes_of(held: Mapping[str, Sequence[str]], predicates: Sequence[str]) -> NDArray[np.float64]:
-    """(3,) [m] values of three axes; 0 where there is none."""
-    return np.array([float(first(held, predicate, "0")) for predicate in predicates])
+def axes_of(
+    properties: Mapping[str, Sequence[str]], predicates: Sequence[str]
+) -> NDArray[np.float64]:
+    """(3,) [m] values of three axes; 0 for a missing one."""
+    return np.array([float(first(properties, predicate, "0")) for predicate in predicates])
 
 
 def properties_of(engine: QuadStore, subject: str, graph: NamedNode) -> Properties:
-    """Properties that `graph` holds for the subject with IRI `subject`."""
-    held: Properties = {}
+    """Properties of the subject with IRI `subject` in `graph`."""
+    properties: Properties = {}
     for quad in engine.quads_for_pattern(NamedNode(subject), None, None, graph):
-        held.setdefault(quad.predicate.value, []).append(text_of(quad.object))
-    return held
+        properties.setdefault(quad.predicate.value, []).append(text_of(quad.object))
+    return properties
 
 
 def by_subject(quads: Iterable[Quad]) -> dict[str, Properties]:
-    """Properties of each subject of `quads`, over all graphs."""
+    """Properties of each subject of `quads`, from all graphs."""
     subjects: dict[str, Properties] = {}
     for subject, predicate, value, _ in quads:
         properties = subjects.setdefault(text_of(subject), {})
@@ -125,17 +127,16 @@ def text_of(term: object) -> str:
     return str(getattr(term, "value", term))
 
 
-def first(held: Mapping[str, Sequence[str]], predicate: str, default: str) -> str:
-    """The least of a property's values, so that the choice is deterministic."""
-    values = held.get(predicate)
-    return min(values) if values else default
+def first(properties: Mapping[str, Sequence[str]], predicate: str, default: str) -> str:
+    """The smallest value of a property, so that the choice is deterministic."""
+    return min(properties.get(predicate, ()), default=default)
 
 
-def stamp_of(held: Mapping[str, Sequence[str]], predicate: str) -> float:
-    """Time of a property [s since 1970]; 0 where there is none."""
-    return seconds(first(held, predicate, "1970-01-01T00:00:00Z"))
+def stamp_of(properties: Mapping[str, Sequence[str]], predicate: str) -> float:
+    """Time of a property [s since 1970]; 0 for a missing one."""
+    return seconds(first(properties, predicate, "1970-01-01T00:00:00Z"))
 
 
 def iri_order(iri: str) -> tuple[int, str]:
-    """Sort key: IRIs that end in numbers are ordered by these numbers."""
+    """Sort key that orders IRIs by their final numbers."""
     return len(iri), iri

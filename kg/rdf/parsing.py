@@ -1,6 +1,6 @@
 """Parsing of ontology files; the syntax is detected by content, since Protege uses .owl for all.
 
-Errors name the line, also in RDF/XML, whose parser does not.
+Errors name the line, also for RDF/XML, whose parser does not report it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pyoxigraph import Quad, RdfFormat, parse
 
 from kg.model.errors import OntologyError
 
-#: Message for RDF/XML that `has_document_type`.
+#: Message for RDF/XML with a DOCTYPE.
 DOCUMENT_TYPE: Final = (
     "RDF/XML with a DOCTYPE is refused, since its entities can grow without limit; "
     "write IRIs in full, or use Turtle"
@@ -23,7 +23,7 @@ DOCUMENT_TYPE: Final = (
 _DOCTYPE: Final = re.compile(rb"<!\s*(?:DOCTYPE|ENTITY)", re.IGNORECASE)
 #: Endings of files that hold ontologies.
 ENDINGS: Final = (".ttl", ".owl", ".rdf", ".nt")
-#: beginnings of syntaxes that are not read here
+#: beginnings of documents in unsupported syntaxes
 _FOREIGN: Final = {
     b"Prefix(": "OWL functional syntax",
     b"Ontology(": "OWL functional syntax",
@@ -48,9 +48,11 @@ def _parse_here(data: bytes, form: RdfFormat) -> Iterable[Quad]:
 def parse_file(path: Path, parse: Parse = _parse_here) -> Iterator[Quad]:
     """The triples of an ontology file in Turtle, RDF/XML or N-Triples, as quads without a graph.
 
-    `parse` may run elsewhere (`kg.serving.workers.document_parsing`). Raises OntologyError, with
-    the line, for what does not parse or cannot be read, for RDF/XML with a DOCTYPE, and for OWL's
-    other syntaxes.
+    `parse` may run in another process (`kg.serving.workers.document_parsing`).
+
+    Raises:
+        OntologyError: the file cannot be read or does not parse, is RDF/XML with a DOCTYPE, or
+            has another syntax of OWL; the message has the line.
     """
     try:
         data = path.read_bytes()
@@ -69,7 +71,7 @@ def parse_file(path: Path, parse: Parse = _parse_here) -> Iterator[Quad]:
 
 
 def has_document_type(data: bytes) -> bool:
-    """Whether XML has a DOCTYPE, in any encoding and at any position."""
+    """Whether an XML document has a DOCTYPE, in any encoding and at any position."""
     return _DOCTYPE.search(data.replace(b"\0", b"")) is not None
 
 
@@ -100,7 +102,7 @@ def _foreign(path: Path, name: str) -> OntologyError:
 
 
 def _line(data: bytes, reason: str) -> int | None:
-    """Line where XML is ill-formed, or else of the text that the parser reports."""
+    """Line of the XML fault, or else of the text that the parser quotes."""
     try:
         expat.ParserCreate().Parse(data, True)
     except expat.ExpatError as error:

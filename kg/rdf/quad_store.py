@@ -1,7 +1,6 @@
-"""Quad store protocol: what a map needs of its store, in this process or behind HTTP.
+"""Quad store protocol: the interface between a map and its store, in this process or over HTTP.
 
-It is the part of pyoxigraph's `Store` that this package uses, so that class implements it as it
-is; `kg.store.sparql_backend.SparqlBackend` is the other implementation.
+pyoxigraph's `Store` and `kg.store.sparql_backend.SparqlBackend` implement it.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ class QuadStore(Protocol):
         graph_name: NamedNode | BlankNode | DefaultGraph | None = None,
         /,
     ) -> Iterator[Quad]:
-        """The quads that match; None matches anything."""
+        """The matching quads; None matches anything."""
 
     def query(
         self,
@@ -42,12 +41,12 @@ class QuadStore(Protocol):
     ) -> Any:
         """Solutions (with `variables`), a boolean, or triples, by the form of the query.
 
-        Relative IRIs are resolved against `base_iri`, where the query has no BASE of its own.
-        Raises SyntaxError where the query does not parse.
+        Relative IRIs are resolved against `base_iri` unless the query has a BASE. Raises
+        SyntaxError where the query does not parse.
         """
 
     def update(self, update: str, /) -> None:
-        """Run a SPARQL update: all of it, or nothing and an OSError or HereaboutsError."""
+        """Run a SPARQL update atomically; raises OSError or HereaboutsError on failure."""
 
     def __contains__(self, quad: Any, /) -> bool: ...
 

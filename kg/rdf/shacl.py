@@ -1,6 +1,6 @@
-"""SHACL validation by pyshacl, its results as findings.
+"""SHACL validation by pyshacl.
 
-rdflib and pyshacl take a third of a second to import: import this module where it is used.
+rdflib and pyshacl take 0.3 s to import, so callers import this module inside of functions.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from kg.model import vocabulary as v
 from kg.model.errors import OntologyError
 from kg.rdf.findings import Finding
 
-#: beginnings of IRIs that pyshacl takes as they are; of others it makes prefixed names
+#: beginnings of IRIs that pyshacl accepts as focus nodes; it reads others as prefixed names
 _PLAIN = ("http:", "https:", "urn:", "file:")
 
 
@@ -26,7 +26,7 @@ def _is_not_ill_typed(record: logging.LogRecord) -> bool:
     return not str(record.msg).startswith("Failed to convert Literal")
 
 
-# an ill-typed literal is a finding; rdflib would also print a traceback for each
+# an ill-typed literal is a finding; rdflib also logs a traceback for each
 logging.getLogger("rdflib.term").addFilter(_is_not_ill_typed)
 
 
@@ -46,8 +46,8 @@ class Shapes:
     ) -> list[Finding]:
         """Validate quads of all graphs against the shapes; nothing is inferred or fetched.
 
-        `focus` has the IRIs of the subjects to look at; where the validator could take one of them
-        for a prefixed name, it looks at all. Raises OntologyError where the shapes are no shapes.
+        `focus` has the IRIs of the subjects to validate. Where one of them looks like a prefixed
+        name, all subjects are validated. Raises OntologyError for invalid shapes.
         """
         data = rdflib.Graph()
         for q in quads:
@@ -70,7 +70,7 @@ class Shapes:
 
 
 def validate(quads: Iterable[pyoxigraph.Quad], shapes: Path) -> list[Finding]:
-    """`Shapes.validate` for one use of a file."""
+    """Validate quads against the shapes in a file, as `Shapes.validate`."""
     return Shapes(shapes).validate(quads)
 
 
@@ -90,7 +90,7 @@ def _finding(results: rdflib.Graph, result: Node) -> Finding:
 
 
 def as_rdflib(term: object) -> Node:
-    """The same term in rdflib, its lexical form untouched (NaN stays NaN)."""
+    """The rdflib term with the same lexical form (NaN stays NaN)."""
     if isinstance(term, pyoxigraph.NamedNode):
         return rdflib.URIRef(term.value)
     if isinstance(term, pyoxigraph.BlankNode):

@@ -1,9 +1,9 @@
 """Skolemisation: IRIs in place of blank nodes (RDF 1.1 Concepts, section 3.5), and back.
 
-A SPARQL update cannot delete a blank node, and a history cannot identify the one that changed. So a
-map holds its ontology with an IRI for each blank node, a digest of the node's properties: the same
-axiom has the same IRI in every file, and an edit changes only the IRIs of the axioms it touches.
-Exports have blank nodes again, because OWL requires them.
+A SPARQL update cannot delete a blank node, and a history cannot identify a changed one. So a map
+stores its ontology with an IRI for each blank node: a digest of the node's properties. The same
+axiom has the same IRI in every file, and an edit changes the IRIs of the edited axioms only.
+Exports contain blank nodes again, because OWL requires them.
 """
 
 from __future__ import annotations
@@ -18,17 +18,24 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Quad, Store, Triple
 
 from kg.model import vocabulary as v
 from kg.model.errors import OntologyError
-from kg.rdf.canonical_lists import with_sorted_sets
 from kg.rdf.quad_store import Object, Subject
 
 _LETTER = "g"  # a node id of RDF/XML begins with a letter
+#: properties of OWL with a list whose order has no meaning (unlike owl:propertyChainAxiom)
+_SET_PROPERTIES = {
+    v.PREFIXES["owl"] + name
+    for name in (
+        *("members", "distinctMembers", "unionOf", "intersectionOf", "disjointUnionOf"),
+        *("oneOf", "hasKey"),
+    )
+}
 
 
 def named(quads: Iterable[Quad]) -> tuple[Quad, ...]:
-    """The quads with an IRI in place of each blank node; each quad once, as a store holds it.
+    """The quads with an IRI in place of each blank node, without duplicates.
 
-    Nodes with the same properties become one. Raises OntologyError for blank nodes that point at
-    each other in a circle, which OWL 2 DL has not.
+    Nodes with the same properties become one. Raises OntologyError for a cycle of blank nodes,
+    which OWL 2 DL does not allow.
     """
     quads = with_sorted_sets(_as_stored(anonymous(quads)))
     about: dict[BlankNode, list[Quad]] = defaultdict(list)
@@ -39,10 +46,11 @@ def named(quads: Iterable[Quad]) -> tuple[Quad, ...]:
         if isinstance(quad.object, BlankNode):
             pointing[quad.object].append(quad)
     inner_first = _inner_first(about, pointing)
-    content: dict[BlankNode, str] = {}
+    content: dict[object, str] = {}
     for node in inner_first:
-        properties = (f"{q.predicate} {_known(q.object, content)}" for q in about[node])
-        content[node] = _digest(properties)
+        content[node] = _digest(
+            f"{q.predicate} {content.get(q.object, q.object)}" for q in about[node]
+        )
     names: dict[object, NamedNode] = {}
     for node in reversed(inner_first):
         above = (f"{names.get(q.subject, q.subject)} {q.predicate}" for q in pointing[node])
@@ -61,7 +69,7 @@ def named(quads: Iterable[Quad]) -> tuple[Quad, ...]:
 
 
 def with_fresh_iris(quads: Iterable[Quad]) -> Iterator[Quad]:
-    """The quads with an IRI never used before in place of each blank node (skolemisation)."""
+    """The quads with a new, unique IRI in place of each blank node."""
     fresh: dict[BlankNode, NamedNode] = {}
 
     def skolem(term: Subject | Object) -> Subject | Object:
@@ -78,7 +86,7 @@ def with_fresh_iris(quads: Iterable[Quad]) -> Iterator[Quad]:
 
 
 def anonymous(quads: Iterable[Quad]) -> Iterator[Quad]:
-    """The quads with a blank node in place of each such IRI: what `named` was given."""
+    """The quads with a blank node in place of each such IRI; the inverse of `named`."""
     for quad in quads:
         subject, predicate, value, graph = quad
         bare, bare_value = _without_name(subject), _without_name(value)
@@ -89,7 +97,7 @@ def anonymous(quads: Iterable[Quad]) -> Iterator[Quad]:
 
 
 def anonymous_triple(triple: Triple) -> Triple:
-    """A single triple as `anonymous` gives it."""
+    """As `anonymous`, for a single triple."""
     subject, value = _without_name(triple.subject), _without_name(triple.object)
     return Triple(subject, triple.predicate, value)  # type: ignore[arg-type]
 
@@ -101,7 +109,7 @@ def _without_name(term: Subject | Object) -> Subject | Object:
 
 
 def _as_stored(quads: Iterable[Quad]) -> tuple[Quad, ...]:
-    """The quads in their order, numbers written as the engine keeps them (0.2e0 as 0.2)."""
+    """The quads in their order, with numbers in the lexical form of the engine (0.2e0 as 0.2)."""
     quads = tuple(quads)
     kept = _as_kept({q.object for q in quads if isinstance(q.object, Literal)})
     return tuple(
@@ -112,23 +120,19 @@ def _as_stored(quads: Iterable[Quad]) -> tuple[Quad, ...]:
 
 
 def _as_kept(literals: Iterable[Literal]) -> dict[object, Literal]:
-    """Each literal of a type of XML Schema, and how the engine gives it back."""
+    """Each literal of an XML Schema type, and the literal that the engine returns for it."""
     typed = [literal for literal in literals if literal.datatype.value.startswith(v.XSD)]
     store, predicate = Store(), NamedNode(v.RDFS_LABEL)
     nodes = [BlankNode() for _ in typed]
     store.extend(Quad(*pair) for pair in zip(nodes, [predicate] * len(nodes), typed, strict=True))
-    given_back = {quad.subject: quad.object for quad in store}
-    return {was: given_back[node] for was, node in zip(typed, nodes, strict=True)}
-
-
-def _known(term: Object, content: dict[BlankNode, str]) -> str:
-    return content[term] if isinstance(term, BlankNode) else str(term)
+    returned = {quad.subject: quad.object for quad in store}
+    return {literal: returned[node] for literal, node in zip(typed, nodes, strict=True)}
 
 
 def _inner_first(
     about: dict[BlankNode, list[Quad]], pointing: dict[BlankNode, list[Quad]]
 ) -> list[BlankNode]:
-    """All blank nodes, each after those that it points at."""
+    """All blank nodes; each follows the nodes it points at."""
     sorter: TopologicalSorter[BlankNode] = TopologicalSorter()
     for node in (*about, *pointing):
         below = (q.object for q in about.get(node, ()))
@@ -143,3 +147,39 @@ def _inner_first(
 
 def _digest(lines: Iterable[str]) -> str:
     return blake2s("\n".join(sorted(set(lines))).encode(), digest_size=12).hexdigest()
+
+
+def with_sorted_sets(quads: Iterable[Quad]) -> tuple[Quad, ...]:
+    """The quads with sorted members in each RDF list of IRIs that OWL reads as a set.
+
+    Editors write such a list (disjoint classes, for instance) in any order. Lists with other
+    members are left alone.
+    """
+    quads = tuple(quads)
+    first: dict[Subject, Object] = {
+        q.subject: q.object for q in quads if q.predicate.value == v.RDF_FIRST
+    }
+    rest: dict[Subject, Object] = {
+        q.subject: q.object for q in quads if q.predicate.value == v.RDF_REST
+    }
+    placed: dict[Subject, Object] = {}
+    for quad in quads:
+        if quad.predicate.value in _SET_PROPERTIES and isinstance(quad.object, BlankNode):
+            nodes = list(_nodes(quad.object, rest))
+            members = [first.get(node) for node in nodes]
+            if all(isinstance(member, NamedNode) for member in members):
+                placed.update(zip(nodes, sorted(members, key=str), strict=True))
+    return tuple(
+        Quad(q.subject, q.predicate, placed.get(q.subject) or q.object, q.graph_name)
+        if q.predicate.value == v.RDF_FIRST
+        else q
+        for q in quads
+    )
+
+
+def _nodes(head: Object, rest: dict[Subject, Object]) -> Iterator[BlankNode]:
+    visited: set[object] = set()
+    while isinstance(head, BlankNode) and head not in visited:
+        visited.add(head)
+        yield head
+        head = rest.get(head)

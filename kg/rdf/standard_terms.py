@@ -1,7 +1,8 @@
-"""Derived triples in standard vocabularies: SSN/SOSA, PROV-O and OWL-Time.
+"""Derived triples in standard vocabularies: SSN/SOSA, PROV-O, OWL-Time and GeoSPARQL.
 
-They follow from stored triples, so the map does not store them: exports and the documents of
-resources have them.
+They follow from stored triples, so the map does not store them; exports and the documents of
+resources contain them. GeoSPARQL reads a geometry without a coordinate reference system as
+longitude and latitude, so each geometry names the map's own: metres in a local frame with z up.
 """
 
 from __future__ import annotations
@@ -12,11 +13,15 @@ from urllib.parse import quote, unquote
 from pyoxigraph import Literal, NamedNode, Quad
 
 from kg.model import vocabulary as v
+from kg.model.records import ObjectRecord, PlaceRecord, RobotRecord
 from kg.rdf.literals import Properties, first
+from kg.rdf.wkt import polygon_text
 
 _STAMP = NamedNode(v.XSD + "dateTimeStamp")
-SENSOR = "sensor/"  # + the model's name, behind the map's IRI
-PROGRAM = "agent/hereabouts"  # the agent of searches, behind the map's IRI
+SENSOR = "sensor/"  # + the model's name, after the map's IRI
+PROGRAM = "agent/hereabouts"  # the agent of searches, after the map's IRI
+GEOMETRY = "/geometry"  # after the IRI of a feature
+CRS = "crs"  # after the map's IRI: its coordinate reference system
 
 _Fact = tuple[str, str, NamedNode | Literal]
 
@@ -24,10 +29,10 @@ _Fact = tuple[str, str, NamedNode | Literal]
 def standard_quads(base: str, subjects: Mapping[str, Properties]) -> Iterator[Quad]:
     """Triples derived from the observations and searches among `subjects`."""
     facts: dict[_Fact, None] = {}
-    for iri, held in subjects.items():
-        types = held.get(v.RDF_TYPE.value, ())
+    for iri, properties in subjects.items():
+        types = properties.get(v.RDF_TYPE.value, ())
         if v.SOSA_OBSERVATION in types:
-            facts.update(dict.fromkeys(_of_observation(base, iri, held)))
+            facts.update(dict.fromkeys(_of_observation(base, iri, properties)))
         if v.SEARCH in types:
             facts.update(dict.fromkeys(_of_search(base, iri)))
     for subject, predicate, value in facts:
@@ -46,10 +51,10 @@ def program_quads(base: str) -> Iterator[Quad]:
         yield Quad(NamedNode(subject), NamedNode(predicate), value, v.MAP_GRAPH)
 
 
-def _of_observation(base: str, iri: str, held: Properties) -> Iterator[_Fact]:
-    """SOSA, sections 4.3 and 4.5: by which sensor, of what, with what result, about when."""
-    model, score = first(held, v.MODEL, ""), first(held, v.SCORE, "")
-    stamp = first(held, v.SOSA_RESULT_TIME, "")
+def _of_observation(base: str, iri: str, properties: Properties) -> Iterator[_Fact]:
+    """SOSA, sections 4.3 and 4.5: sensor, observed property, result and phenomenon time."""
+    model, score = first(properties, v.MODEL, ""), first(properties, v.SCORE, "")
+    stamp = first(properties, v.SOSA_RESULT_TIME, "")
     yield iri, v.SOSA_OBSERVED_PROPERTY, NamedNode(v.EXISTENCE)
     if model:
         sensor = base + SENSOR + quote(model, safe="")
@@ -72,7 +77,7 @@ def _of_sensor(iri: str, model: str) -> Iterator[_Fact]:
 
 
 def _of_search(base: str, iri: str) -> Iterator[_Fact]:
-    """PROV-O, section 3.3: an activity, and the agent it is qualifiedly associated with."""
+    """PROV-O, section 3.3: an activity with a qualified association to its agent."""
     agent, association = NamedNode(base + PROGRAM), iri + "/association"
     yield iri, v.RDF_TYPE.value, NamedNode(v.PROV_ACTIVITY)
     yield iri, v.PROV_ASSOCIATED_WITH, agent
@@ -86,3 +91,43 @@ def _of_program(base: str) -> Iterator[_Fact]:
     yield base + PROGRAM, v.RDF_TYPE.value, NamedNode(v.PROV_AGENT)
     yield base + PROGRAM, v.RDF_TYPE.value, NamedNode(v.PROV_SOFTWARE_AGENT)
     yield base + PROGRAM, v.RDFS_LABEL, Literal("hereabouts")
+
+
+def geometry_quads(
+    base: str,
+    objects: tuple[ObjectRecord, ...],
+    places: tuple[PlaceRecord, ...],
+    robot: RobotRecord | None,
+) -> Iterator[Quad]:
+    """geo:Feature, geo:hasGeometry and geo:asWKT of each record, and the reference system."""
+    crs = NamedNode(base + CRS)
+    yield from crs_quads(base)
+    for record in objects:
+        yield from _geometry(record.iri, f"{crs} {_point(record.p_map)}")
+    for place in places:
+        yield from _geometry(place.iri, polygon_text(place.area.rings, crs.value))
+    if robot is not None:
+        yield from _geometry(base + "robot", f"{crs} {_point(robot.p_map)}")
+
+
+def crs_quads(base: str) -> Iterator[Quad]:
+    """The coordinate reference system of the map with IRI `base`."""
+    crs = NamedNode(base + CRS)
+    comment = "Local frame of this map: metres, z up, the floor about z = 0; not geographic."
+    yield Quad(crs, NamedNode(v.RDFS_LABEL), Literal("map frame"), v.MAP_GRAPH)
+    yield Quad(crs, NamedNode(v.RDFS_COMMENT), Literal(comment), v.MAP_GRAPH)
+
+
+def _geometry(iri: str, wkt: str) -> Iterator[Quad]:
+    geometry = NamedNode(iri + GEOMETRY)
+    yield Quad(NamedNode(iri), v.RDF_TYPE, NamedNode(v.GEO_FEATURE), v.MAP_GRAPH)
+    yield Quad(NamedNode(iri), NamedNode(v.GEO_HAS_GEOMETRY), geometry, v.MAP_GRAPH)
+    yield Quad(geometry, v.RDF_TYPE, NamedNode(v.GEO_GEOMETRY), v.MAP_GRAPH)
+    yield Quad(
+        geometry, NamedNode(v.GEO_AS_WKT), Literal(wkt, datatype=v.GEO_WKT_LITERAL), v.MAP_GRAPH
+    )
+
+
+def _point(p_map: object) -> str:
+    x, y, z = (f"{float(value):.12g}" for value in p_map)  # type: ignore[attr-defined]
+    return f"POINT Z ({x} {y} {z})"

@@ -1,6 +1,6 @@
 """Turtle without escaped local names: full IRIs where a prefixed name would need a backslash.
 
-``object:1\\/geometry`` is Turtle 1.1, and the OWLAPI (5.1.9) does not read it.
+``object:1\\/geometry`` is valid Turtle 1.1, but the OWLAPI (5.1.9) does not read it.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ _ESCAPE: Final = re.compile(r"\\(.)")
 
 
 def with_full_iris(turtle: str, prefixes: Mapping[str, str]) -> str:
-    """A document as the engine serialises it, each name with an escape written as a full IRI.
+    """A Turtle or TriG document of the engine, with full IRIs for names that contain an escape.
 
-    Also for TriG. Strings must be on one line, in double quotes.
+    Strings must be on one line, in double quotes.
     """
     if "\\" not in turtle:
         return turtle

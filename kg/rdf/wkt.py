@@ -16,7 +16,7 @@ _MAX_LENGTH: Final = 100_000  # characters
 
 
 def polygon_text(outline: Outline, crs: str) -> str:
-    """WKT of a polygon with those rings [m], in the reference system with IRI `crs`."""
+    """WKT of a polygon with the rings `outline` [m] in the reference system with IRI `crs`."""
     rings = (
         f"({', '.join(f'{x:.12g} {y:.12g}' for x, y in (*ring, ring[0]))})" for ring in outline
     )
@@ -24,10 +24,7 @@ def polygon_text(outline: Outline, crs: str) -> str:
 
 
 def area_of_polygon(text: str) -> Area:
-    """The area of a WKT polygon [m].
-
-    Raises ValueError, saying what is wrong, where `text` is none.
-    """
+    """The area of a WKT polygon [m]; raises ValueError, which names the fault."""
     polygon = _geometry(text, "Polygon")
     if polygon is None:
         raise ValueError("no POLYGON ((x y, x y, x y, x y)) in well-known text")
@@ -44,8 +41,8 @@ def point_of(text: str) -> tuple[float, float] | None:
 
 
 def _geometry(text: str, kind: Literal["Point", "Polygon"]) -> shapely.Geometry | None:
-    """The geometry of a WKT literal, or None where it is none of that kind."""
-    import shapely  # 20 ms, for which maps of rectangles need not wait
+    """The geometry of a WKT literal; None if it is invalid or of another kind."""
+    import shapely  # takes 20 ms; maps of rectangles do not need it
 
     crs = _CRS.match(text) if len(text) <= _MAX_LENGTH else None
     if crs is None:

@@ -36,7 +36,7 @@ from kg.store.folder import (
     reason_of,
     remove_abandoned,
 )
-from kg.store.heap_trimming import TRIM_EVERY, trim_heap
+from kg.store.process_memory import TRIM_EVERY, trim_heap
 from kg.store.sparql_backend import SparqlBackend, graph_blocks, reading_ahead
 
 FLUSH_EVERY = 3.0  # [s]

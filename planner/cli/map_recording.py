@@ -88,7 +88,7 @@ def open_for_mapping(
 ) -> Iterator[tuple[SemanticMap, OnDetections | None]]:
     """The map to write into, and a callback for each mapped frame, which also feeds `viewer`."""
     from kg.serving.opening import open_or_create_map
-    from kg.store.gc_freezing import gc_frozen
+    from kg.store.process_memory import gc_frozen
 
     keep = keep_seconds(arguments)
     if options.labels.names:

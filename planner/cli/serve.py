@@ -108,7 +108,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _serve(arguments: argparse.Namespace) -> int:
     from kg.serving.opening import open_map, open_or_create_map
     from kg.serving.server import MapServer
-    from kg.store.gc_freezing import gc_frozen
+    from kg.store.process_memory import gc_frozen
     from planner.search.plans.report import find_answer
 
     settings, keep = _settings(arguments), keep_seconds(arguments)

@@ -61,7 +61,7 @@ def departed_quads(record: DepartedRecord) -> list[Quad]:
         *axis_literals(AXES, record.p_map, f"{what}: position"),
     ]
     if record.extent is not None:
-        facts += axis_literals(SIDES, record.extent, f"{what}: extent", least=0.0)
+        facts += axis_literals(SIDES, record.extent, f"{what}: extent", minimum=0.0)
     return subject_quads(record.iri, facts)
 
 

@@ -26,7 +26,7 @@ def facts_of_door(door: DoorRecord) -> list[Quad]:
         (v.RDFS_LABEL, Literal("door " + door.iri.rstrip("/").rpartition("/")[2])),
         (v.X, number_literal(door.x, f"{what}: x")),
         (v.Y, number_literal(door.y, f"{what}: y")),
-        (v.WIDTH, number_literal(door.width, f"{what}: width", least=0.0)),
+        (v.WIDTH, number_literal(door.width, f"{what}: width", minimum=0.0)),
         *((v.BOT_INTERFACE_OF, iri_node(place, f"{what}: place")) for place in door.places),
     ]
     node = iri_node(door.iri, "door")

@@ -46,7 +46,7 @@ def label_quads(iri: str, labels: Mapping[str, float]) -> list[Quad]:
 def stored_labels(labels: Mapping[str, float], what: str) -> dict[str, float]:
     """Alternatives as they are stored: quantised, the most probable ones first."""
     for probability in labels.values():
-        number_literal(probability, what, least=0.0, most=1.0)
+        number_literal(probability, what, minimum=0.0, maximum=1.0)
     steps = {category: quantised(p / STEP, what, 0) * STEP for category, p in labels.items()}
     likely = sorted(labels, key=lambda category: (-labels[category], category))[:MAX_ALTERNATIVES]
     return {c: round(steps[c], 2) for c in likely if labels[c] >= STEP}

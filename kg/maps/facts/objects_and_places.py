@@ -28,7 +28,6 @@ from kg.model.records import (
     ObjectRecord,
     PlaceRecord,
 )
-from kg.rdf.geosparql import CRS
 from kg.rdf.grid_cells import cell_of
 from kg.rdf.literals import (
     AXES,
@@ -50,6 +49,7 @@ from kg.rdf.literals import (
     time_literal,
 )
 from kg.rdf.quad_store import QuadStore
+from kg.rdf.standard_terms import CRS
 from kg.rdf.wkt import area_of_polygon, polygon_text
 from kg.store.sparql_backend import reading_ahead
 from kg.store.writer_priority import in_pieces
@@ -339,9 +339,9 @@ def _extent(record: ObjectRecord, what: str) -> list[tuple[str, NamedNode | Lite
             raise InvalidFactError(f"{what}: extent must be (3,), got {np.shape(record.extent)}")
         for predicate, side in zip(SIDES, record.extent, strict=True):
             steps = quantised(side / EXTENT_STEP, f"{what}: extent", 0)
-            facts.append((predicate, number_literal(steps * EXTENT_STEP, what, least=0.0)))
+            facts.append((predicate, number_literal(steps * EXTENT_STEP, what, minimum=0.0)))
     if record.deviation is not None:
-        deviation = number_literal(record.deviation, f"{what}: position deviation", least=0.0)
+        deviation = number_literal(record.deviation, f"{what}: position deviation", minimum=0.0)
         facts.append((v.DEVIATION, deviation))
     return facts
 
@@ -355,4 +355,4 @@ def _quantised_area(outline: Outline, what: str) -> Area:
 
 def _confidence(value: float, what: str) -> Literal:
     # above zero means "still in the map" (eq. 3.4), so it is never rounded to zero
-    return Literal(0.01) if 0.0 < value < 0.01 else number_literal(value, what, least=0.0)
+    return Literal(0.01) if 0.0 < value < 0.01 else number_literal(value, what, minimum=0.0)

@@ -47,7 +47,7 @@ def relation_quads(iri: str, relations: Iterable[Relation]) -> list[Quad]:
         if target == thing:
             raise InvalidFactError(f"{what}: nothing is {relation.kind} itself")
         node = known_iri(node_of(iri, relation))
-        probability = number_literal(relation.probability, what, least=0.0, most=1.0)
+        probability = number_literal(relation.probability, what, minimum=0.0, maximum=1.0)
         quads += [
             Quad(thing, known_iri(v.HAS_RELATION), node, v.MAP_GRAPH),
             Quad(node, v.RDF_TYPE, known_iri(v.SPATIAL_RELATION), v.MAP_GRAPH),

@@ -18,9 +18,18 @@ from kg.model import vocabulary as v
 from kg.model.errors import HistoryError
 from kg.model.iris import AGENT, agent_iri, agent_name
 from kg.rdf.datetimes import date_time
-from kg.rdf.geosparql import CRS, GEOMETRY, crs_quads, geometry_quads
 from kg.rdf.literals import properties_of
-from kg.rdf.standard_terms import PROGRAM, SENSOR, program_quads, sensor_quads, standard_quads
+from kg.rdf.standard_terms import (
+    CRS,
+    GEOMETRY,
+    PROGRAM,
+    SENSOR,
+    crs_quads,
+    geometry_quads,
+    program_quads,
+    sensor_quads,
+    standard_quads,
+)
 
 COMMIT: Final = "commit/"  # IRI of a transaction: base, this, number
 _PARTS: Final = (GEOMETRY, "/time", "/association")  # of a stored resource
