@@ -33,10 +33,10 @@ _MARGIN: float = BEHIND + 0.2  # [m] of grid around what was seen
 class UnexploredArea:
     """Floor that is assumed beyond a frontier."""
 
-    iri: str  # of the part of a floor tile where what was seen ends
+    iri: str  # of the part of a floor tile that the frontier lies in
     label: str
-    p_map: NDArray[np.float64]  # (2,) [m] where what was seen ends
-    width: float  # [m] of that edge
+    p_map: NDArray[np.float64]  # (2,) [m] middle of the frontier
+    width: float  # [m] of the frontier
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,8 +45,8 @@ class PlanningMap:
 
     space: FreeSpace
     rooms: tuple[str, ...]  # place IRI by number of room; "" where a room is no place
-    names: tuple[str, ...]  # what people call each room
-    seen: NDArray[np.bool_] | None = None  # (nx, ny) what depth showed; None: not known
+    names: tuple[str, ...]  # label of each room
+    seen: NDArray[np.bool_] | None = None  # (nx, ny) cells that depth showed; None: not known
     unexplored: tuple[UnexploredArea, ...] = ()
 
     def room_at(self, p_map: NDArray[np.float64], place: str | None = None) -> int:
@@ -70,10 +70,10 @@ def planning_map_of(
     floor: MappedFloor | None = None,
     base: str = "",
 ) -> PlanningMap | None:
-    """The floor of `places` and around those `spots` (2,) [m] that are in none of them.
+    """The floor of `places`, and around each of `spots` (2,) [m] that lies in no place.
 
-    Where the `floor` was seen it is as it was seen, and goes on beyond its frontiers. `base` is the
-    IRI of the map. None where there is no floor at all.
+    The observed `floor` takes precedence, and floor is assumed beyond its frontiers. `base` is the
+    IRI of the map. Returns None where there is no floor at all.
     """
     with_area = [p for p in places if min(p.size) >= _MIN_SIDE]
     rooms = [room_of(place) for place in with_area]
@@ -85,7 +85,7 @@ def planning_map_of(
     if floor is not None:
         with_floor = _cell([*parts, Room(*floor.bounds.T.reshape(-1).tolist())])
         if with_floor > max(cell, _MAX_CELL):
-            floor = None  # it lies far from all places
+            floor = None  # the observed floor lies far from all places
         else:
             cell = with_floor
     space = free_space(parts, cell=cell)
@@ -102,7 +102,7 @@ def _as_seen(
     try:
         known = seen_space(assumed.space, rooms, floor, margin=_MARGIN)
     except LayoutError:
-        return assumed  # no traversable cell was observed, although the robot was there
+        return assumed  # no traversable cell was observed
     seen, frontiers = with_frontiers(known)
     beyond = _unexplored(frontiers, floor, base)
     return PlanningMap(
@@ -129,7 +129,7 @@ def _unexplored(
 
 
 def planning_map_on(space: FreeSpace, places: Sequence[Place]) -> PlanningMap:
-    """A floor that is given: each of its rooms is the place in which most of it lies."""
+    """Planning map on a given floor; each room is the place that contains most of it."""
     count = int(space.room.max()) + 1
     iris, names = [""] * count, [f"room {room}" for room in range(count)]
     for room in np.unique(space.room[space.room != NO_ROOM]):
@@ -172,7 +172,7 @@ Row = Mapping[str, Value]
 
 @dataclass(frozen=True, slots=True)
 class Place(Area):
-    """Place of a map: an area of its floor, and what kind of room it may be."""
+    """Place of a map: an area of its floor, and the kinds of room that it may be."""
 
     iri: str
     label: str
@@ -184,23 +184,23 @@ class Place(Area):
 
 def all_places(semantic_map: SemanticMap) -> tuple[Place, ...]:
     """Every place of the map with its beliefs."""
-    seen = {
-        str(row["place"]): row["lastSeen"].timestamp()
+    last_seen = {
+        str(row["place"]): time.timestamp()
         for row in semantic_map.query("goals-last-seen").records()
-        if isinstance(row["lastSeen"], datetime)
+        if (time := time_or_none(row, "lastSeen")) is not None
     }
     found: dict[str, Place] = {}
     for row in semantic_map.query("goals-rooms").records():
         iri = str(row["iri"])
         if iri not in found:
-            found[iri] = _empty(row, seen.get(iri))
+            found[iri] = _without_beliefs(row, last_seen.get(iri))
         if row["kind"] is not None:
             found[iri].beliefs[str(row["kind"])] = number(row, "belief")
             found[iri].names[str(row["kind"])] = str(row["category"])
     return tuple(found.values())
 
 
-def _empty(row: Row, last_seen: float | None) -> Place:
+def _without_beliefs(row: Row, last_seen: float | None) -> Place:
     area = _area(row)
     return Place(
         iri=str(row["iri"]),
@@ -228,3 +228,14 @@ def number(row: Row, column: str) -> float:
     if not isinstance(value, int | float):
         raise TypeError(f"column {column} must be a number, got {value!r}")
     return float(value)
+
+
+def text_or_none(row: Row, column: str) -> str | None:
+    """A text or IRI of a row; None where the column is unbound."""
+    return None if row[column] is None else str(row[column])
+
+
+def time_or_none(row: Row, column: str) -> datetime | None:
+    """A time of a row; None where the column is unbound or holds something else."""
+    value = row[column]
+    return value if isinstance(value, datetime) else None

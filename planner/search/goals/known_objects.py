@@ -1,4 +1,4 @@
-"""Known objects: what the map has of a target, the surest first, for an answer before any plan."""
+"""Known objects: objects of the map that are the target, the surest first, before any plan."""
 
 from __future__ import annotations
 
@@ -12,43 +12,43 @@ from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import PlaceRecord
-from planner.freespace.planning_map import number
-from planner.search.goals.candidate_queries import name, span, with_article
-from planner.search.goals.search_goals import whereabouts
+from planner.freespace.planning_map import number, text_or_none, time_or_none
+from planner.search.goals.candidate_queries import span, with_article
+from planner.search.goals.search_goals import label_of, times, whereabouts
 from planner.search.goals.status import stamp
 from planner.search.goals.targets import Target
 
 _MIN_EXISTENCE: Final = 0.05  # existence below which an object is no answer
 LISTED: Final = 5  # objects that an answer in words lists
-_SURE: Final = 0.5  # place belief from which on its category is named
+_SURE: Final = 0.5  # existence of an object, and belief in a place's category, that counts as sure
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownObject:
-    """An object of the map that is what is searched for."""
+    """An object of the map that is the target, or may be."""
 
     iri: str
     label: str
     category: str
-    where: str  # in words: on or inside what, in which place
+    where: str  # relations and place in words
     p_map: NDArray[np.float64]  # (2,) [m]
     existence: float
     last_seen: datetime | None
     observations: int
     frame: str | None  # of its best observation
     found_by: str | None  # IRI of a search that found it
-    own: str | None = None  # category that it more probably is of
+    own: str | None = None  # its most probable category, where that is not the target
     may_be: tuple[tuple[str, float], ...] = ()  # other categories, with their probabilities
     place: str | None = None  # IRI
 
     @property
     def sure(self) -> bool:
-        """Whether it is there rather than not, or a search found it."""
+        """Whether the object more probably exists than not, or a search found it."""
         return self.existence >= _SURE or self.found_by is not None
 
     @property
     def doubted(self) -> bool:
-        """Whether it was detected as what it is searched for, and more probably is not there."""
+        """Whether the object was detected as the target, and more probably does not exist."""
         return not self.sure and self.own is None
 
 
@@ -57,7 +57,7 @@ def known_objects(
 ) -> tuple[KnownObject, ...]:
     """Objects of the target's kinds that exist with at least 0.05, the surest first.
 
-    `where` is looked up of the first `located` of them (None: of all), and "" of the others.
+    `where` is computed for the first `located` objects (None: for all); it is "" for the others.
     """
     places = {place.iri: place for place in semantic_map.places()}
     others = dict[str, list[tuple[str, float]]]()
@@ -67,23 +67,23 @@ def known_objects(
     found: dict[str, KnownObject] = {}
     for category in target.queried:
         for row in semantic_map.query("goals-remembered", category=category).records():
-            existence, seen = number(row, "existence"), row["lastSeen"]
-            if existence < _MIN_EXISTENCE or str(row["iri"]) in found:
+            iri, existence = str(row["iri"]), number(row, "existence")
+            if existence < _MIN_EXISTENCE or iri in found:
                 continue
-            found[str(row["iri"])] = KnownObject(
-                iri=str(row["iri"]),
-                label=name(row),
+            found[iri] = KnownObject(
+                iri=iri,
+                label=label_of(row),
                 category=str(row["category"]),
                 where=_kind(semantic_map, places.get(str(row["place"]))),
                 p_map=np.array([number(row, "x"), number(row, "y")]),
                 existence=existence,
-                last_seen=seen if isinstance(seen, datetime) else None,
+                last_seen=time_or_none(row, "lastSeen"),
                 observations=0 if row["observations"] is None else int(number(row, "observations")),
-                frame=None if row["frame"] is None else str(row["frame"]),
-                found_by=None if row["foundBy"] is None else str(row["foundBy"]),
-                own=None if row["own"] is None else str(row["own"]),
-                place=None if row["place"] is None else str(row["place"]),
-                may_be=tuple(others.get(str(row["iri"]), ())),
+                frame=text_or_none(row, "frame"),
+                found_by=text_or_none(row, "foundBy"),
+                own=text_or_none(row, "own"),
+                place=text_or_none(row, "place"),
+                may_be=tuple(others.get(iri, ())),
             )
     known = sorted(found.values(), key=lambda one: (not one.sure, -one.existence, one.iri))
     wanted = len(known) if located is None else located
@@ -94,7 +94,7 @@ def known_objects(
 
 
 def _kind(semantic_map: SemanticMap, place: PlaceRecord | None) -> str:
-    """Category of a place, unless it is its label."""
+    """Category of a place in parentheses; "" where the place's label has it."""
     if place is None:
         return ""
     top = max(place.beliefs, key=lambda iri: (place.beliefs[iri], iri), default="")
@@ -102,17 +102,18 @@ def _kind(semantic_map: SemanticMap, place: PlaceRecord | None) -> str:
     return f" ({kind})" if kind and kind.casefold() not in place.label.casefold() else ""
 
 
-def answer_lines(
-    known: Sequence[KnownObject], now: float, most: int = LISTED, *, address: str = "MAP"
-) -> list[str]:
-    """Known objects in sentences: what, where, when last seen, how sure, by what evidence.
+def answer_lines(known: Sequence[KnownObject], now: float, *, address: str = "MAP") -> list[str]:
+    """Known objects in sentences: label, whereabouts, existence, time and best frame.
 
-    `now` [s since 1970] is the moment that ages count from, `address` that of the map.
+    Args:
+        known: Objects; the first `LISTED` are listed.
+        now: Moment that ages count to [s since 1970].
+        address: Address of the map.
     """
     lines = []
-    for one in known[:most]:
+    for one in known[:LISTED]:
         if one.doubted:
-            lines.append(perhaps(one, now, address))
+            lines.append(_perhaps(one, now, address))
             continue
         x, y = (float(value) for value in one.p_map)
         text = f"{'' if one.sure else 'perhaps '}{one.label}"
@@ -127,19 +128,19 @@ def answer_lines(
             text += f", {one.observations} observation{'s' * (one.observations > 1)}"
             text += f", the best in {one.frame}" if one.frame else ""
         lines.append(text)
-    if len(known) > most:
-        lines.append(f"and {len(known) - most} more: `hereabouts ask MAP objects-by-category`")
+    if len(known) > LISTED:
+        lines.append(f"and {len(known) - LISTED} more: `hereabouts ask MAP objects-by-category`")
     return lines
 
 
-def perhaps(one: KnownObject, now: float, address: str) -> str:
-    """A sentence about an object that was detected, and more probably is not there."""
+def _perhaps(one: KnownObject, now: float, address: str) -> str:
+    """A sentence about a doubted object."""
     x, y = (float(value) for value in one.p_map)
     where = "" if one.where.startswith("at (") else f" {one.where}"
-    times = "once" if one.observations == 1 else f"{one.observations} times"
+    verb = f"was seen {times(one.observations)}" if one.observations else "is"
     number = "/".join(one.iri.rsplit("/", 2)[-2:])
     return (
-        f"Perhaps: {with_article(one.category)} {f'was seen {times}' if one.observations else 'is'}"
+        f"Perhaps: {with_article(one.category)} {verb}"
         f"{where} at ({x:.1f}, {y:.1f}){_last_seen(one, now)}, "
         f"existence {one.existence:.2f}{_may_be(one)} "
         f"(hereabouts why {address} {number})"

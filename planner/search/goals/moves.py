@@ -1,4 +1,4 @@
-"""Things that stand elsewhere than at an earlier moment, by the map's history."""
+"""Moved objects: objects of the map that stood elsewhere at an earlier moment of its history."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from kg.history.timestamps import Instant
 from kg.maps.semantic_map import SemanticMap
 from planner.search.goals.status import PRESENT
 
-FAR: Final = 0.3  # [m] from which on a thing counts as moved, and ...
-SURE: Final = 2.0  # ... how many standard deviations of both positions it must be
+FAR: Final = 0.3  # [m] from which on an object counts as moved
+SURE: Final = 2.0  # standard deviations of the distance that a move must exceed, too
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MovedThing:
-    """An object of both states, in another spot."""
+    """An object that stands elsewhere than at the earlier moment."""
 
     iri: str
     category: str  # label
@@ -39,10 +39,9 @@ def moved_things(
 ) -> tuple[MovedThing, ...]:
     """Objects that stand at least `far` [m] from where they stood at `since`, the farthest first.
 
-    A move is larger than the uncertainty of both positions, so that a bed that was seen from
-    another side has not moved.
-    `until` is now unless given. What came, or left and was not found elsewhere, is not among
-    them. Raises HistoryError for a past that is not kept.
+    A move must exceed the uncertainty of both positions, so that a bed seen from another side has
+    not moved. Objects that are in only one of the two states are left out. `until` is now by
+    default. Raises HistoryError where the history does not reach back to `since`.
     """
     before = {one.iri: one for one in semantic_map.objects(at=since)}
     moved = [
@@ -57,5 +56,5 @@ def moved_things(
         for one in semantic_map.objects(at=until)
         if one.iri in before and min(one.existence, before[one.iri].existence) >= PRESENT
     ]
-    found = [m for m in moved if m.metres >= max(far, SURE * m.deviation)]
-    return tuple(sorted(found, key=lambda m: (-m.metres, m.iri)))
+    far_enough = [m for m in moved if m.metres >= max(far, SURE * m.deviation)]
+    return tuple(sorted(far_enough, key=lambda m: (-m.metres, m.iri)))

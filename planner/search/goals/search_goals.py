@@ -1,14 +1,14 @@
-"""Search goals: where to look for something, derived by `queries/goals-*.rq` from the graph alone.
+"""Search goals: where to search for a category, by `queries/goals-*.rq` from the graph alone.
 
-There are three kinds (thesis section 3.4): objects of the category in the map, known objects that
-the ontology says are near it, and explored places where the ontology puts it or something near it.
+There are three kinds (thesis section 3.4): objects of the category; objects of categories that the
+ontology relates to it as near; and explored places of categories where it, or something near it,
+is located.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from datetime import datetime
 from typing import Final, Literal
 
 import numpy as np
@@ -18,19 +18,18 @@ from kg.knowledge.ontology.catalogue import Catalogue, Category
 from kg.maps.query.evaluation import Value
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import UnknownCategoryError, did_you_mean
-
-Row = Mapping[str, Value]
+from planner.freespace.planning_map import Row, number, time_or_none
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Goal:
-    """Somewhere to look."""
+    """An object or place to search at."""
 
     iri: str  # of the object or place to go to
     kind: Literal["known", "nearby", "place"]
     label: str
     p_map: NDArray[np.float64]  # (2,) [m] in the map frame; of a place its centre
-    probability: float  # that what is searched for is found there; not calibrated
+    probability: float  # to find the target there; not calibrated
     why: str  # one sentence: the facts that make it a goal
 
 
@@ -67,39 +66,33 @@ def _not_a_category(catalogue: Catalogue, target: str) -> str:
     )
 
 
-def derive_goals(
-    semantic_map: SemanticMap,
-    target: str,
-    *,
-    min_belief: float = 0.0,
-    any_category: bool = False,
-) -> tuple[Goal, ...]:
+def derive_goals(semantic_map: SemanticMap, target: str) -> tuple[Goal, ...]:
     """All goals for `target` (label, synonym or IRI), the most probable first, one for each IRI.
 
-    A supercategory searches all its members at once; each goal's `why` names which ones. Where
-    several reasons lead to the same object or place, the most probable one is kept; what has no
-    probability at all is no goal. Empty without any candidate: `explain_none` gives the reason.
-
-    `min_belief` and `any_category` widen or narrow which places count: the text uses the most
-    believed category whatever its belief (the defaults), the author's own finder every category
-    believed to at least 0.25. Raises UnknownCategoryError.
+    A supercategory searches for all its members at once; each goal's `why` names the member. Where
+    several reasons lead to the same object or place, the most probable one is kept. Goals with
+    probability 0 are left out. Without goals, `explain_none` gives the reason. A place counts for
+    its most believed category, as in the thesis. Raises UnknownCategoryError.
     """
     category = resolve_target(semantic_map.catalogue, target).iri
-    ask = semantic_map.query
-    places = ask(
-        "goals-places", category=category, minBelief=min_belief, anyCategory=int(any_category)
-    )
-    return _strongest(
-        [
-            *_goals("known", _why_known, ask("goals-known", category=category).records()),
-            *_goals("nearby", _why_nearby, ask("goals-nearby", category=category).records()),
-            *_place_goals(places.records()),
-        ]
-    )
+
+    def rows(kind: str) -> list[Row]:
+        return list(semantic_map.query(f"goals-{kind}", category=category).records())
+
+    goals = [
+        *_goals("known", _why_known, rows("known")),
+        *_goals("nearby", _why_nearby, rows("nearby")),
+        *_place_goals(rows("places")),
+    ]
+    best: dict[str, Goal] = {}
+    for goal in sorted(goals, key=lambda goal: (-goal.probability, goal.iri)):
+        if goal.probability > 0:
+            best.setdefault(goal.iri, goal)
+    return tuple(best.values())
 
 
 def explain_none(semantic_map: SemanticMap, target: str) -> str:
-    """One sentence for when there is no goal: what the map and the ontology know about `target`."""
+    """Reason in one sentence why the map and the ontology give no goal for `target`."""
     category = resolve_target(semantic_map.catalogue, target)
     relations = semantic_map.query("goals-relations", category=category.iri).records()
     where = _names(row["target"] for row in relations if row["relation"] == "located at")
@@ -119,15 +112,6 @@ def _names(labels: Iterable[Value]) -> str:
     return ", ".join(sorted({str(label) for label in labels}))
 
 
-def _strongest(goals: Iterable[Goal]) -> tuple[Goal, ...]:
-    best: dict[str, Goal] = {}
-    for goal in goals:
-        rival = best.get(goal.iri)
-        if goal.probability > (rival.probability if rival else 0.0):
-            best[goal.iri] = goal
-    return tuple(sorted(best.values(), key=lambda goal: (-goal.probability, goal.iri)))
-
-
 def _goals(
     kind: Literal["known", "nearby", "place"], why: Callable[[Row], str], rows: Iterable[Row]
 ) -> Iterable[Goal]:
@@ -135,16 +119,15 @@ def _goals(
         yield Goal(
             iri=str(row["iri"]),
             kind=kind,
-            label=_label(row),
+            label=label_of(row),
             p_map=np.array([row["x"], row["y"]], dtype=np.float64),
-            probability=_number(row, "probability"),
+            probability=number(row, "probability"),
             why=why(row),
         )
 
 
-def _place_goals(rows: Iterable[Row]) -> Iterable[Goal]:
+def _place_goals(rows: list[Row]) -> Iterable[Goal]:
     wanted: dict[Value, set[str]] = {}
-    rows = list(rows)
     for row in rows:
         wanted.setdefault(row["iri"], set()).add(str(row["wanted"]))
 
@@ -156,46 +139,52 @@ def _place_goals(rows: Iterable[Row]) -> Iterable[Goal]:
 
 
 def _why_known(row: Row) -> str:
-    return f"{_label(row)} is in the map (existence {_number(row, 'probability'):.2f}{seen(row)})"
+    return f"{label_of(row)} is in the map ({evidence(row, number(row, 'probability'))})"
 
 
 def _why_nearby(row: Row) -> str:
-    relation = _relation(row, "relationProbability")
     return (
-        f"{_label(row)} is in the map (existence {_number(row, 'existence'):.2f}{seen(row)}), "
-        f"and {row['wanted']} is found near {row['category']} {relation}"
+        f"{label_of(row)} is in the map ({evidence(row, number(row, 'existence'))}), "
+        f"and {row['wanted']} is found near {row['category']} {sourced(row, 'relationProbability')}"
     )
 
 
 def _why_place(row: Row) -> str:
-    what = row["near"] or row["wanted"]
+    label = row["near"] or row["wanted"]
     reason = (
-        f"{row['category']} (belief {_number(row, 'belief'):.2f}) is where to look for {what} "
-        f"{_relation(row, 'relationProbability')}"
+        f"{row['category']} (belief {number(row, 'belief'):.2f}) is where to look for {label} "
+        f"{sourced(row, 'relationProbability')}"
     )
     if row["near"] is None:
         return reason
     return (
-        f"{reason}, and {row['wanted']} is found near {what} ({_number(row, 'nearProbability'):g})"
+        f"{reason}, and {row['wanted']} is found near {label} ({number(row, 'nearProbability'):g})"
     )
 
 
-def _label(row: Row) -> str:
+def label_of(row: Row) -> str:
+    """Label of the object of a row, else its category."""
     return str(row["label"] or row["category"])
 
 
-def _relation(row: Row, column: str) -> str:
+def sourced(row: Row, column: str) -> str:
+    """A probability of a row and its source, in parentheses."""
     source = f", {row['source']}" if row["source"] else ""
-    return f"({_number(row, column):g}{source})"
+    return f"({number(row, column):g}{source})"
 
 
-def seen(row: Row, place: str = "place") -> str:
+def evidence(row: Row, existence: float, place: str = "place") -> str:
+    """Existence of a row's object, and its observations as `observed` has them."""
+    return f"existence {existence:.2f}{observed(row, place)}"
+
+
+def observed(row: Row, place: str = "place") -> str:
     """Number, time, frame and place (column `place`) of the observations of a row's object."""
     reason = ""
     if row.get("observations") is not None:
-        reason = f", seen {times(_number(row, 'observations'))}"
-    if isinstance(row["lastSeen"], datetime):
-        reason += f", last {row['lastSeen']:%Y-%m-%d %H:%M:%S}"
+        reason = f", seen {times(number(row, 'observations'))}"
+    if (last := time_or_none(row, "lastSeen")) is not None:
+        reason += f", last {last:%Y-%m-%d %H:%M:%S}"
     if row["frame"] is not None:
         reason += f", best in {row['frame']}"
     return reason + (f", in {row[place]}" if row[place] is not None else "")
@@ -206,30 +195,23 @@ def times(count: float) -> str:
     return "once" if count == 1 else f"{count:.0f} times"
 
 
-def _number(row: Row, column: str) -> float:
-    value = row[column]
-    if not isinstance(value, int | float):
-        raise TypeError(f"column {column} must be a number, got {value!r}")
-    return float(value)
-
-
 _MAX_NAMED: Final = 3  # objects named: an apple in a bowl on a table
 
 
 def whereabouts(semantic_map: SemanticMap, iri: str) -> str:
-    """As in ``inside bowl 4 on dining table 3 in the kitchen``.
+    """Relations and place of an object: ``inside bowl 4 on dining table 3 in the kitchen``.
 
-    What it is beside is named where it is on and inside nothing, its position [m] where it is in no
-    place either. "" for what is no object of the map.
+    An object beside it is named where nothing carries it. Its position [m] is given where it has
+    neither a relation nor a place. "" for an IRI that is no object of the map.
     """
-    words, place, at, following = list[str](), "", "", iri
+    words, place, at, current = list[str](), "", "", iri
     named = set[str]()
-    while len(named) < _MAX_NAMED and following not in named:
-        named.add(following)
-        rows = semantic_map.query("whereabouts", object=following).records()
+    while len(named) < _MAX_NAMED and current not in named:
+        named.add(current)
+        rows = semantic_map.query("whereabouts", object=current).records()
         if not rows:
             break
-        if following == iri:
+        if current == iri:
             place = str(rows[0]["placeLabel"] or "")
             at = f"at ({rows[0]['x']:.1f}, {rows[0]['y']:.1f}) m"
         carriers = [row for row in rows if row["relation"] in ("inside", "on")]
@@ -238,7 +220,7 @@ def whereabouts(semantic_map: SemanticMap, iri: str) -> str:
         words += [f"{row['relation']} {row['otherLabel'] or row['other']}" for row in nearest]
         if not carriers:
             break
-        following = str(carriers[0]["other"])
+        current = str(carriers[0]["other"])
     if place:
         words.append(f"in {place}" if _is_name(place) else f"in the {place}")
     return " ".join(words) or at

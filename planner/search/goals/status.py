@@ -1,7 +1,7 @@
 """Status: whether something is present, gone, hidden or was never looked for, and the proof.
 
-`queries/status.rq` answers place by place; here the places are added up, and single things are
-looked up in the map and, where they left it, in its history.
+`queries/status.rq` answers for each place. This module combines the places. A single object is
+looked up in the map, and in its history once it has left the map.
 """
 
 from __future__ import annotations
@@ -13,23 +13,23 @@ from typing import Final, Literal, cast
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError
-from planner.freespace.planning_map import Row, number
+from planner.freespace.planning_map import Row, number, text_or_none, time_or_none
 from planner.search.goals.search_goals import resolve_target
 
 Value = Literal["present", "gone", "hidden", "never looked"]
 
-PRESENT: Final = 0.5  # existence from which on a thing counts as present
+PRESENT: Final = 0.5  # existence from which on an object counts as present
 _PLACES_NAMED: Final = 3  # in a proof, the least viewed ones
 
 
 @dataclass(frozen=True, slots=True)
 class PlaceStatus:
-    """Status in one place, or of one thing in no place."""
+    """Status in one place, or of objects in no place."""
 
     value: Value
     place: str | None  # IRI
     place_label: str
-    object: str | None  # IRI of what is present
+    object: str | None  # IRI of the object that is present
     label: str
     existence: float | None
     last_seen: datetime | None  # of the object
@@ -40,7 +40,7 @@ class PlaceStatus:
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """Status of a kind of thing, or of one thing, with its proof in words."""
+    """Status of a category, or of one object, with its proof in words."""
 
     target: str
     value: Value
@@ -49,34 +49,40 @@ class Status:
 
 
 def status(semantic_map: SemanticMap, what: str, place: str | None = None) -> Status:
-    """Status of a category (label, synonym or IRI) or of a thing (``object/17`` or its IRI).
+    """Status of a category or of an object.
 
-    `place` (label, number or IRI) limits it to one place. Raises UnknownCategoryError for what is
-    neither, QueryParameterError for an unknown place or a thing that never was in the map.
+    Args:
+        semantic_map: The map.
+        what: A category (label, synonym or IRI) or an object (``object/17`` or its IRI).
+        place: A place (label, number or IRI) that limits the answer.
+
+    Raises:
+        UnknownCategoryError: `what` is neither a category nor an object.
+        QueryParameterError: The place is unknown, or the object never was in the map.
     """
     if "object/" in what:
-        return _of_thing(semantic_map, what)
+        return _object_status(semantic_map, what)
     category = resolve_target(semantic_map.catalogue, what)
     rows = semantic_map.query("status", category=category.iri).records()
     found = tuple(_place(row) for row in rows)
     if place is not None:
         chosen = semantic_map.resolve("place", place)
         found = tuple(one for one in found if one.place == chosen)
-    return Status(category.label, _together(found), _proof(category.label, found), found)
+    return Status(category.label, _combined(found), _proof(category.label, found), found)
 
 
 def _place(row: Row) -> PlaceStatus:
     return PlaceStatus(
         value=cast(Value, row["status"]),
-        place=None if row["place"] is None else str(row["place"]),
+        place=text_or_none(row, "place"),
         place_label=str(row["placeLabel"] or "no place"),
-        object=None if row["object"] is None else str(row["object"]),
+        object=text_or_none(row, "object"),
         label=str(row["label"] or ""),
         existence=None if row["existence"] is None else number(row, "existence"),
-        last_seen=_time(row, "lastSeen"),
+        last_seen=time_or_none(row, "lastSeen"),
         viewed_share=_share(row, "viewedShare"),
         closely_viewed_share=_share(row, "closelyViewedShare"),
-        last_viewed=_time(row, "lastViewed"),
+        last_viewed=time_or_none(row, "lastViewed"),
     )
 
 
@@ -84,13 +90,8 @@ def _share(row: Row, column: str) -> float:
     return 0.0 if row[column] is None else number(row, column)
 
 
-def _time(row: Row, column: str) -> datetime | None:
-    value = row[column]
-    return value if isinstance(value, datetime) else None
-
-
-def _together(places: Sequence[PlaceStatus]) -> Value:
-    """The status of all places: gone only where each was viewed, present where any is."""
+def _combined(places: Sequence[PlaceStatus]) -> Value:
+    """Status of all places: present if it is in any, gone only if it is in each."""
     values = {one.value for one in places}
     if "present" in values:
         return "present"
@@ -100,10 +101,10 @@ def _together(places: Sequence[PlaceStatus]) -> Value:
 
 
 def _proof(label: str, places: Sequence[PlaceStatus]) -> str:
-    there = [one for one in places if one.value == "present"]
-    if there:
-        best = there[0]
-        more = f", and {len(there) - 1} more" if len(there) > 1 else ""
+    present = [one for one in places if one.value == "present"]
+    if present:
+        best = present[0]
+        more = f", and {len(present) - 1} more" if len(present) > 1 else ""
         seen = f", last seen {stamp(best.last_seen)}" if best.last_seen else ""
         sure = f"{best.existence:.2f} sure" if best.existence is not None else "stated"
         return f"{best.label or label} in {best.place_label}, {sure}{seen}{more}"
@@ -121,21 +122,21 @@ def _proof(label: str, places: Sequence[PlaceStatus]) -> str:
 
 
 def stamp(time: datetime | None) -> str:
-    """A time as people read it, in UTC."""
+    """A time in UTC, to the second; "" for None."""
     return "" if time is None else time.astimezone(UTC).strftime("%Y-%m-%d %H:%M:%S")
 
 
-def _of_thing(semantic_map: SemanticMap, what: str) -> Status:
+def _object_status(semantic_map: SemanticMap, what: str) -> Status:
     iri = what if "://" in what else semantic_map.base + what
-    records = semantic_map.perceived.objects((iri,))
-    labels = {place.iri: place for place in semantic_map.places()}
-    if records:
-        (record,) = records
-        place = labels.get(record.place or "")
+    places = {place.iri: place for place in semantic_map.places()}
+    for record in semantic_map.perceived.objects((iri,)):
+        place = places.get(record.place or "")
         views = None if place is None else place.viewed
         seen = datetime.fromtimestamp(record.last_seen, UTC)
-        since = views is not None and views.last > record.last_seen
-        value: Value = "present" if record.existence >= PRESENT else "gone" if since else "hidden"
+        viewed_since = views is not None and views.last > record.last_seen
+        value: Value = "gone" if viewed_since else "hidden"
+        if record.existence >= PRESENT:
+            value = "present"
         where = place.label if place else "no place"
         proof = f"in {where}, {record.existence:.2f} sure, last seen {stamp(seen)}"
         if value != "present" and views is not None:
@@ -145,7 +146,7 @@ def _of_thing(semantic_map: SemanticMap, what: str) -> Status:
     for left in semantic_map.departed((iri,)):
         seen, gone = (datetime.fromtimestamp(t, UTC) for t in (left.last_seen, left.found_gone))
         x, y, _ = left.p_map
-        area = next((p.label for p in labels.values() if p.area.contains(x, y)), "no place")
+        area = next((p.label for p in places.values() if p.area.contains(x, y)), "no place")
         proof = f"left ({x:.2f}, {y:.2f}) in {area}: last seen {stamp(seen)}, gone {stamp(gone)}"
         return Status(what, "gone", proof, ())
     *_, last = semantic_map.history.events(iri)

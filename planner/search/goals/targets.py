@@ -24,10 +24,10 @@ class Target:
     """Search target; any object of one of its kinds will do."""
 
     text: str  # as given
-    label: str  # what it is called in answers
+    label: str  # in answers
     iri: str | None  # of its category; None for a need
     kinds: dict[str, str]  # IRI -> label of every category that will do
-    above: dict[str, frozenset[str]]  # IRI -> labels of everything a category is a kind of
+    above: dict[str, frozenset[str]]  # IRI -> labels of all supercategories of each kind
 
     @property
     def queried(self) -> tuple[str, ...]:
@@ -38,7 +38,7 @@ class Target:
 def resolve(semantic_map: SemanticMap, texts: Sequence[str]) -> tuple[Target, ...]:
     """The targets that `texts` name, each once, in their order.
 
-    Raises UnknownCategoryError for what is neither a category nor a need.
+    Raises UnknownCategoryError for a text that is neither a category nor a need.
     """
     found: dict[tuple[str, ...], Target] = {}
     for text in texts:
@@ -57,14 +57,14 @@ def _resolve(semantic_map: SemanticMap, text: str) -> Target:
 
 
 def _used_for(semantic_map: SemanticMap, words: str) -> list[str]:
-    """IRIs of the categories for a use; exact words first, then without their last small ones."""
+    """IRIs of the categories for a use: by its exact words, else without final prepositions."""
     uses: dict[str, list[str]] = defaultdict(list)
     for row in semantic_map.query("goals-needs").records():
         uses[str(row["use"])].append(str(row["kind"]))
-    for reading in (_plain, _core):
-        meant = [use for use in uses if reading(use) == reading(words)]
-        if meant:
-            return list(dict.fromkeys(iri for use in meant for iri in uses[use]))
+    for normalised in (_plain, _core):
+        matches = [use for use in uses if normalised(use) == normalised(words)]
+        if matches:
+            return list(dict.fromkeys(iri for use in matches for iri in uses[use]))
     near = did_you_mean(words, uses) or ";"
     raise UnknownCategoryError(
         f"nothing is said to be used for '{words}'{near} there is something to "
