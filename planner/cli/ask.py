@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
     parser.add_argument("map", metavar="MAP", nargs="?", help=MAP_HELP)
     parser.add_argument(
         "--member",
@@ -63,7 +62,6 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Ask, and print the answer."""
     if arguments.member and arguments.question is None:
         # no MAP beside members: the first word is the question
         arguments.map, arguments.question = None, arguments.map

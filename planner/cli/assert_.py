@@ -16,7 +16,6 @@ from planner.cli.console import note, write_json
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
     add_map(parser)
     add_what(parser)
     parser.add_argument(
@@ -41,7 +40,6 @@ def add_what(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Assert, in one transaction."""
     from kg.serving.opening import open_map
     from kg.store.sparql_client import is_url
 

@@ -16,14 +16,12 @@ from planner.cli.console import counted, note, print_table, write_json
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
     parser.add_argument("map", nargs="?", metavar="MAP", help=MAP_HELP)
     parser.add_argument("--ontologies", metavar="DIR", help="folder of ontologies to check")
     add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Check, and list what was found."""
     from kg.knowledge.ontology.lint import check_map, check_ontologies
     from kg.model.resources import ONTOLOGIES
     from kg.serving.opening import open_map

@@ -15,14 +15,12 @@ from planner.cli.console import note, write_json
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
     add_map(parser)
     add_keep(parser, "default: all of the past")
     add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Compact."""
     from kg.serving.opening import open_map
 
     keep = keep_seconds(arguments)

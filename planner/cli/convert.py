@@ -17,7 +17,6 @@ from planner.cli.recording_options import add_recording_arguments, recording_opt
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
     parser.add_argument("recording", metavar="RECORDING", help="folder, bag or MCAP file")
     parser.add_argument(
         "-o",
@@ -31,7 +30,6 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write the file."""
     from perception.sources.bag_writer import write_bag
     from perception.sources.recording import open_recording
 

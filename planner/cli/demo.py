@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
     parser.add_argument(
         "--folder", default=".", metavar="DIR", help="folder for the results (default: here)"
     )
@@ -45,7 +44,6 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the demo and tell what happened."""
     from planner.simulation.demo.house_demo import run_demo
 
     with progress() as bar:

@@ -17,7 +17,6 @@ from planner.cli.console import note, write, write_json
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
     add_map(parser)
     parser.add_argument("--title", metavar="TEXT", help="name of the map")
     parser.add_argument("--licence", metavar="IRI", help="licence that the map's data are under")
@@ -26,7 +25,6 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Set what is given, and print the description."""
     from kg.serving.opening import open_map
 
     writes = arguments.title is not None or arguments.licence is not None

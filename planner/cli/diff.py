@@ -22,7 +22,6 @@ _MOVED = ("thing", "category", "from", "to", "metres")
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
     add_map(parser)
     parser.add_argument("before", metavar="T1", help="first instant")
     parser.add_argument("after", metavar="T2", help="second instant")
@@ -33,7 +32,6 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Compare."""
     from kg.serving.opening import open_map
 
     with open_map(arguments.map, read_only=True) as semantic_map:

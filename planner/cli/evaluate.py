@@ -9,15 +9,11 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from kg.model.errors import PictureError
 from planner.cli.arguments import MAP_HELP, add_json, count, positive
 from planner.cli.console import note, print_table, write_json
 from planner.cli.evaluate_networks import add_detector, add_scene
 from planner.cli.evaluated_maps import EvaluatedMap, Run, check_usage, evaluated_maps
-from planner.cli.evaluation_pictures import (
-    check_pictures,
-    draw_reliability,
-    draw_truth,
-)
 from planner.cli.mapping_options import MODES, add_all_arguments
 
 if TYPE_CHECKING:
@@ -49,7 +45,6 @@ class _Scored:
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
     subjects = parser.add_subparsers(dest="subject", metavar="SUBJECT", required=True)
     mapping = subjects.add_parser(
         "map",
@@ -117,20 +112,20 @@ def run_map(arguments: argparse.Namespace) -> int:
     """Map where needed, score, print."""
     check_usage(arguments)
     truths = [_load(Path(path)) for path in arguments.truth]
-    check_pictures(arguments, truths)
+    _check_pictures(arguments, truths)
     if arguments.sessions > 1:
         _check_sessions(arguments, truths)
     scored = []
     for evaluated in evaluated_maps(arguments):
         scored.append(_score(evaluated, truths[evaluated.number], arguments.near))
         if arguments.picture and (evaluation := scored[-1].evaluation):
-            draw_truth(evaluated, evaluation, arguments)
+            _draw_truth(evaluated, evaluation, arguments)
     pooled = _pooled(scored) if len(arguments.truth) > 1 else {}
     together = [(Run(_POOLED, mode), scores) for mode, scores in pooled.items()]
     complete = [(one.run, one.evaluation.scores()) for one in scored if one.evaluation]
     identities = _identities(scored, arguments.sessions)
     if arguments.plot:
-        draw_reliability(together or complete, Path(arguments.plot))
+        _draw_reliability(together or complete, Path(arguments.plot))
     if arguments.json:
         pooled_json = [{"mode": mode} | scores.to_json() for mode, scores in pooled.items()]
         found = [{"sessions": name} | one.to_json() for name, one in identities]
@@ -142,6 +137,54 @@ def run_map(arguments: argparse.Namespace) -> int:
         _print(scored, complete + together)
         _print_identities(identities)
     return 0
+
+
+def _check_pictures(arguments: argparse.Namespace, truths: Sequence[object]) -> None:
+    """Raise PictureError for a picture that cannot be drawn, before anything is mapped."""
+    from planner.display.plots.picture_file import checked_ending
+
+    for picture in filter(None, (arguments.picture, arguments.plot)):
+        checked_ending(picture)
+        for truth, path in zip(truths, arguments.truth, strict=True):
+            if not isinstance(truth, tuple):
+                raise PictureError(
+                    f"{path} lists some classes only; {picture} needs a complete truth, whose "
+                    "entries have also, ignore, extent or reach"
+                )
+
+
+def _draw_truth(
+    evaluated: EvaluatedMap, evaluation: MapEvaluation, arguments: argparse.Namespace
+) -> None:
+    """Draw one map against its truth; of several, each into a file of its own."""
+    from mapping.occupancy.mapped_floor import mapped_floor
+    from planner.display.plots.truth_plot import plot_truth
+
+    path = Path(arguments.picture)
+    parts = [path.stem]
+    if len(arguments.truth) > 1:
+        parts += [str(evaluated.number + 1), evaluated.run.name]
+    if arguments.compare:
+        parts.append(evaluated.run.mode)
+    robot = evaluated.semantic_map.robot()
+    height = None if robot is None else float(robot.p_map[2])
+    path = plot_truth(
+        evaluation.shown,
+        evaluation.matcher,
+        path.with_stem("-".join(parts)),
+        title=evaluated.run.title,
+        floor=mapped_floor(evaluated.semantic_map.floor(), height),
+    )
+    note(f"wrote {path}")
+
+
+def _draw_reliability(scored: Sequence[tuple[Run, MapScores]], path: Path) -> None:
+    """Draw the calibration of all maps into one diagram."""
+    from planner.display.plots.reliability_plot import plot_reliability
+
+    calibrations = [(run.title, scores.calibration) for run, scores in scored]
+    plot_reliability(calibrations, path, title="Reliability of existence")
+    note(f"wrote {path}")
 
 
 def _load(path: Path) -> AnyTruth:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from kg.model.errors import LayoutError
 from planner.cli.arguments import title_for
-from planner.cli.map_recording import map_with_progress
+from planner.cli.map_recording import map_frames
 from planner.cli.mapping_options import MODES, open_inputs
 from planner.cli.network_options import Networks
 from planner.cli.recording_options import recording_options
@@ -134,19 +134,23 @@ def _mapped(
 
     The first one's truth has the number `first`. Frames go through the networks once.
     """
+    from kg.serving.opening import create_map
+
     networks = dict[str, Networks]()
     for mode in MODES if arguments.compare else (arguments.mode,):
-        with _temporary_map() as semantic_map:
+        with (
+            TemporaryDirectory(prefix="hereabouts-evaluate-") as temporary,
+            create_map(Path(temporary) / "evaluate.map", title="evaluate") as semantic_map,
+        ):
             for number, folder in enumerate(folders, start=first):
                 inputs = open_inputs(arguments, folder, mode)
+                recording, opened = inputs.recording, inputs.networks
                 if arguments.compare:
-                    known = networks.setdefault(folder, _remembering(inputs.networks))
-                    inputs = replace(inputs, networks=known)
+                    opened = networks.setdefault(folder, _remembering(opened))
                 since = semantic_map.sequence
-                report = map_with_progress(inputs, semantic_map)
-                run = Run(inputs.recording.name, mode, inputs.networks.detector.name, report)
-                T_map_world = inputs.recording.T_map_world
-                yield EvaluatedMap(number, run, semantic_map, T_map_world, since)
+                report = map_frames(recording, semantic_map, opened, inputs.options)
+                run = Run(recording.name, mode, opened.detector.name, report)
+                yield EvaluatedMap(number, run, semantic_map, recording.T_map_world, since)
 
 
 def _remembering(networks: Networks) -> Networks:
@@ -157,16 +161,3 @@ def _remembering(networks: Networks) -> Networks:
 
     scene = None if networks.scene is None else RememberingSceneClassifier(networks.scene)
     return Networks(RememberingDetector(networks.detector), scene)
-
-
-@contextmanager
-def _temporary_map() -> Iterator[SemanticMap]:
-    import tempfile
-
-    from kg.serving.opening import create_map
-
-    with (
-        tempfile.TemporaryDirectory(prefix="hereabouts-evaluate-") as folder,
-        create_map(Path(folder) / "evaluate.map", title="evaluate") as semantic_map,
-    ):
-        yield semantic_map

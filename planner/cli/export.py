@@ -32,7 +32,6 @@ _SCENES: Final = {"mcap": ".mcap", "rrd": ".rrd", "bag": ".bag"}
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
     add_map(parser)
     parser.add_argument(
         "--format",
@@ -70,7 +69,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write the file."""
+    from kg.export.serialization import export_map
     from kg.serving.opening import open_map
 
     output = Path(arguments.output)
@@ -94,7 +93,8 @@ def run(arguments: argparse.Namespace) -> int:
         elif chosen in _SCENES:
             note(f"wrote {output}: {_write_scene(semantic_map, output, chosen, arguments)}")
         else:
-            triples = _write_linked_data(semantic_map, output, chosen, arguments)
+            with_ontology = not arguments.no_ontology
+            triples = export_map(semantic_map, output, format=chosen, ontology=with_ontology)
             note(f"wrote {output}: {triples:,} triples")
         if arguments.pictures is not None:
             folder = Path(arguments.pictures)
@@ -173,14 +173,6 @@ def _make(folder: Path) -> None:
         raise GraphError(f"cannot make the folder {folder}: {error.strerror}") from error
 
 
-def _write_linked_data(
-    semantic_map: SemanticMap, output: Path, chosen: str, arguments: argparse.Namespace
-) -> int:
-    from kg.export.serialization import export_map
-
-    return export_map(semantic_map, output, format=chosen, ontology=not arguments.no_ontology)
-
-
 def _write_document(
     semantic_map: SemanticMap, output: Path, chosen: str, arguments: argparse.Namespace
 ) -> str:
@@ -201,7 +193,7 @@ def _write_scene(
     semantic_map: SemanticMap, output: Path, chosen: str, arguments: argparse.Namespace
 ) -> str:
     from kg.store.atomic_file import write_atomically
-    from planner.display.viewers.past_scenes import past_scenes, present_scene
+    from planner.display.viewers.scene import past_scenes, present_scene
 
     make = _scene_writer(chosen)
     plan = None if arguments.find is None else _plan(semantic_map, arguments)

@@ -33,7 +33,6 @@ _LOOKS_ONLY = ("budget", "turn_rate", "range", "recall", "at", "grid", "explain"
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
     add_map(parser)
     parser.add_argument("object", metavar="OBJECT", nargs="+", help="what to find, e.g. banana")
     add_start(parser)
@@ -64,7 +63,6 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Plan the search and print it."""
     from kg.serving.opening import open_map
 
     with open_map(arguments.map, read_only=True) as semantic_map:
@@ -113,7 +111,7 @@ def _by_viewpoints(
 
     found = plan_from(semantic_map, state, arguments.start, budget=arguments.budget)
     if arguments.picture:
-        from planner.display.plots.plan_plot import plot_plan
+        from planner.display.plots.search_plot import plot_plan
 
         path = plot_plan(semantic_map, state, found, Path(arguments.picture))
         note(f"wrote {path}")

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
     add_map(parser)
     parser.add_argument("-o", "--output", required=True, metavar="FILE", help="YAML file to write")
     parser.add_argument(
@@ -35,7 +34,6 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write the files."""
     from kg.serving.opening import open_map
     from planner.freespace.map_server import write_grid
 

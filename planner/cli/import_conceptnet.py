@@ -22,7 +22,6 @@ _WORDS = {"locatedAt": "located at", "nearBy": "near", "subClassOf": "is a"}
 
 
 def add(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Declare what can be imported from ConceptNet."""
     parser = kinds.add_parser(
         "conceptnet",
         help="where things are found, from ConceptNet (file or web API)",
@@ -59,7 +58,6 @@ def add(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Import, and print what changed, or what was found where nothing is to be written."""
     from kg.knowledge.conceptnet.importing import import_conceptnet
     from perception.inference.model_zoo import cache_folder
 

@@ -10,7 +10,6 @@ from planner.cli.console import note, print_table
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Declare the command and what can be imported."""
     kinds = parser.add_subparsers(dest="kind", metavar="WHAT", required=True)
     maps = kinds.add_parser(
         "reference-maps",
@@ -28,7 +27,6 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Import the files, all or nothing."""
     from kg.export.thesis_json import import_reference_maps
     from kg.serving.opening import in_memory_map, open_or_create_map
 

@@ -10,7 +10,6 @@ from planner.cli.console import note, print_table, write_json
 
 
 def add(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Declare the command."""
     rooms = kinds.add_parser(
         "rooms",
         help="how many real rooms of a kind hold an object of a kind (CSV)",
@@ -34,7 +33,6 @@ def add(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Import the table, all or nothing."""
     from kg.knowledge.ontology.catalogue import Catalogue
     from kg.knowledge.ontology.loading import load_ontologies
     from kg.knowledge.placement.statistics_export import write_rooms

@@ -28,14 +28,12 @@ if TYPE_CHECKING:
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
     parser.add_argument("recording", metavar="RECORDING", help="folder, bag or MCAP file")
     add_json(parser)
     add_recording_arguments(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the streams, the choice and the findings; exit code 1 where it cannot be mapped."""
     from perception.sources.bags import bag
     from perception.sources.recording import format_of, open_recording
 

@@ -54,7 +54,6 @@ SOURCES: Final = (
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
     parser.add_argument("recording", metavar="SOURCE", help=SOURCES)
     add_map_options(parser)
     parser.add_argument("--limit", type=whole, metavar="N", help="end after N frames")
@@ -67,7 +66,6 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Map the frames that come, until the run is ended."""
     connection = _connection(arguments.recording)
     given = arguments.format != "auto" or arguments.pose_convention != "camera-to-world"
     if connection is not None and (given or arguments.up or arguments.same_frame):

@@ -14,7 +14,6 @@ from planner.cli.console import note, print_table, write_json
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
     add_map(parser)
     parser.add_argument("thing", metavar="IRI", help="object/17, place/1, robot, or an IRI")
     parser.add_argument("--last", type=count, metavar="N", help="only the last N changes")
@@ -22,7 +21,6 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Tell the history."""
     from kg.history.timestamps import iso
     from kg.serving.opening import open_map
 

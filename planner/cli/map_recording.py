@@ -35,7 +35,6 @@ _MAX_NAMED = 10  # labels in one note
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
     parser.add_argument("recording", metavar="RECORDING", help="folder of the recording")
     parser.add_argument(
         "--again", action="store_true", help="map frames again that this map already holds"
@@ -62,7 +61,6 @@ def add_map_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Map the recording, and print the outcome."""
     inputs = open_inputs(arguments, arguments.recording)
     with (
         open_viewers(arguments, title_for(arguments.into)) as viewer,
@@ -71,8 +69,13 @@ def run(arguments: argparse.Namespace) -> int:
         if inputs.corrected and _correct_poses(inputs, semantic_map, arguments):
             return 0
         inputs = fitted(inputs, semantic_map, arguments.into)
-        report = map_with_progress(
-            inputs, semantic_map, on_detections=on_detections, again=arguments.again
+        report = map_frames(
+            inputs.recording,
+            semantic_map,
+            inputs.networks,
+            inputs.options,
+            on_detections=on_detections,
+            again=arguments.again,
         )
         if report.frames == 0:
             note(
@@ -129,12 +132,12 @@ def _correct_poses(
     if not is_mapped(inputs.recording, semantic_map):
         return False
     as_mapped = replace(inputs.reading, poses=None, check=False)
-    alone = replace(inputs, options=replace(inputs.options, find_places=False))
+    options = replace(inputs.options, find_places=False)
     report = correct_poses(
         inputs.recording,
         open_recording(inputs.path, as_mapped),
         semantic_map,
-        lambda recording, apart: map_with_progress(replace(alone, recording=recording), apart),
+        lambda recording, apart: map_frames(recording, apart, inputs.networks, options),
         inputs.options,
     )
     if arguments.json:
@@ -176,24 +179,6 @@ def fitted(inputs: Inputs, semantic_map: SemanticMap, address: str) -> Inputs:
         rows = " ".join(f"{x:.6g}" for x in recording.T_map_world.ravel())
         note(f"T_map_world, row by row: {rows}")
     return replace(inputs, recording=recording)
-
-
-def map_with_progress(
-    inputs: Inputs,
-    semantic_map: SemanticMap,
-    *,
-    on_detections: OnDetections | None = None,
-    again: bool = False,
-) -> MappingReport:
-    """Run the mapping pipeline under a progress bar."""
-    return map_frames(
-        inputs.recording,
-        semantic_map,
-        inputs.networks,
-        inputs.options,
-        on_detections=on_detections,
-        again=again,
-    )
 
 
 def map_frames(
@@ -315,7 +300,7 @@ def print_outcome(
 
 def _doubted(report: MappingReport, address: str) -> str:
     """The line about things that were seen but are not believed."""
-    from planner.cli.doubted_things import listed_things
+    from planner.cli.candidates import listed_things
 
     count = f"{report.doubted} thing{'s' * (report.doubted > 1)}"
     found = listed_things(report.most_probable)

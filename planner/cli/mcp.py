@@ -30,7 +30,6 @@ _INTERRUPTED = 130  # exit code, as shells have it
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
     add_map(parser)
     parser.add_argument(
         "--http",
@@ -60,14 +59,9 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Serve the tools until stdin ends, or until interrupted."""
     _check_options(arguments)
     if importlib.util.find_spec("mcp") is None:
         raise ServerError("this needs the package mcp: pip install 'hereabouts[mcp]'")
-    return _serve(arguments)
-
-
-def _serve(arguments: argparse.Namespace) -> int:
     from kg.serving.opening import open_map
     from kg.serving.workers.limited_queries import LimitedQueries
     from planner.agents.map_context import MapContext

@@ -22,17 +22,8 @@ _ANY_HELP = "ontology file or folder, folder of a map, or address of a server wi
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Declare the command and its parts."""
     parts = parser.add_subparsers(dest="part", metavar="WHAT", required=True)
-    _add_check(parts)
-    _add_diff(parts)
-    _add_reload(parts)
-    _add_export(parts)
-    _add_vocabulary(parts)
-
-
-def _add_check(parts: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    parser = parts.add_parser(
+    check = parts.add_parser(
         "check",
         help="validate an ontology; faults with file and line",
         description="Validate ontologies, each by itself (default: the shipped one): SHACL, "
@@ -40,27 +31,23 @@ def _add_check(parts: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
         "give 0.",
         epilog="example: hereabouts ontology check mine.ttl --reason",
     )
-    parser.add_argument("sources", nargs="*", metavar="FILE|FOLDER", help=_SOURCE_HELP)
-    _add_reason(parser)
-    add_json(parser)
-    parser.set_defaults(run=_check)
+    check.add_argument("sources", nargs="*", metavar="FILE|FOLDER", help=_SOURCE_HELP)
+    _add_reason(check)
+    add_json(check)
+    check.set_defaults(run=_check)
 
-
-def _add_diff(parts: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    parser = parts.add_parser(
+    diff = parts.add_parser(
         "diff",
         help="differences between two ontologies",
         description="Print what was added (+), removed (-) or changed (~), a line each.",
         epilog="example: hereabouts ontology diff kitchen.map mine.ttl",
     )
-    parser.add_argument("old", metavar="OLD", help=_ANY_HELP)
-    parser.add_argument("new", metavar="NEW", help=_ANY_HELP)
-    add_json(parser)
-    parser.set_defaults(run=_diff)
+    diff.add_argument("old", metavar="OLD", help=_ANY_HELP)
+    diff.add_argument("new", metavar="NEW", help=_ANY_HELP)
+    add_json(diff)
+    diff.set_defaults(run=_diff)
 
-
-def _add_reload(parts: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    parser = parts.add_parser(
+    reload = parts.add_parser(
         "reload",
         help="load an edited ontology into a map, also while it is served",
         description="Validate an ontology and load it into a map, in one transaction; print what "
@@ -70,42 +57,40 @@ def _add_reload(parts: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
         epilog="example: hereabouts ontology reload http://127.0.0.1:8008 mine.ttl",
     )
     help_text = f"{MAP_HELP}, or the address of a running hereabouts serve"
-    parser.add_argument("map", metavar="MAP", help=help_text)
-    parser.add_argument("source", metavar="FILE|FOLDER", help=_SOURCE_HELP)
-    add_author(parser)
-    parser.add_argument(
+    reload.add_argument("map", metavar="MAP", help=help_text)
+    reload.add_argument("source", metavar="FILE|FOLDER", help=_SOURCE_HELP)
+    add_author(reload)
+    reload.add_argument(
         "--whole", action="store_true", help="remove terms that the file neither holds nor imports"
     )
-    parser.add_argument("--dry-run", action="store_true", help="only print what would change")
-    _add_reason(parser)
-    add_json(parser)
-    parser.set_defaults(run=_reload)
+    reload.add_argument("--dry-run", action="store_true", help="only print what would change")
+    _add_reason(reload)
+    add_json(reload)
+    reload.set_defaults(run=_reload)
 
-
-def _add_export(parts: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    parser = parts.add_parser(
+    export = parts.add_parser(
         "export",
         help="write a map's ontology as one file that Protege opens",
         description="Write the ontology a map has now, imports included, as one file.",
         epilog="example: hereabouts ontology export kitchen.map -o kitchen.owl",
     )
-    parser.add_argument("map", metavar="MAP", help=MAP_HELP)
-    parser.add_argument(
+    export.add_argument("map", metavar="MAP", help=MAP_HELP)
+    export.add_argument(
         "-o", "--output", required=True, metavar="FILE", help=".ttl, .owl, .rdf or .nt"
     )
-    parser.set_defaults(run=_export)
+    export.set_defaults(run=_export)
 
-
-def _add_vocabulary(parts: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    parser = parts.add_parser(
+    vocabulary = parts.add_parser(
         "vocabulary",
         help="every term and category as a page (Markdown)",
         description="Print the vocabulary reference of an ontology (default: the shipped one).",
         epilog="example: hereabouts ontology vocabulary -o vocabulary.md",
     )
-    parser.add_argument("source", nargs="?", metavar="FILE|FOLDER", help=_SOURCE_HELP)
-    parser.add_argument("-o", "--output", metavar="FILE", help="file to write instead of stdout")
-    parser.set_defaults(run=_vocabulary)
+    vocabulary.add_argument("source", nargs="?", metavar="FILE|FOLDER", help=_SOURCE_HELP)
+    vocabulary.add_argument(
+        "-o", "--output", metavar="FILE", help="file to write (default: stdout)"
+    )
+    vocabulary.set_defaults(run=_vocabulary)
 
 
 def _add_reason(parser: argparse.ArgumentParser) -> None:

@@ -17,7 +17,6 @@ _COLUMNS = ("place", "label", "area m2", "adjacent")
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
     add_map(parser)
     parser.add_argument(
         "--find", action="store_true", help="make the rooms of the mapped floor places"
@@ -26,7 +25,6 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Find places with --find, and list all."""
     from kg.serving.opening import open_map
     from mapping.places.found_places import find_places
 

@@ -15,7 +15,6 @@ from planner.cli.console import note
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
     add_map(parser)
     parser.add_argument(
         "-o", "--output", default="map.png", metavar="FILE", help="picture to write"
@@ -41,11 +40,10 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Draw the picture."""
     from kg.serving.opening import open_map
     from planner.display.plots.drawing import SHOWN_EXISTENCE
     from planner.display.plots.map_plot import plot_map
-    from planner.display.plots.plan_plot import plot_plan
+    from planner.display.plots.search_plot import plot_plan
     from planner.search.plans.search_state import build_search
     from planner.search.plans.view_plan import plan_from
 

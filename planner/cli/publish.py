@@ -20,7 +20,6 @@ from planner.cli.console import note, write_json
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
     parser.add_argument(
         "maps", nargs="+", metavar="MAP", help="folder, or address of a running `hereabouts serve`"
     )
@@ -35,7 +34,6 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Publish until interrupted, or once; 1 where one of the maps could not be."""
     from kg.serving.publishing.publisher import Publisher
     from kg.serving.publishing.target import PublishTarget
 

@@ -10,12 +10,10 @@ from planner.cli.console import print_table, write_json
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
     add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """List the questions."""
     from kg.maps.query.query_files import shipped_queries
 
     questions = shipped_queries()

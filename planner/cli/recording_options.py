@@ -26,7 +26,30 @@ def add_recording_arguments(parser: argparse.ArgumentParser) -> None:
         help="trajectory in TUM format instead of the recording's own poses; objects and floor "
         "that a map has of the recording move with it",
     )
-    _add_selection_arguments(group)
+    group.add_argument(
+        "--every", type=whole, default=1, metavar="N", help="read the first frame and each N-th"
+    )
+    group.add_argument(
+        "--keyframes",
+        action="store_true",
+        help="read only frames whose camera has moved by 0.1 m or turned by 5 degrees since the "
+        "last one read",
+    )
+    group.add_argument("--limit", type=whole, metavar="N", help="read N frames at most")
+    group.add_argument(
+        "--from",
+        dest="start",
+        type=float,
+        metavar="SECONDS",
+        help="leave out frames sooner than this after the recording's first frame",
+    )
+    group.add_argument(
+        "--to",
+        dest="stop",
+        type=float,
+        metavar="SECONDS",
+        help="leave out frames later than this after the recording's first frame",
+    )
     group.add_argument(
         "--started",
         type=_moment,
@@ -173,33 +196,6 @@ def _add_source_arguments(group: argparse._ArgumentGroup) -> None:
         "--up",
         metavar="AXIS",
         help="the world's up: x, y, z, -x, -y, -z or a vector A,B,C (default: read, else found)",
-    )
-
-
-def _add_selection_arguments(group: argparse._ArgumentGroup) -> None:
-    group.add_argument(
-        "--every", type=whole, default=1, metavar="N", help="read the first frame and each N-th"
-    )
-    group.add_argument(
-        "--keyframes",
-        action="store_true",
-        help="read only frames whose camera has moved by 0.1 m or turned by 5 degrees since the "
-        "last one read",
-    )
-    group.add_argument("--limit", type=whole, metavar="N", help="read N frames at most")
-    group.add_argument(
-        "--from",
-        dest="start",
-        type=float,
-        metavar="SECONDS",
-        help="leave out frames sooner than this after the recording's first frame",
-    )
-    group.add_argument(
-        "--to",
-        dest="stop",
-        type=float,
-        metavar="SECONDS",
-        help="leave out frames later than this after the recording's first frame",
     )
 
 

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
     add_map(parser)
     parser.add_argument(
         "--to",
@@ -45,7 +44,6 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Restore, and print what changed."""
     from kg.serving.opening import open_map
 
     with open_map(arguments.map) as semantic_map:

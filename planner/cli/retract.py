@@ -15,7 +15,6 @@ from planner.cli.console import note, write_json
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
     add_map(parser)
     add_what(parser)
     add_author(parser)
@@ -23,7 +22,6 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Retract, in one transaction."""
     from kg.serving.opening import open_map
 
     with open_map(arguments.map) as semantic_map:

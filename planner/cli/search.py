@@ -54,7 +54,6 @@ _ROBOT = (
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
     add_map(parser)
     parser.add_argument(
         "object",
@@ -100,7 +99,6 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Search, and print each event on stderr or, with --json, on stdout."""
     from kg.serving.opening import open_map
 
     _check_usage(arguments)

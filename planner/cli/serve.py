@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
     add_map(parser)
     parser.add_argument("--host", default="127.0.0.1", help="address to listen at (127.0.0.1)")
     parser.add_argument(
@@ -96,16 +95,11 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Serve until interrupted, or ended by SIGTERM."""
     if arguments.keep is not None and not (arguments.token_file or arguments.recording):
         arguments.usage_error("--keep is for a map that is written: --token-file or --recording")
     if arguments.foxglove is not None and arguments.read_token_file:
         arguments.usage_error("--foxglove would show a private map to anybody on this machine")
     signal.signal(signal.SIGTERM, end_on_signal)
-    return _serve(arguments)
-
-
-def _serve(arguments: argparse.Namespace) -> int:
     from kg.serving.opening import open_map, open_or_create_map
     from kg.serving.server import MapServer
     from kg.store.process_memory import gc_frozen

@@ -19,7 +19,6 @@ _COLUMNS = ("folder", "frames", "objects", "detections", "moved", "carried", "va
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
     subjects = parser.add_subparsers(dest="subject", metavar="SUBJECT", required=True)
     house = subjects.add_parser(
         "house",

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
     add_map(parser)
     parser.add_argument("object", metavar="OBJECT", help="category or thing, e.g. cup or object/17")
     parser.add_argument(
@@ -35,7 +34,6 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the status."""
     from kg.serving.opening import open_map
     from planner.search.goals.status import status
 

@@ -35,7 +35,6 @@ _MAX_IMAGES: Final = 40  # images of a place from a recording or a folder, evenl
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
     add_map(parser)
     parser.add_argument("place", metavar="PLACE", help="place/2, its label or IRI")
     parser.add_argument(
@@ -58,7 +57,6 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Describe the images, and keep what they are examples of."""
     from kg.serving.opening import open_map
     from kg.store.sparql_client import is_url
     from perception.inference.scene_classifier import load_scene_classifier

@@ -19,7 +19,6 @@ from planner.cli.console import note, write_json
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
     add_map(parser)
     parser.add_argument("file", nargs="?", metavar="FILE.ru", help="file with the update")
     parser.add_argument("-e", "--execute", metavar="SPARQL", help="the update itself instead")
@@ -31,7 +30,6 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Update, and say what changed."""
     from kg.maps.stored_map import StoredMap
     from kg.serving.opening import open_map
     from kg.serving.workers.local_evaluation import update_isolated

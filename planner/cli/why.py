@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
     add_map(parser)
     parser.add_argument(
         "what",
@@ -51,7 +50,6 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Explain."""
     if arguments.candidates is not None:
         return _candidates(arguments)
     if not arguments.what:

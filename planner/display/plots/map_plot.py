@@ -35,6 +35,7 @@ from planner.display.plots.drawing import (
     draw_stop,
     mark,
 )
+from planner.display.plots.label_placement import WallsBelow, wall_cells
 from planner.display.plots.label_text import drawable
 from planner.display.plots.layout import Extent, Listing, Sheet
 from planner.display.plots.palette import (
@@ -53,7 +54,6 @@ from planner.display.plots.palette import (
 from planner.display.plots.picture_file import checked_ending, picture_style, save_picture
 from planner.display.plots.place_names import NamedPlace, write_place_names
 from planner.display.plots.point_labels import PointLabel, write_labels
-from planner.display.plots.walls_below import WallsBelow, wall_cells
 
 Legend = Literal["class", "place"]
 

@@ -7,8 +7,9 @@ the thesis' markers.
 
 from __future__ import annotations
 
+import time
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
@@ -207,6 +208,31 @@ class SceneReader:
                         target=self._name(relation.target),
                         ends=(at[record.iri], at[relation.target]),
                     )
+
+
+def past_scenes(
+    semantic_map: SemanticMap, steps: int, least: float = SHOWN_EXISTENCE
+) -> Iterator[tuple[Scene, float]]:
+    """Up to `steps` earlier scenes, oldest first, each with the robot's time then [s since 1970].
+
+    The present is not among them, and neither is what was before a robot was on the map.
+    Raises HistoryError for a map that does not keep its past here.
+    """
+    log = semantic_map.history.log
+    numbers = np.linspace(log.floor, log.last, steps + 1)[:-1]
+    for number in dict.fromkeys(int(n) for n in numbers):
+        with semantic_map.at(number) as then:
+            scene = SceneReader(then, least).read()
+        if scene.robot is not None:
+            yield scene, scene.robot.stamp
+
+
+def present_scene(
+    semantic_map: SemanticMap, least: float = SHOWN_EXISTENCE, plan: ScenePlan | None = None
+) -> tuple[Scene, float]:
+    """The scene as it is, with a `plan`, at the robot's time or now [s since 1970]."""
+    scene = SceneReader(semantic_map, least).read(plan)
+    return scene, time.time() if scene.robot is None else scene.robot.stamp
 
 
 def _point(values: NDArray[np.float64]) -> Point:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from kg.maps.semantic_map import SemanticMap
-from planner.display.plots.plan_plot import SAME, shown_steps
+from planner.display.plots.search_plot import SAME, shown_steps
 from planner.display.viewers.scene import ScenePlan, SceneStop
 from planner.execution.protocol import cleaned
 from planner.search.plans.report import step_purpose

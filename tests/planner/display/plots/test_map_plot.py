@@ -18,13 +18,12 @@ from kg.model.records import FREE, UNKNOWN, MapUpdate, ObjectRecord, PlaceRecord
 from kg.serving.opening import in_memory_map
 from mapping.occupancy.mapped_floor import MappedFloor
 from planner.display.plots.drawing import Stop, draw_floor
-from planner.display.plots.label_placement import place_labels
+from planner.display.plots.label_placement import WallsBelow, place_labels, wall_cells
 from planner.display.plots.layout import Extent, Item, Listing, Sheet
 from planner.display.plots.map_plot import SearchDrawing, plot_map
 from planner.display.plots.palette import object_groups
 from planner.display.plots.place_names import NamedPlace, write_place_names
-from planner.display.plots.plan_plot import numbered_stops
-from planner.display.plots.walls_below import WallsBelow, wall_cells
+from planner.display.plots.search_plot import numbered_stops
 from planner.simulation.houses.house import furnished_house
 from planner.simulation.houses.house_truth import ground_truth
 

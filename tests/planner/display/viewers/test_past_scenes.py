@@ -6,7 +6,7 @@ import numpy as np
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import MapUpdate, RobotRecord
-from planner.display.viewers.past_scenes import past_scenes, present_scene
+from planner.display.viewers.scene import past_scenes, present_scene
 from tests.planner.display.viewers.conftest import thing
 
 
