@@ -50,6 +50,20 @@ def test_a_hit_ends_the_doubt():
     assert absence.probability(0.2) == 0.0
 
 
+def test_a_merged_thing_was_seen_when_either_was():
+    lost, just_seen, doubted = seen(4), seen(2, misses=1), seen(3)
+    for _ in range(5):
+        lost.miss(1.0, 0.6)
+    doubted.miss(1.0, 0.6)
+    assert lost.probability(0.2) > doubted.probability(0.2) > 0
+    lower, run = doubted.log_ratio, doubted.run
+    doubted.merge(lost)
+    assert (doubted.log_ratio, doubted.run) == (lower, run)
+    lost.merge(just_seen)
+    assert lost.probability(0.2) == 0.0
+    assert lost == Absence(hits=6.0, misses=1.0)  # all views of both count from now on
+
+
 def test_what_is_carried_leaves_sooner_than_what_is_fixed():
     cup, sink = listed_half_life("cup"), listed_half_life("sink")
     assert departed(sink, 0) < departed(cup, 0) == pytest.approx(0.02)

@@ -64,6 +64,23 @@ def test_a_thing_of_the_same_name_is_preferred(make_sighting, make_track):
     assert found([make_sighting({"bottle": 0.5}, (2, 0.01, 1))], tracks) == {0: 1}
 
 
+def test_a_small_thing_last_seen_long_ago_is_taken_only_for_what_is_near_its_spot(
+    make_sighting, make_track
+):
+    def pairs(shift, *, stale, name="cup", size=0.1):
+        track = make_track("cup", (2, 0, 1), size=size)
+        track.stale = stale
+        return found([make_sighting({name: 0.7}, (2, shift, 1), size=size)], [track])
+
+    taken = {0: 0}
+    assert (pairs(0.15, stale=False), pairs(0.15, stale=True)) == (taken, {})
+    assert pairs(0.08, stale=True) == taken
+    assert pairs(0.15, stale=True, size=0.5) == taken  # large things are seldom replaced
+    other = {"name": "bottle"}
+    assert (pairs(0.1, stale=False, **other), pairs(0.1, stale=True, **other)) == (taken, {})
+    assert pairs(0.05, stale=True, **other) == taken
+
+
 def test_asserted_position_and_category_are_looked_at_too(make_sighting, make_track):
     track = make_track("cup", (2, 0, 1))
 

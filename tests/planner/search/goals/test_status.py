@@ -12,7 +12,7 @@ import pytest
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError, UnknownCategoryError
-from kg.model.records import MapUpdate, ObjectRecord, PlaceRecord, PlaceViews
+from kg.model.records import DepartedRecord, MapUpdate, ObjectRecord, PlaceRecord, PlaceViews
 from kg.model.transactions import Cause
 from kg.serving.opening import create_map
 from planner.cli import main
@@ -92,6 +92,45 @@ def test_what_left_the_map_is_gone_by_the_frame_that_showed_it(semantic_map: Sem
     assert "tour/frame-000042" in found.proof
     with pytest.raises(QueryParameterError, match="knows nothing of object/77"):
         status(semantic_map, "object/77")
+
+
+def test_a_thing_that_is_doubted_is_gone_only_if_its_place_was_viewed_since(
+    semantic_map: SemanticMap,
+) -> None:
+    kitchen, *_, attic = semantic_map.places()
+    certain = thing(semantic_map, kitchen, existence=0.5)
+    just_seen = replace(thing(semantic_map, kitchen, existence=0.4), last_seen=SEEN + 60)
+    unviewed = thing(semantic_map, attic, existence=0.4)
+    outside = replace(thing(semantic_map, attic, existence=0.4), place=None)
+    semantic_map.apply(MapUpdate(objects=(certain, just_seen, unviewed, outside)))
+    found = [status(semantic_map, one.iri) for one in (certain, just_seen, unviewed, outside)]
+    assert [one.value for one in found] == ["present", "hidden", "hidden", "hidden"]
+    assert "in kitchen, 0.50 sure" in found[0].proof
+    assert "last viewed" not in found[0].proof
+    assert "kitchen last viewed 2023-11-14 22:14:20" in found[1].proof
+    assert found[3].proof.startswith("in no place, 0.40 sure")
+
+
+def test_a_thing_that_left_its_spot_is_gone_with_spot_and_times(semantic_map: SemanticMap) -> None:
+    hall = semantic_map.places()[1]
+    cup = thing(semantic_map, hall)
+    semantic_map.apply(MapUpdate(objects=(cup,)))
+    left = DepartedRecord(
+        iri=cup.iri,
+        category=cup.category,
+        p_map=cup.p_map,
+        peak=0.9,
+        observations=5,
+        first_seen=SEEN - 9,
+        last_seen=SEEN,
+        found_gone=SEEN + 60,
+    )
+    semantic_map.apply(MapUpdate(removed=(cup.iri,), departed=(left,)))
+    found = status(semantic_map, cup.iri)
+    assert found.value == "gone"
+    assert found.proof == (
+        "left (11.00, 1.00) in hall: last seen 2023-11-14 22:13:20, gone 2023-11-14 22:14:20"
+    )
 
 
 def test_a_kind_of_cup_counts_as_a_cup(semantic_map: SemanticMap) -> None:
