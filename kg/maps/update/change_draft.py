@@ -8,18 +8,19 @@ from typing import TYPE_CHECKING
 from pyoxigraph import BlankNode, DefaultGraph, Literal, NamedNode, Quad, Store, Triple
 
 from kg.maps.update.ground_update import GroundUpdate
+from kg.model import vocabulary as v
+from kg.rdf.quad_store import Subject
 from kg.rdf.skolem import with_fresh_iris
 
 if TYPE_CHECKING:
     from kg.store.transactional import TransactionalStore
 
-Subject = NamedNode | BlankNode | Triple
 Term = NamedNode | BlankNode | Literal | Triple
 GraphName = NamedNode | BlankNode | DefaultGraph
 
 
 class ChangeDraft:
-    """Quads to add and to remove; none that the graph already has, or lacks."""
+    """Quads to add, which the graph lacks, and quads to remove, which the graph has."""
 
     def __init__(self, store: TransactionalStore) -> None:
         self._store = store  # not its engine, so that a closed map is released
@@ -70,10 +71,24 @@ class ChangeDraft:
             if quad not in self.removed:
                 yield quad
         for quad in tuple(self.added):
-            if (
-                (s is None or quad.subject == s)
-                and (p is None or quad.predicate == p)
-                and (o is None or quad.object == o)
-                and (g is None or quad.graph_name == g)
+            if all(
+                term is None or term == own for term, own in zip((s, p, o, g), quad, strict=True)
             ):
                 yield quad
+
+    def facts(self, subject: Subject, predicate: str) -> tuple[Quad, ...]:
+        """Facts of graph:map after the change with this subject and predicate."""
+        return tuple(self.after(subject, NamedNode(predicate), None, v.MAP_GRAPH))
+
+    def writes(self, subject: Subject, *predicates: str) -> bool:
+        """Whether facts of graph:map with this subject and one of the predicates change."""
+        return any(
+            quad.subject == subject
+            and quad.predicate.value in predicates
+            and quad.graph_name == v.MAP_GRAPH
+            for quad in (*self.added, *self.removed)
+        )
+
+    def is_new(self, subject: Subject) -> bool:
+        """Whether graph:map had no type of the subject before the change."""
+        return next(self.before(subject, v.RDF_TYPE, None, v.MAP_GRAPH), None) is None

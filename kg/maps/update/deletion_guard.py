@@ -14,10 +14,11 @@ from typing import Final
 from pyoxigraph import NamedNode, Quad
 
 from kg.maps.facts.objects_and_places import RecordCodec
-from kg.maps.update.change_draft import ChangeDraft, Subject
+from kg.maps.update.change_draft import ChangeDraft
 from kg.maps.update.implicit_assertions import Read, categories
 from kg.model import vocabulary as v
 from kg.model.errors import UnconfirmedDeletionError
+from kg.rdf.quad_store import Subject
 
 _PLACE: Final = NamedNode(v.PLACE)
 
@@ -31,7 +32,7 @@ class DeletionLimit:
 
 
 def check_confirmed(pending: ChangeDraft, facts: RecordCodec, limit: DeletionLimit) -> None:
-    """Raises UnconfirmedDeletionError if `pending` removes more than `limit`."""
+    """Raise UnconfirmedDeletionError if `pending` removes more than `limit`."""
     lost = len(removed_things(pending, facts))
     if lost <= limit.count:
         return
@@ -46,19 +47,19 @@ def check_confirmed(pending: ChangeDraft, facts: RecordCodec, limit: DeletionLim
 
 
 def removed_things(pending: ChangeDraft, facts: RecordCodec) -> frozenset[Subject]:
-    """Objects and places that are none after `pending`."""
+    """Objects and places that the change removes."""
     before = things_in(pending.removed, facts)
     return frozenset(s for s in before if not _is_thing(pending.after, facts, s))
 
 
 def added_things(pending: ChangeDraft, facts: RecordCodec) -> frozenset[Subject]:
-    """Objects and places that were none before `pending`."""
+    """Objects and places that the change adds."""
     after = things_in(pending.added, facts)
     return frozenset(s for s in after if not _is_thing(pending.before, facts, s))
 
 
 def things_in(quads: Iterable[Quad], facts: RecordCodec) -> frozenset[Subject]:
-    """Subjects with a type of objects or places, in graph:map, among `quads`."""
+    """Objects and places in `quads`: subjects that have such a type in graph:map."""
     return frozenset(
         quad.subject
         for quad in quads
@@ -67,7 +68,7 @@ def things_in(quads: Iterable[Quad], facts: RecordCodec) -> frozenset[Subject]:
 
 
 def is_place(read: Read, facts: RecordCodec, subject: Subject) -> bool:
-    """Whether a subject is a place in the graph that `read` reads."""
+    """Whether a subject is a place in the state that `read` reads."""
     types = {quad.object for quad in read(subject, v.RDF_TYPE, None, v.MAP_GRAPH)}
     if _PLACE in types or not isinstance(subject, NamedNode):
         return _PLACE in types

@@ -1,6 +1,6 @@
-"""Implicit assertions: rewrites updates of perceived properties into assertions.
+"""Implicit assertions: an update of a perceived property becomes an assertion.
 
-Otherwise the next frame would overwrite what a person wrote.
+Otherwise the next frame would overwrite the value that a person wrote.
 """
 
 from __future__ import annotations
@@ -8,7 +8,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from typing import Final
 
 from pyoxigraph import Literal, NamedNode, Quad
 
@@ -18,31 +17,23 @@ from kg.maps.update.change_draft import ChangeDraft
 from kg.model import vocabulary as v
 from kg.model.records import Assertion, PlaceRecord
 
-_HAS_BELIEF: Final = NamedNode(v.HAS_BELIEF)
-_HAS_LABEL_BELIEF: Final = NamedNode(v.HAS_LABEL_BELIEF)
-
 Read = Callable[..., Iterator[Quad]]
-
-__all__ = ["assert_perceived_properties", "categories"]
 
 
 def assert_perceived_properties(
     pending: ChangeDraft, facts: RecordCodec, subject: NamedNode, by: str
 ) -> None:
-    """Add to `pending` assertions by `by` of the perceived properties of `subject` it writes."""
+    """Add assertions by `by` for the perceived properties of `subject` that `pending` writes."""
     assertions = Assertions(facts.base)
     previous = assertions.of(pending.engine, subject.value)
-    made: dict[str, Assertion | None] = {}
     kind = "object" if categories(pending.after, facts, subject, "object") else "place"
-    made["category"] = _category(pending, facts, subject, kind, previous, by)
+    made = [_category(pending, facts, subject, kind, previous, by)]
     if kind == "object":
-        made["position"] = _position(pending, subject, previous, by)
-        if "existence" in previous and _wrote(pending, subject, v.EXISTENCE):
+        made.append(_position(pending, subject, previous, by))
+        if "existence" in previous and pending.writes(subject, v.EXISTENCE):
             pending.change(_node(pending, assertions, previous["existence"]), ())
-    made["label"] = _label(pending, subject, previous, by)
-    for assertion in made.values():
-        if assertion is None:
-            continue
+    made.append(_label(pending, subject, previous, by))
+    for assertion in filter(None, made):
         before = previous.get(assertion.property)
         old = _node(pending, assertions, before) if before else ()
         pending.change(old, assertions.quads(assertion))
@@ -88,7 +79,7 @@ def _category(
         strength = float(_one(pending.before, subject, v.EXISTENCE) or 0)
         made = replace(made, perceived=min(before), strength=strength)
         _relabel(pending, facts, subject, min(before), value)
-        _remove_linked(pending, subject, _HAS_LABEL_BELIEF)
+        _remove_linked(pending, subject, v.HAS_LABEL_BELIEF)
     else:
         beliefs = _beliefs(pending, subject)
         top = max(beliefs, key=lambda c: (beliefs[c], c), default=None)
@@ -102,11 +93,11 @@ def _position(
     pending: ChangeDraft, subject: NamedNode, previous: PropertyAssertions, by: str
 ) -> Assertion | None:
     axes = (v.X, v.Y, v.Z)
-    if "position" not in previous or not any(_wrote(pending, subject, axis) for axis in axes):
+    if "position" not in previous or not pending.writes(subject, *axes):
         return None
     numbers = [_one(pending.after, subject, axis) for axis in axes]
     if None in numbers:
-        return None  # the shapes report what is missing
+        return None  # the shapes report missing coordinates
     value = " ".join(str(number) for number in numbers)
     return replace(previous["position"], value=value, by=by, stamp=time.time())
 
@@ -115,7 +106,7 @@ def _label(
     pending: ChangeDraft, subject: NamedNode, previous: PropertyAssertions, by: str
 ) -> Assertion | None:
     label = _one(pending.after, subject, v.RDFS_LABEL)
-    if "label" not in previous or label is None or not _wrote(pending, subject, v.RDFS_LABEL):
+    if "label" not in previous or label is None or not pending.writes(subject, v.RDFS_LABEL):
         return None
     return replace(previous["label"], value=label, by=by, stamp=time.time())
 
@@ -125,11 +116,17 @@ def _relabel(
 ) -> None:
     """Update a label that consists of the category and the number."""
     number = subject.value.rstrip("/").rpartition("/")[2]
-    label = NamedNode(v.RDFS_LABEL)
-    was = Quad(subject, label, Literal(f"{facts.catalogue.label(old)} {number}"), v.MAP_GRAPH)
-    if was in pending.after(subject, label, None, v.MAP_GRAPH):
-        name = Literal(f"{facts.catalogue.label(new)} {number}")
-        pending.change([was], [Quad(subject, label, name, v.MAP_GRAPH)])
+    before, after = (
+        Quad(
+            subject,
+            NamedNode(v.RDFS_LABEL),
+            Literal(f"{facts.catalogue.label(category)} {number}"),
+            v.MAP_GRAPH,
+        )
+        for category in (old, new)
+    )
+    if before in pending.facts(subject, v.RDFS_LABEL):
+        pending.change([before], [after])
 
 
 def _restore_perceived(
@@ -145,14 +142,14 @@ def _restore_perceived(
 def _set_beliefs(
     pending: ChangeDraft, facts: RecordCodec, subject: NamedNode, beliefs: Mapping[str, float]
 ) -> None:
-    _remove_linked(pending, subject, _HAS_BELIEF)
+    _remove_linked(pending, subject, v.HAS_BELIEF)
     record = PlaceRecord(subject.value, "", 0.0, 0.0, 0.0, 0.0, beliefs=beliefs)
     pending.change((), facts.of_beliefs(record))
 
 
-def _remove_linked(pending: ChangeDraft, subject: NamedNode, link: NamedNode) -> None:
+def _remove_linked(pending: ChangeDraft, subject: NamedNode, link: str) -> None:
     """Remove the nodes that a property of `subject` points at, and the property."""
-    old = list(pending.after(subject, link, None, v.MAP_GRAPH))
+    old = list(pending.facts(subject, link))
     for quad in tuple(old):
         if isinstance(quad.object, NamedNode):
             old += pending.after(quad.object, None, None, v.MAP_GRAPH)
@@ -161,7 +158,7 @@ def _remove_linked(pending: ChangeDraft, subject: NamedNode, link: NamedNode) ->
 
 def _beliefs(pending: ChangeDraft, subject: NamedNode) -> dict[str, float]:
     beliefs = {}
-    for quad in pending.before(subject, _HAS_BELIEF, None, v.MAP_GRAPH):
+    for quad in pending.before(subject, NamedNode(v.HAS_BELIEF), None, v.MAP_GRAPH):
         if isinstance(quad.object, NamedNode):
             category = _one(pending.before, quad.object, v.OF_CATEGORY)
             share = _one(pending.before, quad.object, v.BELIEF)
@@ -179,15 +176,6 @@ def _node(pending: ChangeDraft, assertions: Assertions, previous: Assertion) -> 
         if isinstance(quad.subject, NamedNode)
         and (quad.subject.value == node or quad.subject.value.startswith(node + "/"))
     ]
-
-
-def _wrote(pending: ChangeDraft, subject: NamedNode, predicate: str) -> bool:
-    return any(
-        quad.subject == subject
-        and quad.predicate.value == predicate
-        and quad.graph_name == v.MAP_GRAPH
-        for quad in (*pending.added, *pending.removed)
-    )
 
 
 def _one(read: Read, subject: NamedNode, predicate: str) -> str | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from typing import Final
 
 from pyoxigraph import NamedNode
 
@@ -17,29 +16,26 @@ from kg.maps.facts.relations import (
     perceived_value,
     relation_quads,
 )
-from kg.maps.update.change_draft import ChangeDraft, Subject
+from kg.maps.update.change_draft import ChangeDraft
 from kg.model import vocabulary as v
 from kg.model.errors import ProtectedError
 from kg.model.records import Assertion, Relation, RelationKind
-
-_HAS_RELATION: Final = NamedNode(v.HAS_RELATION)
-_BESIDE: Final = NamedNode(v.BESIDE)
-_NODE: Final = NamedNode(v.SPATIAL_RELATION)
+from kg.rdf.quad_store import Subject
 
 
 def check_computed_relations(pending: ChangeDraft, subject: Subject) -> None:
-    """Raises ProtectedError if `pending` edits a relation that is computed from geometry."""
-    was = {quad.object for quad in pending.before(subject, v.RDF_TYPE, None, v.MAP_GRAPH)}
-    if not was:
+    """Raise ProtectedError if `pending` edits a relation that is computed from geometry."""
+    types = {quad.object for quad in pending.before(subject, v.RDF_TYPE, None, v.MAP_GRAPH)}
+    if not types:
         return  # a new node is written as a whole
     written = [quad for quad in pending.added if quad.subject == subject]
-    if _NODE in was and written:
+    if NamedNode(v.SPATIAL_RELATION) in types and written:
         raise _computed("a here:SpatialRelation")
     written += [quad for quad in pending.removed if quad.subject == subject]
     for quad in written:
-        if quad.predicate == _BESIDE and _exists(pending, quad.object):
+        if quad.predicate.value == v.BESIDE and _exists(pending, quad.object):
             raise _computed("here:beside")
-        if quad.predicate == _HAS_RELATION and quad in pending.added:
+        if quad.predicate.value == v.HAS_RELATION and quad in pending.added:
             raise _computed("here:hasRelation")
 
 
@@ -48,14 +44,16 @@ def assert_relations(pending: ChangeDraft, facts: RecordCodec, subject: NamedNod
     check_computed_relations(pending, subject)
     for kind in SINGLE:
         predicate = NamedNode(PREDICATES[kind])
-        before = _objects(pending, subject, predicate, after=False)
-        after = _objects(pending, subject, predicate, after=True)
+        before, after = (
+            {getattr(q.object, "value", "") for q in read(subject, predicate, None, v.MAP_GRAPH)}
+            for read in (pending.before, pending.after)
+        )
         lost = {other for other in before - after if _exists(pending, NamedNode(other))}
         new = after - before
         if not new and not lost:
             continue
-        if not before and _backed(pending, subject):
-            continue  # an object of another map, with its relations
+        if not before and pending.is_new(subject) and pending.facts(subject, v.HAS_RELATION):
+            continue  # an object of another map, written together with the nodes of its relations
         _assert(pending, facts, subject, kind, min(new) if new else None, by)
 
 
@@ -67,9 +65,9 @@ def _assert(
     value: str | None,
     by: str,
 ) -> None:
-    """Assert that `subject` is on or inside `value`; None: on or inside nothing.
+    """Assert that `subject` is on (inside) `value`, or for None that it is on (inside) nothing.
 
-    If the deleted relation was an assertion, the perceived one is restored.
+    If the update deletes an asserted relation, the perceived relation takes effect again.
     """
     assertions = Assertions(facts.base)
     previous = assertions.of(pending.engine, subject.value).get(kind)
@@ -85,8 +83,8 @@ def _assert(
         value = value or NOTHING
         now = time.time()
         since = None if record is None or perceived == value else now
-        seen = None if record is None else perceived
-        made = Assertion(subject.value, kind, value, by, now, seen, strength, since)
+        estimate = None if record is None else perceived
+        made = Assertion(subject.value, kind, value, by, now, estimate, strength, since)
         pending.change((), assertions.quads(made))
         relations = asserted_relations(relations, kind, value, 1.0)
     _write(pending, subject, kind, tuple(r for r in relations if r.kind == kind))
@@ -96,31 +94,16 @@ def _write(
     pending: ChangeDraft, subject: NamedNode, kind: RelationKind, relations: tuple[Relation, ...]
 ) -> None:
     predicate = NamedNode(PREDICATES[kind])
-    old = list(pending.after(subject, predicate, None, v.MAP_GRAPH))
-    for quad in pending.after(subject, _HAS_RELATION, None, v.MAP_GRAPH):
+    old = list(pending.facts(subject, PREDICATES[kind]))
+    for quad in pending.facts(subject, v.HAS_RELATION):
         about = list(pending.after(quad.object, None, None, v.MAP_GRAPH))  # type: ignore[arg-type]
         if any(fact.object == predicate for fact in about):
             old += [quad, *about]
     pending.change(old, relation_quads(subject.value, relations))
 
 
-def _objects(
-    pending: ChangeDraft, subject: NamedNode, predicate: NamedNode, *, after: bool
-) -> set[str]:
-    read = pending.after if after else pending.before
-    return {getattr(q.object, "value", "") for q in read(subject, predicate, None, v.MAP_GRAPH)}
-
-
-def _backed(pending: ChangeDraft, subject: NamedNode) -> bool:
-    """Whether an update adds an object together with the nodes of its relations."""
-    new = next(pending.before(subject, v.RDF_TYPE, None, v.MAP_GRAPH), None) is None
-    return new and next(pending.after(subject, _HAS_RELATION, None, v.MAP_GRAPH), None) is not None
-
-
 def _exists(pending: ChangeDraft, thing: object) -> bool:
-    if not isinstance(thing, NamedNode):
-        return False
-    return next(pending.after(thing, v.RDF_TYPE, None, v.MAP_GRAPH), None) is not None
+    return isinstance(thing, NamedNode) and bool(pending.facts(thing, v.RDF_TYPE.value))
 
 
 def _computed(what: str) -> ProtectedError:

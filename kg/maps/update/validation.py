@@ -17,11 +17,12 @@ from pyoxigraph import BlankNode, NamedNode, Quad, Triple
 
 from kg.knowledge.ontology.declared_terms import declared_terms, undeclared
 from kg.knowledge.ontology.loading import SHAPES_FILE, superclasses
-from kg.maps.update.change_draft import ChangeDraft, Subject
+from kg.maps.update.change_draft import ChangeDraft
 from kg.model import vocabulary as v
 from kg.model.errors import ProtectedError, ShapeError
 from kg.model.resources import ONTOLOGIES
 from kg.rdf.findings import Finding
+from kg.rdf.quad_store import Subject
 from kg.store.transactional import TransactionalStore
 
 #: Graphs that an update may write only where its caller allows it, and the way that works instead.
@@ -40,7 +41,7 @@ PROTECTED: Final = {
 _COUNTERS: Final = {v.SEQUENCE, v.NEXT_OBJECT, v.FRAMES_APPLIED, v.LAST_FRAME, v.TRANSFORM}
 _SHAPED: Final = (v.MAP_GRAPH, v.DATASET_GRAPH, v.ASSERTIONS_GRAPH)
 _SUB_CLASS: Final = NamedNode(v.RDFS_SUB_CLASS_OF)
-_SHOWN = 3  # violations in one message
+_MAX_SHOWN = 3  # violations in one message
 
 
 class UpdateValidator:
@@ -53,7 +54,7 @@ class UpdateValidator:
         self._shapes = Shapes(ONTOLOGIES / SHAPES_FILE)
 
     def check_permissions(self, pending: ChangeDraft, allow: Collection[str]) -> None:
-        """Raises ProtectedError if `pending` writes a protected graph that is not in `allow`."""
+        """Raise ProtectedError if `pending` writes a protected graph that is not in `allow`."""
         closed = {iri: how for name, (iri, how) in PROTECTED.items() if name not in allow}
         for quad in (*pending.added, *pending.removed):
             graph = getattr(quad.graph_name, "value", "")
@@ -61,14 +62,14 @@ class UpdateValidator:
                 raise ProtectedError(
                     f"an update may not write graph:{graph.removeprefix(v.GRAPH)}: {closed[graph]}"
                 )
-            if graph == v.DATASET_GRAPH.value and "dataset" not in allow and _kept(quad):
+            if graph == v.DATASET_GRAPH.value and "dataset" not in allow and _is_maintained(quad):
                 raise ProtectedError(
                     f"an update may not write {_short(quad.predicate.value)} of graph:dataset: "
                     "the map maintains it"
                 )
 
     def check_shapes(self, pending: ChangeDraft) -> None:
-        """Raises ShapeError if `pending` uses an undeclared here: term or violates a shape."""
+        """Raise ShapeError if `pending` uses an undeclared here: term or violates a shape."""
         self._check_terms(pending.added)
         focus = dict.fromkeys(_focus(pending))
         if not focus:
@@ -79,8 +80,8 @@ class UpdateValidator:
             found = [finding for finding in found if finding.without_value() not in before]
         if found:
             messages = list({(f.focus, f.message): _message_of(f) for f in found}.values())
-            more = f"; and {len(messages) - _SHOWN} more" if len(messages) > _SHOWN else ""
-            raise ShapeError(f"the update is refused: {'; '.join(messages[:_SHOWN])}{more}")
+            more = f"; and {len(messages) - _MAX_SHOWN} more" if len(messages) > _MAX_SHOWN else ""
+            raise ShapeError(f"the update is refused: {'; '.join(messages[:_MAX_SHOWN])}{more}")
 
     def _check_terms(self, added: Iterable[Quad]) -> None:
         for quad in added:
@@ -146,22 +147,22 @@ class UpdateValidator:
 
 
 def _focus(pending: ChangeDraft) -> Iterator[Subject]:
-    retyped: dict[Subject, None] = {}
+    retyped: dict[Subject, None] = {}  # their types change, so facts that refer to them do
     for quad in (*pending.added, *pending.removed):
         if quad.graph_name in _SHAPED:
             yield quad.subject
             if quad.predicate == v.RDF_TYPE and quad in pending.removed:
                 retyped[quad.subject] = None
     for subject in retyped:
-        pointed: set[str] = set()
+        predicates: set[str] = set()
         # a bound, as a subject may have very many references of the same kind
         for quad in islice(pending.after(None, None, subject, v.MAP_GRAPH), 100_000):
-            if quad.predicate.value not in pointed:
-                pointed.add(quad.predicate.value)
+            if quad.predicate.value not in predicates:
+                predicates.add(quad.predicate.value)
                 yield quad.subject
 
 
-def _kept(quad: Quad) -> bool:
+def _is_maintained(quad: Quad) -> bool:
     is_identity = quad.predicate == v.RDF_TYPE and quad.object == NamedNode(v.SEMANTIC_MAP)
     return is_identity or quad.predicate.value in _COUNTERS
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import logging
 import tempfile
 from collections.abc import AsyncIterator, Awaitable, Callable
@@ -31,6 +30,7 @@ from kg.serving.server.endpoints.restore_endpoint import restore
 from kg.serving.server.endpoints.sparql_protocol import sparql
 from kg.serving.server.endpoints.subscription_endpoint import subscribe
 from kg.serving.server.endpoints.write_endpoints import labels, numbers, records
+from kg.serving.server.http.bodies import json_response
 from kg.serving.server.http.middleware import RequestGuard
 from kg.serving.server.http.problems import Problem, problem_of, problem_response, without_paths
 from kg.serving.server.linked_data.description import dataset_description
@@ -127,7 +127,7 @@ async def _health(serving: AppState, request: Request) -> Response:
         "sequence": semantic_map.sequence,
         **serving.status(),
     }
-    return Response(json.dumps(content) + "\n", media_type="application/json")
+    return json_response(content)
 
 
 async def _metrics(serving: AppState, request: Request) -> Response:

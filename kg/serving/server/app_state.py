@@ -7,6 +7,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
+from starlette.requests import Request
+
 from kg.maps.stored_map import StoredMap
 from kg.serving.server.change_broadcast import BroadcastClient, ChangeBroadcast
 from kg.serving.server.http.client_sessions import Sessions
@@ -30,13 +32,13 @@ class QuerySubscription(BroadcastClient, Protocol):
 
 @dataclass(slots=True)
 class PlanningTurns:
-    """Queue of requests for plans; `lock` is held while a plan is made."""
+    """Queue of requests for plans; `lock` is locked while a plan is made."""
 
     lock: asyncio.Lock = field(default_factory=asyncio.Lock)
     waiting: int = 0  # requests
 
     def end(self, plan: asyncio.Future[Mapping[str, object]]) -> None:
-        """Pass the turn on, once a plan is made or has failed."""
+        """Let the next request proceed once a plan is made or has failed."""
         self.lock.release()
         if not plan.cancelled():
             plan.exception()  # marks the exception as read: the client may have left
@@ -57,3 +59,7 @@ class AppState:
     planner: Planner | None = None  # for `/find`
     planning: PlanningTurns = field(default_factory=PlanningTurns)
     sessions: Sessions = field(default_factory=Sessions)
+
+    def author_of(self, request: Request) -> str:
+        """The name of the client that writes; raises Problem as `BearerTokens.holder`."""
+        return self.settings.tokens.holder(request.headers.get("authorization"))

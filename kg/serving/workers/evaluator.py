@@ -11,7 +11,7 @@ directions are a type byte, a length (4 bytes, little endian) and that many byte
     >  U  an update (JSON) to evaluate     <  .  the end of the answer
     >  L  an RDF document to parse         <  E  {"error": name of the exception, "message"}
     >  T  a report on the history
-    >  G  graphs to serialise
+    >  G  all graphs to serialise
     >  P  a past state to make
 """
 
@@ -152,14 +152,13 @@ class Evaluator:
             _limit_files(0)
         self._send_all("application/n-quads", body, request, **head)
 
-    def _write_graphs(self, request: Request) -> None:
-        from kg.serving.workers.graph_tasks import write_graphs  # as above
-
+    def _dump(self, request: Request) -> None:
         media_type = request["media_type"]
         head = {"media_type": media_type, "sequence": self._sequence}
         self._send(b"H", json.dumps(head).encode())
         sink = _Sink(self._send, request["max_bytes"], xml=is_xml(media_type))
-        write_graphs(self._store, request, sink)
+        form = cast(RdfFormat, RdfFormat.from_media_type(media_type))
+        self._store.dump(cast(IO[bytes], sink), form, prefixes=request["prefixes"])
         sink.end()
         self._send(b".", b"")
 
@@ -223,7 +222,7 @@ _OF_SNAPSHOT: Final[dict[bytes, Callable[[Evaluator, Request], None]]] = {
     b"T": Evaluator._report_history,
     b"P": Evaluator._prepare_past,
     b"U": Evaluator._update,
-    b"G": Evaluator._write_graphs,
+    b"G": Evaluator._dump,
 }
 
 

@@ -195,7 +195,7 @@ class QueryPool:
             self._queue.leave(turn)
 
     async def dump_async(self, request: dict[str, Any], asker: Asker = ANYONE) -> Dump:
-        """A dump (`kg.serving.workers.graph_tasks`), once its turn comes; the caller closes it.
+        """A dump of all graphs, once its turn comes; the caller closes it.
 
         Few are made at once, and one for a client. Raises PoolBusyError where too many wait.
         """

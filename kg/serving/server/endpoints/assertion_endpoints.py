@@ -1,15 +1,13 @@
 """`/assertions`: GET lists assertions, POST with a JSON object makes one, DELETE retracts one.
 
-The one writer applies them; their author is the holder of the token.
+The author is the holder of the token.
 """
 
 from __future__ import annotations
 
-import asyncio
-import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from functools import partial
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 from pyoxigraph import NamedNode, Quad
 from starlette.concurrency import run_in_threadpool
@@ -23,33 +21,31 @@ from kg.model.transactions import ChangeSet
 from kg.serving.client.record_codec import assertion_to_json
 from kg.serving.server.app_state import AppState
 from kg.serving.server.endpoints.sparql_protocol import written
-from kg.serving.server.http import bodies
+from kg.serving.server.http.bodies import JSON, json_response, query_parameters, read_json
+from kg.serving.server.http.client_departure import completed
 from kg.serving.server.http.conditions import state_of
 from kg.serving.server.http.media_types import GRAPH_FORMATS, document, prefixes_of
 from kg.serving.server.http.problems import Problem
 from kg.serving.server.linked_data.resource_description import local_path
 from kg.serving.workers.content_negotiation import negotiate
 
-JSON: Final = "application/json"
 _KIND: Final = NamedNode(v.ASSERTION)
 _AGENT: Final = NamedNode(v.PROV_ATTRIBUTED_TO)
-_MEMBERS: Final = ("thing", "property", "value")
-T = TypeVar("T")
 
 
 async def assertions(serving: AppState, request: Request) -> Response:
     """List assertions, make one, or retract one."""
     if request.method in ("GET", "HEAD"):
         return await _list(serving, request)
-    by = serving.settings.tokens.holder(request.headers.get("authorization"))
+    by = serving.author_of(request)
     if request.method == "POST":
         return await _assert(serving, request, by)
-    return await _take_back(serving, request, by)
+    return await _retract(serving, request, by)
 
 
 async def _list(serving: AppState, request: Request) -> Response:
     media_type = negotiate(request.headers.get("accept"), (JSON, *GRAPH_FORMATS))
-    given = bodies.query_parameters(request)
+    given = query_parameters(request)
     iri, conflicts = given.one("iri"), given.flag("conflicts")
     if iri is not None:
         iri = full_iri(serving.semantic_map.base, iri)
@@ -57,18 +53,20 @@ async def _list(serving: AppState, request: Request) -> Response:
     headers = {"Vary": "Accept", **state.headers}
     if state.is_known_to(request):
         return Response(status_code=304, headers=headers)
-    body = await run_in_threadpool(partial(_listed, serving, iri, conflicts, media_type))
-    return Response(body, media_type=media_type, headers=headers)
+    response = await run_in_threadpool(partial(_listed, serving, iri, conflicts, media_type))
+    response.headers.update(headers)
+    return response
 
 
-def _listed(serving: AppState, iri: str | None, conflicts: bool, media_type: str) -> bytes:
+def _listed(serving: AppState, iri: str | None, conflicts: bool, media_type: str) -> Response:
     semantic_map = serving.semantic_map
     found = [a for a in semantic_map.assertions.all(iri) if not conflicts or a.since is not None]
     if media_type == JSON:
         content = [assertion_to_json(assertion) for assertion in found]
-        return _text({"sequence": semantic_map.sequence, "assertions": content}).encode()
+        return json_response({"sequence": semantic_map.sequence, "assertions": content})
     triples = dict.fromkeys(quad.triple for quad in _facts(serving, found))
-    return document(triples, media_type, prefixes_of(semantic_map.base))
+    body = document(triples, media_type, prefixes_of(semantic_map.base))
+    return Response(body, media_type=media_type)
 
 
 def _facts(serving: AppState, found: Iterable[Assertion]) -> Iterable[Quad]:
@@ -85,10 +83,7 @@ def _facts(serving: AppState, found: Iterable[Assertion]) -> Iterable[Quad]:
 
 
 async def _assert(serving: AppState, request: Request, by: str) -> Response:
-    kind = bodies.media_type(request)
-    if kind != JSON:
-        raise Problem(415, f"a body of type {kind[:100] or '(none)'}; an assertion is {JSON}")
-    content = bodies.json_object(await bodies.read_body(request, serving.settings.limits), _MEMBERS)
+    content = await read_json(request, serving.settings.limits, ("thing", "property", "value"))
     base = serving.semantic_map.base
     thing, prop = full_iri(base, _word(content, "thing")), _property(_word(content, "property"))
     value = _value(content["value"])
@@ -100,7 +95,7 @@ async def _assert(serving: AppState, request: Request, by: str) -> Response:
             assertions = {a.property: a for a in semantic_map.assertions.all(thing)}
             return change, assertions[prop]
 
-    change, assertion = await _shielded(write)
+    change, assertion = await completed(write)
     answer = written(serving, change, request, assertion=assertion_to_json(assertion))
     if change is not None and any(quad.object == _KIND for quad in change.added):
         answer.status_code = 201
@@ -110,20 +105,15 @@ async def _assert(serving: AppState, request: Request, by: str) -> Response:
     return answer
 
 
-async def _take_back(serving: AppState, request: Request, by: str) -> Response:
-    given = bodies.query_parameters(request)
+async def _retract(serving: AppState, request: Request, by: str) -> Response:
+    given = query_parameters(request)
     iri, prop = given.one("iri"), given.one("property")
     if not iri or not prop:
         raise Problem(400, "a retraction needs ?iri= and &property=, as in iri=object/17")
     thing = full_iri(serving.semantic_map.base, iri)
     _property(prop)
-    change = await _shielded(partial(serving.semantic_map.assertions.retract, thing, prop, by=by))
+    change = await completed(partial(serving.semantic_map.assertions.retract, thing, prop, by=by))
     return written(serving, change, request)
-
-
-async def _shielded(act: Callable[[], T]) -> T:
-    # completes even if the client leaves
-    return await asyncio.shield(run_in_threadpool(act))
 
 
 def _word(content: Mapping[str, Any], name: str) -> str:
@@ -158,7 +148,3 @@ def full_iri(base: str, iri: str) -> str:
         return NamedNode(iri if ":" in iri else base + iri).value
     except ValueError as error:
         raise Problem(400, f"no thing {iri[:200]!r}; write object/17 or its IRI") from error
-
-
-def _text(content: object) -> str:
-    return json.dumps(content, ensure_ascii=False) + "\n"

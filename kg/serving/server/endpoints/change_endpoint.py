@@ -19,13 +19,12 @@ from kg.model.transactions import ChangeSet
 from kg.serving.client.record_codec import change_to_json
 from kg.serving.server.app_state import AppState
 from kg.serving.server.change_broadcast import ChangeBroadcast, Queue
-from kg.serving.server.http.bodies import query_parameters
+from kg.serving.server.http.bodies import JSON, query_parameters
 from kg.serving.server.http.event_stream import EventStream, event
 from kg.serving.server.http.media_types import EVENTS, accept_of
 from kg.serving.server.http.problems import Problem
 from kg.serving.workers.content_negotiation import negotiate
 
-JSON: Final = "application/json"
 PAGE: Final = 256  # changes of one JSON response
 PAGE_BYTES: Final = 4 << 20  # characters of a response after which no change is added
 

@@ -7,7 +7,6 @@ for their turn; a request whose client leaves loses it.
 from __future__ import annotations
 
 import asyncio
-import json
 from collections.abc import Mapping
 from typing import Final
 
@@ -16,7 +15,8 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from kg.serving.server.app_state import AppState
-from kg.serving.server.endpoints.sparql_protocol import unless_gone
+from kg.serving.server.http.bodies import json_response
+from kg.serving.server.http.client_departure import unless_gone
 from kg.serving.server.http.problems import Problem
 
 MAX_WORDS: Final = 5  # objects of one search
@@ -35,12 +35,11 @@ async def find(serving: AppState, request: Request) -> Response:
         )
     plan = await unless_gone(request, asyncio.ensure_future(_planned(serving, wanted)))
     try:
-        text = json.dumps(plan, ensure_ascii=False, allow_nan=False)
+        return json_response(plan)
     except ValueError as error:
         raise Problem(
-            422, "no plan: a way is of no finite length; is the robot's position right?"
+            422, "no plan: the length of a path is not finite; is the robot's position right?"
         ) from error
-    return Response(f"{text}\n", media_type="application/json")
 
 
 async def _planned(serving: AppState, wanted: list[str]) -> Mapping[str, object]:

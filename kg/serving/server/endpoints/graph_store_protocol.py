@@ -7,7 +7,6 @@ A PUT to graph:ontology is validated and compiled, and replaces the ontology of 
 
 from __future__ import annotations
 
-import asyncio
 import io
 from collections.abc import Callable, Generator
 from contextlib import closing
@@ -31,11 +30,12 @@ from kg.serving.server.app_state import AppState
 from kg.serving.server.endpoints.dump_stream import DumpStream
 from kg.serving.server.endpoints.sparql_protocol import write, written
 from kg.serving.server.http import bodies
+from kg.serving.server.http.client_departure import completed
 from kg.serving.server.http.client_sessions import asker_of
 from kg.serving.server.http.conditions import State, check_preconditions, state_of
-from kg.serving.server.http.confirmation import is_confirmed
 from kg.serving.server.http.media_types import GRAPH_FORMATS, prefixes_of
 from kg.serving.server.http.problems import Problem
+from kg.serving.server.http.request_checks import is_confirmed
 from kg.serving.workers.content_negotiation import negotiate
 from kg.serving.workers.updates import parsed_document
 from kg.store.sparql_client import SEQUENCE
@@ -46,15 +46,12 @@ _MEDIA: Final = {form: media_type for media_type, form in GRAPH_FORMATS.items()}
 _FORMATS: Final = {name: form for form, name in _MEDIA.items() if form not in _DUMPS.values()}
 
 
-_Triples = Generator[Triple, None, None]
-
-
 async def graph_store(serving: AppState, request: Request) -> Response:
     """Read, replace, extend or delete a graph."""
     graph = _graph(request)
     if request.method in ("GET", "HEAD"):
         return await _read(serving, request, graph)
-    by = serving.settings.tokens.holder(request.headers.get("authorization"))
+    by = serving.author_of(request)
     if graph is None and request.method != "POST":
         raise Problem(403, "the default graph is the union of all: name the graph to change")
     target = graph or v.MAP_GRAPH
@@ -68,12 +65,10 @@ async def graph_store(serving: AppState, request: Request) -> Response:
     triples = await _body(serving, request, target)
     if request.method == "PUT" and target == v.ONTOLOGY_GRAPH:
         return await _take_ontology(serving, request, triples, by, check)
-    change = (serving, target, triples, by, check)
-    replaces = request.method == "PUT"
-    act = (
-        partial(_replace, *change, is_confirmed(request)) if replaces else partial(_extend, *change)
-    )
-    answer = await write(serving, request, act)
+    change = partial(_extend, serving, target, triples, by, check)
+    if request.method == "PUT":
+        change = partial(_replace, serving, target, triples, by, check, is_confirmed(request))
+    answer = await write(serving, request, change)
     answer.status_code = 200 if existed else 201
     return answer
 
@@ -126,7 +121,7 @@ async def _take_ontology(
             check()
             return serving.semantic_map.ontology.replace(quads, by=by, whole=whole)
 
-    taken = await asyncio.shield(run_in_threadpool(take))
+    taken = await completed(take)
     return written(
         serving,
         taken.commit,
@@ -146,13 +141,8 @@ async def dump(serving: AppState, request: Request) -> ASGIApp:
     headers = {"Content-Type": media_type}
     if request.method == "HEAD":
         return Response(headers=headers)
-    wanted = {
-        "media_type": media_type,
-        "whole": True,
-        "prefixes": prefixes_of(serving.semantic_map.base),
-    }
-    under_way = await serving.pool.dump_async(wanted, asker_of(request))
-    return DumpStream(under_way, headers)
+    wanted = {"media_type": media_type, "prefixes": prefixes_of(serving.semantic_map.base)}
+    return DumpStream(await serving.pool.dump_async(wanted, asker_of(request)), headers)
 
 
 async def _read(serving: AppState, request: Request, graph: NamedNode | None) -> Response:
@@ -164,8 +154,7 @@ async def _read(serving: AppState, request: Request, graph: NamedNode | None) ->
     headers = {"Vary": "Accept", SEQUENCE: str(sequence), **state.headers}
     if state.is_known_to(request):
         return Response(status_code=304, headers=headers)
-    triples = _triples(serving, graph)
-    body = await run_in_threadpool(partial(_serialised, serving, triples, _FORMATS[media_type]))
+    body = await run_in_threadpool(partial(_serialised, serving, graph, _FORMATS[media_type]))
     return Response(body, media_type=media_type, headers=headers)
 
 
@@ -181,7 +170,7 @@ def _check_preconditions(serving: AppState, request: Request, graph: NamedNode |
     check_preconditions(request, _state(serving, graph, ""), exists=exists)
 
 
-def _triples(serving: AppState, graph: NamedNode | None) -> _Triples:
+def _triples(serving: AppState, graph: NamedNode | None) -> Generator[Triple, None, None]:
     quads = serving.semantic_map.engine.quads_for_pattern(None, None, None, graph)
     seen: set[Triple] = set()
     for quad in quads:
@@ -193,14 +182,9 @@ def _triples(serving: AppState, graph: NamedNode | None) -> _Triples:
         yield anonymous_triple(quad.triple)
 
 
-def _serialised(
-    serving: AppState,
-    statements: _Triples,
-    form: RdfFormat,
-) -> bytes:
-    # the engine's iterators abort the process if another thread uses them, so the generators that
-    # hold them begin and end here
-    with closing(statements):
+def _serialised(serving: AppState, graph: NamedNode | None, form: RdfFormat) -> bytes:
+    # an iterator of the engine aborts the process if another thread uses it
+    with closing(_triples(serving, graph)) as statements:
         out = _Capped(serving.settings.limits.result)
         try:
             serialize(statements, out, form, prefixes=prefixes_of(serving.semantic_map.base))
@@ -224,7 +208,7 @@ class _Capped(io.BytesIO):
         return super().write(data)
 
     def too_long(self) -> Problem:
-        """Body of the response."""
+        """The problem of a longer response."""
         return Problem(503, f"the answer has more than {self._limit} bytes; query for a part of it")
 
 

@@ -14,8 +14,8 @@ from starlette.responses import Response
 
 from kg.maps.semantic_map import SemanticMap
 from kg.serving.server.app_state import AppState
-from kg.serving.server.endpoints.sparql_protocol import unless_gone
-from kg.serving.server.http.bodies import RequestParameters, query_parameters
+from kg.serving.server.http.bodies import JSON, RequestParameters, query_parameters
+from kg.serving.server.http.client_departure import unless_gone
 from kg.serving.server.http.client_sessions import asker_of
 from kg.serving.server.http.problems import Problem
 from kg.serving.server.http.time_parameters import MAX_DIGITS, sequence_at
@@ -25,7 +25,6 @@ from kg.serving.workers.process import Answer
 from kg.serving.workers.request import ANYONE, Asker
 from kg.store.sparql_client import SEQUENCE
 
-JSON: Final = "application/json"
 #: media types of the responses
 TYPES: Final[dict[str, tuple[str, ...]]] = {
     "log": (JSON, "text/plain"),

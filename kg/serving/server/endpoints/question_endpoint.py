@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from functools import cache
 
 from starlette.concurrency import run_in_threadpool
@@ -14,22 +13,19 @@ from kg.model import vocabulary as v
 from kg.model.errors import UnknownQueryError
 from kg.serving.server.app_state import AppState
 from kg.serving.server.endpoints.sparql_protocol import QUERY
-from kg.serving.server.http.bodies import query_parameters
+from kg.serving.server.http.bodies import json_response, query_parameters
 from kg.serving.server.http.problems import Problem
 
 
 async def questions(serving: AppState, request: Request) -> Response:
     """Predeclared prefixes and the shipped questions with their parameters, as JSON."""
-    return Response(await run_in_threadpool(_listed), media_type="application/json")
+    return json_response(await run_in_threadpool(_content))
 
 
 @cache
-def _listed() -> str:
-    content = {
-        "prefixes": dict(v.PREFIXES),
-        "queries": [_described(question) for question in shipped_queries()],
-    }
-    return json.dumps(content, ensure_ascii=False) + "\n"
+def _content() -> dict[str, object]:
+    described = [_described(question) for question in shipped_queries()]
+    return {"prefixes": dict(v.PREFIXES), "queries": described}
 
 
 def _described(question: ParameterizedQuery) -> dict[str, object]:

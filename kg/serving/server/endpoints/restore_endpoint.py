@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-import asyncio
-import json
 from collections.abc import Collection
 from dataclasses import asdict
 from functools import partial
 from typing import Any, Final
 
-from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
 
 from kg.serving.server.app_state import AppState
-from kg.serving.server.http import bodies
+from kg.serving.server.http.bodies import json_response, read_json
+from kg.serving.server.http.client_departure import completed
 from kg.serving.server.http.client_sessions import asker_of
-from kg.serving.server.http.confirmation import is_confirmed
 from kg.serving.server.http.problems import Problem
+from kg.serving.server.http.request_checks import is_confirmed
 from kg.serving.server.http.time_parameters import sequence_at
 from kg.store.sparql_client import SEQUENCE
 
-_JSON: Final = "application/json"
-_MEMBERS: Final = ("to", "only", "dry_run")
 _MAX_THINGS: Final = 1000  # things of one request
 
 
@@ -32,17 +28,14 @@ async def restore(serving: AppState, request: Request) -> Response:
     The body is a JSON object: `to` a time or number of a transaction, `only` a list of scopes and
     things (empty: everything), `dry_run` a boolean.
     """
-    by = serving.settings.tokens.holder(request.headers.get("authorization"))
-    if bodies.media_type(request) != _JSON:
-        raise Problem(415, f"a restoration needs a body of type {_JSON} with {', '.join(_MEMBERS)}")
-    body = await bodies.read_body(request, serving.settings.limits)
-    given = bodies.json_object(body, _MEMBERS)
+    by = serving.author_of(request)
+    given = await read_json(request, serving.settings.limits, ("to", "only", "dry_run"))
     if not isinstance(given["to"], str) or not isinstance(given["dry_run"], bool):
         raise Problem(
             400,
             "'to' must be a text, as in #42 or 2026-08-01T12:30:00Z, and 'dry_run' true or false",
         )
-    act = partial(
+    restoration = partial(
         serving.semantic_map.restore,
         await sequence_at(serving.semantic_map, given["to"]),
         only=_scopes(given["only"]),
@@ -50,12 +43,10 @@ async def restore(serving: AppState, request: Request) -> Response:
         confirmed=is_confirmed(request),
         dry_run=given["dry_run"],
     )
-    # completes even if the client leaves
-    done = await asyncio.shield(run_in_threadpool(act))
+    done = await completed(restoration)
     sequence = done.sequence or serving.semantic_map.sequence
     serving.sessions.saw(asker_of(request).client, sequence)
-    answer = json.dumps(asdict(done), ensure_ascii=False) + "\n"
-    return Response(answer, media_type=_JSON, headers={SEQUENCE: str(sequence)})
+    return json_response(asdict(done), {SEQUENCE: str(sequence)})
 
 
 def _scopes(given: Any) -> Collection[str]:

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-import json
 from collections.abc import Callable
 from functools import partial
-from typing import Any, Final, TypeVar
+from typing import Final
 
 from pyoxigraph import NamedNode
-from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
 
@@ -18,11 +16,11 @@ from kg.serving.client.record_codec import change_to_json
 from kg.serving.server.app_state import AppState
 from kg.serving.server.http import bodies
 from kg.serving.server.http.bodies import RequestParameters
+from kg.serving.server.http.client_departure import completed, unless_gone
 from kg.serving.server.http.client_sessions import asker_of
-from kg.serving.server.http.confirmation import is_confirmed
-from kg.serving.server.http.event_stream import disconnected
 from kg.serving.server.http.media_types import accept_of
 from kg.serving.server.http.problems import Problem
+from kg.serving.server.http.request_checks import is_confirmed
 from kg.serving.server.http.time_parameters import sequence_at
 from kg.serving.server.linked_data.description import service_description
 from kg.serving.workers.updates import UpdateRequest, update_map
@@ -30,7 +28,6 @@ from kg.store.sparql_client import SEQUENCE
 
 QUERY: Final = "application/sparql-query"
 UPDATE: Final = "application/sparql-update"
-T = TypeVar("T")
 
 
 async def sparql(serving: AppState, request: Request) -> Response:
@@ -51,7 +48,7 @@ async def sparql(serving: AppState, request: Request) -> Response:
         return await _query(serving, request, RequestParameters((("query", body),)) + url)
     if kind == UPDATE:
         _check_not_in_url(url, "update")
-        by = _writer(serving, request)
+        by = serving.author_of(request)
         body = bodies.text(await bodies.read_body(request, serving.settings.limits))
         return await _update(serving, request, RequestParameters((("update", body),)) + url, by)
     raise Problem(
@@ -67,7 +64,7 @@ async def _form(serving: AppState, request: Request, url: RequestParameters) -> 
     _check_not_in_url(url, "update")
     if "query" in form:
         return await _query(serving, request, form + url)
-    return await _update(serving, request, form + url, _writer(serving, request))
+    return await _update(serving, request, form + url, serving.author_of(request))
 
 
 async def _query(serving: AppState, request: Request, given: RequestParameters) -> Response:
@@ -107,22 +104,6 @@ def _least(serving: AppState, request: Request) -> int:
     return int(given)
 
 
-async def unless_gone(request: Request, query: asyncio.Future[T]) -> T:
-    """The answer to a query, which is cancelled if the client leaves."""
-    gone = asyncio.ensure_future(disconnected(request.receive))
-    try:
-        waiting: set[asyncio.Future[Any]] = {query, gone}
-        await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
-        if not query.done():
-            query.cancel()
-            await asyncio.gather(query, return_exceptions=True)
-            raise Problem(400, "the client left before its answer was ready")
-        return query.result()
-    finally:
-        gone.cancel()
-        query.cancel()
-
-
 async def _update(
     serving: AppState, request: Request, given: RequestParameters, by: str
 ) -> Response:
@@ -146,8 +127,7 @@ async def write(
     serving: AppState, request: Request, act: Callable[[], ChangeSet | None]
 ) -> Response:
     """Execute an update; the response has counts and the number of the transaction."""
-    # completes even if the client leaves
-    return written(serving, await asyncio.shield(run_in_threadpool(act)), request)
+    return written(serving, await completed(act), request)
 
 
 def written(
@@ -169,12 +149,7 @@ def written(
         "removed": len(change.removed) if change else 0,
         **more,
     }
-    body = json.dumps(done, ensure_ascii=False) + "\n"
-    return Response(body, media_type="application/json", headers=headers)
-
-
-def _writer(serving: AppState, request: Request) -> str:
-    return serving.settings.tokens.holder(request.headers.get("authorization"))
+    return bodies.json_response(done, headers)
 
 
 def graphs_of(given: RequestParameters, name: str) -> tuple[str, ...]:

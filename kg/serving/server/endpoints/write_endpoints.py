@@ -7,13 +7,10 @@ write survives a crash of client or server.
 
 from __future__ import annotations
 
-import asyncio
-import json
 import re
-from collections.abc import Callable, Mapping
-from typing import Any, Final, TypeVar
+from functools import partial
+from typing import Any, Final
 
-from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
 
@@ -23,48 +20,46 @@ from kg.model.transactions import Cause, ChangeSet
 from kg.serving.client.update_codec import MAX_WHOLE, update_from_json
 from kg.serving.server.app_state import AppState
 from kg.serving.server.endpoints.sparql_protocol import written
-from kg.serving.server.http import bodies
+from kg.serving.server.http.bodies import json_response, read_json
+from kg.serving.server.http.client_departure import completed
 from kg.serving.server.http.client_sessions import asker_of
 from kg.serving.server.http.problems import Problem
 
-JSON: Final = "application/json"
 #: kinds of causes: frames of a mapper, a search of a robot, an import
 _KINDS: Final = ("frame", "search", "import")
 _MAX_TEXT: Final = 500  # characters of a note, a label, the name of a network
 #: a search, which is the author of its transactions
 _SEARCH: Final = re.compile(r"search/[0-9]{1,15}")
 _MAX_ITEMS: Final = 10_000  # labels, or own transactions, of one request
-T = TypeVar("T")
 
 
 async def records(serving: AppState, request: Request) -> Response:
     """Apply an update of records in one transaction; Problem 409 for a conflict with others."""
-    by = serving.settings.tokens.holder(request.headers.get("authorization"))
-    content = await _object(serving, request, ("update", "cause", "seen", "own"))
+    by = serving.author_of(request)
+    content = await read_json(request, serving.settings.limits, ("update", "cause", "seen", "own"))
     known, own = _known_sequence(content["seen"]), _own(content["own"])
     cause = _cause(content["cause"], by)
 
-    def act() -> ChangeSet | None:
+    def apply() -> ChangeSet | None:
         update = update_from_json(content["update"])
         return apply_remote_update(
             serving.semantic_map, update, cause, known_sequence=known, own=own
         )
 
-    return written(serving, await _shielded(act), request)
+    return written(serving, await completed(apply), request)
 
 
 async def numbers(serving: AppState, request: Request) -> Response:
     """Reserve the IRI of a new object."""
-    serving.settings.tokens.holder(request.headers.get("authorization"))
-    await _object(serving, request, ())
-    iri = await _shielded(serving.semantic_map.new_object_iri)
-    return _json_response({"iri": iri})
+    serving.author_of(request)
+    await read_json(request, serving.settings.limits, ())
+    return json_response({"iri": await completed(serving.semantic_map.new_object_iri)})
 
 
 async def labels(serving: AppState, request: Request) -> Response:
     """Categories of the labels of a network; missing ones are added in one transaction."""
-    serving.settings.tokens.holder(request.headers.get("authorization"))
-    content = await _object(serving, request, ("labels", "kind", "model"))
+    serving.author_of(request)
+    content = await read_json(request, serving.settings.limits, ("labels", "kind", "model"))
     names, kind = content["labels"], content["kind"]
     if not isinstance(names, list) or len(names) > _MAX_ITEMS or not all(map(_is_name, names)):
         raise Problem(
@@ -75,38 +70,23 @@ async def labels(serving: AppState, request: Request) -> Response:
     if not _is_name(content["model"]):
         raise Problem(400, f"'model' must be the name of the network, of up to {_MAX_TEXT}")
 
-    def act() -> dict[str, str]:
-        return serving.semantic_map.ontology.learn(names, kind, model=content["model"])
-
-    found = await _shielded(act)
+    learn = partial(serving.semantic_map.ontology.learn, names, kind, model=content["model"])
+    found = await completed(learn)
     serving.sessions.saw(asker_of(request).client, serving.semantic_map.sequence)
-    return _json_response({"categories": found, "sequence": serving.semantic_map.sequence})
+    return json_response({"categories": found, "sequence": serving.semantic_map.sequence})
 
 
-async def _object(
-    serving: AppState, request: Request, members: tuple[str, ...]
-) -> Mapping[str, Any]:
-    kind = bodies.media_type(request)
-    if kind != JSON:
-        raise Problem(415, f"a body of type {kind[:100] or '(none)'}; this takes {JSON}")
-    body = await bodies.read_body(request, serving.settings.limits)
-    return await run_in_threadpool(bodies.json_object, body, members)
-
-
-def _known_sequence(content: object) -> int | None:
+def _known_sequence(content: Any) -> int | None:
     if content is not None and not _is_number(content):
         raise Problem(
             400, f"'seen' is the number of a transaction, or null, got {str(content)[:40]}"
         )
-    return content  # type: ignore[return-value]
+    return None if content is None else int(content)
 
 
-def _own(content: object) -> frozenset[int]:
-    if (
-        not isinstance(content, list)
-        or len(content) > _MAX_ITEMS
-        or not all(map(_is_number, content))
-    ):
+def _own(content: Any) -> frozenset[int]:
+    is_list = isinstance(content, list) and len(content) <= _MAX_ITEMS
+    if not is_list or not all(map(_is_number, content)):
         raise Problem(400, f"'own' must be a list of up to {_MAX_ITEMS} numbers of transactions")
     return frozenset(content)
 
@@ -137,12 +117,3 @@ def _is_name(value: object) -> bool:
 
 def _is_number(value: object) -> bool:
     return isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= MAX_WHOLE
-
-
-def _json_response(content: object) -> Response:
-    return Response(json.dumps(content, ensure_ascii=False) + "\n", media_type=JSON)
-
-
-async def _shielded(act: Callable[[], T]) -> T:
-    # completes even if the client leaves
-    return await asyncio.shield(run_in_threadpool(act))

@@ -1,4 +1,4 @@
-"""Request parameters and bodies, read within limits."""
+"""Request parameters and bodies, read within limits; JSON responses."""
 
 from __future__ import annotations
 
@@ -9,12 +9,15 @@ from dataclasses import dataclass
 from typing import Any
 from urllib.parse import parse_qsl
 
+from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect, Request
+from starlette.responses import Response
 
 from kg.serving.server.http.problems import Problem
 from kg.serving.server.http.settings import Limits
 
 FORM = "application/x-www-form-urlencoded"
+JSON = "application/json"
 MAX_FIELDS = 200  # parameters of one request
 MAX_LEVELS = 32  # levels of JSON
 
@@ -68,8 +71,24 @@ def text(body: bytes) -> str:
         raise Problem(400, f"the body is not UTF-8 at byte {error.start}") from error
 
 
-def json_object(body: bytes, members: Iterable[str]) -> Mapping[str, Any]:
-    """A body that is a JSON object with exactly these `members`; else Problem 400."""
+def json_response(content: object, headers: Mapping[str, str] | None = None) -> Response:
+    """A response of one line of JSON; raises ValueError for numbers that are not finite."""
+    text = json.dumps(content, ensure_ascii=False, allow_nan=False)
+    return Response(f"{text}\n", media_type=JSON, headers=headers)
+
+
+async def read_json(request: Request, limits: Limits, members: Iterable[str]) -> Mapping[str, Any]:
+    """The body, a JSON object with exactly these `members`.
+
+    Raises Problem: 415 for another media type, 400 for other content, and as `read_body`.
+    """
+    kind = media_type(request)
+    if kind != JSON:
+        raise Problem(415, f"a body of type {kind[:100] or '(none)'}; it must be {JSON}")
+    return await run_in_threadpool(_json_object, await read_body(request, limits), members)
+
+
+def _json_object(body: bytes, members: Iterable[str]) -> Mapping[str, Any]:
     try:
         content = json.loads(body)
     except (ValueError, RecursionError) as error:
@@ -108,7 +127,9 @@ async def read_body(request: Request, limits: Limits) -> bytes:
             return await _collect(request, limits)
     except TimeoutError as error:
         raise Problem(
-            408, f"the body did not come within {limits.body_seconds:g} s", {"Connection": "close"}
+            408,
+            f"the body did not arrive within {limits.body_seconds:g} s",
+            {"Connection": "close"},
         ) from error
     except ClientDisconnect as error:
         raise Problem(400, "the client left before the body was complete") from error

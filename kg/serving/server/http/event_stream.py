@@ -8,6 +8,7 @@ from collections.abc import AsyncIterator, Callable
 
 from starlette.types import Receive, Scope, Send
 
+from kg.serving.server.http.client_departure import disconnected
 from kg.serving.server.http.connection import PatientConnection
 
 _HEADERS = [
@@ -15,7 +16,7 @@ _HEADERS = [
     (b"cache-control", b"no-store"),
     (b"x-accel-buffering", b"no"),
 ]
-HEARTBEAT = 15.0  # [s] between comments that show that the stream lives
+HEARTBEAT = 15.0  # [s] between the comments that keep a stream alive
 
 
 def event(number: int, kind: str, data: object) -> bytes:
@@ -27,8 +28,8 @@ def event(number: int, kind: str, data: object) -> bytes:
 class EventStream:
     """ASGI response that sends `events` until they end, the client leaves, or `ended` is set.
 
-    `on_end` is called once, however it ends. The connection is aborted then, since a client that
-    does not read could otherwise hold it.
+    `on_end` is called once at the end. The connection is then aborted, since a client that does not
+    read could otherwise keep it open.
     """
 
     def __init__(
@@ -79,9 +80,3 @@ async def _send_heartbeats(send: Send) -> None:
 
 def _part(body: bytes) -> dict[str, object]:
     return {"type": "http.response.body", "body": body, "more_body": True}
-
-
-async def disconnected(receive: Receive) -> None:
-    """Returns once the client has left; the rest of its request is ignored."""
-    while (await receive())["type"] != "http.disconnect":
-        pass

@@ -1,7 +1,9 @@
-"""Checks of the head of a request: host, site of origin, and token.
+"""Checks of the headers of a request.
 
-The Host header (against DNS rebinding), the fetch metadata of browsers (W3C Fetch Metadata, against
-web pages elsewhere that ask through their visitors), and the token where the map is private.
+- Host, against DNS rebinding
+- fetch metadata of browsers (W3C), against web pages of other sites
+- the token, where the map is private
+- the confirmation of a large deletion
 """
 
 from __future__ import annotations
@@ -11,11 +13,13 @@ import re
 from typing import Final
 
 from starlette.datastructures import Headers
+from starlette.requests import Request
 
 from kg.serving.server.http.bearer_tokens import unauthorised
 from kg.serving.server.http.client_sessions import client_of_address
 from kg.serving.server.http.problems import Problem
 from kg.serving.server.http.settings import Settings
+from kg.store.sparql_client import CONFIRM, CONFIRMED
 
 _HOST: Final = re.compile(r"(\[[0-9a-fA-F:.]+\]|[^\s:@/\[\]]+)(:[0-9]{0,5})?")
 #: paths that links of other sites may not open, since opening them runs a query
@@ -31,7 +35,7 @@ def client_of(settings: Settings, headers: Headers, address: str) -> str:
 
 
 def check_host(settings: Settings, headers: Headers) -> None:
-    """Raises Problem: 400 for an invalid Host, 421 for the Host of another server."""
+    """Raise Problem: 400 for an invalid Host, 421 for the Host of another server."""
     host = headers.get("host", "")
     match = _HOST.fullmatch(host)
     if match is None:
@@ -46,7 +50,7 @@ def check_host(settings: Settings, headers: Headers) -> None:
 
 
 def check_site(settings: Settings, path: str, method: str, headers: Headers) -> None:
-    """Raises Problem 403 for a request of a browser on behalf of another site.
+    """Raise Problem 403 for a request of a browser on behalf of another site.
 
     Links to pages of the map are allowed. Scripts, forms and pictures are refused, except those of
     `allow_origins`.
@@ -65,7 +69,7 @@ def check_site(settings: Settings, path: str, method: str, headers: Headers) -> 
 
 
 def check_token(settings: Settings, path: str, headers: Headers) -> None:
-    """Raises Problem 401 if the map is private and the request has none of its tokens.
+    """Raise Problem 401 if the map is private and the request has none of its tokens.
 
     Pages that ask for a token, and their scripts, need none: they hold nothing of the map.
     """
@@ -86,6 +90,17 @@ def is_admitted(settings: Settings, headers: Headers) -> bool:
 def private_map() -> Problem:
     """The refusal of a request without a token."""
     return unauthorised("this map is private: send a header 'Authorization: Bearer TOKEN'")
+
+
+def is_confirmed(request: Request) -> bool:
+    """Whether the client confirms a large deletion by a header.
+
+    Raises Problem 400 for another value of the header.
+    """
+    given = request.headers.get(CONFIRM)
+    if given not in (None, CONFIRMED):
+        raise Problem(400, f"{CONFIRM} must be {CONFIRMED!r}, got {given[:40]!r}")
+    return given is not None
 
 
 def _is_address(name: str) -> bool:

@@ -1,0 +1,42 @@
+"""Requests whose client leaves before the response: writes complete, queries are cancelled."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.types import Receive
+
+from kg.serving.server.http.problems import Problem
+
+T = TypeVar("T")
+
+
+async def completed(act: Callable[[], T]) -> T:
+    """The result of `act` in a thread, which completes even if the client leaves."""
+    return await asyncio.shield(run_in_threadpool(act))
+
+
+async def unless_gone(request: Request, query: asyncio.Future[T]) -> T:
+    """The answer to a query, which is cancelled if the client leaves."""
+    gone = asyncio.ensure_future(disconnected(request.receive))
+    try:
+        waiting: set[asyncio.Future[Any]] = {query, gone}
+        await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
+        if not query.done():
+            query.cancel()
+            await asyncio.gather(query, return_exceptions=True)
+            raise Problem(400, "the client left before its answer was ready")
+        return query.result()
+    finally:
+        gone.cancel()
+        query.cancel()
+
+
+async def disconnected(receive: Receive) -> None:
+    """Return once the client has left; the rest of its request is ignored."""
+    while (await receive())["type"] != "http.disconnect":
+        pass
