@@ -1,4 +1,4 @@
-"""Atomic replacement of a file: readers see the old content or the new, never a part."""
+"""Atomic replacement of a file: readers see the old content or the new, never a mixture."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from kg.model.errors import GraphError
 
 
 def write_atomically(path: Path, text: str | bytes) -> None:
-    """Write `text` (UTF-8, or bytes as they are) to `path` atomically, by renaming a new file.
+    """Write `text` (as UTF-8) or bytes to `path` atomically, by renaming a new file.
 
-    Raises GraphError where that fails.
-    A device or pipe (/dev/stdout) is written to, never replaced by a file, and a link stays one.
+    A device or pipe (/dev/stdout) is written directly; a symbolic link is kept. Raises GraphError
+    if writing fails.
     """
     data = text if isinstance(text, bytes) else text.encode("utf-8")
     try:

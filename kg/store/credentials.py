@@ -1,8 +1,8 @@
-"""Bearer tokens of a client: which token goes to which server, decided here alone.
+"""Bearer tokens of a client, by server.
 
-A token goes to the origin (RFC 6454: scheme, host, port) it is for and to no other, whatever an
-address was found in: data, an argument, a redirect. ``HEREABOUTS_TOKEN`` is for the server in
-``HEREABOUTS_SERVER``; the file in ``HEREABOUTS_TOKEN_FILE`` has a line ``ADDRESS TOKEN`` for each.
+A token is sent only to its own origin (RFC 6454: scheme, host, port), also for addresses from data
+or redirects. ``HEREABOUTS_TOKEN`` belongs to the server in ``HEREABOUTS_SERVER``. The file in
+``HEREABOUTS_TOKEN_FILE`` has a line ``ADDRESS TOKEN`` for each further server.
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ _PORTS: Final = {"http": 80, "https": 443}
 
 
 def authorization(url: str) -> dict[str, str]:
-    """The Authorization header of a request to `url`; empty where no token is for it.
+    """The Authorization header of a request to `url`; empty without a token for its server.
 
-    Raises RemoteError for a token file that cannot be read.
+    Raises RemoteError for an unreadable token file.
     """
     token = token_for(url)
     return {} if token is None else bearer(token)
 
 
 def bearer(token: str) -> dict[str, str]:
-    """The Authorization header that carries a token (RFC 6750)."""
+    """The Authorization header for a token (RFC 6750)."""
     return {"Authorization": f"Bearer {token}"}
 
 
 def token_for(url: str) -> str | None:
-    """The token for the server of a URL, by the environment; None where there is none."""
+    """The token in the environment for the server of a URL, or None."""
     origin = _origin(url)
     for address, token in _tokens():
         if origin is not None and _origin(address) == origin:
@@ -71,7 +71,7 @@ def _of_file(path: str) -> list[tuple[str, str]]:
 
 
 def _origin(url: str) -> tuple[str, str, int] | None:
-    """Scheme, host and port; None for what has none of them."""
+    """Scheme, host and port of an HTTP address; None for other texts."""
     try:
         parts = urlsplit(url)
         port = parts.port

@@ -1,4 +1,4 @@
-"""The folder of a map: ``store/`` is Oxigraph's, ``lock`` says who has it open."""
+"""The folder of a map: ``store/`` with Oxigraph's files, and the lock file ``lock``."""
 
 from __future__ import annotations
 
@@ -6,29 +6,16 @@ import fcntl
 import glob
 import os
 import shutil
-from collections.abc import Iterable
 from pathlib import Path
-
-from pyoxigraph import Quad, Store
 
 from kg.model.errors import GraphError, MapBusyError, MapNotFoundError
 
 
-def fill(folder: Path, quads: Iterable[Quad]) -> None:
-    """Make the store of a new map hold `quads`."""
-    engine = Store(str(folder))
-    engine.bulk_extend(quads)
-    engine.flush()
-
-
-def engine_of(path: Path, read_only: bool) -> Store:
-    """The engine of the map at `path`."""
-    folder = str(path / "store")
-    return Store.read_only(folder) if read_only else Store(folder)
-
-
 def locked(file: Path, path: Path, *, shared: bool) -> int:
-    """An open file that holds the lock of the map at `path`; raises MapBusyError."""
+    """Descriptor of the lock file `file` that holds the lock of the map at `path`.
+
+    Raises MapBusyError while another process holds the lock.
+    """
     try:
         descriptor = _open_lock(file, shared)
     except OSError as error:
@@ -50,7 +37,7 @@ def _open_lock(file: Path, shared: bool) -> int:
         try:
             return os.open(file, os.O_RDONLY)
         except FileNotFoundError:
-            pass  # a copied map may lack it
+            pass  # a copied map may have no lock file
     return os.open(file, os.O_RDWR | os.O_CREAT, 0o666)
 
 
@@ -74,9 +61,9 @@ def check_is_map(path: Path) -> None:
 
 
 def remove_abandoned(path: Path, kind: str = "new") -> None:
-    """Folders ``.<name>.<kind>-*`` beside `path` of processes that were killed.
+    """Remove the folders ``.<name>.<kind>-*`` beside `path` that killed processes left behind.
 
-    Nobody holds the lock in them any more.
+    Their lock files are not locked.
     """
     for folder in path.parent.glob(f".{glob.escape(path.name)}.{kind}-*"):
         try:
@@ -93,6 +80,6 @@ def remove_abandoned(path: Path, kind: str = "new") -> None:
 
 
 def reason_of(error: OSError | RuntimeError) -> str:
-    """The message of a file system error in one line."""
+    """The message of an error of the file system or of RocksDB, in one line."""
     reason = error.strerror if isinstance(error, OSError) else None
     return " ".join((reason or str(error)).split())

@@ -1,4 +1,4 @@
-"""HTTP session: the pooled connections to one server, and the bearer token they carry."""
+"""HTTP session: pooled connections to one server, with its bearer token."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ from urllib3.exceptions import ProtocolError
 from kg.store.credentials import authorization, bearer
 
 CONNECT_WITHIN = 5.0  # [s]
-#: [s] for which an idle connection is kept: servers close theirs after 5 s or more, and a request
-#: that meets a closing connection is lost
+#: [s] lifetime of an idle connection. Servers close idle connections after 5 s or more, and a
+#: request on a closing connection is lost.
 IDLE: Final = 2.0
 
 
 class HttpSession:
     """HTTP client of the server at `address`; safe to use from several threads.
 
-    Each request carries `token`; where it is None, the token that the environment has for its URL.
+    Each request carries `token`, or the token in the environment for its URL if `token` is None.
     """
 
     def __init__(self, address: str, token: str | None = None) -> None:
         self._token = token
         self._adapter = _Adapter()
         self._session = requests.Session()
-        # a proxy would resolve a local address to itself
+        # a proxy would resolve a local address to its own machine
         self._session.trust_env = not is_local(address)
         self._session.cookies.set_policy(DefaultCookiePolicy(allowed_domains=()))
         for scheme in ("http://", "https://"):
@@ -54,8 +54,8 @@ class HttpSession:
     ) -> requests.Response:
         """Send a request and wait up to `seconds` for each part of the reply.
 
-        A `safe` request (RFC 9110, 9.2.1) is sent again where the server closes a kept connection
-        instead of replying; an unsafe one never is. `content` are arguments of
+        A `safe` request (RFC 9110, 9.2.1) is repeated if the server closes an idle connection
+        instead of replying; an unsafe one is not. `content` has further arguments of
         `requests.Session.request`. Raises requests.RequestException.
         """
         own = bearer(self._token) if self._token else authorization(url)
@@ -75,7 +75,7 @@ class HttpSession:
             raise
 
     def interrupt(self) -> None:
-        """Break all connections, also those to come: threads that wait for a reply wake up."""
+        """Break all present and future connections, which wakes threads that wait for a reply."""
         self._adapter.interrupt()
 
     def close(self) -> None:
@@ -124,7 +124,7 @@ _KINDS: Final = (HTTPConnection, HTTPSConnection)
 def _connection(
     kind: type[HTTPConnection], opened: Callable[[socket.socket], None]
 ) -> type[HTTPConnection]:
-    """A kind of connection that reports its socket, and counts as closed after `IDLE` seconds."""
+    """A connection class that reports its socket and counts as closed after `IDLE` seconds."""
 
     class Connection(kind):  # type: ignore[valid-type,misc]
         used = 0.0
@@ -152,5 +152,5 @@ def _shut_down(opened: socket.socket) -> None:
 
 
 def is_local(address: str) -> bool:
-    """Whether the address is one of this machine."""
+    """Whether the address names this machine."""
     return urlsplit(address).hostname in ("127.0.0.1", "localhost", "::1")

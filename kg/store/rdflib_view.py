@@ -1,4 +1,4 @@
-"""rdflib store over a live map: read as any other, written by validated updates alone."""
+"""rdflib store over a live map: read like any other, written by validated updates only."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ class ApplyUpdate(Protocol):
     """Applies SPARQL Update to the map, as `SemanticMap.update` does."""
 
     def __call__(self, sparql: str, /, *, confirmed: bool = False) -> object:
-        """Apply it; a large deletion has to be `confirmed`."""
+        """Apply the update; a large deletion must be `confirmed`."""
 
 
 class DatasetView(OxigraphStore):
     """An rdflib store over a live map.
 
-    ``Dataset.update`` does what `SemanticMap.update` does, ``confirmed=True`` included; adding and
-    removing single triples is refused, since hardly a triple of a map stands alone.
+    ``Dataset.update`` works as `SemanticMap.update`, with ``confirmed=True`` too. Adding and
+    removing single triples is refused, since most facts of a map consist of several triples.
     """
 
     def __init__(self, engine: pyoxigraph.Store, update: ApplyUpdate) -> None:
@@ -57,7 +57,7 @@ class DatasetView(OxigraphStore):
         raise _refusal()
 
     def add_graph(self, graph: object) -> None:
-        """Nothing: a graph of a map is there while it holds something."""
+        """Does nothing: a graph of a map exists while it holds triples."""
 
     def remove_graph(self, graph: object) -> NoReturn:
         """Refused."""

@@ -1,7 +1,7 @@
-"""One SPARQL 1.1 server over HTTP: where its two addresses are, and what it says.
+"""Client of one SPARQL 1.1 server: finds its query and update addresses, sends requests.
 
-A time limit of an Oxigraph server arrives as status 200 and a body that breaks off; a reader that
-took what there is would take a part for the whole. Here every body is parsed to its end.
+At its time limit an Oxigraph server breaks off the body of a reply with status 200. So every body
+is parsed to its end, and a truncated one is an error.
 """
 
 from __future__ import annotations
@@ -36,10 +36,11 @@ from kg.store.credentials import HINT
 from kg.store.virtuoso import complaint, gives_triples, is_virtuoso, plain, readable
 
 if TYPE_CHECKING:
-    import requests  # at run time where a request is made: maps in folders need none
+    import requests  # imported by requests only: maps in folders do not need it
 
-SEQUENCE: Final = "Here-Sequence"  # of an answer: which state; of a query: the oldest it may be of
-CONFIRM: Final = "Here-Confirm"  # of a request that may delete a large share of the map
+#: header of an answer: its transaction; of a query: the oldest transaction it accepts
+SEQUENCE: Final = "Here-Sequence"
+CONFIRM: Final = "Here-Confirm"  # header of a request that may delete a large share of the map
 CONFIRMED: Final = "delete"  # the value of that header
 UPDATE_VARIABLE: Final = "HEREABOUTS_UPDATE_URL"
 ANSWER_WITHIN = 300.0  # [s]
@@ -47,7 +48,7 @@ _CHUNK = 1 << 16
 
 _RESULTS = "application/sparql-results+json"
 _TRIPLES = "application/n-triples"
-#: ending of the address -> where (query, update) lie from there
+#: (query path, update path), relative to the address
 _LAYOUTS: Final[tuple[tuple[str, str], ...]] = (
     ("/query", "/update"),  # Oxigraph, Fuseki
     ("", "/statements"),  # RDF4J, GraphDB: .../repositories/NAME
@@ -81,12 +82,12 @@ Answer = Solutions | QueryBoolean | Triples
 
 
 def is_url(address: object) -> bool:
-    """Whether an address of a map names a server rather than a folder."""
+    """Whether the address of a map names a server, not a folder."""
     return isinstance(address, str) and address.lower().startswith(("http://", "https://"))
 
 
 class SparqlClient:
-    """A SPARQL server; found by `at`. Safe to use from several threads."""
+    """Client of a SPARQL server; `at` creates it. Safe to use from several threads."""
 
     def __init__(
         self,
@@ -100,8 +101,8 @@ class SparqlClient:
         self.query_url = query_url
         self.update_url = update_url
         self._always = tuple(always)  # parameters of each query
-        self.virtuoso = False  # until it has answered
-        self.least = 0  # transaction that a `hereabouts serve` is to have in its answers
+        self.virtuoso = False  # until the first answer
+        self.min_sequence = 0  # oldest transaction accepted in answers of a `hereabouts serve`
         from kg.store.http_session import HttpSession
 
         self._http = HttpSession(query_url, token)
@@ -110,12 +111,16 @@ class SparqlClient:
     def at(
         cls, address: str, always: Sequence[tuple[str, str]] = (), *, token: str | None = None
     ) -> SparqlClient:
-        """The server at `address`, its query and update addresses found by asking.
+        """Client of the server at `address`; finds the query and update addresses by trying.
 
-        Every query is sent with the parameters `always`, every request with the bearer `token`
-        (None: that of the environment). `HEREABOUTS_UPDATE_URL` names the address for updates where
-        it is an unusual one. Raises RemoteError where nothing answers, or what answers does not
-        speak SPARQL.
+        Args:
+            address: address of the server, the repository or the endpoint. The environment variable
+                HEREABOUTS_UPDATE_URL overrides the address of updates.
+            always: parameters of every query.
+            token: bearer token of every request; None: the token in the environment.
+
+        Raises:
+            RemoteError: no server answers, or it does not support SPARQL.
         """
         root = address.rstrip("/")
         detail = ""
@@ -141,8 +146,9 @@ class SparqlClient:
     def ask(self, query: str, parameters: Sequence[tuple[str, str]] = ()) -> Answer:
         """The whole answer to a query.
 
-        Raises SyntaxError with the server's words where it does not parse there, RemoteError for
-        everything else that is not an answer, an answer cut short included.
+        Raises:
+            SyntaxError: the query does not parse on the server; with the server's message.
+            RemoteError: any other failure, a truncated answer included.
         """
         form = [("query", query), *self._always, *parameters]
         reply = self._post(self.query_url, form, self._accept(query))
@@ -158,12 +164,16 @@ class SparqlClient:
             raise RemoteError(self._cut_short()) from error
 
     def fetch(
-        self, query: str, parameters: Sequence[tuple[str, str]], *, seconds: float, most: int
+        self, query: str, parameters: Sequence[tuple[str, str]], *, seconds: float, max_bytes: int
     ) -> tuple[str, bytes]:
-        """Media type and body of an answer, as it came: JSON results or N-Triples.
+        """Media type and unparsed body of an answer: JSON results or N-Triples.
 
-        Raises QueryTimeoutError where it is not there within `seconds`, QueryTooLargeError beyond
-        `most` bytes, and as `ask`. Whether it is whole shows when it is parsed.
+        A truncated body is not detected here, but when it is parsed.
+
+        Raises:
+            QueryTimeoutError: the answer takes longer than `seconds`.
+            QueryTooLargeError: the answer has more than `max_bytes`.
+            SyntaxError, RemoteError: as `ask`.
         """
         import requests
 
@@ -174,8 +184,10 @@ class SparqlClient:
             try:
                 for chunk in reply.iter_content(_CHUNK):
                     body += chunk
-                    if len(body) > most:
-                        raise QueryTooLargeError(f"{self.where} has more than {most} bytes to say")
+                    if len(body) > max_bytes:
+                        raise QueryTooLargeError(
+                            f"the answer of {self.where} has more than {max_bytes} bytes"
+                        )
                     if time.monotonic() > deadline:
                         raise QueryTimeoutError(self._too_late(seconds))
             except requests.exceptions.ChunkedEncodingError as error:
@@ -191,7 +203,7 @@ class SparqlClient:
         return media_type, bytes(body)
 
     def update(self, update: str) -> None:
-        """Run an update; raises RemoteError where the server did not do it."""
+        """Run an update; raises RemoteError if the server did not apply it."""
         try:
             self._post(self.update_url, [("update", update)], _RESULTS, safe=False)
         except SyntaxError as error:
@@ -228,13 +240,13 @@ class SparqlClient:
     ) -> requests.Response:
         import requests
 
-        # as a form, of the protocol's three ways the one that every server takes: Virtuoso 7.2
-        # never answers to a query that is itself the body
+        # every server accepts a form; Virtuoso 7.2 never replies to a query as the body
+        accepted = {SEQUENCE: str(self.min_sequence)} if self.min_sequence else {}
         try:
             reply = self._http.send(
                 "POST",
                 url,
-                headers={"Accept": accept, **({SEQUENCE: str(self.least)} if self.least else {})},
+                headers={"Accept": accept, **accepted},
                 seconds=seconds,
                 safe=safe,
                 data=list(form),
@@ -255,8 +267,9 @@ class SparqlClient:
         return reply
 
     def _raise_refusal(self, reply: requests.Response) -> None:
-        text = complaint(reply.text) if self.virtuoso else " ".join(_detail_of(reply).split())
-        detail = text[:300]
+        problem = _problem(reply)
+        text = str(problem.get("detail", reply.text))
+        detail = (complaint(text) if self.virtuoso else " ".join(text.split()))[:300]
         if reply.status_code == 400:
             raise SyntaxError(detail)
         if reply.status_code in (401, 403):
@@ -264,7 +277,7 @@ class SparqlClient:
                 f"{self.where} refused ({reply.status_code}{detail and ': '}{detail}); {HINT}, or "
                 "user:password@ into the address"
             )
-        if reply.status_code == 404 and _problem(reply).get("error") == "HistoryError":
+        if reply.status_code == 404 and problem.get("error") == "HistoryError":
             raise HistoryError(f"{self.where}: {detail}")
         raise RemoteError(f"{self.where} answered {reply.status_code}: {detail or reply.reason}")
 
@@ -284,13 +297,8 @@ class SparqlClient:
         )
 
 
-def _detail_of(reply: requests.Response) -> str:
-    """The message of a refused request, from its problem details (RFC 9457) where it has them."""
-    return str(_problem(reply).get("detail", reply.text))
-
-
 def _problem(reply: requests.Response) -> dict[str, object]:
-    """A refusal in the JSON of RFC 9457; empty where it is none."""
+    """Problem details (RFC 9457) of a refused request; empty without them."""
     if "problem+json" not in reply.headers.get("content-type", ""):
         return {}
     try:
@@ -301,7 +309,7 @@ def _problem(reply: requests.Response) -> dict[str, object]:
 
 
 def without_secrets(address: str) -> str:
-    """An address as it may be shown: without user, password and query."""
+    """An address without user, password and query, for messages."""
     parts = urlsplit(address)
     host = parts.netloc.rpartition("@")[2]
     return urlunsplit((parts.scheme, host, parts.path, "", "")).rstrip("/")

@@ -1,9 +1,9 @@
-"""Transactional quad store on disk: one Oxigraph store a process, one writer at a time.
+"""Transactional quad store on disk, with one writer at a time.
 
-A map is a folder: ``store/`` is Oxigraph's, ``lock`` a lock file. A writer holds the lock
-exclusively; readers share it, since Oxigraph leaves reading beside a writing process undefined.
-Deletions leave tombstones that slow every query until a flush, so a writer's thread flushes every
-few seconds.
+A map is a folder with Oxigraph's ``store/`` and a lock file ``lock``. A writer holds the lock
+exclusively; readers share it, since Oxigraph does not support reading beside a writing process.
+Deletions leave tombstones that slow every query until a flush, so a thread of the writer flushes
+every few seconds.
 """
 
 from __future__ import annotations
@@ -30,8 +30,6 @@ from kg.rdf.xml_characters import unwritable
 from kg.store.folder import (
     check_is_map,
     check_vacant,
-    engine_of,
-    fill,
     locked,
     reason_of,
     remove_abandoned,
@@ -45,26 +43,26 @@ FLUSH_EVERY = 3.0  # [s]
 class Journal(Protocol):
     """Write-ahead log: each transaction is recorded here before the store applies it."""
 
-    last_time: float  # [s] of the last transaction recorded
+    last_time: float  # [s] of the last recorded transaction
 
     def append(self, change: ChangeSet) -> None:
-        """Record it; raises GraphError where that fails."""
+        """Record a transaction; raises GraphError on failure."""
 
     def withdraw(self, sequence: int) -> None:
-        """Remove it and later ones: the store refused it."""
+        """Remove that transaction and later ones, which the store rejected."""
 
     def flush(self) -> None:
         """Do background work, on the flushing thread."""
 
     def close(self) -> None:
-        """Close its files."""
+        """Close the files."""
 
 
 class TransactionalStore:
-    """An open store; closes with `close` and as a context manager.
+    """An open store, also as a context manager.
 
-    `engine` is the live store, for reading; `commit` writes to it. A `journal` records each
-    transaction before the store applies it.
+    `engine` is for reading, `commit` writes. A `journal` records each transaction before the store
+    applies it.
     """
 
     def __init__(self, engine: QuadStore, *, where: str, read_only: bool, lock: int | None) -> None:
@@ -86,17 +84,17 @@ class TransactionalStore:
 
     @classmethod
     def in_memory(cls, quads: Iterable[Quad], *, read_only: bool = False) -> Self:
-        """A store without a path, gone when closed."""
+        """A store in memory; closing deletes it."""
         engine = Store()
         engine.bulk_extend(quads)
         return cls(engine, where="memory", read_only=read_only, lock=None)
 
     @classmethod
     def create(cls, path: Path, quads: Iterable[Quad]) -> Self:
-        """A new store at `path` that holds `quads`, open for writing.
+        """A new store of `quads` at `path`, open for writing.
 
-        Built beside `path` and renamed into place, so a process that dies meanwhile leaves no half
-        of a map. Raises GraphError where `path` exists already.
+        The store is built beside `path` and then renamed, so that a killed process leaves no
+        incomplete map. Raises GraphError if `path` exists.
         """
         check_vacant(path)
         building = path.parent / f".{path.name}.new-{uuid.uuid4().hex}"
@@ -106,9 +104,13 @@ class TransactionalStore:
             building.mkdir()
             lock = locked(building / "lock", path, shared=False)
             try:
-                fill(building / "store", quads)
+                engine = Store(str(building / "store"))
+                engine.bulk_extend(quads)
+                engine.flush()
+                del engine  # releases its files
                 building.rename(path)
-                return cls(engine_of(path, False), where=str(path), read_only=False, lock=lock)
+                engine = Store(str(path / "store"))
+                return cls(engine, where=str(path), read_only=False, lock=lock)
             except BaseException:
                 os.close(lock)
                 shutil.rmtree(building, ignore_errors=True)
@@ -120,14 +122,16 @@ class TransactionalStore:
     def open(cls, path: Path, *, read_only: bool = False) -> Self:
         """The store at `path`.
 
-        Raises MapNotFoundError where there is none (and creates nothing), MapBusyError where
-        another process (or another handle of this one) writes it, or reads it while this one wants
-        to write.
+        Raises:
+            MapNotFoundError: there is no store; none is created.
+            MapBusyError: another process (or another handle of this one) has the map open, and one
+                of both wants to write.
         """
         check_is_map(path)
         lock = locked(path / "lock", path, shared=read_only)
         try:
-            engine = engine_of(path, read_only)
+            folder = str(path / "store")
+            engine = Store.read_only(folder) if read_only else Store(folder)
         except (OSError, RuntimeError) as error:  # RuntimeError: RocksDB finds damaged files
             os.close(lock)
             raise GraphError(f"cannot open the map at {path}: {reason_of(error)}") from error
@@ -135,30 +139,32 @@ class TransactionalStore:
 
     @classmethod
     def create_on(cls, url: str, quads: Iterable[Quad]) -> Self:
-        """A new map of `quads` on the server at `url`, which may hold other graphs beside.
+        """A new map of `quads` on the server at `url`, beside other graphs.
 
-        Raises GraphError where there is a map already, RemoteError where no server answers.
+        Raises:
+            GraphError: the server has a map already.
+            RemoteError: no server answers.
         """
         with contextlib.closing(SparqlBackend(url)) as engine:
             kind = NamedNode(v.SEMANTIC_MAP)
             if any(engine.quads_for_pattern(None, v.RDF_TYPE, kind, None)):
                 raise GraphError(f"there is a map at {engine.where} already; open it")
             engine.load(quads)
-        # connected anew: the server's default graph can be probed only once it holds a map
+        # a new connection probes the server's default graph, which works only with a map in it
         return cls.connect(url)
 
     @classmethod
     def connect(cls, url: str, *, read_only: bool = False) -> Self:
-        """The store of the SPARQL 1.1 server at `url`; raises RemoteError where none answers.
+        """The store on the SPARQL 1.1 server at `url`; raises RemoteError if none answers.
 
-        Such a store has no lock: its users must ensure that one process at a time writes.
+        Such a store has no lock: users must ensure that one process at a time writes.
         """
         engine = SparqlBackend(url)
         return cls(engine, where=engine.where, read_only=read_only, lock=None)
 
     @property
     def engine(self) -> QuadStore:
-        """The live store; raises GraphError once closed."""
+        """The live store; raises GraphError after `close`."""
         if self._engine is None:
             raise GraphError(f"the map at {self.where} is closed; open it again")
         return self._engine
@@ -170,12 +176,12 @@ class TransactionalStore:
 
     @property
     def shared(self) -> bool:
-        """Whether other processes may write it without a notification."""
+        """Whether other processes may write the store without a notification."""
         return isinstance(self.engine, SparqlBackend)
 
     @property
     def native(self) -> Store:
-        """The live store where it is in this process; raises GraphError where it is not."""
+        """The live embedded store; raises GraphError for a store on a server."""
         if not isinstance(self.engine, Store):
             raise GraphError(
                 f"the map at {self.where} is on a server; open the folder of a map for this"
@@ -190,11 +196,20 @@ class TransactionalStore:
         *,
         exact_at: int | None = None,
     ) -> ChangeSet | None:
-        """Delete and insert in one transaction: all of it or nothing, also when killed midway.
+        """Delete and insert quads in one atomic transaction.
 
-        Only real changes are written, with the transaction's number; None where there are none. For
-        quads that are exact as of the transaction `exact_at` the store is not searched for them.
-        Raises InvalidFactError for blank nodes, and for texts that XML cannot represent.
+        Args:
+            delete: quads to delete; quads that the store does not hold are ignored.
+            insert: quads to insert; quads that the store holds already are ignored.
+            cause: reason of the transaction.
+            exact_at: transaction at which all quads are real changes; the store is then not
+                searched for them.
+
+        Returns:
+            The change set, or None without a real change.
+
+        Raises:
+            InvalidFactError: a quad has a blank node, or a text that XML cannot represent.
         """
         self.check_writable()
         insert, delete = dict.fromkeys(insert), dict.fromkeys(delete)
@@ -224,14 +239,14 @@ class TransactionalStore:
 
     @contextlib.contextmanager
     def copied(self) -> Iterator[Store]:
-        """A copy of the store as it is now, gone after the block; on disk by hard links."""
+        """A temporary copy of the store, on disk by hard links; deleted after the block."""
         if self._unlock is None:
             copy = Store()
             copy.bulk_extend(self.native)
             yield copy
             return
         folder = Path(self.where) / "scratch"
-        shutil.rmtree(folder, ignore_errors=True)  # of a process that was killed
+        shutil.rmtree(folder, ignore_errors=True)  # left by a killed process
         try:
             self.native.backup(str(folder))
             copy = Store(str(folder))
@@ -243,17 +258,17 @@ class TransactionalStore:
             shutil.rmtree(folder, ignore_errors=True)
 
     def listen(self, listener: Listener) -> Callable[[], None]:
-        """Have `listener` called after each commit; returns the function that stops it."""
+        """Call `listener` after each commit; returns a function that removes it."""
         self._listeners.append(listener)
         return lambda: self._listeners.remove(listener)
 
     def notify(self, change: ChangeSet) -> None:
-        """Call the listeners with a transaction that is stored."""
+        """Call the listeners with a stored transaction."""
         for listener in tuple(self._listeners):
             listener(change)
 
     def replay(self, change: ChangeSet) -> None:
-        """Apply a transaction that the journal holds already, without notification."""
+        """Apply a transaction of the journal, without notification."""
         self.check_writable()
         with self._committing:
             self._write(change)
@@ -266,15 +281,19 @@ class TransactionalStore:
         """
         self.check_writable()
         with self._committing:
-            text = f"CLEAR GRAPH {graph};\nINSERT DATA {{\n{graph_blocks(quads)}}}"
-            try:
-                self.engine.update(text)
-            except OSError as error:
-                reason = reason_of(error)
-                raise GraphError(f"cannot write the map at {self.where}: {reason}") from error
+            self._update(f"CLEAR GRAPH {graph};\nINSERT DATA {{\n{graph_blocks(quads)}}}")
+
+    def _update(self, sparql: str) -> None:
+        try:
+            self.engine.update(sparql)
+        except (OSError, RuntimeError) as error:
+            raise self._unwritable(error) from error
+
+    def _unwritable(self, error: OSError | RuntimeError) -> GraphError:
+        return GraphError(f"cannot write the map at {self.where}: {reason_of(error)}")
 
     def _now(self) -> float:
-        # a clock set back must not put a transaction before the one it follows
+        # after the clock was set back, a transaction must not precede the previous one
         return max(transaction_time(), self.journal.last_time if self.journal else 0.0)
 
     def _record(self, change: ChangeSet) -> None:
@@ -285,7 +304,7 @@ class TransactionalStore:
         try:
             self._write(change)
         except GraphError:
-            # on a full disk neither can be written: the next `append` withdraws it first
+            # on a full disk this may fail too; the next `append` then withdraws the transaction
             with contextlib.suppress(GraphError):
                 self.journal.withdraw(change.sequence)
             raise
@@ -299,10 +318,7 @@ class TransactionalStore:
             for verb, quads in (("DELETE", removed), ("INSERT", added))
             if quads
         )
-        try:
-            self.engine.update(text)
-        except (OSError, RuntimeError) as error:
-            raise GraphError(f"cannot write the map at {self.where}: {reason_of(error)}") from error
+        self._update(text)
 
     def check_writable(self) -> None:
         """Raises GraphError if the store is read-only."""
@@ -310,24 +326,23 @@ class TransactionalStore:
             raise GraphError(f"the map at {self.where} is open for reading only; open it to write")
 
     def flush(self) -> None:
-        """Write everything to disk and drop tombstones; nothing to do for readers.
+        """Write everything to disk and drop tombstones; does nothing for readers.
 
-        Raises GraphError where that fails, as on a full disk.
+        Raises GraphError on failure, such as a full disk.
         """
         engine = self._engine
         if isinstance(engine, Store) and self._unlock is not None and not self.read_only:
             try:
                 engine.flush()
             except (OSError, RuntimeError) as error:
-                reason = reason_of(error)
-                raise GraphError(f"cannot write the map at {self.where}: {reason}") from error
+                raise self._unwritable(error) from error
             if self.journal is not None:
                 self.journal.flush()
 
     def close(self) -> None:
-        """Flush, stop the thread, release store and lock; closing twice is fine.
+        """Flush, stop the thread, release store and lock; idempotent.
 
-        Raises GraphError, after all that, where what is flushed cannot be written.
+        Raises GraphError, after the release, if the flush fails.
         """
         self._stop.set()
         if self._flusher is not None:
@@ -336,17 +351,14 @@ class TransactionalStore:
         try:
             self.flush()
         finally:
-            self._let_go()
-
-    def _let_go(self) -> None:
-        if self.journal is not None:
-            self.journal.close()
-            self.journal = None
-        if isinstance(self._engine, SparqlBackend):
-            self._engine.close()
-        self._engine = None
-        if self._unlock is not None:
-            self._unlock()
+            if self.journal is not None:
+                self.journal.close()
+                self.journal = None
+            if isinstance(self._engine, SparqlBackend):
+                self._engine.close()
+            self._engine = None
+            if self._unlock is not None:
+                self._unlock()
 
     def __enter__(self) -> Self:
         return self
@@ -372,7 +384,7 @@ def _keep_flushing(reference: weakref.ref[TransactionalStore], stop: threading.E
 
 
 def _check_blank_nodes(quads: Iterable[Quad]) -> None:
-    # an update renames blank nodes that it inserts and cannot delete any
+    # an update renames the blank nodes that it inserts, and it cannot delete any
     for quad in quads:
         if isinstance(quad.subject, BlankNode) or isinstance(quad.object, BlankNode):
             raise InvalidFactError(f"a blank node cannot be written: {quad.triple}; give it an IRI")
@@ -389,13 +401,13 @@ def _check_characters(quads: Iterable[Quad]) -> None:
 
 
 def sequence_quad(number: int) -> Quad:
-    """The fact that the store holds the transaction `number` and all before it."""
+    """The quad that states the number of the last stored transaction."""
     graph = v.DATASET_GRAPH
     return Quad(graph, NamedNode(v.SEQUENCE), Literal(number), graph)
 
 
 def stored_sequence(engine: QuadStore) -> int:
-    """The number of the last transaction that a store holds; 0 before the first."""
+    """The number of the last transaction in a store; 0 before the first."""
     graph = v.DATASET_GRAPH
     quads = engine.quads_for_pattern(graph, NamedNode(v.SEQUENCE), None, graph)
     return max((int(q.object.value) for q in quads if isinstance(q.object, Literal)), default=0)

@@ -1,8 +1,8 @@
-"""Deviations of Virtuoso 7 from the SPARQL standards, and how they are handled.
+"""Workarounds for deviations of Virtuoso 7 from the SPARQL standards.
 
-It names blank nodes ``nodeID://...``, writes numbers in a lexical form of its own and booleans as 0
-and 1, answers CONSTRUCT with a table where it may, takes no blank node in INSERT DATA, and compiles
-no request of more than some ten thousand lines.
+Virtuoso names blank nodes ``nodeID://...``, writes numbers in its own lexical form and booleans as
+0 and 1, prefers a table as the answer to CONSTRUCT, rejects blank nodes in INSERT DATA, and cannot
+compile a request of more than about ten thousand lines.
 """
 
 from __future__ import annotations
@@ -19,25 +19,25 @@ from pyoxigraph import BlankNode, Literal, Quad, Triple
 from kg.model import vocabulary as v
 from kg.rdf.sparql.lexer import keywords_of
 
-AT_ONCE: Final = 400  # quads of one request
+MAX_QUADS: Final = 400  # in one request
 _FORMS: Final = ("SELECT", "ASK", "CONSTRUCT", "DESCRIBE")
 _LINE: Final = re.compile(r"SPARQL compiler, line (\d+): (.*)")
 _BOOLEAN: Final = v.XSD + "boolean"
 
 
 def is_virtuoso(server: str | None) -> bool:
-    """Whether the Server header of an answer names it."""
+    """Whether the Server header of an answer names Virtuoso."""
     return (server or "").startswith("Virtuoso/")
 
 
 def gives_triples(query: str) -> bool:
-    """Whether it is CONSTRUCT or DESCRIBE; such an answer must be requested as triples alone."""
+    """Whether the query is CONSTRUCT or DESCRIBE; its request must accept triples only."""
     form = next((word for word in keywords_of(query) if word in _FORMS), "SELECT")
     return form in _FORMS[2:]
 
 
 def readable(results: bytes) -> bytes:
-    """SPARQL results in JSON as the standard has them, numbers in the form a map uses."""
+    """SPARQL results in standard JSON, with numbers in the lexical form of a map."""
     content = json.loads(results)
     for row in content.get("results", {}).get("bindings", ()):
         for cell in row.values():
@@ -49,7 +49,7 @@ def readable(results: bytes) -> bytes:
 
 
 def plain(triple: Triple) -> Triple:
-    """A triple with its number in the form a map uses."""
+    """A triple with its number in the lexical form of a map."""
     value = triple.object
     if not isinstance(value, Literal) or value.language:
         return triple
@@ -59,10 +59,10 @@ def plain(triple: Triple) -> Triple:
 
 
 def complaint(body: str) -> str:
-    """The message of an error without the query it repeats, with its line where it has one."""
+    """The error message without the repeated query, with its line if it has one."""
     text = " ".join(body.split("SPARQL query:")[0].split())
-    found = _LINE.search(text)
-    return f"error at {found[1]}:1: {found[2]}" if found else text
+    match = _LINE.search(text)
+    return f"error at {match[1]}:1: {match[2]}" if match else text
 
 
 def _plain(text: str, datatype: str) -> str:
@@ -74,10 +74,11 @@ def _plain(text: str, datatype: str) -> str:
     return text
 
 
-def loads(quads: Iterable[Quad]) -> Iterator[list[Quad]]:
-    """The quads in parts that one request each can take; those with blank nodes in one of them.
+def batches(quads: Iterable[Quad]) -> Iterator[list[Quad]]:
+    """The quads in batches, one for each request.
 
-    The order is kept but for these, which come first: a map is there once its last part is.
+    The first batch has all quads with blank nodes, since a blank node keeps its identity within one
+    request only. The others keep the order of the quads: the last batch completes the map.
     """
     named: list[Quad] = []
     nameless: list[Quad] = []
@@ -87,5 +88,5 @@ def loads(quads: Iterable[Quad]) -> Iterator[list[Quad]]:
     if nameless:
         yield nameless
     rest = iter(named)
-    while part := list(islice(rest, AT_ONCE)):
+    while part := list(islice(rest, MAX_QUADS)):
         yield part

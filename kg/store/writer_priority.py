@@ -1,8 +1,7 @@
 """Writer priority: readers of a process wait while its writer writes a frame.
 
-Threads of one process share the interpreter's lock, and a thread that decodes an answer releases it
-only every few milliseconds. A writer that waits for two such readers several times a frame would be
-late for the next frame.
+Threads of one process share the interpreter's lock. A thread that decodes an answer releases the
+lock only every few milliseconds, so two such readers could delay a writer beyond the next frame.
 """
 
 from __future__ import annotations
@@ -14,40 +13,40 @@ from typing import Final, TypeVar
 
 Item = TypeVar("Item")
 
-MAX_WAIT: Final = 0.05  # [s] at one place, in case the writer waits for a lock of the reader
+MAX_WAIT: Final = 0.05  # [s] of one call, in case the writer waits for a lock of the reader
 
-_under_way: dict[int, threading.Event] = {}  # by thread; the interpreter's lock guards it
+_writers: dict[int, threading.Event] = {}  # by thread; the interpreter's lock guards it
 
 
 @contextmanager
 def writing() -> Iterator[None]:
-    """For the length of a block, have the readers of this process wait."""
+    """For the length of a block, the readers of this process wait."""
     me = threading.get_ident()
-    if me in _under_way:
+    if me in _writers:
         yield
         return
-    done = _under_way[me] = threading.Event()
+    done = _writers[me] = threading.Event()
     try:
         yield
     finally:
-        del _under_way[me]
+        del _writers[me]
         done.set()
 
 
 def yield_to_writer() -> None:
-    """Wait until the frame that is being written is written; the writer itself does not wait.
+    """Wait for the end of the current frame; the writer's own thread does not wait.
 
-    Called between pieces of reading. It does not wait for frames that begin meanwhile, so beside a
-    writer that never pauses a reader reads one piece a frame.
+    Readers call it between pieces of work. Later frames do not prolong the wait, so a reader
+    completes one piece a frame beside a writer that never pauses.
     """
-    if _under_way and threading.get_ident() not in _under_way:
-        # `copy` is one step; a garbage collection may let a writer in between any others
-        for done in _under_way.copy().values():
+    if _writers and threading.get_ident() not in _writers:
+        # `copy` is atomic; a garbage collection may let a writer run between other steps
+        for done in _writers.copy().values():
             done.wait(MAX_WAIT)
 
 
 def in_pieces(items: Iterable[Item], size: int) -> Iterator[Item]:
-    """The items, yielding to the writer before each piece of `size` of them."""
+    """The items; yields to the writer before each piece of `size` items."""
     for number, item in enumerate(items):
         if not number % size:
             yield_to_writer()

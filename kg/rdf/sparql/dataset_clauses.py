@@ -1,6 +1,6 @@
-"""The graphs a protocol request names for an update (SPARQL 1.1 Protocol, section 2.2.3).
+"""Dataset of an update, named by a protocol request (SPARQL 1.1 Protocol, section 2.2.3).
 
-They are inserted into the update as USING clauses, outside of strings, comments and IRIs.
+The graphs are inserted into the update as USING clauses, outside of strings, comments and IRIs.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from kg.rdf.sparql.parameters import has_word
 
 
 def with_graphs(sparql: str, default: Sequence[str], named: Sequence[str]) -> str:
-    """The update with its WHERE clauses read over those graphs; unchanged where none is named.
+    """The update with USING clauses for those graphs; unchanged without any graph.
 
-    Raises QueryError where the update chooses its graphs itself (WITH, USING), or a graph is no
-    absolute IRI.
+    Raises:
+        QueryError: the update has WITH or USING itself, or a graph is no absolute IRI.
     """
     if not default and not named:
         return sparql
@@ -40,14 +40,11 @@ def _changes(sparql: str, clauses: str) -> Iterator[tuple[int, int, str]]:
             continue
         if before is not None and before.keyword == "DELETE":
             # DELETE WHERE takes no USING: its pattern is its template as well
-            pattern = sparql[word.end : _closing(words, word)]
+            closing = (w.end for w in words if w.start > word.start and w.text == "}")
+            pattern = sparql[word.end : next(closing, word.end)]
             yield word.start, word.end, f"{pattern.strip()} {clauses}WHERE"
         else:
             yield word.start, word.start, clauses
-
-
-def _closing(words: list[Token], where: Token) -> int:
-    return next((w.end for w in words if w.start > where.start and w.text == "}"), where.end)
 
 
 def _outer_words(sparql: str) -> Iterator[Token]:

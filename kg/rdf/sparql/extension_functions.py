@@ -1,4 +1,4 @@
-"""Functions that queries may call and the engine lacks."""
+"""SPARQL functions that the engine does not have: math:sqrt and geof:sfWithin."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from kg.rdf.wkt import area_of_polygon, point_of
 
 
 def square_root(term: object) -> Literal | None:
-    """XPath's math:sqrt; unbound for what has none."""
+    """XPath's math:sqrt; unbound for a term without a square root."""
     try:
         return Literal(math.sqrt(float(getattr(term, "value", ""))))
     except ValueError:
@@ -23,7 +23,7 @@ def square_root(term: object) -> Literal | None:
 
 
 def within(point: object, polygon: object) -> Literal | None:
-    """GeoSPARQL's geof:sfWithin of a point and a polygon, both WKT; unbound for anything else."""
+    """GeoSPARQL's geof:sfWithin for a point and a polygon in WKT; unbound for other terms."""
     spot = point_of(str(getattr(point, "value", "")))
     area = _area(str(getattr(polygon, "value", "")))
     return None if spot is None or area is None else Literal(area.contains(*spot))

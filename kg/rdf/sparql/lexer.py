@@ -1,9 +1,9 @@
 """Lexer of SPARQL 1.1 (section 19.8): the tokens of a query or update, with their positions.
 
-It accepts any text: a character that begins no token is a token of kind ``other``. The engine's
-parser needs no white space between tokens, and tries alternatives, so that no lexer can determine
-with certainty which words it reads as keywords: `kg.serving.workers.network_isolation` denies
-queries the network through the kernel, this module does not.
+The lexer accepts any text: a character that begins no token is a token of kind ``other``. It is no
+security boundary. The engine's parser needs no white space between tokens and tries alternatives,
+so no lexer knows for certain which words are keywords; `kg.serving.workers.network_isolation`
+blocks the network in the kernel.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ _NON_ASCII_BASE: Final = (
     "\u2070-\u218f\u2c00-\u2fef\u3001-\ud7ff\uf900-\ufdcf\ufdf0-\ufffd\U00010000-\U000effff"
 )
 _NON_ASCII_MORE: Final = "\u00b7\u0300-\u036f\u203f\u2040"
-# with any other escape in a text of three quotes, the engine reads an empty string and a new one
+# after any other escape in a triple-quoted string, the engine reads two strings
 _ESCAPE: Final = r"\\[tbnrf\\\"'uU]"
 _CODEPOINT: Final = re.compile(r"\\u([0-9a-fA-F]{4})|\\U([0-9a-fA-F]{8})")
 
 
 @cache
 def _pattern(base: str, more: str) -> re.Pattern[str]:
-    """The tokens, with characters that begin names (PN_CHARS_BASE) and that continue them."""
+    """Pattern of all tokens; `base` begins names (PN_CHARS_BASE), `more` continues them."""
     name_end = f"[{base}_{more}-]"
     local = rf"(?:[{base}_:{more}-]|%[0-9A-Fa-f]{{2}}|\\[_~.!$&'()*+,;=/?\#@%-])"
     variable = f"[{base}_0-9][{base}_{more}]*"
@@ -50,15 +50,8 @@ def _pattern(base: str, more: str) -> re.Pattern[str]:
     )
 
 
-def _lexer(sparql: str) -> re.Pattern[str]:
-    # compiling the character classes beyond ASCII takes longer than most commands take to start
-    if sparql.isascii():
-        return _pattern("A-Za-z", "0-9")
-    return _pattern(f"A-Za-z{_NON_ASCII_BASE}", f"0-9{_NON_ASCII_MORE}")
-
-
 class Token(NamedTuple):
-    """A token: its kind (a group of the lexer), and its position in the text."""
+    """A token: its kind (a group of the pattern), its text and its position."""
 
     kind: str
     text: str
@@ -67,13 +60,17 @@ class Token(NamedTuple):
 
     @property
     def keyword(self) -> str:
-        """The word in upper case, as keywords are of any case; empty for other kinds."""
+        """The word in upper case, since keywords ignore case; empty for other kinds."""
         return self.text.upper() if self.kind == "word" else ""
 
 
 def tokens_of(sparql: str) -> Iterator[Token]:
     """The tokens of a text, without white space and comments."""
-    for match in _lexer(sparql).finditer(sparql):
+    # the full character classes take longer to compile than most commands take to start
+    ascii_only = sparql.isascii()
+    base = "A-Za-z" + ("" if ascii_only else _NON_ASCII_BASE)
+    more = "0-9" + ("" if ascii_only else _NON_ASCII_MORE)
+    for match in _pattern(base, more).finditer(sparql):
         kind = str(match.lastgroup)
         if kind not in ("space", "comment"):
             yield Token(kind, match[0], match.start(), match.end())
@@ -85,7 +82,7 @@ def keywords_of(sparql: str) -> Iterator[str]:
 
 
 def replace_tokens(sparql: str, replacement: Callable[[Token], str | None]) -> str:
-    """The text with each token replaced for which `replacement` returns a text."""
+    """The text with tokens replaced; `replacement` returns None for a token to keep."""
     pieces, done = [], 0
     for token in tokens_of(sparql):
         text = replacement(token)

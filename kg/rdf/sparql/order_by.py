@@ -1,10 +1,9 @@
 """Total order of ORDER BY keys: a rewriting of queries that the engine's sort cannot evaluate.
 
-The engine compares literals by value where it can and by their text where it cannot, which over
-mixed values is no order (9 < 10 by value, "10" < "9a" < "9" by text): its sort then panics. Here
-each key is preceded by the class of its value (blank node, IRI, numbers, each other datatype), so
-that only comparable values meet. SPARQL 1.1 (section 15.1) leaves the order between such classes
-of literals open, so the answer is right with it.
+The engine compares two literals by value if possible, else by text. Over mixed values that is no
+order (9 < 10 by value, "10" < "9a" < "9" by text), and the engine's sort panics. The rewriting
+sorts by the class of a value first (blank node, IRI, number, each other datatype), so that only
+comparable values are compared. SPARQL 1.1 (section 15.1) leaves the order of these classes open.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from kg.rdf.sparql.lexer import Token, tokens_of
 _END: Final = ("LIMIT", "OFFSET", "VALUES")
 _DIRECTIONS: Final = ("ASC", "DESC")
 _XSD: Final = "http://www.w3.org/2001/XMLSchema#"
-# a time with and one without a zone may be incomparable, and so may two xsd:duration
+# times with and without a zone may be incomparable, and so may two xsd:duration
 _WITHIN_DATATYPE: Final = (
     f"IF(!STRSTARTS(STR(DATATYPE(@)),'{_XSD}')||DATATYPE(@)=<{_XSD}string>,'',"
     f"IF(DATATYPE(@)=<{_XSD}duration>,STR(@),STR(REGEX(STR(@),'(Z|[+-][0-9][0-9]:[0-9][0-9])$'))))"
@@ -29,23 +28,20 @@ _CLASS: Final = (
 
 
 def with_total_order(sparql: str) -> str:
-    """The query with a total order over mixed values; itself where no ORDER BY is understood."""
+    """The query with a total order over mixed values; unchanged for an unknown ORDER BY."""
     tokens = list(tokens_of(sparql))
     pieces, done = [], 0
     for at, (order, by) in enumerate(pairwise(tokens)):
         if (order.keyword, by.keyword) == ("ORDER", "BY"):
             for token, direction, expression in _keys(sparql, tokens, at + 2):
-                pieces += [sparql[done : token.start], _class_of(direction, expression)]
+                class_key = f"{direction}{_CLASS.replace('@', expression)} "
+                pieces += [sparql[done : token.start], class_key]
                 done = token.start
     return "".join([*pieces, sparql[done:]])
 
 
-def _class_of(direction: str, expression: str) -> str:
-    return f"{direction}{_CLASS.replace('@', expression)} "
-
-
 def _keys(sparql: str, tokens: list[Token], at: int) -> list[tuple[Token, str, str]]:
-    """First token, direction and expression of each key; none where one is not understood."""
+    """First token, direction and expression of each key; empty if one has an unknown form."""
     keys = []
     while at < len(tokens) and tokens[at].text != "}" and tokens[at].keyword not in _END:
         first = tokens[at]
@@ -62,7 +58,7 @@ def _keys(sparql: str, tokens: list[Token], at: int) -> list[tuple[Token, str, s
 
 
 def _after_operand(tokens: list[Token], at: int) -> int:
-    """The index after a variable or a bracketed expression; 0 where neither is there."""
+    """The index after a variable or a bracketed expression; 0 for other tokens."""
     if at < len(tokens) and tokens[at].kind in ("variable", "parameter"):
         return at + 1
     if at >= len(tokens) or tokens[at].text != "(":
@@ -70,7 +66,7 @@ def _after_operand(tokens: list[Token], at: int) -> int:
     depth = 0
     for index in range(at, len(tokens)):
         text = tokens[index].text
-        if text in ("{", "}"):  # EXISTS: too much to be evaluated several times
+        if text in ("{", "}"):  # EXISTS: too expensive to evaluate several times
             return 0
         depth += (text == "(") - (text == ")")
         if depth == 0:

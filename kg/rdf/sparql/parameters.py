@@ -1,8 +1,8 @@
-"""Parameters (`$name`) of a query text, and what else its tokens reveal before it is parsed.
+"""Parameters (`$name`), variables, keywords and relative IRIs of a query text.
 
-The engine's own substitution reaches projected variables of SELECT alone (a parameter inside FILTER
-or a subquery is refused), so terms are substituted here: token by token, outside of strings,
-comments and IRIs, each serialised by the engine. Text of a user is never pasted.
+The engine substitutes only projected variables of SELECT, not parameters inside FILTER or a
+subquery. So this module substitutes tokens by RDF terms that the engine serialised, outside of
+strings, comments and IRIs. It never pastes text of a user.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def variables_in(sparql: str) -> frozenset[str]:
 
 
 def substitute(sparql: str, terms: Mapping[str, Term]) -> str:
-    """The text with each `$name` of `terms` replaced by its RDF term, on the same line."""
+    """The text with each `$name` replaced by its RDF term in `terms`, without new lines."""
 
     def term_of(token: Token) -> str | None:
         term = terms.get(token.text[1:]) if token.kind == "parameter" else None
@@ -40,7 +40,7 @@ def substitute(sparql: str, terms: Mapping[str, Term]) -> str:
 
 
 def insert_into_pattern(sparql: str, clause: str) -> str:
-    """The text with `clause` at the start of its outermost pattern, on the same line."""
+    """The text with `clause` at the start of its outermost pattern, without new lines."""
     start = next((token.end for token in tokens_of(sparql) if token.text == "{"), 0)
     return sparql[:start] + clause + sparql[start:]
 
@@ -52,5 +52,5 @@ def has_word(sparql: str, word: str) -> bool:
 
 
 def has_relative(sparql: str) -> bool:
-    """Whether the text may have relative IRIs, so that it needs a base."""
+    """Whether the text may have relative IRIs, which need a base."""
     return _RELATIVE.search(sparql) is not None

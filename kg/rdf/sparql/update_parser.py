@@ -1,7 +1,7 @@
 """Parser of SPARQL Update requests: the operations of a request, and the parts of each.
 
-Syntax is checked by the engine's own parser (`kg.maps.update.execution` runs it first, for the
-whole request, and again for every part); here the text is only split, outside of strings, comments
+The engine's own parser checks the syntax (`kg.maps.update.execution` runs it first for the whole
+request, and again for every part). This parser only splits the text, outside of strings, comments
 and IRIs. Grammar: SPARQL 1.1, rules 29 to 49.
 """
 
@@ -23,7 +23,7 @@ _TWO_GRAPHS = ("ADD", "COPY", "MOVE")
 
 @dataclass(frozen=True, slots=True)
 class Operation:
-    """One operation of a request; the parts are text as written, groups with their braces."""
+    """One operation of a request; its parts are unchanged text, groups with their braces."""
 
     verb: str  # INSERT DATA, DELETE DATA, MODIFY, CLEAR, DROP, CREATE, ADD, COPY, MOVE, LOAD
     prologue: str  # the PREFIX and BASE declarations in force, on one line
@@ -33,7 +33,7 @@ class Operation:
     insert: str = "{}"  # template, or the data of INSERT DATA
     where: str = "{}"  # group
     within: str = ""  # the graph of WITH
-    using: str = ""  # USING clauses, as the FROM clauses of a query
+    using: str = ""  # USING clauses, rewritten as FROM clauses of a query
     silent: bool = False
     graphs: tuple[str, ...] = ()  # of CLEAR ... MOVE: an IRI, or DEFAULT, NAMED, ALL
 
@@ -43,10 +43,11 @@ class UnclearError(QueryError):
 
 
 def operations(sparql: str, prologue: str = "") -> Iterator[Operation]:
-    """The operations of an update request, in their order.
+    """The operations of an update request, in order; `prologue` has declarations for all of them.
 
-    What is declared in `prologue` is in force from the start.
-    Raises QueryError for an unknown operation, UnclearError where one cannot be split into parts.
+    Raises:
+        QueryError: an operation is unknown.
+        UnclearError: an operation cannot be split into parts.
     """
     for tokens, start, end in _split(sparql):
         cut = _after_prologue(tokens)
@@ -60,22 +61,22 @@ def operations(sparql: str, prologue: str = "") -> Iterator[Operation]:
 def check_blank_labels(parts: Iterable[Operation]) -> None:
     """Raises QueryError if two INSERT DATA share a blank node label (SPARQL 1.1, section 19.6).
 
-    The engine does not see it, since it parses the operations one by one.
+    The engine parses the operations one by one and does not notice.
     """
-    known: set[str] = set()
+    used: set[str] = set()
     for part in parts:
         if part.verb == "INSERT DATA":
             labels = {token.text for token in tokens_of(part.insert) if token.kind == "blank"}
-            if both := sorted(known & labels):
+            if both := sorted(used & labels):
                 raise QueryError(
                     f"update: two INSERT DATA operations use the blank node {both[0]}; "
                     "write them as one, or rename it"
                 )
-            known |= labels
+            used |= labels
 
 
 def variables_as_iris(template: str) -> str:
-    """A template as data: each variable is an IRI under `VARIABLE`."""
+    """The template with an IRI under `VARIABLE` for each variable, so that it parses as data."""
 
     def iri_of(token: Token) -> str | None:
         variable = token.kind in ("variable", "parameter")
@@ -85,17 +86,17 @@ def variables_as_iris(template: str) -> str:
 
 
 def _split(sparql: str) -> Iterator[tuple[list[Token], int, int]]:
-    """The tokens, start and end of each operation: they are separated by semicolons."""
-    depth, start, found = 0, 0, list[Token]()
+    """The tokens, start and end of each operation; semicolons separate operations."""
+    depth, start, operation = 0, 0, list[Token]()
     for token in tokens_of(sparql):
         if token.kind == "mark":
             depth += {"{": 1, "}": -1}.get(token.text, 0)
         if token.text == ";" and token.kind == "mark" and depth == 0:
-            yield found, start, token.start
-            start, found = token.end, []
+            yield operation, start, token.start
+            start, operation = token.end, []
         else:
-            found.append(token)
-    yield found, start, len(sparql)
+            operation.append(token)
+    yield operation, start, len(sparql)
 
 
 def _after_prologue(tokens: list[Token]) -> int:

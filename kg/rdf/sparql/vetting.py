@@ -1,10 +1,10 @@
-"""Vetting of queries and updates before they are parsed: a scanner that gives clear error messages.
+"""Vetting of queries and updates before parsing, with clear error messages.
 
-Oxigraph evaluates every SERVICE clause, and its parser recurses: a few hundred nested brackets
-overflow the stack. The scanner refuses both in one line. It is no security boundary: the kernel
-denies the network (`kg.serving.workers.network_isolation`); where the kernel cannot,
-`check_network_words` errs on the side of refusing. For untrusted queries all of it runs inside the
-worker, so that a text made to be slow to vet uses up its own time limit only.
+Oxigraph evaluates every SERVICE clause, and its recursive parser overflows the stack on a few
+hundred nested brackets. Vetting rejects both. It is no security boundary: the kernel blocks the
+network (`kg.serving.workers.network_isolation`); on machines where it cannot,
+`check_network_words` rejects every suspicious text. Untrusted queries are vetted inside the worker,
+so that a text that is slow to vet uses up its own time limit only.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ MAX_LENGTH = 200_000  # characters; a VALUES of 2,000 IRIs is half of it
 MAX_DEPTH = 100  # brackets; the parser's stack ends between 400 and 2,000
 
 _GAP = r"(?:\s|\#[^\n\r]*[\n\r])*+"
-# overlapping (a lookahead) and over the raw text, strings and comments included: what the lexer
-# reads as a string or comment may be code to the engine; a false alarm costs a rewording
+# overlapping (a lookahead) and over the raw text with strings and comments, since the engine may
+# read code in a part that the lexer reads as a string or a comment
 _SERVICE = re.compile(
     rf"(?=service{_GAP}(?:silent{_GAP})?(?P<endpoint><[^>]*>|[?$]\w+|[^\s{{}}<>:]*:[^\s{{]*){_GAP}\{{)",
     re.IGNORECASE,
 )
 _LOAD = re.compile(rf"\bload{_GAP}(?:silent{_GAP})?(?:<[^>]*>|[\w.-]*:\w)", re.IGNORECASE)
-_NETWORK_WORDS = ("service", "load")
+
 _UPDATES = frozenset(
     ("INSERT", "DELETE", "LOAD", "CLEAR", "DROP", "CREATE", "ADD", "MOVE", "COPY", "WITH")
 )
@@ -58,8 +58,8 @@ def vet(
 ) -> None:
     """Raises QueryRefusedError if the text writes, reads beyond the map, or nests too deeply.
 
-    `services` are the IRIs that SERVICE may name. FROM needs no check, since it only chooses among
-    the graphs of the map.
+    `services` are the IRIs that SERVICE may name. FROM only selects graphs of the map and needs no
+    check.
     """
     for text in _readings(sparql):
         _check_no_update(text)
@@ -68,7 +68,7 @@ def vet(
 
 
 def reads_chosen_graphs(sparql: str) -> bool:
-    """Whether the text has a FROM clause, so that its default graph is not the union."""
+    """Whether the text has a FROM clause; its default graph is then not the union."""
     return any("FROM" in keywords_of(text) for text in _readings(sparql))
 
 
@@ -102,7 +102,7 @@ def check_nesting(sparql: str, limit: int = MAX_DEPTH) -> None:
 
 
 def _readings(sparql: str) -> Iterable[str]:
-    # the standard decodes escapes first; the engine decodes them in strings, IRIs and names alone
+    # the standard decodes escapes first; the engine only those in strings, IRIs and names
     return dict.fromkeys((sparql, decode_escapes(sparql)))
 
 
@@ -123,19 +123,19 @@ def _check_nesting(sparql: str, limit: int) -> None:
 
 
 def has_allowed_service(sparql: str, allowed: Collection[str]) -> bool:
-    """Whether the text plainly has a SERVICE clause with one of the `allowed` endpoints."""
+    """Whether the text has a SERVICE clause with one of the `allowed` endpoints."""
     return bool(allowed) and _allowed_clause(allowed).search(sparql) is not None
 
 
 def check_network_words(sparql: str, allowed: Collection[str]) -> None:
     """Raises QueryRefusedError for the letters of SERVICE or LOAD anywhere in the text.
 
-    It is for processes that the kernel cannot deny the network. Strings, comments and names are
-    refused too, since only the engine's own parser is certain. Clauses with an `allowed` endpoint
-    pass.
+    For processes whose network the kernel cannot block. Strings, comments and names with these
+    letters are rejected too, since only the engine's parser can tell them apart. Clauses with an
+    `allowed` endpoint pass.
     """
     rest = _allowed_clause(allowed).sub("", sparql) if allowed else sparql
-    for word in _NETWORK_WORDS:
+    for word in ("service", "load"):
         if word in decode_escapes(rest).lower():
             raise QueryRefusedError(
                 f"the letters of {word.upper()} are refused anywhere in a query, since on this "
@@ -150,9 +150,8 @@ def _allowed_clause(allowed: Collection[str]) -> re.Pattern[str]:
 
 def _check_services(sparql: str, allowed: Collection[str]) -> None:
     endpoints = [match["endpoint"] for match in _SERVICE.finditer(sparql)]
-    # as a language tag too, for the same reason
+    # also as a language tag, which may be a keyword to the engine
     words = sum(token.text.upper() in ("SERVICE", "@SERVICE") for token in tokens_of(sparql))
-    known = words <= len(endpoints) and all(endpoint[1:-1] in allowed for endpoint in endpoints)
-    if not known:
-        there = f"; allowed are: {', '.join(sorted(allowed))}" if allowed else ""
-        raise QueryRefusedError(f"SERVICE is refused: a query reads this map alone{there}")
+    if words > len(endpoints) or any(endpoint[1:-1] not in allowed for endpoint in endpoints):
+        hint = f"; allowed are: {', '.join(sorted(allowed))}" if allowed else ""
+        raise QueryRefusedError(f"SERVICE is refused: a query reads this map alone{hint}")

@@ -22,10 +22,10 @@ from kg.rdf.skolem import named
 from kg.serving.publishing.sources import SourceSnapshot
 from kg.store.sparql_backend import graph_blocks
 from kg.store.sparql_client import Solutions, SparqlClient
-from kg.store.virtuoso import AT_ONCE
+from kg.store.virtuoso import MAX_QUADS
 
 CHUNK: Final = 20_000  # quads of one request; a transaction of fewer is one update
-CHUNK_OF_VIRTUOSO: Final = 10 * AT_ONCE
+CHUNK_OF_VIRTUOSO: Final = 10 * MAX_QUADS
 
 _SEQUENCE: Final = NamedNode(v.SEQUENCE)
 _PART: Final = NamedNode(v.DCT_HAS_PART)

@@ -49,7 +49,7 @@ class LimitedQueries:
             return table_of(answer.media_type, answer.body)
         vet(sparql)
         return table_of(
-            *engine.fetch(sparql, (), (), base=base, seconds=self._seconds, most=self._result)
+            *engine.fetch(sparql, (), (), base=base, seconds=self._seconds, max_bytes=self._result)
         )
 
     def _workers(self) -> QueryPool:

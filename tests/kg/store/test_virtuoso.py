@@ -8,7 +8,15 @@ import pytest
 from pyoxigraph import BlankNode, Literal, NamedNode, Quad, QueryResultsFormat, parse_query_results
 
 from kg.model import vocabulary as v
-from kg.store.virtuoso import AT_ONCE, complaint, gives_triples, is_virtuoso, loads, plain, readable
+from kg.store.virtuoso import (
+    MAX_QUADS,
+    batches,
+    complaint,
+    gives_triples,
+    is_virtuoso,
+    plain,
+    readable,
+)
 
 RDFS_LABEL = NamedNode(v.RDFS_LABEL)
 
@@ -64,15 +72,15 @@ def test_a_complaint_names_the_line_and_not_the_query() -> None:
 
 def test_a_load_comes_in_parts_and_the_last_comes_last() -> None:
     graph = v.MAP_GRAPH
-    things = [NamedNode(f"urn:{n}") for n in range(2 * AT_ONCE)]
+    things = [NamedNode(f"urn:{n}") for n in range(2 * MAX_QUADS)]
     quads = [Quad(thing, RDFS_LABEL, Literal("x"), graph) for thing in things]
     nameless = [
         Quad(BlankNode("a"), RDFS_LABEL, BlankNode("b"), graph),
         Quad(things[0], RDFS_LABEL, BlankNode("b"), graph),
     ]
-    parts = list(loads([*quads[:9], *nameless, *quads[9:]]))
-    assert parts == [nameless, quads[:AT_ONCE], quads[AT_ONCE:]]
-    assert list(loads([])) == []
+    parts = list(batches([*quads[:9], *nameless, *quads[9:]]))
+    assert parts == [nameless, quads[:MAX_QUADS], quads[MAX_QUADS:]]
+    assert list(batches([])) == []
 
 
 def test_it_is_known_by_its_name() -> None:

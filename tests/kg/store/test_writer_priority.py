@@ -120,7 +120,7 @@ def test_a_writer_that_ends_amid_a_collection_harms_no_reader(
     done.set()
     # more than tuples are kept in store for, so that another one is one more thing to collect
     under_way = {-number: done for number in range(1, 31)}
-    monkeypatch.setattr(writer_priority, "_under_way", under_way)
+    monkeypatch.setattr(writer_priority, "_writers", under_way)
 
     def meanwhile(phase: str, _: object) -> None:
         if phase == "start" and under_way.pop(0, None) is None:
