@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import Final, TypeVar
 
@@ -23,6 +24,11 @@ from kg.rdf.parsing import ENDINGS, Parse, parse_file
 
 #: Shapes validate the other files and are not part of the map.
 SHAPES_FILE: Final = "shapes.ttl"
+
+#: Limits of an ontology: validation and the closed hierarchy of larger ones would take minutes.
+MAX_CLASSES: Final = 10_000
+MAX_LEVELS: Final = 100
+MAX_SUPERCLASSES: Final = 300_000  # pairs of a class and a superclass
 
 _RELATION_CLASSES: Final = {
     v.LOCATED_AT: NamedNode(v.LOCATED_AT_RELATION),
@@ -93,16 +99,59 @@ def superclasses(quads: Iterable[Quad]) -> dict[str, tuple[str, ...]]:
     Follows ``rdfs:subClassOf`` between named classes, through cycles too. Restrictions and
     owl:Thing, which no query uses, are left out.
     """
+    parents = _parents(quads)
+    return {iri: tuple(sorted(_reachable(iri, parents))) for iri in sorted(parents)}
+
+
+def check_hierarchy(quads: Iterable[Quad]) -> None:
+    """Check that the classes of an ontology form a hierarchy of a size that maps can hold.
+
+    Raises:
+        OntologyError: classes are superclasses of one another, or there are too many classes,
+            levels, or pairs of a class and a superclass, each of which is a triple of the map.
+    """
+    parents = _parents(quads)
+    if len(parents) > MAX_CLASSES:
+        raise OntologyError(
+            f"the ontology has {len(parents):,} classes; at most {MAX_CLASSES:,} would work"
+        )
+    sorter = TopologicalSorter({iri: sorted(parents[iri]) for iri in sorted(parents)})
+    try:
+        order = [*sorter.static_order()]
+    except CycleError as error:
+        cycle = [f"<{iri}>" for iri in error.args[1]]
+        shown = " under ".join(cycle if len(cycle) <= 6 else [*cycle[:5], "..."])
+        raise OntologyError(
+            f"classes are superclasses of one another: {shown}; remove one of these "
+            "rdfs:subClassOf, or keep one class for all of them"
+        ) from error
+    above: dict[str, set[str]] = {}
+    levels: dict[str, int] = {}
+    pairs = 0
+    for iri in order:
+        above[iri] = {iri}.union(*(above[parent] for parent in parents[iri]))
+        levels[iri] = 1 + max((levels[parent] for parent in parents[iri]), default=0)
+        pairs += len(above[iri])
+        if levels[iri] > MAX_LEVELS or pairs > MAX_SUPERCLASSES:
+            raise OntologyError(
+                f"<{iri}> has too many superclasses: an ontology of at most {MAX_LEVELS} levels, "
+                f"and of {MAX_SUPERCLASSES:,} pairs of a class and a superclass, would work"
+            )
+
+
+def _parents(quads: Iterable[Quad]) -> dict[str, set[str]]:
+    """Every named class, by IRI, with its named superclasses as stated."""
     parents: dict[str, set[str]] = defaultdict(set)
     for q in quads:
         if not isinstance(q.subject, NamedNode) or not isinstance(q.object, NamedNode):
             continue
-        if q.predicate == v.RDF_TYPE and q.object.value == v.OWL_CLASS:
-            parents[q.subject.value].add(q.subject.value)
-        elif q.predicate.value == v.RDFS_SUB_CLASS_OF and q.object.value != v.OWL_THING:
-            parents[q.subject.value].add(q.object.value)
-            parents[q.object.value].add(q.object.value)
-    return {iri: tuple(sorted(_reachable(iri, parents))) for iri in sorted(parents)}
+        child, parent = q.subject.value, q.object.value
+        if q.predicate == v.RDF_TYPE and parent == v.OWL_CLASS:
+            parents[child].update()
+        elif q.predicate.value == v.RDFS_SUB_CLASS_OF and parent not in (v.OWL_THING, child):
+            parents[child].add(parent)
+            parents[parent].update()
+    return dict(parents)
 
 
 def _reachable(start: str, edges: Mapping[str, set[str]]) -> set[str]:
@@ -120,9 +169,10 @@ def compile_commonsense(quads: Iterable[Quad]) -> tuple[Quad, ...]:
     Deterministic in content and order. Layout: docs/explanation/architecture.md.
 
     Raises:
-        OntologyError: as `relations`.
+        OntologyError: as `check_hierarchy` and `relations`.
     """
     quads = tuple(quads)
+    check_hierarchy(quads)
     compiled = [
         _quad(iri, v.IS_A, NamedNode(above))
         for iri, all_above in superclasses(quads).items()

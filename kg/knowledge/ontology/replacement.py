@@ -57,7 +57,7 @@ def replace_ontology(
     new += tuple(provisional_to_keep(old, new, lambda node: _is_used(store, node)))
     compiled = compile_commonsense(new)
     present = set(store.engine.quads_for_pattern(None, None, None, v.COMMONSENSE_GRAPH))
-    before = set(compile_commonsense(old))
+    before = compiled_before(old, present)
     _reject_missing(old, new)
     reject_partial(old, new, whole=whole)
     reject_lost_terms(store, old, new, present - before)
@@ -73,6 +73,14 @@ def replace_ontology(
         Cause("ontology", by, note),
     )
     return Replacement(differences, kept, commit)
+
+
+def compiled_before(old: Iterable[Quad], present: set[Quad]) -> set[Quad]:
+    """Quads that `old` compiled to; all `present` ones where it is invalid."""
+    try:
+        return set(compile_commonsense(old))
+    except OntologyError:
+        return present
 
 
 def reject_partial(old: Iterable[Quad], new: Iterable[Quad], *, whole: bool) -> None:

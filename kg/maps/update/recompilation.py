@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
-from pyoxigraph import Quad
-
 from kg.knowledge.ontology.loading import compile_commonsense
-from kg.knowledge.ontology.replacement import recompiled
+from kg.knowledge.ontology.replacement import compiled_before, recompiled
 from kg.maps.update.change_draft import ChangeDraft
 from kg.model import vocabulary as v
-from kg.model.errors import OntologyError
 from kg.rdf.skolem import named
 
 
@@ -21,16 +16,9 @@ def recompile_commonsense(draft: ChangeDraft) -> None:
     """
     if not any(q.graph_name == v.ONTOLOGY_GRAPH for q in (*draft.added, *draft.removed)):
         return
-    before = _compiled(draft.before(None, None, None, v.ONTOLOGY_GRAPH))
+    old = named(draft.before(None, None, None, v.ONTOLOGY_GRAPH))
+    before = compiled_before(old, set(draft.before(None, None, None, v.COMMONSENSE_GRAPH)))
     after = set(compile_commonsense(named(draft.after(None, None, None, v.ONTOLOGY_GRAPH))))
     present = set(draft.after(None, None, None, v.COMMONSENSE_GRAPH))
     delete, insert, _ = recompiled(present, before, after)
     draft.change(delete, insert)
-
-
-def _compiled(quads: Iterable[Quad]) -> set[Quad]:
-    """The compiled ontology; empty where it is invalid, so that an update can mend it."""
-    try:
-        return set(compile_commonsense(named(quads)))
-    except OntologyError:
-        return set()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import pyoxigraph
@@ -11,7 +12,7 @@ import pytest
 from pyoxigraph import Literal, NamedNode, Quad, RdfFormat
 
 from kg.knowledge.ontology.catalogue import Catalogue
-from kg.knowledge.ontology.lint import check_map, check_ontologies
+from kg.knowledge.ontology.lint import check_map, check_ontologies, check_quads
 from kg.knowledge.ontology.loading import compile_commonsense, load_ontologies
 from kg.model import vocabulary as v
 from kg.model.errors import OntologyError
@@ -283,3 +284,45 @@ def test_one_bad_fact_of_a_relation_is_found(good: str, bad: str, focus: str, me
     findings = check_map(with_facts(RELATED.replace(good, bad, 1)))
     wanted = BASE + (focus or "object/1/relation/inside/2")
     assert [f for f in findings if f.focus == wanted and message in f.message], findings
+
+
+def classes(count: int, below: Callable[[int], list[int]]) -> list[Quad]:
+    """`count` classes, class i below those of `below(i)`."""
+    lines = [PREFIXES]
+    for i in range(count):
+        above = "".join(f" ; rdfs:subClassOf here:C{k}" for k in below(i))
+        lines.append(f"here:C{i} a owl:Class ; rdfs:label 'c {i}' ; rdfs:comment '-'{above} .")
+    facts = pyoxigraph.parse("\n".join(lines), format=RdfFormat.TURTLE)
+    return [*ONTOLOGY, *(Quad(q.subject, q.predicate, q.object, v.ONTOLOGY_GRAPH) for q in facts)]
+
+
+@pytest.mark.parametrize(
+    ("quads", "message"),
+    [
+        (classes(3, lambda i: [(i + 1) % 3]), "superclasses of one another: .*C0.* under .*C1"),
+        (classes(500, lambda i: [(i + 1) % 500]), "superclasses of one another"),
+        (classes(101, lambda i: [i - 1] if i else []), "at most 100 levels"),
+        (
+            classes(1500, lambda i: [i // 30 * 30 - k for k in range(1, 31)] if i >= 30 else []),
+            "300,000 pairs",
+        ),
+        (classes(10_001, lambda _: []), "at most 10,000 would work"),
+    ],
+)
+def test_a_hierarchy_that_would_fill_the_map_is_refused(quads: list[Quad], message: str) -> None:
+    (finding,) = check_quads(quads)
+    assert re.search(message, finding.message)
+    with pytest.raises(OntologyError, match=message):
+        compile_commonsense(quads)
+
+
+def test_a_term_with_hundreds_of_labels_is_refused() -> None:
+    label = NamedNode(v.RDFS_LABEL)
+    more = [Quad(NamedNode(v.OBJECT), label, Literal(str(n)), v.ONTOLOGY_GRAPH) for n in range(300)]
+    (finding,) = check_quads([*ONTOLOGY, *more])
+    assert (finding.focus, finding.message) == (v.OBJECT, "has more than 200 labels")
+
+
+def test_a_hierarchy_of_ninety_levels_is_sound() -> None:
+    quads = classes(90, lambda i: [i - 1] if i else [])
+    assert [f for f in check_quads(quads) if f.severity != "warning"] == []

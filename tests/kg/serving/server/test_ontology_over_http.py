@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING
 
 import pytest
 import rdflib
-from pyoxigraph import RdfFormat, serialize
+from pyoxigraph import NamedNode, Quad, RdfFormat, serialize
 
 from kg.knowledge.ontology.import_closure import load_with_imports
 from kg.knowledge.ontology.loading import load_ontologies
+from kg.model import vocabulary as v
 from kg.model.errors import OntologyError, RemoteError
+from kg.model.transactions import Cause
 from kg.model.vocabulary import HERE, OWL_AXIOM, PREFIXES
 from kg.serving.editing.ontology_sources import ontology_at
 from kg.serving.editing.reloading import reload
@@ -77,6 +79,42 @@ def test_a_refused_ontology_leaves_a_served_map_as_it_is(served: Served, mine: P
     answer = served.request("PUT", "graphs/ontology", data=mine.read_bytes(), headers=headers)
     assert answer.status_code == 422
     assert set(served.map.engine) == before
+
+
+@pytest.mark.usefixtures("token")
+def test_a_cycle_of_a_thousand_classes_is_refused_at_once_however_it_comes(
+    served: Served, mine: Path
+) -> None:
+    before = set(served.map.engine)
+    classes = "".join(
+        f"here:C{i} a owl:Class ; rdfs:label 'c {i}' ; rdfs:subClassOf here:C{(i + 1) % 1000} .\n"
+        for i in range(1000)
+    )
+    headers = {"Content-Type": "text/turtle", **served.bearer()}
+    answer = served.request(
+        "PUT", "graphs/ontology", data=mine.read_text() + classes, headers=headers
+    )
+    assert (answer.status_code, "superclasses of one another" in answer.text) == (422, True)
+    with pytest.raises(OntologyError, match="superclasses of one another"):
+        served.map.update(
+            f"INSERT DATA {{ GRAPH graph:ontology {{ {classes} }} }}", allow=["ontology"]
+        )
+    assert set(served.map.engine) == before
+
+
+def test_a_map_that_holds_a_cycle_opens_and_is_mended(served: Served) -> None:
+    one, other = NamedNode(HERE + "Cup"), NamedNode(HERE + "Mug")
+    below = NamedNode(v.RDFS_SUB_CLASS_OF)
+    cycle = [
+        Quad(one, below, other, v.ONTOLOGY_GRAPH),
+        Quad(other, below, one, v.ONTOLOGY_GRAPH),
+        Quad(one, NamedNode(v.IS_A), other, v.COMMONSENSE_GRAPH),
+    ]
+    served.map.store.commit([], cycle, Cause("update"))
+    served.map.ontology.reread()
+    assert served.map.catalogue.find("cup").iri == one.value
+    served.map.ontology.replace(load_ontologies().quads, whole=True)
+    assert not set(cycle) & set(served.map.engine)
 
 
 @pytest.mark.usefixtures("token")
