@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.records import FREE, LOW, TALL, FloorTile
-from mapping.occupancy.connected_components import neighbours
 from mapping.occupancy.depth_projection import floor_evidence, frame_points
 from mapping.occupancy.occupancy_settings import OccupancySettings
 from mapping.occupancy.tiles import Key, OccupancyTile, States, tile_evidence
+from perception.binary_masks import with_neighbours
 from perception.frames import Frame
 
 Floats = NDArray[np.float64]
@@ -141,7 +141,7 @@ def floor_field(points: FloorPoints, cell: float) -> FloorField | None:
     reached = solid
     for worth in _NEAR:
         obstacle[reached & (obstacle <= 0)] = worth
-        reached = reached | neighbours(reached)
+        reached = with_neighbours(reached)
     of_free = np.where(free, _AGREED, np.where(solid, _BLOCKED, 0.0))
     return FloorField(origin, cell, obstacle, of_free, known)
 

@@ -20,9 +20,9 @@ from mapping.labels.label_resolver import LabelResolver
 from mapping.labels.label_table import LabelTable
 from mapping.objects.absence import RECALL
 from mapping.objects.association import associate
+from mapping.objects.detection_fates import DetectionFates
 from mapping.objects.existence import logit
-from mapping.objects.object_cache import ObjectCache
-from mapping.objects.object_mapper import ObjectChanges
+from mapping.objects.object_mapper import ObjectChanges, ObjectMapper
 from mapping.objects.reidentification.identity import IdentityResolver
 from mapping.objects.reidentification.merging import duplicates
 from mapping.objects.settings import ObjectSettings
@@ -48,12 +48,13 @@ from perception.frames import Detections, Frame
 _NEARBY = 6.0  # [m] tracks farther from every sighting are not looked at
 
 
-class BayesObjectMapper:
-    """Turns detections into changes of the map's objects; writes nothing itself.
+class BayesObjectMapper(ObjectMapper):
+    """Bayes mapper of objects.
 
-    An `ObjectMapper`. It reads again what others write, and the track of a changed object starts
-    anew from its record.
+    Where others change an object, its track starts anew from its record.
     """
+
+    fates: DetectionFates
 
     def __init__(
         self,
@@ -66,9 +67,8 @@ class BayesObjectMapper:
         labels: LabelTable | None = None,
         unknown_labels: UnknownLabels = "ignore",
     ) -> None:
-        self._map, self._places = semantic_map, places
+        super().__init__(semantic_map, places)
         self._settings = settings or ObjectSettings()
-        self._objects = ObjectCache(semantic_map)
         self._catalogue = semantic_map.catalogue
         self.labels = LabelResolver(
             semantic_map, "object", table=labels, unknown=unknown_labels, model=model
@@ -83,14 +83,8 @@ class BayesObjectMapper:
         self._new: set[str | None] = set()  # IRIs that the last frame gave
         self.sightings: list[ThingSighting] = []  # of the last frame, strongest first
         self._identity = IdentityResolver(
-            semantic_map, self._objects, self._settings, self._updater.usual_size
+            semantic_map, self.cache, self._settings, self._updater.usual_size
         )
-        self._revision = -1  # of the places' rectangles, when objects were last put into places
-
-    @property
-    def cache(self) -> ObjectCache:
-        """The objects as perceived, and the assertions about them."""
-        return self._objects
 
     @property
     def tracks(self) -> Sequence[Track]:
@@ -101,14 +95,6 @@ class BayesObjectMapper:
     def unplaced(self) -> int:
         """Things detected so far without usable depth."""
         return self._extractor.unplaced
-
-    def objects(self) -> tuple[ObjectRecord, ...]:
-        """All objects, with assertions applied."""
-        return self._objects.objects()
-
-    def get(self, iri: str) -> ObjectRecord | None:
-        """Object with that IRI, with assertions applied; None where there is none."""
-        return self._objects.get(iri)
 
     def belief_of(self, sighting: Sighting | ThingSighting) -> tuple[str | None, float]:
         """IRI (None: a candidate's) and existence of what `sighting` is associated with now."""
@@ -162,13 +148,7 @@ class BayesObjectMapper:
         frame: str = "",
         robot: NDArray[np.float64] | None = None,
     ) -> ObjectChanges:
-        """Process detections that have positions already, taken at `stamp` [s since 1970].
-
-        As `add`, but without negative evidence, as nothing is known of what the camera could see.
-        One call is one look: a thing that it holds several times counts once. `frame` is the id of
-        the image of those that name none, `robot` (2,) [m] where it was taken from: what is seen
-        again from there counts less.
-        """
+        """Process detections that have positions already, taken at `stamp` [s since 1970]."""
         self.refresh()
         self._updater.begin(stamp)
         self.fates.begin(self._tracks)
@@ -218,8 +198,8 @@ class BayesObjectMapper:
 
     def undo(self, changes: ObjectChanges) -> None:
         """Discard changes that could not be written; their objects are read again."""
+        super().undo(changes)
         self.fates.undo()
-        self._objects.invalidate([*(record.iri for record in changes.updated), *changes.removed])
         for track in self._tracks:
             if track.iri in self._new:
                 track.iri = track.written = None  # a candidate again
@@ -227,7 +207,6 @@ class BayesObjectMapper:
                 track.observations -= 1
         self._tracks = [t for t in self._tracks if t.iri is not None or t.observations > 0]
         self._identity.departures.undo()
-        self._revision = -1
 
     def refresh(self) -> None:
         """Read again what others changed since the last call; cheap where nothing was."""
@@ -235,10 +214,10 @@ class BayesObjectMapper:
             self._places.refresh()
         if self._map.catalogue is not self._catalogue:
             self._forget_categories()
-        touched = self._objects.refresh()
+        touched = self.cache.refresh()
         if not touched:
             return
-        held = self._objects.perceived
+        held = self.cache.perceived
         kept = list[Track]()
         for track in self._tracks:
             if track.iri not in touched:
@@ -262,7 +241,7 @@ class BayesObjectMapper:
             if unknown and track.evidence:
                 self._updater.assess(track)
         gone = [track.iri for track in self._tracks if track.iri and not track.evidence]
-        self._objects.remove(iri for iri in gone if iri in self._objects.perceived)
+        self.cache.remove(iri for iri in gone if iri in self.cache.perceived)
         self._tracks = [track for track in self._tracks if track.evidence]
         self._identity.departures.forget_unknown()
 
@@ -330,7 +309,7 @@ class BayesObjectMapper:
             for kept, absorbed in duplicates(
                 touched, self._tracks, self._updater.usual_size, self._settings
             )
-            if not self._objects.has_assertions(absorbed.iri)
+            if not self.cache.has_assertions(absorbed.iri)
         ]
         for kept, absorbed in found:
             kept.merge(absorbed)
@@ -367,15 +346,15 @@ class BayesObjectMapper:
             track.iri = track.iri or self._map.new_object_iri()
         self._new = {track.iri for track in seen if track.written is None} - {None}
         self._drop(lost)
-        self._objects.remove(iri for iri in removed if iri in self._objects.perceived)
+        self.cache.remove(iri for iri in removed if iri in self.cache.perceived)
         dropped = {id(track) for track in lost}
         written = {
             track.iri: self._record(track)
             for track in touched
             if track.iri is not None and id(track) not in dropped
         }
-        written |= self._moved(written)
-        self._objects.update(written)
+        written |= self._put_into_places(written)
+        self.cache.update(written)
         departed, forgotten = self._identity.departures.changes(updater.stamp)
         removed |= forgotten
         counts = len(new), len(seen), len(missed)
@@ -389,7 +368,7 @@ class BayesObjectMapper:
     def _improbable(self, track: Track) -> bool:
         """Whether an object is to leave the map: looks in vain alone do not prove that it left."""
         assert track.iri is not None
-        if self._objects.asserted_present(track.iri):
+        if self.cache.asserted_present(track.iri):
             return False
         s = self._settings
         if len(track.clear_views) >= s.clear_views or track.presence < s.removed:
@@ -416,24 +395,18 @@ class BayesObjectMapper:
     def _record(self, track: Track) -> ObjectRecord:
         record = track.record()
         if self._places is not None:
-            track.place = self._places.at(self._objects.believed(record).p_map)
+            track.place = self._place(record)
             record = replace(record, place=track.place)
         track.written, track.labels = record, dict(record.labels)
         return record
 
-    def _moved(self, written: Mapping[str, ObjectRecord]) -> dict[str, ObjectRecord]:
-        """Objects that are in another place since the places' rectangles changed."""
-        if self._places is None or self._places.revision == self._revision:
-            return {}
-        self._revision = self._places.revision
-        moved = {}
+    def _put_into_places(self, written: Mapping[str, ObjectRecord]) -> dict[str, ObjectRecord]:
+        """Objects beside those `written` that are in another place now."""
+        moved = {iri: record for iri, record in self._moved().items() if iri not in written}
         for track in self._tracks:
-            if track.iri is None or track.iri in written or track.written is None:
-                continue
-            place = self._places.at(self._objects.believed(track.written).p_map)
-            if place != track.place:
-                track.place = place
-                track.written = moved[track.iri] = replace(track.written, place=place)
+            if track.iri in moved:
+                track.written = moved[track.iri]
+                track.place = track.written.place
         return moved
 
     # helpers
@@ -445,7 +418,7 @@ class BayesObjectMapper:
             stored, self._run = self._store.load(self._map.sequence, self._settings)
             numbers.reserve(track.number for track in stored)
             self._updater.frame, self._updater.stamp = self._run.frame, self._run.stamp
-        tracks, held = list[Track](), dict(self._objects.perceived)
+        tracks, held = list[Track](), dict(self.cache.perceived)
         for track in stored:
             if any(self._catalogue.by_iri(category) is None for category in track.evidence):
                 continue
@@ -473,4 +446,4 @@ class BayesObjectMapper:
 
     def _asserted(self, track: Track) -> tuple[NDArray[np.float64] | None, str | None]:
         """Position and category of a track as people assert them, where they differ from ours."""
-        return self._objects.asserted(track.iri)
+        return self.cache.asserted(track.iri)

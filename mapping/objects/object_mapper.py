@@ -1,10 +1,10 @@
-"""Object mappers: the protocol of both, and the thesis' own mapper (section 3.3.1)."""
+"""Object mappers: the base of both, and the thesis' own mapper (section 3.3.1)."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,37 +61,49 @@ class _Source:
     frame: str  # id
 
 
-class ObjectMapper(Protocol):
-    """Turns detections into changes of the map's objects; writes nothing to the map itself."""
+class ObjectMapper(ABC):
+    """Turns detections into changes of the map's objects; writes nothing to the map itself.
+
+    Its state is a cache of the map, read again where others wrote since. `labels` resolves the
+    detector's labels.
+    """
 
     labels: LabelResolver
+    fates: DetectionFates | None = None  # of all detections; None: the mapper does not count them
 
-    @property
-    def cache(self) -> ObjectCache:
-        """The objects as perceived, and the assertions about them."""
-
-    @property
-    def fates(self) -> DetectionFates | None:
-        """Fates of all detections; None where the mapper does not count them."""
+    def __init__(self, semantic_map: SemanticMap, places: PlaceRegistry | None) -> None:
+        self._map, self._places = semantic_map, places
+        self.cache = ObjectCache(semantic_map)  # objects as perceived, and assertions about them
+        self._revision = -1  # of the places' rectangles, when objects were last put into places
 
     @property
     def tracks(self) -> Sequence[Track]:
-        """Objects and candidates that the mapper follows."""
+        """Objects and candidates that the mapper follows, if any."""
+        return ()
 
     @property
+    @abstractmethod
     def unplaced(self) -> int:
         """Detections so far without usable depth."""
 
     @property
     def looked_from(self) -> dict[str, NDArray[np.float64]]:
-        """Pose (4, 4) of the last frame that each detector, by name, ran on."""
+        """Pose (4, 4) of the last frame that each detector, by name, ran on, where it is kept."""
+        return {}
 
     def objects(self) -> tuple[ObjectRecord, ...]:
         """All objects, with assertions applied."""
+        return self.cache.objects()
 
+    def get(self, iri: str) -> ObjectRecord | None:
+        """Object with that IRI, with assertions applied; None where there is none."""
+        return self.cache.get(iri)
+
+    @abstractmethod
     def add(self, frame: Frame, detections: Detections) -> ObjectChanges:
-        """Process one frame."""
+        """Process one frame: objects seen, new ones, and those that the frame should show."""
 
+    @abstractmethod
     def add_sightings(
         self,
         sightings: Sequence[Sighting],
@@ -100,21 +112,55 @@ class ObjectMapper(Protocol):
         frame: str = "",
         robot: NDArray[np.float64] | None = None,
     ) -> ObjectChanges:
-        """Process detections that have positions already, taken at `stamp` [s since 1970]."""
+        """Process detections that have positions already, taken at `stamp` [s since 1970].
 
-    def save(self, sequence: int) -> None:
+        As `add`, but without negative evidence, as nothing is known of what the sensor could see.
+
+        Args:
+            sightings: the detections. One call is one look: a thing counts once.
+            stamp: when they were taken [s since 1970].
+            frame: id of the image of those that name none.
+            robot: (2,) [m] position they were taken from; the Bayes mapper gives less weight to
+                things seen again from there.
+        """
+
+    def save(self, sequence: int) -> None:  # noqa: B027 - nothing to store by default
         """Store the mapper's own state beside the map, before its transaction of that number."""
 
     def undo(self, changes: ObjectChanges) -> None:
         """Discard changes that could not be written; their objects are read again."""
+        self.cache.invalidate((*(record.iri for record in changes.updated), *changes.removed))
+        self._revision = -1
+
+    def refresh(self) -> None:
+        """Read again what others changed since the last call; cheap where nothing was."""
+        if self._places is not None:
+            self._places.refresh()
+        self.cache.refresh()
+
+    def _place(self, record: ObjectRecord) -> str | None:
+        """IRI of the place that contains the object's believed position."""
+        if self._places is None:
+            return record.place
+        return self._places.at(self.cache.believed(record).p_map)
+
+    def _moved(self) -> dict[str, ObjectRecord]:
+        """Objects that are in another place since the places' rectangles changed."""
+        if self._places is None or self._places.revision == self._revision:
+            return {}
+        self._revision = self._places.revision
+        placed = ((record, self._place(record)) for record in self.cache.perceived.values())
+        return {
+            record.iri: replace(record, place=place)
+            for record, place in placed
+            if place != record.place
+        }
 
 
-class ReferenceObjectMapper:
+class ReferenceObjectMapper(ObjectMapper):
     """The thesis' object mapper: association, confidence and negative evidence, frame by frame.
 
-    Its state is a cache of the map: loaded when made, ahead of the map by rounding only, and read
-    again where others wrote since. It holds what perception believes; assertions decide which
-    object a detection belongs to. `labels` resolves the detector's labels.
+    It holds what perception believes; assertions decide which object a detection belongs to.
     """
 
     def __init__(
@@ -127,34 +173,18 @@ class ReferenceObjectMapper:
         model: str = "",
         labels: LabelTable | None = None,
     ) -> None:
-        self._map = semantic_map
+        super().__init__(semantic_map, places)
         self._settings = settings
-        self._places = places
         self._recording, self._model = recording, model
-        self._objects = ObjectCache(semantic_map)
         self.labels = LabelResolver(
             semantic_map, "object", table=labels, unknown=settings.unknown_labels, model=model
         )
         self._localiser = DetectionLocaliser(self.labels, settings)
-        self._revision = -1  # of the places' rectangles, when objects were last put into places
-
-    @property
-    def cache(self) -> ObjectCache:
-        """The objects as perceived, and the assertions about them."""
-        return self._objects
 
     @property
     def unplaced(self) -> int:
         """Detections so far without usable depth."""
         return self._localiser.unplaced
-
-    def objects(self) -> tuple[ObjectRecord, ...]:
-        """All objects, with assertions applied."""
-        return self._objects.objects()
-
-    def get(self, iri: str) -> ObjectRecord | None:
-        """Object with that IRI, with assertions applied; None where there is none."""
-        return self._objects.get(iri)
 
     def add(self, frame: Frame, detections: Detections) -> ObjectChanges:
         """Process one frame: reinforce what is seen, register what is new, decay what is missed."""
@@ -163,8 +193,7 @@ class ReferenceObjectMapper:
         missing = self._missing(frame, found.matched)
         changes = self._changes(found, missing, _Source(frame.stamp, frame.id))
         moved = self._moved()
-        if not moved:
-            return changes
+        self.cache.update(moved)
         updated = {record.iri: record for record in changes.updated} | moved
         return replace(changes, updated=tuple(updated.values()))
 
@@ -176,63 +205,29 @@ class ReferenceObjectMapper:
         frame: str = "",
         robot: NDArray[np.float64] | None = None,
     ) -> ObjectChanges:
-        """Process detections that have positions already, taken at `stamp` [s since 1970].
-
-        As `add`, but without negative evidence: nothing is known of what the camera could see.
-        `frame` is the id of the image, for the evidence of sightings that have a box in it; `robot`
-        does not count here.
-        """
+        """Process detections that have positions already; `robot` does not count here."""
         self.refresh()
         return self._changes(self._associated(sightings), (), _Source(stamp, frame))
 
     def decay(self, iri: str, times: int = 1) -> ObjectChanges:
         """Apply eq. 3.4 `times` times to one object, for looks that should have shown it."""
         self.refresh()
-        record = self._objects.perceived.get(iri)
+        record = self.cache.perceived.get(iri)
         if record is None or times < 1:
             return ObjectChanges()
         for _ in range(times):
             record = self._decayed(record)
         removed = self._without_confidence([record])
-        self._objects.remove(removed)
+        self.cache.remove(removed)
         updated = () if removed else (record,)
-        self._objects.update({record.iri: record for record in updated})
+        self.cache.update({record.iri: record for record in updated})
         return ObjectChanges(updated, removed, missed=1)
-
-    def save(self, sequence: int) -> None:
-        """Nothing to do: the map holds all that this mapper knows."""
-
-    @property
-    def looked_from(self) -> dict[str, NDArray[np.float64]]:
-        """Empty: the poses of each detector's last frame are not kept."""
-        return {}
-
-    @property
-    def fates(self) -> None:
-        """None: fates of detections are not counted."""
-        return
-
-    @property
-    def tracks(self) -> Sequence[Track]:
-        """Empty: there are no candidates."""
-        return ()
-
-    def undo(self, changes: ObjectChanges) -> None:
-        """Discard changes that could not be written; their objects are read again."""
-        self._objects.invalidate((*(record.iri for record in changes.updated), *changes.removed))
-        self._revision = -1
-
-    def refresh(self) -> None:
-        """Read again what others changed since the last call; cheap where nothing was."""
-        if self._places is not None:
-            self._places.refresh()
-        self._objects.refresh()
 
     def _changes(
         self, found: Association, missing: Sequence[ObjectRecord], source: _Source
     ) -> ObjectChanges:
         s = self._settings
-        objects = self._objects.perceived
+        objects = self.cache.perceived
         seen = [self._seen(objects[iri], x, source) for iri, x in found.matched.items()]
         in_range = [
             x for x in found.new if x.depth is None or s.min_depth <= x.depth <= s.max_depth
@@ -240,26 +235,26 @@ class ReferenceObjectMapper:
         new = [self._new(x, source) for x in most_confident(in_range, s.kappa)]
         fallen = [self._decayed(record) for record in missing]
         removed = self._without_confidence(fallen)
-        self._objects.remove(removed)
+        self.cache.remove(removed)
         changed = {r.iri: r for r in (*seen, *new, *fallen) if r.iri not in removed}
-        self._objects.update(changed)
+        self.cache.update(changed)
         return ObjectChanges(tuple(changed.values()), removed, len(new), len(seen), len(fallen))
 
     def _associated(self, sightings: Sequence[Sighting]) -> Association:
-        return associate(sightings, tuple(self._objects.candidates()), self._settings.kappa)
+        return associate(sightings, tuple(self.cache.candidates()), self._settings.kappa)
 
     def _missing(self, frame: Frame, matched: Collection[str]) -> list[ObjectRecord]:
         """Objects that this frame should have shown (eq. 3.2, 3.3) and did not."""
         return [
             record
-            for record in self._objects.perceived.values()
+            for record in self.cache.perceived.values()
             if record.iri not in matched
-            and missed(frame, self._objects.believed(record).p_map, self._settings)
+            and missed(frame, self.cache.believed(record).p_map, self._settings)
         ]
 
     def _without_confidence(self, decayed: Sequence[ObjectRecord]) -> tuple[str, ...]:
         """IRIs of objects to be removed; those whose existence is asserted stay."""
-        kept = self._objects.asserted_present
+        kept = self.cache.asserted_present
         return tuple(r.iri for r in decayed if r.confidence <= 0 and not kept(r.iri))
 
     def _seen(self, record: ObjectRecord, sighting: Sighting, source: _Source) -> ObjectRecord:
@@ -278,7 +273,7 @@ class ReferenceObjectMapper:
 
     def _decayed(self, record: ObjectRecord) -> ObjectRecord:
         confidence = decayed(record.confidence, self._settings.xi)
-        if self._objects.asserted_present(record.iri):
+        if self.cache.asserted_present(record.iri):
             confidence = max(confidence, 0.0)
         return replace(
             record,
@@ -297,22 +292,3 @@ class ReferenceObjectMapper:
             score=sighting.score,
             model=self._model,
         )
-
-    def _moved(self) -> dict[str, ObjectRecord]:
-        """Objects that are in another place since the places' rectangles changed."""
-        if self._places is None or self._places.revision == self._revision:
-            return {}
-        self._revision = self._places.revision
-        moved = {}
-        for iri, record in self._objects.perceived.items():
-            place = self._place(record)
-            if place != record.place:
-                moved[iri] = replace(record, place=place)
-        self._objects.update(moved)
-        return moved
-
-    def _place(self, record: ObjectRecord) -> str | None:
-        """IRI of the place that contains the object's believed position."""
-        if self._places is None:
-            return record.place
-        return self._places.at(self._objects.believed(record).p_map)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.areas import Area, area_of
-from mapping.occupancy.connected_components import connected_components, runs
+from perception.binary_masks import connected_components, runs
 
 _MIN_HOLE: Final = 0.5  # [m^2] smaller ones are part of the room
 _STEP: Final = 0.01  # [m] to which corners are rounded

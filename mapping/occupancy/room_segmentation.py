@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from kg.model.areas import Area
 from kg.model.records import FREE, LOW, TALL, UNKNOWN
-from mapping.occupancy.connected_components import connected_components
 from mapping.occupancy.mapped_floor import MappedFloor
 from mapping.occupancy.room_outlines import room_areas
+from perception.binary_masks import connected_components, distance_to_walls
 
 NO_ROOM: Final = -1
 _MAX_DISTANCE: Final = 1.6  # [m] distances beyond are alike: a door is never that wide
@@ -123,37 +123,6 @@ def _gaps(states: NDArray[np.uint8], inside: NDArray[np.bool_], reach: int) -> N
         reach + 1 : -reach - 1, reach + 1 : -reach - 1
     ]
     return np.asarray((states == UNKNOWN) & (near <= reach))
-
-
-def distance_to_walls(inside: NDArray[np.bool_], most: int) -> NDArray[np.float64]:
-    """Exact Euclidean distance [cells] of each cell of `inside` to the nearest that is not.
-
-    Distances above `most` cells are `most`; beyond the array's border everything is wall.
-    """
-    padded = np.pad(inside, 1)
-    along = _run_distance(padded, most)
-    squared = along**2
-    best = squared.copy()
-    for step in range(1, most + 1):
-        for shift in (step, -step):
-            moved = np.zeros_like(squared)
-            if shift > 0:
-                moved[:-shift] = squared[shift:]
-            else:
-                moved[-shift:] = squared[:shift]
-            np.minimum(best, moved + step**2, out=best)
-    distance = np.sqrt(np.minimum(best, most**2))[1:-1, 1:-1]
-    return np.asarray(np.where(inside, distance, 0.0))
-
-
-def _run_distance(inside: NDArray[np.bool_], most: int) -> NDArray[np.float64]:
-    """Distance [cells] along y to the nearest cell that is not inside, at most `most` + 1."""
-    n = inside.shape[1]
-    at = np.arange(n)
-    wall_before = np.maximum.accumulate(np.where(inside, -n, at[None, :]), axis=1)
-    wall_after = np.minimum.accumulate(np.where(inside, 2 * n, at[None, :])[:, ::-1], axis=1)
-    nearest = np.minimum(at - wall_before, wall_after[:, ::-1] - at)
-    return np.asarray(np.minimum(nearest, most + 1), np.float64)
 
 
 def _pooled(distance: NDArray[np.float64], factor: int) -> NDArray[np.float64]:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kg.model.errors import LayoutError
-from mapping.occupancy.connected_components import runs
+from perception.binary_masks import runs
 from planner.freespace.grid import FreeSpace
 
 _DIAGONAL: Final = float(np.sqrt(2))

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from kg.model.areas import Area
 from kg.model.errors import LayoutError
-from mapping.occupancy.connected_components import connected_components
+from perception.binary_masks import connected_components
 
 CELL: Final = 0.2  # [m]
 MAX_SIDE: Final = 10_000  # cells along a side of a grid: 2 km in cells of 0.2 m

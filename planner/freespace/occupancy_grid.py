@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import LayoutError
-from mapping.occupancy.connected_components import connected_components
+from perception.binary_masks import connected_components
 from planner.freespace.grid import CELL, NO_ROOM, FreeSpace, Room
 
 _MAX_CELLS: Final = 4e5  # of a free space; larger buildings get larger cells

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.records import FREE, LOW, TALL, UNKNOWN
-from mapping.occupancy.connected_components import connected_components, neighbours
 from mapping.occupancy.mapped_floor import MappedFloor, States
+from perception.binary_masks import connected_components, with_neighbours
 from planner.freespace.floor_plan import joined
 from planner.freespace.grid import NO_ROOM, Cells, FreeSpace, Passage, Room, room_labels
 
@@ -180,10 +180,10 @@ def with_frontiers(seen: SeenSpace) -> tuple[SeenSpace, tuple[Frontier, ...]]:
     """
     space, cell = seen.space, seen.space.cell
     unknown = (seen.states == UNKNOWN) & ~seen.within & (space.room == NO_ROOM)
-    edge = space.free & (seen.states == FREE) & neighbours(unknown)
-    region = _reached(neighbours(edge) & unknown, unknown, round(BEHIND / cell))
+    edge = space.free & (seen.states == FREE) & with_neighbours(unknown)
+    region = _reached(with_neighbours(edge) & unknown, unknown, round(BEHIND / cell))
     number = connected_components(region)
-    touching = _numbersneighbours(number, edge)
+    touching = _numbers_beside(number, edge)
     found = []
     for part in np.unique(touching[touching >= 0]):
         cells = np.flatnonzero(number == part)
@@ -204,11 +204,11 @@ def _reached(start: Mask, through: Mask, steps: int) -> Mask:
     """Cells of `through` that are at most `steps` cells from `start`."""
     reached = start
     for _ in range(steps - 1):
-        reached = reached | (neighbours(reached) & through)
+        reached = reached | (with_neighbours(reached) & through)
     return reached
 
 
-def _numbersneighbours(number: NDArray[np.int64], edge: Mask) -> NDArray[np.int64]:
+def _numbers_beside(number: NDArray[np.int64], edge: Mask) -> NDArray[np.int64]:
     """(nx, ny) for each cell of `edge` the part beside it, -1 elsewhere."""
     around = np.pad(number, 1, constant_values=-1)
     sides = (around[:-2, 1:-1], around[2:, 1:-1], around[1:-1, :-2], around[1:-1, 2:])

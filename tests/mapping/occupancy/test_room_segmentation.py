@@ -10,7 +10,8 @@ from hypothesis.extra import numpy as npst
 
 from kg.model.records import FREE, LOW, TALL, UNKNOWN
 from mapping.occupancy.mapped_floor import MappedFloor
-from mapping.occupancy.room_segmentation import Segmentation, distance_to_walls, segmented
+from mapping.occupancy.room_segmentation import Segmentation, segmented
+from perception.binary_masks import distance_to_walls
 
 CELL = 0.05
 

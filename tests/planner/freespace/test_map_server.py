@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from kg.model.errors import LayoutError
 from kg.model.records import MapUpdate, PlaceRecord
 from kg.serving.opening import in_memory_map
-from mapping.occupancy.connected_components import connected_components
+from perception.binary_masks import connected_components
 from planner.freespace.geodesic import distance_fields
 from planner.freespace.grid import NO_ROOM, FreeSpace, Room, visible_cells
 from planner.freespace.map_server import places_file, read_grid, space_of_grid
