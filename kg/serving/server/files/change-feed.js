@@ -1,13 +1,14 @@
-// The feed of changes: server-sent events by fetch, which unlike EventSource can carry a token.
+// The feed of changes: server-sent events read by fetch, since EventSource cannot send a token.
 import { request } from "/files/server.js";
 
-const FIRST_PAUSE = 2000, LONGEST_PAUSE = 30000; // [ms] before it is asked for again
-const GONE = 410; // what lies between is not kept any more
+const FIRST_PAUSE = 2000, MAX_PAUSE = 30000; // [ms] before a reconnection
+const GONE = 410; // the status where the server does not keep the missed changes any more
 
-/** Follow a map's changes from a transaction on, for as long as the page is open.
+/** Follow a map's changes after a transaction, as long as the page is open.
  *
- * `onOpen()` and `onClosed()` tell of the connection, `onChange(change)` is called for each change, and `onGap()` where
- * changes are missing: it reads the map anew and returns the transaction to go on from.
+ * - `onOpen()` and `onClosed()` are called when the connection opens and closes.
+ * - `onChange(change)` is called for each change.
+ * - `onGap()` is called where changes are missing: it reads the map again and returns the transaction to continue from.
  */
 export async function followChanges(since, { onOpen, onClosed, onChange, onGap }) {
   let sequence = since, pause = FIRST_PAUSE;
@@ -22,13 +23,13 @@ export async function followChanges(since, { onOpen, onClosed, onChange, onGap }
     }
     onClosed();
     await new Promise((done) => setTimeout(done, pause));
-    pause = Math.min(2 * pause, LONGEST_PAUSE);
+    pause = Math.min(2 * pause, MAX_PAUSE);
   }
 }
 
 /** Call `take` with the data of each event of a stream, until it ends. */
 async function readEvents(body, take) {
-  const reader = body.getReader(), decoder = new TextDecoder(); // a TextDecoderStream would take more turns of a busy page
+  const reader = body.getReader(), decoder = new TextDecoder(); // a TextDecoderStream would be slower on a busy page
   let waiting = "";
   for (;;) {
     const { done, value } = await reader.read();

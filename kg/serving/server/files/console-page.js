@@ -1,4 +1,4 @@
-// The page that asks a map in SPARQL: editor, shipped questions, and the answer in the form that is wanted.
+// The SPARQL console: editor, shipped questions, and the answer as a table, on the map, or as a chart.
 import { enter } from "/files/entry.js";
 import { button, byId, element, status } from "/files/page-elements.js";
 import { QueryEditor } from "/files/query-editor.js";
@@ -21,10 +21,10 @@ const editor = new QueryEditor(byId("editor"), queryOfAddress() ?? byId("query")
   onAsk: ask, complete: (context) => completion.complete(context),
 });
 let answer = null; // {columns, rows} of the last query
-let asked = 0; // queries; the answer to the last one is shown
-let onMap = null; // made when the first answer is shown on the map
+let asked = 0; // number of queries; only the answer to the last one is shown
+let onMap = null; // created when the first answer is shown on the map
 
-/** The query that the address of the page names; it is not asked by itself, as a link may come from anybody. */
+/** The query in the address of the page. It does not run by itself, since anybody may send a link. */
 function queryOfAddress() {
   return new URLSearchParams(location.hash.slice(1)).get("query");
 }
@@ -52,7 +52,7 @@ function post(text, accept) {
   return request("/sparql", { method: "POST", type: "application/sparql-query", accept, body: text });
 }
 
-/** Say why there is no answer, and mark the place in the query that the server names. */
+/** Show why there is no answer, and mark the position of the error in the query. */
 function refuse(message) {
   byId("results").classList.add("hidden");
   status(message);
@@ -60,7 +60,7 @@ function refuse(message) {
   if (found) editor.mark(Number(found[1] ?? found[3]), Number(found[2] ?? found[4]), message);
 }
 
-/** Show rows, or yes or no; returns how many in words. */
+/** Show rows, or yes or no; returns their number in words. */
 function show({ head, results, boolean }) {
   answer = results ? { columns: head.vars, rows: results.bindings } : null;
   byId("table").replaceChildren(...(answer ? tableOf(answer, base, prefixes) : [element("p", boolean ? "yes" : "no")]));
@@ -81,7 +81,7 @@ function choiceOf(name) {
   return document.querySelector(`[data-shown-as=${name}]`);
 }
 
-/** Show the answer as a table, on the map, or as a chart; only rows can be shown otherwise than as a table. */
+/** Show the answer as a table, on the map, or as a chart; an answer without rows is always a table. */
 async function showAs(name) {
   for (const one of SHOWN_AS) {
     byId(one).classList.toggle("hidden", one !== name);

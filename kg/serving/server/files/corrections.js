@@ -1,4 +1,4 @@
-// Corrections in place: assertions in the name of the holder of a token.
+// Corrections on the page: assertions by the holder of a token.
 import { button, byId, element, option, status } from "/files/page-elements.js";
 import { hasToken, request, useToken } from "/files/server.js";
 
@@ -7,11 +7,11 @@ export class Corrections {
   constructor(data, done) {
     this._data = data;
     this._done = done;
-    this._moving = null; // IRI of what the next click on the map places
+    this._moving = null; // IRI of the object that the next click on the map positions
     byId("corrector")?.addEventListener("submit", (event) => this._take(event));
   }
 
-  /** Offer the names of the categories where one is typed. */
+  /** Suggest the names of the categories in the field for a category. */
   offerCategories() {
     for (const kind of ["object", "place"]) {
       const known = [...this._data.labels].filter(([iri]) => this._data.kinds.get(iri) === kind);
@@ -41,7 +41,7 @@ export class Corrections {
     return made;
   }
 
-  /** Put what is being moved where the map was clicked [m]; whether anything is. */
+  /** Move the chosen object to the clicked position [m]; false if no object is being moved. */
   place([x, y]) {
     const iri = this._moving;
     this._moving = null;
@@ -62,7 +62,7 @@ export class Corrections {
     return this._send("/assertions", { method: "POST", body }, `${property}: ${value}`);
   }
 
-  /** Take back the last assertion about a thing. */
+  /** Retract the last assertion about a thing. */
   async _retract(iri) {
     const address = `/assertions?iri=${encodeURIComponent(this._data.pathOf(iri))}`;
     try {

@@ -1,8 +1,8 @@
-// The way into a private map: its token is asked for once a page, and kept in memory alone.
+// Entry to a private map: the page asks for a token once, and keeps it only in memory.
 import { byId } from "/files/page-elements.js";
 import { request, useToken } from "/files/server.js";
 
-/** Wait until the map may be read; returns its base IRI, which `place` has where the map is open to all. */
+/** Wait until the map may be read; returns its base IRI. For a public map, `place` has it already. */
 export function enter(place) {
   const form = byId("entry");
   if (!form) return Promise.resolve(place.dataset.base);
@@ -15,7 +15,7 @@ export function enter(place) {
       byId("title").textContent = map;
       document.title = `${map} · hereabouts`;
       form.remove();
-      document.querySelector("footer")?.remove(); // its links would carry no token
+      document.querySelector("footer")?.remove(); // its links would send no token
       open(base);
     } catch (error) {
       byId("entry-outcome").textContent = error.message;

@@ -1,8 +1,8 @@
-// The floor as the depth camera saw it, or by when it was last viewed.
+// The floor: its cells, or the time of their last view.
 
-const TILES = 4000; // pictures kept
+const MAX_TILES = 4000; // pictures in the cache
 const OBSTACLE = 3;
-// free, obstacles that one looks over, walls
+// free, low obstacles, walls
 const TONES = { light: [null, [241, 243, 245], [214, 219, 225], [92, 102, 112]], dark: [null, [42, 49, 56], [66, 76, 86], [150, 163, 176]] };
 const NEVER = { light: [255, 205, 160], dark: [110, 60, 30] };
 const FRESH = { light: [150, 220, 180], dark: [36, 110, 80] };
@@ -11,7 +11,7 @@ const OLD = { light: [225, 232, 238], dark: [42, 49, 56] };
 export class FloorLayer {
   constructor(view) {
     this._view = view;
-    this._pictures = new Map(); // by the text of their cells
+    this._pictures = new Map(); // picture of a tile by the text of its cells
   }
 
   draw(c) {
@@ -25,7 +25,7 @@ export class FloorLayer {
     }
   }
 
-  /** A tile's picture, a pixel a cell; kept, as tiles seldom change. */
+  /** A tile's picture, one pixel per cell; cached, since tiles seldom change. */
   pictureOf(tile) {
     const viewed = this._view.layers.viewed, scheme = this._view.dark ? "dark" : "light", key = `${viewed}${scheme}`;
     const kept = this._pictures.get(tile.cells);
@@ -33,12 +33,12 @@ export class FloorLayer {
     const canvas = document.createElement("canvas");
     canvas.width = canvas.height = tile.side;
     canvas.getContext("2d").putImageData(imageOf(tile, viewed, viewed ? this._latest() : 0, scheme), 0, 0);
-    if (this._pictures.size > TILES) this._pictures.clear();
+    if (this._pictures.size > MAX_TILES) this._pictures.clear();
     this._pictures.set(tile.cells, { key, viewed: tile.viewed, canvas });
     return canvas;
   }
 
-  /** When floor was last viewed, in minutes since 1970. */
+  /** The time of the last view, in minutes since 1970. */
   _latest() {
     let latest = 0;
     for (const tile of this._view.data.floor) {
@@ -51,7 +51,7 @@ export class FloorLayer {
 
 function imageOf(tile, viewed, latest, scheme) {
   const n = tile.side, image = new ImageData(n, n);
-  const m = viewed && tile.viewed ? Math.sqrt(tile.viewed.length / 2) : 0; // view times a side
+  const m = viewed && tile.viewed ? Math.sqrt(tile.viewed.length / 2) : 0; // number of view times along a side
   for (let x = 0; x < n; x++) for (let y = 0; y < n; y++) {
     const state = tile.cells[x * n + y];
     if (!state) continue;
@@ -67,7 +67,7 @@ function imageOf(tile, viewed, latest, scheme) {
   return image;
 }
 
-/** Colour of floor that was last viewed so many minutes before the latest view. */
+/** Colour of a cell whose last view was so many minutes before the latest view. */
 function viewedTone(minutes, scheme) {
   const age = Math.min(Math.log1p(Math.max(minutes, 0)) / Math.log(60 * 24 * 7), 1);
   return FRESH[scheme].map((value, n) => Math.round(value + (OLD[scheme][n] - value) * age));

@@ -1,4 +1,4 @@
-// What stands out on the map: things, points and geometries of an answer.
+// Highlights on the map: things, points and geometries of an answer.
 
 const RADIUS = 11; // [px] around a thing or point
 

@@ -1,32 +1,32 @@
-// What stands in the map in three dimensions: floor, walls, places, boxes of objects, robot, trail, plan. Metres, z up.
+// The scene in three dimensions: floor, walls, places, boxes of objects, robot, trail, plan. Metres, z up.
 import * as THREE from "/files/vendor/three.min.js";
 
-const WALL = 0.5; // [m] how high walls are drawn, so that one looks over them
+const WALL = 0.5; // [m] height of walls in the picture, low enough to look over them
 const TALL = 3; // cells of walls
-const SMALL = 0.12; // [m] side of a box whose extent is not known
-const LEAST = 0.03; // [m] side of a box, at least
-const GROUND = -2; // order of the floor; places come next, then what stands on it
+const SMALL = 0.12; // [m] side of a box of unknown extent
+const MIN_SIDE = 0.03; // [m] of a box
+const GROUND = -2; // drawing order of the floor; places come next, then the things on the floor
 const FACE = 0.5; // opacity of the faces of boxes, whose edges are solid
-const MANY = 3000; // objects of the map from which on boxes have no edges
-const SHADES = 5; // of existence, each a mesh
+const MANY = 3000; // with more objects, boxes have no edges
+const SHADES = 5; // steps of existence, one mesh each
 const UNIT = new THREE.BoxGeometry(1, 1, 1);
 const EDGES = new THREE.EdgesGeometry(UNIT).getAttribute("position");
 
 export class SolidScene {
-  /** What `view` (a MapView) shows; positions count from `origin` [m], as pictures have 24 bits for each. */
+  /** The scene of `view` (a MapView). Positions are relative to `origin` [m], since graphics hardware has 24 bits for each. */
   constructor(view, origin) {
     this._view = view;
     this.origin = origin;
     this.scene = new THREE.Scene();
-    this.meshes = []; // of objects: each has `things`, the object of each of its instances
+    this.meshes = []; // of objects; `things` of a mesh are the objects of its instances
     this._parts = new Map(); // name -> group
-    this._sources = new Map(); // name -> what it was made of
+    this._sources = new Map(); // name -> data that the group was made from
     const sun = new THREE.DirectionalLight(0xffffff, 1.6);
     sun.position.set(-2, -3, 6);
     this.scene.add(sun, new THREE.AmbientLight(0xffffff, 1.8));
   }
 
-  /** Make what has changed since the last time. */
+  /** Update the groups whose data changed. */
   update() {
     const { data, layers, dark, selected, plan } = this._view, { floor, places, doors, robot, trail } = data;
     this._part("floor", [floor, layers.floor, layers.viewed, dark], (group) => this._addFloor(group));
@@ -36,7 +36,7 @@ export class SolidScene {
     this._part("plan", [plan, floor, dark], (group) => this._addPlan(group));
   }
 
-  /** Height of the floor [m]: that of most of the map. */
+  /** Height of the floor [m] in most of the map. */
   get ground() {
     const { floor } = this._view.data;
     if (floor !== this._floor) {
@@ -47,7 +47,7 @@ export class SolidScene {
     return this._ground;
   }
 
-  /** Where a point of the map is drawn; without a height, on the floor. */
+  /** Position of a point of the map in the scene; without a height, on the floor. */
   at(x, y, z = this.ground) {
     return new THREE.Vector3(x - this.origin[0], y - this.origin[1], z);
   }
@@ -88,7 +88,7 @@ export class SolidScene {
     if (walls.length) group.add(this._boxes(walls, dark ? "#7d8a96" : "#8a949e"));
   }
 
-  /** Boxes [x, y, z, dx, dy, dz, colour?] of their middles [m] as one mesh. */
+  /** Boxes [x, y, z, dx, dy, dz, colour?] as one mesh; x, y, z [m] are the centre. */
   _boxes(boxes, colour, opacity = 1) {
     const material = new THREE.MeshLambertMaterial({ color: colour, transparent: opacity < 1, opacity, depthWrite: opacity === 1 });
     const mesh = new THREE.InstancedMesh(UNIT, material, boxes.length), matrix = new THREE.Matrix4();
@@ -148,7 +148,7 @@ export class SolidScene {
     }
   }
 
-  /** A line down to the floor, and the sphere that holds the position with 95 %. */
+  /** A line down to the floor, and the sphere that contains the position with a probability of 95 %. */
   _addSelection(group) {
     const one = this._view.data.objects.get(this._view.selected);
     if (!one) return;
@@ -172,7 +172,7 @@ export class SolidScene {
     group.add(mesh);
   }
 
-  /** The way of a plan, and a block at each of its stops. */
+  /** The path of a plan, and a block at each stop. */
   _addPlan(group) {
     const { plan, accent } = this._view, colour = hexOf(accent);
     if (!plan) return;
@@ -182,20 +182,20 @@ export class SolidScene {
   }
 }
 
-/** Middle and sides [m] of an object's box; a small cube where it is not `sized`. */
+/** Centre and sides [m] of an object's box; a small cube unless `sized`. */
 export function boxOf(one, sized) {
-  const sides = sized && one.dx ? [one.dx, one.dy, one.dz].map((side) => Math.max(side, LEAST)) : [SMALL, SMALL, SMALL];
+  const sides = sized && one.dx ? [one.dx, one.dy, one.dz].map((side) => Math.max(side, MIN_SIDE)) : [SMALL, SMALL, SMALL];
   return [one.x, one.y, one.z ?? 0, ...sides];
 }
 
-/** A CSS colour as three.js reads it. */
+/** A CSS colour in the form of three.js. */
 export function hexOf(colour) {
   const c = hexOf.context ??= document.createElement("canvas").getContext("2d");
   c.fillStyle = colour;
   return c.fillStyle;
 }
 
-/** Boxes over the cells of walls of a tile, those in a row as one. */
+/** Boxes over the wall cells of a tile; adjacent cells of a row are one box. */
 function wallsOf(tile) {
   const { side, size, cells } = tile, found = [];
   for (let x = 0; x < side; x++) {
@@ -215,7 +215,7 @@ function lineOf(points, colour, closed = false) {
   return closed ? new THREE.LineLoop(geometry, material) : new THREE.Line(geometry, material);
 }
 
-/** Take a group out of the scene and out of the graphics memory. */
+/** Remove a group from the scene and from graphics memory. */
 function discard(scene, group) {
   scene.remove(group);
   group.traverse((one) => {

@@ -1,23 +1,23 @@
-// The map in three dimensions: camera, picking and names over what the flat map's view knows. Loaded when it is opened.
+// The map in three dimensions: camera, picking and names; data come from the flat map's view. Loaded at its first use.
 import { boxOf, SolidScene } from "/files/map-3d-scene.js";
 import { drawText, inside, Taken } from "/files/map-drawing.js";
 import * as THREE from "/files/vendor/three.min.js";
 
-const NEAR = 16; // [px] of a click from what it meant
-const STILL = 6; // [px] that a pointer may stray in a click
-const MANY = 2000; // objects of the map whose names are not written while it moves
-const REST = 150; // [ms] after which a map that was moved rests
-const NAMES = 60; // objects whose names are written, the selected and the nearest
-const HIGH = 1; // [m] of what stands on the floor, as far as it has to be on the canvas
-const SOUTH = new THREE.Vector3(0, -0.62, 0.78); // towards the camera at first
-const CLOSE = 5; // [m] from which a thing is looked at, at most
+const NEAR = 16; // [px] from a click to the thing that it selects
+const STILL = 6; // [px] that a pointer may move during a click
+const MANY = 2000; // with more objects, no names are drawn while the map moves
+const REST = 150; // [ms] after the last movement until names are drawn
+const NAMES = 60; // names of objects that are drawn: the selected and the nearest
+const HIGH = 1; // [m] above the floor that must fit on the canvas
+const SOUTH = new THREE.Vector3(0, -0.62, 0.78); // initial direction to the camera
+const MAX_DISTANCE = 5; // [m] from the camera to a thing that is shown
 
 export class Map3d {
-  /** Shows what `view`, a MapView, shows. Throws where the browser has no WebGL 2. */
+  /** The same map as in `view`, a MapView. Throws an Error if the browser has no WebGL 2. */
   constructor(view) {
     this._view = view;
     this._canvas = document.createElement("canvas");
-    this._names = document.createElement("canvas"); // over the other one, and lets pointers through
+    this._names = document.createElement("canvas"); // above the other canvas; passes pointer events through
     this._names.className = "names";
     this._canvas.tabIndex = 0;
     this._canvas.id = "solid-canvas";
@@ -33,14 +33,14 @@ export class Map3d {
     Object.assign(this._controls, { screenSpacePanning: false, maxPolarAngle: 1.53, minDistance: 0.4, maxDistance: 2000, zoomToCursor: true });
     this._controls.listenToKeyEvents(this._canvas);
     this._controls.addEventListener("change", () => this._renderMoving());
-    this._changed = true; // since it was drawn last
+    this._changed = true; // since the last drawing
     this._canvas.addEventListener("keydown", (event) => this._press(event));
     this._canvas.addEventListener("webglcontextlost", () => { if (this._canvas.isConnected) view.onLost(); });
     this._listenToClicks();
     new ResizeObserver(() => this._resize()).observe(this._canvas);
   }
 
-  /** Stand in the place of the flat map. */
+  /** Replace the flat map. */
   open() {
     this._view.canvas.after(this._canvas, this._names);
     this._view.canvas.classList.add("hidden");
@@ -53,13 +53,13 @@ export class Map3d {
     this._names.remove();
   }
 
-  /** Draw soon, once, with what has changed. */
+  /** Request one drawing with all changes. */
   draw() {
     this._changed = true;
     this._render();
   }
 
-  /** Show all of the map, from the south and above: from as near as all corners are on the canvas. */
+  /** Show the whole map from the south and above, as near as all corners fit on the canvas. */
   fit() {
     const bounds = this._view.bounds();
     if (!bounds) return;
@@ -81,11 +81,11 @@ export class Map3d {
     this._controls.update();
   }
 
-  /** Bring a point [m] into the middle, from where the camera looks. */
+  /** Centre a point [m], in the present direction of the camera. */
   goTo(x, y, z) {
     const { target } = this._controls, offset = this._camera.position.clone().sub(target);
     target.copy(this._solid.at(x, y, z));
-    this._camera.position.copy(target).add(offset.setLength(Math.min(offset.length(), CLOSE)));
+    this._camera.position.copy(target).add(offset.setLength(Math.min(offset.length(), MAX_DISTANCE)));
     this._controls.update();
   }
 
@@ -111,7 +111,7 @@ export class Map3d {
     });
   }
 
-  /** Tell `onPick` what is at a point of the canvas: an object, one near by, or the place below. */
+  /** Call `onPick` with the thing at a point of the canvas: an object there or near it, or the place below. */
   _pick(u, v) {
     const ray = new THREE.Raycaster(), [x, y] = [2 * u / this._width - 1, 1 - 2 * v / this._height];
     ray.setFromCamera(new THREE.Vector2(x, y), this._camera);
@@ -134,7 +134,7 @@ export class Map3d {
     return best;
   }
 
-  /** [object, u, v, distance] of those in front of the camera, tops of boxes in pixels. */
+  /** [object, u, v, distance] of the objects in front of the camera; u, v [px] are the top of the box. */
   _onScreen() {
     const found = [];
     for (const one of this._solid.meshes.flatMap((mesh) => mesh.things)) {
@@ -144,7 +144,7 @@ export class Map3d {
     return found;
   }
 
-  /** [u, v] in pixels and the distance in metres of a point [m]; null off the canvas. */
+  /** [u, v, distance] of a point [m], in pixels and metres; null off the canvas. */
   _project(x, y, z, edge = 1) {
     const point = this._solid.at(x, y, z), distance = point.distanceTo(this._camera.position);
     point.project(this._camera);
@@ -164,7 +164,7 @@ export class Map3d {
     this._render();
   }
 
-  /** Draw, of many objects without their names until the map has rested for a moment. */
+  /** Draw; with many objects, names follow when the map has stopped moving. */
   _renderMoving() {
     clearTimeout(this._rest);
     this._isMoving = this._view.data.objects.size > MANY;
@@ -172,7 +172,7 @@ export class Map3d {
     this._render();
   }
 
-  /** Draw with the next picture of the screen. */
+  /** Draw with the next frame of the screen. */
   _render() {
     this._waiting ||= requestAnimationFrame(() => {
       this._waiting = 0;
@@ -186,7 +186,7 @@ export class Map3d {
     });
   }
 
-  /** Names of stops and places, of the selected object and of those nearest to the camera. */
+  /** Names of stops, places, the selected object and the objects nearest to the camera. */
   _writeNames() {
     const view = this._view, { ground } = this._solid, write = this._writer();
     view.plan?.steps.forEach((step, n) => write(String(n + 1), this._project(step.x, step.y, ground), view.accent, "700 14px"));
@@ -203,7 +203,7 @@ export class Map3d {
     }
   }
 
-  /** Function that writes a text over a point [u, v] of an empty canvas where there is room. */
+  /** A function that writes a text above a point [u, v] of an empty canvas, if there is room. */
   _writer() {
     const ratio = devicePixelRatio || 1, c = this._names.getContext("2d"), taken = new Taken(this._width, this._height);
     c.setTransform(ratio, 0, 0, ratio, 0, 0);

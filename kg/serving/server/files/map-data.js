@@ -1,4 +1,4 @@
-// The map as the page knows it: read by SPARQL, as it is or as it was, and kept up with the feed of changes.
+// The data of the page: a present or past state read by SPARQL, updated by the feed of changes.
 import { followChanges } from "/files/change-feed.js";
 import { isNumber, request, select } from "/files/server.js";
 
@@ -32,7 +32,7 @@ const QUERIES = {
       OPTIONAL { ?tile here:z ?z } OPTIONAL { ?tile here:storey ?storey } OPTIONAL { ?tile here:viewTimes ?viewed } } }`,
 };
 
-/** Field of an object by the predicate that the feed names. */
+/** Field of an object by predicate in the feed. */
 const FIELDS = {
   [RDF_TYPE]: "class", [LABEL]: "label", [`${HERE}x`]: "x", [`${HERE}y`]: "y", [`${HERE}z`]: "z",
   [`${HERE}existence`]: "existence", [`${HERE}inPlace`]: "place", [`${HERE}lastSeen`]: "seen",
@@ -40,7 +40,7 @@ const FIELDS = {
   [`${HERE}extentZ`]: "dz", [`${HERE}observationCount`]: "count", [`${HERE}heading`]: "heading",
 };
 
-/** Bytes of a zlib stream in base64. */
+/** The bytes of a zlib stream in base64. */
 async function inflated(text) {
   const packed = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
@@ -55,7 +55,7 @@ export function ringsOf(text) {
 
 const QUAD = /^<([^>]*)> <([^>]*)> (?:<([^>]*)>|"((?:[^"\\]|\\.)*)"\S*) <([^>]*)> \.$/;
 
-/** [subject, predicate, value] of an N-Quads line of the map's graph; null for others. */
+/** [subject, predicate, value] of a line of N-Quads in graph:map; null for other graphs. */
 function factOf(line) {
   const found = QUAD.exec(line);
   if (!found || found[5] !== MAP_GRAPH) return null;
@@ -78,15 +78,15 @@ export class MapData extends EventTarget {
     this.floor = [];
     this.robot = null;
     this.trail = [];
-    this.sequence = 0; // of the state that is shown
+    this.sequence = 0; // of the shown state
     this.last = 0; // of the map's last transaction
-    this.past = null; // the transaction whose state is shown; null: the present
+    this.past = null; // number of the shown past transaction; null for the present
     this.labels = new Map(); // of categories
     this.kinds = new Map();
     this._loading = 0;
   }
 
-  /** Read everything of the state `past`, or of the present. */
+  /** Read the past state after transaction `past`, or the present state. */
   async load(past = null) {
     const number = ++this._loading;
     if (!this.labels.size) await this._readCategories();
@@ -94,7 +94,7 @@ export class MapData extends EventTarget {
     const answers = await Promise.all(names.map((name) => select(QUERIES[name], past)));
     const [objects, places, beliefs, doors, robot, floor] = answers.map((answer) => answer.rows);
     const tiles = await Promise.all(floor.map((tile) => this._tile(tile)));
-    if (number !== this._loading) return; // another state was asked for meanwhile
+    if (number !== this._loading) return; // meanwhile another state was requested
     this.past = past;
     this.sequence = past ?? Math.min(...answers.map((answer) => answer.sequence));
     this.last = Math.max(this.last, this.sequence);
@@ -108,7 +108,7 @@ export class MapData extends EventTarget {
     this._tell("changed");
   }
 
-  /** Follow the feed of changes from the state that was read. */
+  /** Follow the feed of changes after the state that was read. */
   follow() {
     followChanges(this.sequence, {
       onOpen: () => this._tell("on"),
@@ -118,7 +118,7 @@ export class MapData extends EventTarget {
     });
   }
 
-  /** Read all again; returns the map's last transaction. */
+  /** Read everything again; returns the number of the map's last transaction. */
   async _readAnew() {
     const { sequence } = await (await request("/health", { accept: "application/json" })).json();
     this.last = sequence;
@@ -134,25 +134,25 @@ export class MapData extends EventTarget {
     return one.label || this.labelOf(one.class || one.iri);
   }
 
-  /** An IRI as this map's pages write it: those of its own things without their base. */
+  /** An IRI as this map's pages write it: without the base for things of the map. */
   pathOf(iri) {
     return iri.startsWith(this.base) ? iri.slice(this.base.length) : iri;
   }
 
-  /** The name of a place with what it is most probably. */
+  /** The name of a place with its most probable category. */
   placeName(place) {
     const best = place.beliefs[0];
     return best ? `${this.nameOf(place)} (${this.labelOf(best[0])})` : this.nameOf(place);
   }
 
-  /** When anything was last seen, in seconds since 1970: the time of the map. */
+  /** The time of the map: its latest view, in seconds since 1970. */
   lastView() {
     let latest = 0;
     for (const one of this.objects.values()) if (one.seen) latest = Math.max(latest, seconds(one.seen));
     return latest;
   }
 
-  /** How long before the map's last view something was. */
+  /** The time from a moment to the map's last view, in words. */
   ago(time) {
     const age = Math.max(this.lastView() - seconds(time), 0);
     const [count, unit] = age < 90 ? [age, "s"] : age < 5400 ? [age / 60, "min"] : age < 172800 ? [age / 3600, "h"] : [age / 86400, "days"];
@@ -190,7 +190,7 @@ export class MapData extends EventTarget {
     }
     if (this.trail.length > 2000) this.trail.splice(0, 500);
     if (around) this._readSurroundings();
-    // of what left and was found again, only the differences are in the feed
+    // if an object left and was found again, the feed has only the differences
     if (back) this.load(null).catch(() => {});
     this._tell("changed");
   }
@@ -205,7 +205,7 @@ export class MapData extends EventTarget {
     return one.existence !== undefined && one.x !== undefined && one.y !== undefined && this.kinds.get(one.class) === "object";
   }
 
-  /** Places, doors and floor change often while a robot drives: they are read once a second. */
+  /** Read places, doors and floor, at most once a second: they change often while a robot drives. */
   _readSurroundings() {
     if (this._soon) return;
     this._soon = setTimeout(async () => {
@@ -246,7 +246,7 @@ export class MapData extends EventTarget {
     }
   }
 
-  /** A tile with its cells and, in minutes since 1970, when they were last viewed; kept by its text. */
+  /** A tile with its cells and the times of their last views (minutes since 1970); cached by its text. */
   async _tile(row) {
     this._tiles ??= new Map();
     const key = `${row.cells}|${row.viewed || ""}`;
@@ -257,7 +257,7 @@ export class MapData extends EventTarget {
         const viewed = row.viewed ? new Uint32Array((await inflated(row.viewed)).buffer) : null;
         this._tiles.set(key, { cells, viewed, side: Math.sqrt(cells.length) });
       } catch {
-        this._tiles.set(key, null); // what is no floor is not drawn
+        this._tiles.set(key, null); // an invalid tile is not drawn
       }
     }
     const held = this._tiles.get(key);

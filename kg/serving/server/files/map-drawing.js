@@ -1,6 +1,6 @@
-// What the layers of the map share: colours, text, free room for text, points in polygons.
+// Functions that the layers share: colours, text, free space for text, points in polygons.
 
-/** A colour that a category always has. */
+/** The colour of a category, always the same. */
 export function colourOf(label, dark) {
   let hash = 7;
   for (const c of label) hash = (hash * 31 + c.codePointAt(0)) >>> 0;
@@ -8,7 +8,7 @@ export function colourOf(label, dark) {
   return `hsl(${hue.toFixed(0)} ${dark ? "65% 66%" : "62% 38%"})`;
 }
 
-/** Text with a seam of the background around it. */
+/** Text with an outline in the colour of the background. */
 export function drawText(c, view, text, x, y, colour, alpha = 1) {
   c.globalAlpha = alpha;
   c.lineWidth = 3;
@@ -26,18 +26,18 @@ export function tracePath(c, points) {
   points.forEach(([u, v], n) => (n ? c.lineTo(u, v) : c.moveTo(u, v)));
 }
 
-/** Rectangles of the screen that are taken, found by the squares of a grid that they touch. */
+/** Occupied rectangles of the screen, in a grid of squares. */
 export class Taken {
   constructor(width, height) {
     this._size = [width, height];
     this._cells = new Map();
   }
 
-  /** Take a rectangle [px] if it is free and on the canvas, or in any case; whether it was taken. */
+  /** Occupy a rectangle [px] if it is free and on the canvas, or `always`; returns whether it was occupied. */
   take(x, y, width, height, always = false) {
     if (!always && (x < 2 || y < 2 || x + width > this._size[0] - 2 || y + height > this._size[1] - 2)) return false;
     const box = [x, y, x + width, y + height], keys = [];
-    if (!(box[2] > 0 && box[3] > 0 && x < this._size[0] && y < this._size[1])) return always; // far off, or no number
+    if (!(box[2] > 0 && box[3] > 0 && x < this._size[0] && y < this._size[1])) return always; // off the canvas, or not a number
     for (let i = Math.floor(x / 64); i <= Math.floor(box[2] / 64); i++) {
       for (let j = Math.floor(y / 64); j <= Math.floor(box[3] / 64); j++) keys.push(i * 4099 + j);
     }

@@ -1,8 +1,8 @@
 // Pointer, wheel and keys on the map: move, zoom, pick.
 
-const STILL = 6; // [px] that a pointer may stray in a click
+const STILL = 6; // [px] that a pointer may move during a click
 
-/** Move, zoom and pick in a view by its canvas. */
+/** Move, zoom and pick in a view by events of its canvas. */
 export function listen(view) {
   const canvas = view.canvas;
   const at = (event) => { const box = canvas.getBoundingClientRect(); return [event.clientX - box.left, event.clientY - box.top]; };
@@ -46,7 +46,7 @@ function listenToPointers(view, at) {
   view.canvas.addEventListener("pointercancel", end);
 }
 
-/** Do what a key stands for; whether it stands for anything. */
+/** Execute the command of a key; false for a key without a command. */
 function pressed(view, key) {
   const moves = { ArrowLeft: [60, 0], ArrowRight: [-60, 0], ArrowUp: [0, 60], ArrowDown: [0, -60] };
   if (moves[key]) view.pan(...moves[key]);

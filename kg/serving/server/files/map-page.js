@@ -1,4 +1,4 @@
-// The page of the live map: its parts, what is selected, and the address that names it.
+// The page of the live map: its parts, the selected thing, and the address of that thing.
 import { Corrections } from "/files/corrections.js";
 import { enter } from "/files/entry.js";
 import { MapData } from "/files/map-data.js";
@@ -17,13 +17,13 @@ const panel = new ThingPanel(data, goTo, (thing) => corrections.form(thing));
 const slider = new TimeSlider(data);
 new PlanPanel(data, view, goTo);
 let listing = 0;
-let solid = null; // the view in three dimensions, once it was wanted
+let solid = null; // the view in three dimensions, after its first use
 
 function shown(one) {
   return one.iri === view.selected || list.passes(one);
 }
 
-/** Draw soon; list a little later, as lists take longer. */
+/** Request a drawing; the lists follow a little later, since they take longer. */
 function refresh() {
   view.draw();
   listing ||= setTimeout(() => { listing = 0; showLists(); }, 300);
@@ -44,7 +44,7 @@ function choose(iri) {
   refresh();
 }
 
-/** Select a thing and bring it into the middle. */
+/** Select a thing and centre it. */
 function goTo(iri) {
   const one = data.objects.get(iri), place = data.places.get(iri);
   if (one) view.goTo(one.x, one.y, undefined, one.z);
@@ -54,11 +54,11 @@ function goTo(iri) {
 
 function goToAddress() {
   let name = location.hash.slice(1);
-  try { name = decodeURIComponent(name); } catch { /* a stray percent sign: taken as it is */ }
+  try { name = decodeURIComponent(name); } catch { /* a single percent sign: used unchanged */ }
   goTo([name, data.base + name].find((one) => data.objects.has(one) || data.places.has(one)) || null);
 }
 
-/** Show the map in three dimensions, or flat again; what draws it is loaded when it is first wanted. */
+/** Show the map in three dimensions, or flat again; the script for three dimensions is loaded at its first use. */
 async function turn() {
   if (view.solid) flatten();
   else {
@@ -84,7 +84,7 @@ function flatten() {
 function forgetSolid() {
   turn();
   solid = null;
-  status("the map is flat again: the browser took its graphics back");
+  status("the map is flat again: the browser released its graphics memory");
 }
 
 function showTransaction({ sequence, cause }) {

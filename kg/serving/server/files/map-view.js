@@ -1,4 +1,4 @@
-// The map as a picture on a canvas: which part of it is shown, and the order of the layers.
+// The map on a canvas: the visible part, and the order of the layers.
 import { FloorLayer } from "/files/floor-layer.js";
 import { drawHighlights } from "/files/highlight-layer.js";
 import { drawText, inside, Taken } from "/files/map-drawing.js";
@@ -7,26 +7,26 @@ import { ObjectLayer } from "/files/object-layer.js";
 import { drawPlaceNames, drawPlaces, namesOf, placeColour } from "/files/place-layer.js";
 import { drawPlan, drawRobot, drawTrail } from "/files/robot-layer.js";
 
-const NEAR = 16; // [px] of a click from what it meant
-const REST = 150; // [ms] after which a map that was moved rests
+const NEAR = 16; // [px] from a click to the thing that it selects
+const REST = 150; // [ms] after the last movement until all names are drawn
 const DARK = matchMedia("(prefers-color-scheme: dark)");
 
 export class MapView {
-  /** `shown(object)` tells whether an object is drawn. */
+  /** `shown(object)` returns whether an object is drawn. */
   constructor(canvas, data, shown) {
     this.canvas = canvas;
     this.data = data;
     this.shown = shown;
     this.layers = { floor: true, viewed: false, labels: true, boxes: true, trail: true };
     this.selected = null; // IRI
-    this.highlights = { iris: new Set(), points: [], rings: [] }; // of an answer: positions in metres
-    this.plan = null; // as `/find` gives it
-    this.solid = null; // the view in three dimensions while it stands in the place of this one
+    this.highlights = { iris: new Set(), points: [], rings: [] }; // of an answer; positions in metres
+    this.plan = null; // the answer of `/find`
+    this.solid = null; // the view in three dimensions while it replaces this one
     this.scale = 40; // [px/m]
     this.centre = [0, 0]; // [m]
     this.isMoving = false;
-    this.onPick = () => {}; // (IRI or null, [x, y] in metres)
-    this.onLost = () => {}; // the view in three dimensions has no graphics any more
+    this.onPick = () => {}; // called with (IRI or null, [x, y] in metres)
+    this.onLost = () => {}; // called when the view in three dimensions has lost its graphics
     this._floor = new FloorLayer(this);
     this._objects = new ObjectLayer(this);
     this._fitted = false;
@@ -40,13 +40,13 @@ export class MapView {
     return DARK.matches;
   }
 
-  /** Draw soon, once. */
+  /** Request one drawing. */
   draw() {
     if (this.solid) return this.solid.draw();
     this._waiting ||= requestAnimationFrame(() => { this._waiting = 0; this._draw(); });
   }
 
-  /** Show all of the map. */
+  /** Show the whole map. */
   fit() {
     const bounds = this.bounds();
     if (!bounds) return;
@@ -58,7 +58,7 @@ export class MapView {
     this.draw();
   }
 
-  /** The lowest and the highest corner [m] of what is shown; null of nothing. */
+  /** The lowest and the highest corner [m] of the map; null if it is empty. */
   bounds() {
     const points = [];
     for (const place of this.data.places.values()) for (const ring of place.rings) for (const corner of ring) points.push(corner);
@@ -71,7 +71,7 @@ export class MapView {
     return [[xmin, ymin], [xmax, ymax]];
   }
 
-  /** Bring a point [m] into the middle; without `z` one of the floor. */
+  /** Centre a point [m]; without `z`, on the floor. */
   goTo(x, y, scale = Math.max(this.scale, 70), z) {
     this.centre = [x, y];
     this.scale = scale;
@@ -101,7 +101,7 @@ export class MapView {
     this._drawMoving();
   }
 
-  /** Tell `onPick` what is at a point of the canvas. */
+  /** Call `onPick` with the thing at a point of the canvas. */
   pick(u, v) {
     let best = null, least = NEAR;
     for (const one of this.data.objects.values()) {
@@ -115,7 +115,7 @@ export class MapView {
     this.onPick(best, [x, y]);
   }
 
-  /** Colours and names as all views have them. */
+  /** Colours and names that all views share. */
   readColours() {
     const style = getComputedStyle(document.documentElement);
     for (const name of ["ink", "faint", "panel", "accent"]) this[name] = style.getPropertyValue(`--${name}`).trim();
@@ -137,7 +137,7 @@ export class MapView {
     return this._floor.pictureOf(tile);
   }
 
-  /** Draw without most names until the map has rested for a moment. */
+  /** Draw; most names follow when the map has stopped moving. */
   _drawMoving() {
     clearTimeout(this._rest);
     this.isMoving = true;

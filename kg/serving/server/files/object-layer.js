@@ -1,21 +1,21 @@
-// Objects: a dot and a box each, fainter the less they are believed to exist, and names that do not overlap.
+// Objects: a dot and a box each, fainter with lower existence, and names that do not overlap.
 import { colourOf, drawText } from "/files/map-drawing.js";
 
-const LABELS = 400; // drawn at once, at most; fewer while the map is being moved
-const TRIED = 1500; // objects that a label is tried for
-const MANY = 3000; // objects in view from which on they are small squares
-const BOXES = 18; // [px/m] from which on boxes are drawn
-const SHADES = 5; // of existence
+const MAX_LABELS = 400; // drawn at once; fewer while the map moves
+const TRIED = 1500; // objects for which space for a label is searched
+const MANY = 3000; // with more objects in view, they are small squares
+const BOXES = 18; // [px/m] at and above this scale boxes are drawn
+const SHADES = 5; // steps of existence
 
 export class ObjectLayer {
   constructor(view) {
     this._view = view;
     this._widths = new Map(); // of labels [px]
     this._colours = new Map(); // of categories
-    this._seen = []; // [object, u, v] of those on the canvas
+    this._seen = []; // [object, u, v] of the objects on the canvas
   }
 
-  /** Colours are others in a dark page. */
+  /** Forget the colours, which differ in a dark page. */
   forgetColours() {
     this._colours.clear();
   }
@@ -39,7 +39,7 @@ export class ObjectLayer {
     this._drawHalo(c, radius);
   }
 
-  /** Objects on the canvas by colour and shade, as each is set once. */
+  /** Draw the objects on the canvas by colour and shade, so that each is set once. */
   _group() {
     const view = this._view, groups = new Map();
     this._seen = [];
@@ -60,7 +60,7 @@ export class ObjectLayer {
     return this._colours.get(category);
   }
 
-  /** A ring around the selected object, and one that holds its position with 95 %. */
+  /** A ring around the selected object, and one that contains its position with a probability of 95 %. */
   _drawHalo(c, radius) {
     const view = this._view, one = view.data.objects.get(view.selected);
     if (!one) return;
@@ -83,7 +83,7 @@ export class ObjectLayer {
     const view = this._view, moving = view.isMoving;
     c.font = "12px system-ui, sans-serif";
     const sorted = this._seen.length > MANY ? this._seen : [...this._seen].sort(([a], [b]) => this._order(a, b));
-    const most = moving && sorted.length > LABELS ? LABELS / 8 : LABELS;
+    const most = moving && sorted.length > MAX_LABELS ? MAX_LABELS / 8 : MAX_LABELS;
     let drawn = 0;
     for (const [one, u, v] of sorted.slice(0, moving ? TRIED / 8 : TRIED)) {
       if (drawn >= most) break;
@@ -96,7 +96,7 @@ export class ObjectLayer {
     }
   }
 
-  /** The selected object, then the surest; of two alike the older one. */
+  /** The selected object first, then by existence; of two equal objects the older one. */
   _order(a, b) {
     const selected = this._view.selected;
     return (b.iri === selected) - (a.iri === selected) || b.existence - a.existence || a.iri.length - b.iri.length || (a.iri < b.iri ? -1 : 1);

@@ -1,13 +1,13 @@
-// Filters, and the objects that they let through: their number, legend and list.
+// Filters, and the objects that pass them: number, legend and list.
 import { colourOf } from "/files/map-drawing.js";
 import { seconds } from "/files/map-data.js";
 import { button, byId, element, option } from "/files/page-elements.js";
 
-const ENTRIES = 200; // of the list
-const CATEGORIES = 40; // of the legend
+const MAX_ENTRIES = 200; // of the list
+const MAX_CATEGORIES = 40; // of the legend
 
 export class ObjectList {
-  /** `choose(iri)` selects; `changed()` is called when the filters are. */
+  /** `choose(iri)` selects an object; `changed()` is called when the filters change. */
   constructor(data, choose, changed) {
     this._data = data;
     this._choose = choose;
@@ -21,7 +21,7 @@ export class ObjectList {
     ["in-place", "age"].forEach((id) => byId(id).addEventListener("change", () => this._read()));
   }
 
-  /** Whether the filters let an object through. */
+  /** Whether an object passes the filters. */
   passes(one) {
     if (!(one.existence >= this.least)) return false;
     if (this._place && one.place !== this._place) return false;
@@ -30,13 +30,13 @@ export class ObjectList {
     return !this._text || names.some((name) => name.toLowerCase().includes(this._text));
   }
 
-  /** List what is shown; `selected` is an IRI, `dark` whether colours are those of a dark page. */
+  /** List the objects that pass; `selected` is an IRI, `dark` selects the colours of a dark page. */
   show(shown, selected, dark) {
     this._now = this._data.lastView();
     const objects = [...this._data.objects.values()].filter(shown);
     byId("count").textContent = `${objects.length} of ${this._data.objects.size} objects, ${this._data.places.size} places`;
     byId("legend").replaceChildren(...this._legend(objects, dark));
-    const surest = objects.sort((a, b) => b.existence - a.existence || (a.iri < b.iri ? -1 : 1)).slice(0, ENTRIES);
+    const surest = objects.sort((a, b) => b.existence - a.existence || (a.iri < b.iri ? -1 : 1)).slice(0, MAX_ENTRIES);
     byId("objects").replaceChildren(...surest.map((one) => this._entry(one, selected)));
     this._offerPlaces();
   }
@@ -44,7 +44,7 @@ export class ObjectList {
   _legend(objects, dark) {
     const counts = new Map();
     for (const one of objects) counts.set(one.class, (counts.get(one.class) || 0) + 1);
-    return [...counts].sort((a, b) => b[1] - a[1]).slice(0, CATEGORIES).map(([category, count]) => {
+    return [...counts].sort((a, b) => b[1] - a[1]).slice(0, MAX_CATEGORIES).map(([category, count]) => {
       const label = this._data.labelOf(category), swatch = element("i");
       swatch.style.background = colourOf(label, dark);
       const made = button("", () => { byId("filter").value = label; this._read(); });

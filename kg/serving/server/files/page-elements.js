@@ -1,4 +1,4 @@
-// Elements of a page, made by scripts: text is never markup.
+// Elements of a page, created by scripts; text is never parsed as markup.
 
 export const byId = (id) => document.getElementById(id);
 
@@ -23,14 +23,14 @@ export function option(value, text) {
   return made;
 }
 
-/** A link to the page of an IRI on this server, whose things' IRIs begin with `base`; `//` would lead to another host. */
+/** A link to the page of an IRI on this server; IRIs of the map begin with `base`. A path with `//` would be another host. */
 export function linkTo(iri, base, text) {
   const link = element("a", text), path = iri.startsWith(base) ? iri.slice(base.length) : null;
   link.href = path === null || path.startsWith("/") ? `/resource?iri=${encodeURIComponent(iri)}` : `/${path}`;
   return link;
 }
 
-/** Say something in the page's line of messages, which screen readers read out. */
+/** Show a message in the page's status line, which screen readers read out. */
 export function status(text) {
   byId("status").textContent = text;
 }

@@ -1,7 +1,7 @@
-// Places in the colour of what they are believed to be, their names, and doors.
+// Places in the colour of their most probable category, their names, and doors.
 import { colourOf, drawText, inside } from "/files/map-drawing.js";
 
-const LINES = 12; // of a place that a name is tried on
+const LINES = 12; // of a place in which space for its name is searched
 
 export function drawPlaces(c, view) {
   for (const place of view.data.places.values()) drawPlace(c, view, place);
@@ -30,7 +30,7 @@ function drawPlace(c, view, place) {
   c.globalAlpha = 1;
 }
 
-/** Names of places where there is room, rather along their upper walls. */
+/** Names of places where there is room, preferably along the upper walls. */
 export function drawPlaceNames(c, view, taken) {
   c.textAlign = "center";
   c.font = "600 13px system-ui, sans-serif";
@@ -47,13 +47,13 @@ export function drawPlaceNames(c, view, taken) {
   c.textAlign = "left";
 }
 
-/** What a place is most probably, with its belief and without; else its name. */
+/** The most probable category of a place, with and without its probability; its name if it has none. */
 export function namesOf(data, place) {
   const best = place.beliefs[0], kind = best ? data.labelOf(best[0]) : data.nameOf(place);
   return best ? [`${kind} ${Math.round(best[1] * 100)} %`, kind] : [kind];
 }
 
-/** Middles of a name of that width [px] inside a place's bounds, line by line from the top. */
+/** Possible centres of a name of this width [px] in a place's bounds, line by line from the top. */
 function* spotsOf(view, place, width) {
   const [left, top] = view.toScreen(place.xmin, place.ymax), [right, bottom] = view.toScreen(place.xmax, place.ymin);
   if (right - left < width + 6) return;

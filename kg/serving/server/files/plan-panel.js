@@ -1,8 +1,8 @@
-// The search: what is wanted, the plan to find it, and its reasons.
+// The search: the wanted objects, the plan to find them, and its reasons.
 import { button, byId, element } from "/files/page-elements.js";
 import { request } from "/files/server.js";
 
-const STEPS = 12; // of a plan that are told
+const MAX_STEPS = 12; // of a plan that are listed
 const KNOWN = 4;
 
 export class PlanPanel {
@@ -17,7 +17,7 @@ export class PlanPanel {
   async _find(event) {
     event.preventDefault();
     const wanted = byId("wanted").value.trim();
-    this._asked.abort(); // who asks anew does not wait for the old answer
+    this._asked.abort(); // a new request cancels the one before
     const { signal } = this._asked = new AbortController();
     if (!wanted) return this._show(null);
     byId("plan").replaceChildren(element("p", "planning …"));
@@ -40,7 +40,7 @@ export class PlanPanel {
     const known = plan.known.slice(0, KNOWN).map((one) => element("li", "", button(one.label, () => this._choose(one.iri)),
       ` ${one.where || ""}, existence ${one.existence.toFixed(2)}${one.last_seen ? `, seen ${this._data.ago(one.last_seen)} ago` : ""}`));
     return [
-      element("h3", known.length ? "What the map has" : `No ${wanted} is in the map`), element("ul", "", ...known),
+      element("h3", known.length ? "Already in the map" : `No ${wanted} is in the map`), element("ul", "", ...known),
       element("h3", "Where to look"),
       element("p", `on this floor with ${plan.present.toFixed(2)}; the plan finds it with ${plan.probability.toFixed(2)}`),
       element("ol", "", ...this._steps(plan)),
@@ -48,8 +48,8 @@ export class PlanPanel {
   }
 
   _steps(plan) {
-    const given = new Set(); // reasons, each told once
-    return plan.steps.slice(0, STEPS).map((step, n) => {
+    const given = new Set(); // reasons that were listed already
+    return plan.steps.slice(0, MAX_STEPS).map((step, n) => {
       const reason = step.why.slice(0, 1).find((one) => !given.has(one.iri));
       if (reason) given.add(reason.iri);
       return element("li", "", button(`look ${n + 1}`, () => this._view.goTo(step.x, step.y)),

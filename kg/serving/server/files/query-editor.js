@@ -1,4 +1,4 @@
-// The editor of queries: SPARQL in colours, completion, and errors marked where they are.
+// The query editor: syntax colours, completion, and marked errors.
 import {
   autocompletion, bracketMatching, closeBrackets, closeBracketsKeymap, completionKeymap, defaultKeymap, drawSelection, EditorState,
   EditorView, HighlightStyle, history, historyKeymap, keymap, lineNumbers, setDiagnostics, sparql, StreamLanguage,
@@ -27,7 +27,7 @@ const COLOURS = HighlightStyle.define([
   { tag: tags.invalid, color: "var(--wrong)" },
 ]);
 
-/** Put text that is typed over a selection in its place: a browser would write its style inline, which the CSP refuses. */
+/** Replace a selection by typed text: a browser would add inline styles, which the CSP refuses. */
 function typeOver(event, view) {
   const { from, to, empty } = view.state.selection.main;
   if (event.inputType !== "insertText" || empty || view.composing) return false;
@@ -40,7 +40,7 @@ function typeOver(event, view) {
 export class QueryEditor {
   /** An editor in `place` that calls `onAsk()`; `complete` is a source of completions of CodeMirror. */
   constructor(place, text, { onAsk, complete }) {
-    // in a shadow tree CodeMirror adopts constructed style sheets, which a strict CSP allows
+    // in a shadow tree CodeMirror uses constructed style sheets, which a strict CSP allows
     const root = place.attachShadow({ mode: "open" });
     this._view = new EditorView({
       root,
@@ -66,7 +66,7 @@ export class QueryEditor {
     this.unmark();
   }
 
-  /** Mark the word at, or last before, a line and column, counted from 1, and put the cursor there. */
+  /** Mark the word at or before a line and column (counted from 1), and put the cursor there. */
   mark(line, column, message) {
     const { doc } = this._view.state, at = doc.line(Math.min(Math.max(line, 1), doc.lines));
     const reached = Math.min(Math.max(column - 1, 0), at.length);

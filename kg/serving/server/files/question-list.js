@@ -1,4 +1,4 @@
-// The shipped questions: found by name or summary, and a form for the parameters of one.
+// The shipped questions: a search by name or summary, and a form for parameters.
 import { button, byId, element, option, status } from "/files/page-elements.js";
 import { request, select } from "/files/server.js";
 
@@ -11,10 +11,10 @@ const LISTS = { category: "categories", place: "places", iri: "things" };
 const NUMBERS = { double: "any", integer: "1" }; // step of a field
 
 export class QuestionList {
-  /** `questions` as `/queries` lists them; `onQuery(text)` is called with one to be asked. */
+  /** `questions` is the list of `/queries`; `onQuery(text)` is called with the query to run. */
   constructor(base, questions, onQuery) {
     this._base = base;
-    const isInner = ({ name }) => name.startsWith("goals-"); // what the planner asks comes last
+    const isInner = ({ name }) => name.startsWith("goals-"); // queries of the planner come last
     this._questions = [...questions].sort((a, b) => isInner(a) - isInner(b));
     this._onQuery = onQuery;
     this._offered = false;
@@ -22,7 +22,7 @@ export class QuestionList {
     this._list();
   }
 
-  /** Open a question: its form, or at once its answer where nothing has to be given. */
+  /** Open a question: its form, or its answer if it needs no parameter. */
   open(name) {
     const question = this._questions.find((one) => one.name === name);
     byId("question").replaceChildren(element("h3", name), element("p", question.summary), this._form(question));
@@ -60,7 +60,7 @@ export class QuestionList {
     return element("p", "", element("label", `${name} `, input), element("small", about));
   }
 
-  /** The question as SPARQL with its values in it, by the server. */
+  /** The question as SPARQL with its values, made by the server. */
   async _ask(question, values) {
     const given = Object.entries(values).filter(([, value]) => value !== "");
     try {
@@ -71,7 +71,7 @@ export class QuestionList {
     }
   }
 
-  /** Offer names of categories, places and things to those who type. */
+  /** Suggest names of categories, places and things in the fields. */
   async _offer() {
     if (this._offered) return;
     this._offered = true;

@@ -1,4 +1,4 @@
-// An answer as a chart: the first column of numbers, as bars, or as a line over numbers or times before it.
+// An answer as a chart: the first column of numbers as bars, or as a line over a column of numbers or times before it.
 import { element } from "/files/page-elements.js";
 import { isNumeric } from "/files/result-table.js";
 
@@ -6,7 +6,7 @@ const SVG = "http://www.w3.org/2000/svg";
 const BARS = 60;
 const ROW = 22, HEIGHT = 300, MARGIN = 70, RIGHT = 70; // [px]
 
-/** A chart of columns and rows as SPARQL JSON has them, `width` pixels wide; words where there are no numbers. */
+/** A chart of columns and rows of SPARQL JSON, `width` pixels wide; a sentence if there are no numbers. */
 export function chartOf({ columns, rows }, width) {
   const numeric = columns.filter((name) => rows.some((row) => row[name]) && rows.every((row) => !row[name] || isNumeric(row[name])));
   if (!numeric.length) return element("p", "a chart needs a column of numbers, such as a COUNT");

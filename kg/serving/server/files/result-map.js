@@ -1,4 +1,4 @@
-// An answer on the map: its things, positions and geometries stand out.
+// An answer on the map: its things, positions and geometries are highlighted.
 import { MapData, ringsOf } from "/files/map-data.js";
 import { MapView } from "/files/map-view.js";
 import { byId, status } from "/files/page-elements.js";
@@ -11,7 +11,7 @@ export class ResultMap {
     this._view.onPick = (iri) => this._pick(iri);
   }
 
-  /** Show columns and rows as SPARQL JSON has them; returns how many things and geometries stand out. */
+  /** Highlight columns and rows of SPARQL JSON; returns the number of things and geometries in words. */
   async show(answer) {
     await this._data.load();
     const found = highlightsOf(answer, (iri) => this._data.objects.has(iri) || this._data.places.has(iri));
@@ -28,7 +28,7 @@ export class ResultMap {
   }
 }
 
-/** Things, points [m] and rings [m]: of each row the first thing of the map, or else x and y; and all WKT. */
+/** Things, points [m] and rings [m]: of each row the first thing of the map, otherwise x and y, and all WKT. */
 function highlightsOf({ columns, rows }, isOnMap) {
   const iris = new Set(), points = [], rings = [];
   const hasPosition = columns.includes("x") && columns.includes("y");

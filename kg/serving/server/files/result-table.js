@@ -1,7 +1,7 @@
-// An answer as a table: IRIs lead to their pages, everything else is text.
+// An answer as a table: IRIs are links to their pages, everything else is text.
 import { element, linkTo } from "/files/page-elements.js";
 
-const SHOWN = 500; // rows
+const MAX_ROWS = 500; // in the table
 const XSD = "http://www.w3.org/2001/XMLSchema#";
 const NUMERIC = new Set(["integer", "decimal", "double", "float", "int", "long"].map((name) => XSD + name));
 
@@ -10,12 +10,12 @@ export function isNumeric(term) {
   return term?.type === "literal" && NUMERIC.has(term.datatype) && Number.isFinite(Number(term.value));
 }
 
-/** The table of columns and rows as SPARQL JSON has them. `prefixes` are IRIs by name. */
+/** The table of columns and rows of SPARQL JSON. `prefixes` are IRIs by name. */
 export function tableOf({ columns, rows }, base, prefixes) {
   const head = element("thead", "", element("tr", "", ...columns.map((name) => element("th", name))));
-  const body = rows.slice(0, SHOWN).map((row) => element("tr", "", ...columns.map((name) => cellOf(row[name], base, prefixes))));
+  const body = rows.slice(0, MAX_ROWS).map((row) => element("tr", "", ...columns.map((name) => cellOf(row[name], base, prefixes))));
   const table = element("table", "", head, element("tbody", "", ...body));
-  const left = rows.length - SHOWN;
+  const left = rows.length - MAX_ROWS;
   return left > 0 ? [table, element("p", `${left} more rows are in the downloads`)] : [table];
 }
 
@@ -35,7 +35,7 @@ function cellOf(term, base, prefixes) {
   return cell;
 }
 
-/** An IRI in short: of the map's own things the path, else a prefixed name where a prefix fits. */
+/** A short IRI: the path for things of the map, otherwise a prefixed name if a prefix fits. */
 function compact(iri, base, prefixes) {
   if (iri.startsWith(base) && iri !== base) return iri.slice(base.length);
   const fitting = Object.entries(prefixes).filter(([, start]) => iri.startsWith(start)).sort((a, b) => b[1].length - a[1].length)[0];

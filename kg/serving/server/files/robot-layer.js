@@ -1,7 +1,7 @@
-// The robot, where it went, and where a plan sends it.
+// The robot, its trail, and a plan.
 import { tracePath } from "/files/map-drawing.js";
 
-const REACH = 1.2; // [m] of the sector that shows which way to look
+const REACH = 1.2; // [m] radius of the sector in the direction of view
 const ARROW = [[12, 0], [-9, 8], [-5, 0], [-9, -8]]; // [px], towards +x
 
 export function drawTrail(c, view) {
@@ -32,7 +32,7 @@ export function drawRobot(c, view, taken) {
   c.restore();
 }
 
-/** The steps of a plan: where to stand, which way to look, in which order. */
+/** The steps of a plan: positions, directions of view, order. */
 export function drawPlan(c, view, taken) {
   if (!view.plan) return;
   const { steps, start } = view.plan, stops = steps.map((step) => view.toScreen(step.x, step.y));
@@ -61,7 +61,7 @@ export function drawPlan(c, view, taken) {
   c.textAlign = "left";
 }
 
-/** Each spot once, with the numbers of the looks that are taken from there. */
+/** Each position once, with the numbers of its steps. */
 function bySpot(stops) {
   const spots = new Map();
   stops.forEach(([u, v], n) => {

@@ -1,4 +1,4 @@
-// Requests to the server. A token is kept here, in memory alone: it is gone with the page.
+// Requests to the server. The token is kept only in memory, as long as the page is open.
 
 const NUMBERS = new Set(["x", "y", "z", "existence", "deviation", "dx", "dy", "dz", "count", "heading", "xmin", "xmax",
   "ymin", "ymax", "share", "belief", "size", "storey"]);
@@ -16,7 +16,7 @@ export function isNumber(column) {
   return NUMBERS.has(column);
 }
 
-/** The answer to a request; `accept` is a media type. Throws an Error with the server's words and `status` where it refuses. */
+/** The answer to a request; `accept` is a media type. A refusal throws an Error with the server's message and `status`. */
 export async function request(address, { accept = "*/*", method = "GET", type, body, signal } = {}) {
   const headers = { Accept: accept };
   if (type) headers["Content-Type"] = type;
@@ -36,7 +36,7 @@ async function reasonOf(answer) {
   }
 }
 
-/** The answer to a query: {rows, sequence}; `at` is a transaction number, null for now. */
+/** The answer to a query: {rows, sequence}; `at` is a transaction number, or null for the present. */
 export async function select(query, at = null) {
   const answer = await request(at === null ? "/sparql" : `/sparql?at=${at}`, {
     method: "POST", type: "application/sparql-query", accept: "text/csv", body: query,

@@ -1,4 +1,4 @@
-// What the editor completes: prefixes, terms of the vocabulary, variables, keywords and shipped questions.
+// Completions of the editor: prefixes, terms of the vocabulary, variables, keywords and shipped questions.
 import { select } from "/files/server.js";
 
 const TERMS = `SELECT DISTINCT ?iri ?kind ?label WHERE {
@@ -11,7 +11,7 @@ const KEYWORDS = ["SELECT", "DISTINCT", "WHERE", "GRAPH", "OPTIONAL", "UNION", "
 const GRAPHS = ["graph:map", "graph:ontology", "graph:commonsense", "graph:history", "graph:assertions"];
 
 export class SparqlCompletion {
-  /** `prefixes` are IRIs by name, `questions` as `/queries` lists them; `onQuestion(name)` opens one. */
+  /** `prefixes` are IRIs by name, `questions` is the list of `/queries`; `onQuestion(name)` opens a question. */
   constructor(prefixes, questions, onQuestion) {
     this._prefixes = prefixes;
     this._words = [
@@ -26,7 +26,7 @@ export class SparqlCompletion {
     this._terms = null;
   }
 
-  /** A source of completions, as CodeMirror's `autocompletion` takes it. */
+  /** A source of completions for CodeMirror's `autocompletion`. */
   async complete(context) {
     const word = context.matchBefore(/[?$]\w*|[\w-]*:?[\w-]*/);
     if (!word || (word.from === word.to && !context.explicit)) return null;
@@ -51,7 +51,7 @@ export class SparqlCompletion {
       }
       return [...terms.values()];
     } catch {
-      this._terms = null; // asked again with the next word
+      this._terms = null; // requested again with the next word
       return [];
     }
   }

@@ -1,10 +1,10 @@
-// What the server knows of a thing beyond the map: relations, why it is believed, history, picture.
+// Details of a thing that the page requests from the server: relations, explanation, history, picture.
 import { button, element } from "/files/page-elements.js";
 import { request, select } from "/files/server.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 
-/** What it is on, in and beside, and what is on, in and beside it. */
+/** The things that it is on, in or beside, and those that are on, in or beside it. */
 export async function relationsOf(data, iri, choose) {
   const { rows } = await select(`SELECT ?kind ?other ?chance ?turned WHERE { GRAPH graph:map {
       { <${iri}> here:hasRelation ?r . ?r here:relatedTo ?other . BIND(false AS ?turned) }
@@ -19,7 +19,7 @@ export async function relationsOf(data, iri, choose) {
   return [element("ul", "", ...items)];
 }
 
-/** Relations without the second half of those that hold both ways. */
+/** Relations without the second direction of symmetric ones. */
 function unique(rows) {
   const known = new Set();
   return rows.filter((row) => {
@@ -28,13 +28,13 @@ function unique(rows) {
   });
 }
 
-/** What `hereabouts why` says. */
+/** The explanation, as of `hereabouts why`. */
 export async function whyOf(data, iri) {
   const answer = await request(`/why?iri=${encodeURIComponent(data.pathOf(iri))}`, { accept: "text/plain" });
   return [element("pre", await answer.text())];
 }
 
-/** How its existence went, and its last changes. */
+/** Its existence over time, and its last changes. */
 export async function historyOf(data, iri) {
   const answer = await request(`/log?iri=${encodeURIComponent(data.pathOf(iri))}&last=200`, { accept: "application/json" });
   const events = await answer.json();
@@ -43,7 +43,7 @@ export async function historyOf(data, iri) {
   return [sparkline(events), element("ul", "", ...items)];
 }
 
-/** How existence went, as a small picture. */
+/** Existence over time as a small chart. */
 function sparkline(events) {
   const values = [];
   for (const event of events) for (const change of event.changes) {

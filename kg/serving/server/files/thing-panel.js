@@ -1,21 +1,21 @@
-// What is known of the selected thing: facts from the map, then what the server is asked for.
+// Facts of the selected thing: those of the map at once, then details from the server.
 import { button, byId, element, linkTo } from "/files/page-elements.js";
 import { historyOf, pictureOf, relationsOf, whyOf } from "/files/thing-details.js";
 
 const NEAREST = 5;
 
 export class ThingPanel {
-  /** `choose(iri)` selects another thing; `corrections(thing)` is a form, or null. */
+  /** `choose(iri)` selects another thing; `corrections(thing)` returns a form or null. */
   constructor(data, choose, corrections) {
     this._data = data;
     this._choose = choose;
     this._corrections = corrections;
     this._iri = null;
-    this._described = ""; // what is shown, and since when [ms]
+    this._described = ""; // the shown description, and its time [ms]
     this._since = 0;
   }
 
-  /** Describe a thing; `least` is the existence from which on things in a place are listed. */
+  /** Describe a thing; things in a place are listed from the existence `least` on. */
   show(iri, least) {
     const one = this._data.objects.get(iri), place = this._data.places.get(iri);
     this._iri = iri;
@@ -27,7 +27,7 @@ export class ThingPanel {
     if (one || place) this._ask(iri);
   }
 
-  /** Whether the thing has changed since it was described; a moment's peace is kept, and somebody who types. */
+  /** Whether the thing has changed since its description; false right after one, and while somebody types. */
   get isBehind() {
     return this._iri !== null && JSON.stringify(this._thing()) !== this._described;
   }
@@ -44,7 +44,7 @@ export class ThingPanel {
     const place = this._data.places.get(one.place);
     return [
       element("h2", this._data.nameOf(one)),
-      element("div"), // of the picture
+      element("div"), // for the picture
       facts([
         ["category", this._data.labelOf(one.class)],
         ["where", place ? `in ${this._data.placeName(place)}` : ""],
@@ -79,8 +79,8 @@ export class ThingPanel {
         ["viewed", place.share !== undefined ? `${Math.round(place.share * 100)} % of its floor` : ""],
         ["last viewed", place.viewed ? moment(place.viewed) : ""],
       ]),
-      element("h3", "What it is believed to be"), element("ul", "", ...beliefs),
-      element("h3", "What is in it"), element("ul", "", ...here.map((one) => element("li", "", this._link(one)))),
+      element("h3", "Probable categories"), element("ul", "", ...beliefs),
+      element("h3", "Objects in it"), element("ul", "", ...here.map((one) => element("li", "", this._link(one)))),
       ...this._end(place),
     ];
   }
@@ -94,7 +94,7 @@ export class ThingPanel {
     return button(this._data.nameOf(one), () => this._choose(one.iri));
   }
 
-  /** Fill in what the server is asked for. */
+  /** Fill in the details from the server. */
   _ask(iri) {
     const fill = (id, answer) => {
       const put = (...content) => {

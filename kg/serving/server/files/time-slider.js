@@ -1,7 +1,7 @@
-// The slider through the map's transactions, and playing them.
+// The time slider: selects a transaction of the map, or plays all.
 import { byId, status } from "/files/page-elements.js";
 
-const FRAMES = 120; // of playing it from the first transaction
+const FRAMES = 120; // from the first transaction to the last when playing
 
 export class TimeSlider {
   constructor(data) {
@@ -12,7 +12,7 @@ export class TimeSlider {
     byId("play").addEventListener("click", () => (this._timer ? this._stop() : this._play()));
   }
 
-  /** Take the map's last transaction as the end; stay there where the present is shown. */
+  /** Set the end to the map's last transaction; stay at the end if the present is shown. */
   follow() {
     this._slider.max = this._data.last;
     if (this._data.past === null) this._slider.value = this._data.last;
