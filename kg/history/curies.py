@@ -1,4 +1,4 @@
-"""Compact IRIs: parsing of the things and facts that people write, and shortening of terms."""
+"""Compact IRIs: parsing of things and facts in people's notation, and shortening of terms."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ _BELIEF = re.compile(r"/belief/([^/]+)$")
 
 
 def thing(text: str, base: str) -> NamedNode:
-    """The IRI meant by ``object/17``, ``here:Banana``, ``a``, or a whole IRI.
+    """The IRI of ``object/17``, ``here:Banana``, ``a``, or an absolute IRI.
 
-    Raises QueryParameterError for anything else.
+    Raises QueryParameterError for other texts.
     """
     text = text.strip()
     if text == "a":
@@ -40,9 +40,9 @@ def thing(text: str, base: str) -> NamedNode:
 
 
 def statement(text: str, base: str) -> tuple[NamedNode, NamedNode | None, Term | None]:
-    """Subject, predicate and object of ``object/17 here:x 1.23``; the rest may be left out.
+    """Subject, predicate and object of ``object/17 here:x 1.23``; None for omitted parts.
 
-    A number is parsed as a double, words in quotes as a string. Raises QueryParameterError.
+    A text in quotes is a string. Raises QueryParameterError for other texts.
     """
     try:
         words = shlex.split(text, posix=False)
@@ -70,7 +70,7 @@ def _value(text: str, base: str) -> Term:
 
 
 def short(term: Term, base: str) -> str:
-    """A term as people read it: ``object/17``, ``here:Chair``, ``1.23``."""
+    """A term for people: ``object/17``, ``here:Chair``, ``1.23``."""
     if isinstance(term, Literal):
         return term.value
     if isinstance(term, BlankNode) or not isinstance(term, NamedNode):

@@ -1,4 +1,4 @@
-"""Moments and durations as people write them."""
+"""Parsing of moments and durations in people's notation."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Final
 from kg.history.storage.log import HistoryLog
 from kg.model.errors import HistoryError
 
-#: ``#42`` or 42 (the 42nd transaction), ISO 8601 text (UTC where it names no zone), or a datetime
+#: ``#42`` or 42 (the 42nd transaction), ISO 8601 text (UTC by default), or a datetime
 Instant = int | str | datetime
 
 _SECONDS: Final = {"s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0, "w": 604800.0, "y": 31557600.0}
@@ -18,8 +18,8 @@ _SECONDS: Final = {"s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0, "w": 604800.0
 def sequence_of(log: HistoryLog, when: Instant) -> int:
     """The last transaction at or before `when`.
 
-    Raises HistoryError for what is no moment, lies before what the log keeps, or is a number not
-    given out yet.
+    Raises:
+        HistoryError: `when` is no moment, precedes the log, or is the number of no transaction.
     """
     if isinstance(when, str) and re.fullmatch(r"#\d+", when):
         when = int(when[1:])
@@ -51,14 +51,14 @@ def iso(time: float) -> str:
 
 
 def moment(when: str | datetime) -> float:
-    """Seconds since 1970 of ISO 8601 text (UTC where it names no zone) or a datetime.
+    """Seconds since 1970 of ISO 8601 text (UTC by default) or a datetime.
 
-    Raises HistoryError for what is no moment.
+    Raises HistoryError for other texts.
     """
     try:
         given = datetime.fromisoformat(when) if isinstance(when, str) else when
         time = (given if given.tzinfo else given.replace(tzinfo=UTC)).timestamp()
-        iso(time)  # a year that can be written
+        iso(time)  # raises for a year beyond 9999
     except (ValueError, OverflowError):
         raise HistoryError(
             f"no moment {str(when)!r}; write #42 (a transaction) or 2026-08-01T12:30:00Z"

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-from kg.history.replay.ontology_replay import changed_since
+from kg.history.replay.past_state import background_changes
 from kg.history.storage.log import HistoryLog
 from kg.history.timestamps import Instant, sequence_of
 from kg.knowledge.ontology.catalogue import Catalogue, StoredCatalogue
@@ -193,7 +193,7 @@ class StoredMap(SemanticMap):
         """The map as believed at `when`, replayed into memory; the last ones are cached."""
         log = self.history.log
         sequence = sequence_of(log, when)
-        known = None if changed_since(log, sequence) else self._categories.known
+        known = None if background_changes(log, sequence) else self._categories.known
         return StoredMap(self.history.store_at(sequence), base=self.base, catalogue=known)
 
     def _update_by_rdflib(self, sparql: str, /, *, confirmed: bool = False) -> None:

@@ -108,11 +108,10 @@ def _tree(reason: Explanation) -> Tree:
 def _grow(tree: Tree, reason: Explanation) -> None:
     from rich.text import Text
 
-    from kg.history.reports.text_report import WORDS
+    from kg.history.reports.text_report import label_of
 
     for behind in reason.because:
-        label = f"{WORDS[behind.kind]}: " if behind.kind in WORDS else ""
-        _grow(tree.add(Text.assemble((label, "dim"), behind.text)), behind)
+        _grow(tree.add(Text.assemble((label_of(behind), "dim"), behind.text)), behind)
 
 
 def _record(reason: Explanation) -> dict[str, object]:

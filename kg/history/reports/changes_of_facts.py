@@ -1,4 +1,4 @@
-"""Changes of single facts in the history: the transactions that made or removed them."""
+"""Changes of single facts in the history: the transactions that added or removed them."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from kg.rdf.quad_store import Term
 
 
 class FactChanges:
-    """The changes of facts, by their subject; each subject is read once."""
+    """The changes of facts; the history of each subject is read once."""
 
     def __init__(self, log: HistoryLog) -> None:
         self._log = log
         self._read: dict[Term, list[tuple[int, ChangeLines]]] = {}
 
     def sequence_of(self, quad: Quad) -> int:
-        """The number of the transaction that added `quad`; the floor where it is older."""
+        """The number of the transaction that added `quad`, or else the floor."""
         (line,) = lines_of([quad])
         changes = reversed(self._history(quad.subject))
-        made = (sequence for sequence, change in changes if line in change.added)
-        return next(made, self._log.floor)
+        sequences = (sequence for sequence, change in changes if line in change.added)
+        return next(sequences, self._log.floor)
 
     def changes_of(
         self,
@@ -31,19 +31,18 @@ class FactChanges:
         removed: bool = False,
         value: Term | None = None,
     ) -> list[Commit]:
-        """The transactions that added (or removed) such a fact of `subject`, oldest first."""
+        """The transactions that added (or `removed`) such a fact, oldest first.
+
+        Without a `value`, facts with any object count.
+        """
         start = f"{subject} <{predicate}> ".encode()
-        found = [
-            sequence
-            for sequence, change in self._history(subject)
-            if any(
-                value is None or same(quad.object, value)
-                for quad in quads_of(
-                    line for line in change[0 if removed else 1] if line.startswith(start)
-                )
-            )
-        ]
-        commits = (self._log.commit(sequence) for sequence in dict.fromkeys(found))
+        sequences: dict[int, None] = {}
+        for sequence, change in self._history(subject):
+            lines = change.removed if removed else change.added
+            quads = quads_of(line for line in lines if line.startswith(start))
+            if any(value is None or same(quad.object, value) for quad in quads):
+                sequences[sequence] = None
+        commits = map(self._log.commit, sequences)
         return [commit for commit in commits if commit is not None]
 
     def _history(self, subject: Term) -> list[tuple[int, ChangeLines]]:

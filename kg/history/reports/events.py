@@ -1,4 +1,4 @@
-"""The history of one thing in words: what each transaction changed about it, and why."""
+"""The history of one thing in words: its changes in each transaction, with the cause."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _DEPARTED = NamedNode(v.DEPARTED_OBJECT)
 
 @dataclass(frozen=True, slots=True)
 class HistoryEvent:
-    """One transaction, as far as it concerns one thing."""
+    """The changes of one thing in one transaction."""
 
     sequence: int
     time: float  # [s] since 1970-01-01 UTC
@@ -31,14 +31,14 @@ class HistoryEvent:
 
     @property
     def words(self) -> str:
-        """All of it in one line."""
+        """All changes in one line."""
         return ", ".join(self.changes)
 
 
 def history_events(log: HistoryLog, iri: NamedNode, base: str) -> Iterator[HistoryEvent]:
-    """Each transaction that changed `iri`, its observation or its beliefs; oldest first.
+    """The transactions that changed `iri`, its observation, beliefs or relations; oldest first.
 
-    Raises QueryParameterError for an IRI that the history does not contain.
+    Raises QueryParameterError if the history does not contain the IRI.
     """
     subjects = [
         *(subject_line(one) for one in (iri.value, observation_iri(base, iri.value))),
@@ -62,9 +62,9 @@ def history_events(log: HistoryLog, iri: NamedNode, base: str) -> Iterator[Histo
 
 
 def _words(change: ChangeLines, base: str) -> Iterator[str]:
-    gone, come = (quads_of(side) for side in change)
-    about = _about((gone + come)[0].subject, base)
-    removed, added = _by_predicate(gone), _by_predicate(come)
+    removed_quads, added_quads = (quads_of(side) for side in change)
+    about = _about((removed_quads + added_quads)[0].subject, base)
+    removed, added = _by_predicate(removed_quads), _by_predicate(added_quads)
     if v.RDF_TYPE in removed and v.RDF_TYPE not in added:
         yield f"{about}: removed" if about else "removed"
         return
@@ -94,7 +94,7 @@ def _steps(
 
 
 def _brief(value: Term, base: str) -> str:
-    """A value in a line; of packed bytes only how many characters they take."""
+    """A value in one line; for packed bytes, the number of characters."""
     if isinstance(value, Literal) and value.datatype == v.XSD_BASE64:
         return f"{len(value.value)} characters"
     return short(value, base)

@@ -1,13 +1,12 @@
-"""Explanation of facts: the frame, rule, model, source or person each derives from.
+"""Explanation of facts: the frame, rule, model, source or person behind each.
 
-An explanation is a tree: each reason carries the reasons behind it.
-`kg.history.reports.prov_export` serialises it
-in SOSA and PROV-O.
+An explanation is a tree: each step has the reasons behind it.
+`kg.history.reports.prov_export` serialises the tree in SOSA and PROV-O.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Literal as Choice
 
@@ -29,13 +28,11 @@ Kind = (
     Choice["thing", "fact", "was", "observation", "pose", "model", "rule"]
     | Choice["commit", "change", "person", "belief", "view", "relation", "source"]
 )
-VIEWS = 3  # frames named of those a place's belief rests on
+MAX_VIEWS = 3  # frames listed as evidence for the belief of a place
 
 _SUBJECT = NamedNode(v.RELATION_SUBJECT)
-_ASSERTED_OF = NamedNode(v.ASSERTED_OF)
-_DEPARTED = NamedNode(v.DEPARTED_OBJECT)
-#: Facts that follow from an assertion of a property.
-_SAID_OF = {
+#: predicate of a fact -> asserted property that it follows from
+_ASSERTED_PROPERTIES = {
     v.RDF_TYPE.value: "category",
     **dict.fromkeys((v.X, v.Y, v.Z, v.IN_CELL, v.IN_PLACE), "position"),
     v.EXISTENCE: "existence",
@@ -43,7 +40,6 @@ _SAID_OF = {
     v.ON: "on",
     v.INSIDE: "inside",
 }
-_RELATIONS = {v.LOCATED_AT, v.NEAR_BY}
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,13 +48,13 @@ class Explanation:
 
     kind: Kind
     text: str
-    iri: str | None = None  # of what the step is about, where it has one
+    iri: str | None = None  # IRI of the subject of the step, if any
     because: tuple[Explanation, ...] = ()
     fact: tuple[Term, Term, Term] | None = None  # of a "fact" or "was"
     time: float | None = None  # [s since 1970] of a "commit" or "change"
 
     def walk(self, depth: int = 0) -> Iterator[tuple[int, Explanation]]:
-        """This step and all behind it, each with its depth."""
+        """This step and all steps behind it, each with its depth."""
         yield depth, self
         for reason in self.because:
             yield from reason.walk(depth + 1)
@@ -67,7 +63,7 @@ class Explanation:
 class Explainer:
     """Explains the facts of `engine` from the transactions of `log`.
 
-    Without a `recorded` past, `log` holds only the present facts.
+    If the past is not `recorded`, `log` has only the present facts.
     """
 
     def __init__(
@@ -78,14 +74,19 @@ class Explainer:
         self._changes = FactChanges(log)
 
     def thing(self, iri: NamedNode) -> Explanation:
-        """Why this thing is in the map, or no longer; QueryParameterError where it never was."""
+        """Explanation of the presence or removal of a thing.
+
+        Raises QueryParameterError if the map never held it.
+        """
         facts = [q for q in self._about(iri) if q.graph_name not in BACKGROUND]
         if not facts:
             return self._background_or_removed(iri)
         types = [q for q in facts if q.predicate == v.RDF_TYPE]
-        if _DEPARTED in (quad.object for quad in types):
+        if NamedNode(v.DEPARTED_OBJECT) in (quad.object for quad in types):
             return self._departed(iri, types[0])
-        reasons = [self.fact(q) for q in types if _is_informative(q)]
+        # every place has these two types by construction
+        trivial = NamedNode(v.PLACE), NamedNode(v.BOT_SPACE)
+        reasons = [self.fact(q) for q in types if q.object not in trivial]
         reasons += [
             self.fact(q) for q in facts if q.graph_name == v.ASSERTIONS_GRAPH and q not in types
         ]
@@ -99,7 +100,7 @@ class Explainer:
         )
 
     def _alternatives(self, facts: list[Quad]) -> Iterator[Explanation]:
-        """Other categories that an object may have."""
+        """Alternative categories of an object."""
         nodes = [q.object for q in facts if q.predicate.value == v.HAS_LABEL_BELIEF]
         likely = {n: self._text(n, v.LABEL_PROBABILITY) for n in nodes if isinstance(n, NamedNode)}
         for node in sorted(likely, key=lambda n: (likely[n], n.value), reverse=True):
@@ -110,32 +111,36 @@ class Explainer:
     def facts(
         self, subject: NamedNode, predicate: NamedNode, value: Term | None
     ) -> tuple[Explanation, ...]:
-        """Explanation of each such fact; QueryParameterError where the map never held one."""
-        held = [q for q in self._about(subject) if q.predicate == predicate]
-        meant = [q for q in held if value is None or same(q.object, value)]
-        return tuple(map(self.fact, meant)) or (self._was(subject, predicate, value, held),)
+        """Explanation of each such fact, with any object if `value` is None.
+
+        Raises QueryParameterError if the map never held one.
+        """
+        present = [q for q in self._about(subject) if q.predicate == predicate]
+        matching = [q for q in present if value is None or same(q.object, value)]
+        return tuple(map(self.fact, matching)) or (self._was(subject, predicate, value, present),)
 
     def fact(self, quad: Quad) -> Explanation:
-        """Why the map holds `quad`."""
+        """Explanation of a fact of the map."""
         triple = quad.subject, quad.predicate, quad.object
-        return Explanation("fact", self._text_of(quad), None, tuple(self._behind(quad)), triple)
+        text = " ".join(short(term, self._base) for term in triple)
+        return Explanation("fact", text, None, tuple(self._behind(quad)), triple)
 
     def _behind(self, quad: Quad) -> Iterator[Explanation]:
         if quad.graph_name in BACKGROUND:
-            yield from self._known(quad)
+            yield from self._ontology_reasons(quad)
             return
         sequence = self._changes.sequence_of(quad)
         commit = self._log.commit(sequence)
         mapped = commit is None or commit.cause.kind in ("frame", "recovery", "search")
-        if commit is None and (held := self._assertion_behind(quad)):
-            yield held
+        if commit is None and (assertion := self._assertion_behind(quad)):
+            yield assertion
         elif mapped and quad.graph_name == v.MAP_GRAPH and isinstance(quad.subject, NamedNode):
             yield from self._mapped(quad.subject, quad.predicate.value, quad.object)
         yield self._commit(sequence)
 
     def _assertion_behind(self, quad: Quad) -> Explanation | None:
-        """The assertion behind a fact whose transaction is not kept; None where there is none."""
-        prop = _SAID_OF.get(quad.predicate.value)
+        """The assertion behind a fact whose transaction is not kept, or None."""
+        prop = _ASSERTED_PROPERTIES.get(quad.predicate.value)
         if (
             prop is None
             or quad.graph_name != v.MAP_GRAPH
@@ -160,16 +165,17 @@ class Explainer:
 
     def _assertion(self, thing: NamedNode, prop: str) -> NamedNode | None:
         """The assertion of a property of a thing."""
-        for quad in self._engine.quads_for_pattern(None, _ASSERTED_OF, thing, v.ASSERTIONS_GRAPH):
+        about = NamedNode(v.ASSERTED_OF)
+        for quad in self._engine.quads_for_pattern(None, about, thing, v.ASSERTIONS_GRAPH):
             node = quad.subject
-            if not isinstance(node, NamedNode):
-                continue
-            if Literal(prop) in self._values(node, v.ASSERTED_PROPERTY):
+            if isinstance(node, NamedNode) and Literal(prop) in self._values(
+                node, v.ASSERTED_PROPERTY
+            ):
                 return node
         return None
 
     def _mapped(self, subject: NamedNode, predicate: str, value: Term) -> Iterator[Explanation]:
-        """The mapper's rule for a fact of its own, and what it applied the rule to."""
+        """The mapper's rule for one of its facts, and the evidence for it."""
         kinds = {getattr(kind, "value", "") for kind in self._values(subject, v.RDF_TYPE.value)}
         rule = rule_of(predicate, kinds)
         if rule and not (v.PLACE_BELIEF in kinds and predicate == v.BELIEF):
@@ -183,9 +189,10 @@ class Explainer:
         elif predicate in EVIDENT:
             yield from self._observation(subject)
 
-    def _known(self, quad: Quad) -> Iterator[Explanation]:
+    def _ontology_reasons(self, quad: Quad) -> Iterator[Explanation]:
         """Reasons for a fact of the ontology: the relation with its source, or the ontology."""
-        if quad.predicate.value in _RELATIONS and isinstance(quad.object, NamedNode):
+        is_relation = quad.predicate.value in (v.LOCATED_AT, v.NEAR_BY)
+        if is_relation and isinstance(quad.object, NamedNode):
             for node in self._engine.quads_for_pattern(None, _SUBJECT, quad.subject, None):
                 relation = node.subject
                 if (
@@ -198,7 +205,7 @@ class Explainer:
         sources = [*self._sources(quad.subject)]
         yield from sources or [Explanation("source", "the ontology", v.ONTOLOGY_GRAPH.value)]
         if self._changes.sequence_of(quad) > self._log.floor:
-            yield self._made(quad)
+            yield self._commit(self._changes.sequence_of(quad))
 
     def _observation(self, thing: NamedNode) -> Iterator[Explanation]:
         for node in self._values(thing, v.EXPLAINED_BY):
@@ -210,18 +217,18 @@ class Explainer:
         frame, recording, when, box, score, model = (self._text(node, name) for name in wanted)
         text = f"seen in {frame} of {recording} at {when}: box {box} px, score {score}"
         behind = [Explanation("model", f"detector {model}")]
-        for shown in self._quads(node, v.FRAME)[:1]:
-            sequence = self._changes.sequence_of(shown)
+        for quad in self._quads(node, v.FRAME)[:1]:
+            sequence = self._changes.sequence_of(quad)
             behind += [*self._pose(sequence), self._commit(sequence)]
         yield Explanation("observation", text, node.value, tuple(behind))
 
     def _pose(self, sequence: int) -> Iterator[Explanation]:
-        """Where the camera was at the transaction `sequence`."""
+        """Pose of the camera at the transaction `sequence`."""
         quads = state_of(self._log, self._base + "robot", sequence)
-        held = {q.predicate.value: short(q.object, self._base) for q in quads}
-        if v.X in held and sequence > self._log.floor:
-            where = ", ".join(held.get(axis, "?") for axis in (v.X, v.Y, v.Z))
-            text = f"camera at ({where}) m, heading {held.get(v.HEADING, '?')} rad"
+        texts = self._texts(quads)
+        if v.X in texts and sequence > self._log.floor:
+            where = ", ".join(texts.get(axis, "?") for axis in (v.X, v.Y, v.Z))
+            text = f"camera at ({where}) m, heading {texts.get(v.HEADING, '?')} rad"
             yield Explanation("pose", text, self._base + "robot")
 
     def _belief(self, place: NamedNode, category: Term) -> Iterator[Explanation]:
@@ -231,25 +238,24 @@ class Explainer:
                 yield Explanation("belief", text, node.value, tuple(self._grounds(node)))
 
     def _grounds(self, node: NamedNode) -> Iterator[Explanation]:
-        """Evidence for a belief of a place: views, and the objects in it where they count."""
+        """Evidence for a belief of a place: views, and objects in the place if they count."""
         place = NamedNode(node.value.partition("/belief/")[0])
-        telling = [x for x in self._values(place, v.TOLD_BY) if isinstance(x, NamedNode)]
-        yield Explanation("rule", BELIEF_OF_PLACE if telling else RULES[v.BELIEF])
-        if not telling or self._values(place, v.VIEW_COUNT) != [Literal(0)]:
-            yield from self._views(node)
-        if telling:
+        evidence = [x for x in self._values(place, v.TOLD_BY) if isinstance(x, NamedNode)]
+        yield Explanation("rule", BELIEF_OF_PLACE if evidence else RULES[v.BELIEF])
+        if not evidence or self._values(place, v.VIEW_COUNT) != [Literal(0)]:
+            yield self._views(place)
+        if evidence:
             share = self._text(node, v.SCENE_BELIEF) if self._values(node, v.SCENE_BELIEF) else "0"
             yield Explanation("belief", f"by the views alone {share}", node.value)
-        for thing in telling:
+        for thing in evidence:
             named = f"{short(thing, self._base)} ({self._text(thing, v.RDFS_LABEL)})"
             text = f"{named}, existence {self._text(thing, v.EXISTENCE)}"
             yield Explanation("thing", text, thing.value, tuple(self._observation(thing)))
 
-    def _views(self, node: NamedNode) -> Iterator[Explanation]:
-        place = NamedNode(node.value.partition("/belief/")[0])
+    def _views(self, place: NamedNode) -> Explanation:
         frames = self._changes.changes_of(place, v.VIEW_COUNT)
         count = self._text(place, v.VIEW_COUNT)
-        latest = ", ".join(c.cause.note for c in frames[-VIEWS:] if c.cause.note)
+        latest = ", ".join(c.cause.note for c in frames[-MAX_VIEWS:] if c.cause.note)
         models = {
             self._text(NamedNode(quad.subject.value), v.SCENE_MODEL)
             for quad in self._engine.quads_for_pattern(None, NamedNode(v.SCENE_MODEL), None, None)
@@ -257,17 +263,16 @@ class Explainer:
         }
         behind = tuple(Explanation("model", f"scene model {name}") for name in sorted(models))
         text = f"{count} views of {short(place, self._base)}" + (f", last {latest}" * bool(latest))
-        yield Explanation("view", text, place.value, behind)
+        return Explanation("view", text, place.value, behind)
 
     def _background_or_removed(self, iri: NamedNode) -> Explanation:
-        about = self._about(iri)
-        held = {q.predicate.value: short(q.object, self._base) for q in about}
-        if v.RELATION_SUBJECT in held:
+        texts = self._texts(self._about(iri))
+        if v.RELATION_SUBJECT in texts:
             kind = short(iri, self._base).removeprefix(v.RELATION).partition("/")[0]
-            ends = held[v.RELATION_SUBJECT], kind, held[v.RELATION_TARGET]
-            text = f"{' '.join(ends)} with probability {held[v.RELATION_PROBABILITY]}"
+            ends = texts[v.RELATION_SUBJECT], kind, texts[v.RELATION_TARGET]
+            text = f"{' '.join(ends)} with probability {texts[v.RELATION_PROBABILITY]}"
             return Explanation("relation", text, iri.value, tuple(self._sources(iri)))
-        if about:
+        if texts:
             found = self._engine.quads_for_pattern(None, _SUBJECT, iri, BACKGROUND[1])
             relations = [
                 self._background_or_removed(q.subject)
@@ -275,67 +280,59 @@ class Explainer:
                 if isinstance(q.subject, NamedNode)
             ]
             source = Explanation("source", "the ontology", v.ONTOLOGY_GRAPH.value)
-            text = f"{short(iri, self._base)} ({held.get(v.RDFS_LABEL, 'no label')})"
+            text = f"{short(iri, self._base)} ({texts.get(v.RDFS_LABEL, 'no label')})"
             return Explanation("thing", text, iri.value, (source, *relations))
-        return self._removed(iri)
-
-    def _removed(self, iri: NamedNode) -> Explanation:
         removals = self._changes.changes_of(iri, v.RDF_TYPE.value, removed=True)
         if not removals:
             raise QueryParameterError(
                 f"the map holds nothing about {short(iri, self._base)}, and never did in its "
                 "recorded history; `hereabouts ask MAP objects` lists what there is"
             )
-        commit = removals[-1]
-        made = self._commit(commit.sequence)
-        mapped = commit.cause.kind in ("frame", "search")
-        reasons = [Explanation("rule", REMOVAL), made] if mapped else [made]
+        commit = self._commit(removals[-1].sequence)
+        mapped = removals[-1].cause.kind in ("frame", "search")
         text = f"{short(iri, self._base)} is no longer in the map"
-        return Explanation("was", text, iri.value, tuple(reasons))
+        rules = [Explanation("rule", REMOVAL)] if mapped else []
+        return Explanation("was", text, iri.value, (*rules, commit))
 
-    def _departed(self, iri: NamedNode, typed: Quad) -> Explanation:
-        """Why an object is no longer where it stood."""
+    def _departed(self, iri: NamedNode, type_quad: Quad) -> Explanation:
+        """Explanation of an object that left its position."""
         spot = ", ".join(self._text(iri, axis) for axis in (v.X, v.Y, v.Z))
         text = (
             f"{self._text(iri, v.RDFS_LABEL)} left ({spot}) m: last seen "
             f"{self._text(iri, v.LAST_SEEN)}, found gone {self._text(iri, v.FOUND_GONE)}"
         )
-        reasons = Explanation("rule", REMOVAL), self._made(typed)
-        return Explanation("was", text, iri.value, reasons)
+        commit = self._commit(self._changes.sequence_of(type_quad))
+        return Explanation("was", text, iri.value, (Explanation("rule", REMOVAL), commit))
 
     def _was(
-        self, subject: NamedNode, predicate: NamedNode, value: Term | None, held: list[Quad]
+        self, subject: NamedNode, predicate: NamedNode, value: Term | None, present: list[Quad]
     ) -> Explanation:
+        """Explanation of the removal of a fact; `present` are facts with the same predicate."""
         removals = self._changes.changes_of(subject, predicate.value, removed=True, value=value)
         text = " ".join(short(x, self._base) for x in (subject, predicate, value) if x is not None)
         if not removals:
-            now = ", ".join(short(q.object, self._base) for q in held) or "nothing"
+            now = ", ".join(short(q.object, self._base) for q in present) or "nothing"
             raise QueryParameterError(
                 f"the map does not hold {text}, and never did in its recorded history; "
                 f"of that it holds: {now}"
             )
-        made = self._commit(removals[-1].sequence)
-        return Explanation("was", f"{text}: no longer", subject.value, (made,))
+        commit = self._commit(removals[-1].sequence)
+        return Explanation("was", f"{text}: no longer", subject.value, (commit,))
 
     def _last(self, facts: list[Quad]) -> Iterator[Explanation]:
-        """The latest of the transactions behind `facts`, where there are several."""
-        made = {self._changes.sequence_of(quad) for quad in facts}
-        if len(made) > 1:
-            last = self._commit(max(made))
-            yield replace(last, kind="change")
-
-    def _made(self, quad: Quad) -> Explanation:
-        return self._commit(self._changes.sequence_of(quad))
+        """The latest of the transactions behind `facts`, if there are several."""
+        sequences = {self._changes.sequence_of(quad) for quad in facts}
+        if len(sequences) > 1:
+            yield replace(self._commit(max(sequences)), kind="change")
 
     def _commit(self, sequence: int) -> Explanation:
         commit = self._log.commit(sequence)
         iri = f"{self._base}commit/{sequence}"
         if commit is None:
+            if not self._recorded:
+                return Explanation("commit", "not known: this map keeps no history")
             when = iso(self._log.floor_time)
             text = f"since before the history begins (#{self._log.floor}, {when})"
-            if not self._recorded:
-                text = "not known: this map keeps no history"
-                return Explanation("commit", text)
             return Explanation("commit", text, iri, (), None, self._log.floor_time)
         cause = commit.cause
         note = f" ({cause.note})" if cause.note else ""
@@ -363,13 +360,13 @@ class Explainer:
     def _text(self, iri: NamedNode, predicate: str) -> str:
         return ", ".join(short(value, self._base) for value in self._values(iri, predicate)) or "?"
 
-    def _text_of(self, quad: Quad) -> str:
-        return " ".join(short(x, self._base) for x in (quad.subject, quad.predicate, quad.object))
+    def _texts(self, quads: Iterable[Quad]) -> dict[str, str]:
+        return {q.predicate.value: short(q.object, self._base) for q in quads}
 
     def _name(self, iri: NamedNode, facts: list[Quad]) -> str:
-        held = {q.predicate.value: short(q.object, self._base) for q in facts}
-        label = f" ({held[v.RDFS_LABEL]})" if v.RDFS_LABEL in held else ""
-        where = f" at ({held[v.X]}, {held[v.Y]}) m" if v.X in held and v.Y in held else ""
+        texts = self._texts(facts)
+        label = f" ({texts[v.RDFS_LABEL]})" if v.RDFS_LABEL in texts else ""
+        where = f" at ({texts[v.X]}, {texts[v.Y]}) m" if v.X in texts and v.Y in texts else ""
         related = "".join(
             f", {word} {self._text(quad.object, v.RDFS_LABEL)}"
             for predicate, word in ((v.INSIDE, "inside"), (v.ON, "on"))
@@ -382,14 +379,9 @@ class Explainer:
 def explain_fact(
     engine: QuadStore, log: HistoryLog, base: str, what: str, *, recorded: bool = True
 ) -> tuple[Explanation, ...]:
-    """Explanation of `what`: a thing (object/17), or a fact ("object/17 here:inPlace")."""
+    """Explanations of `what`: a thing (object/17), or facts ("object/17 here:inPlace")."""
     subject, predicate, value = statement(what, base)
     explainer = Explainer(engine, log, base, recorded=recorded)
     if predicate is None:
         return (explainer.thing(subject),)
     return explainer.facts(subject, predicate, value)
-
-
-def _is_informative(quad: Quad) -> bool:
-    # what every place is by construction needs no explanation
-    return getattr(quad.object, "value", "") not in {v.PLACE, v.BOT_SPACE}

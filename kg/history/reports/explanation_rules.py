@@ -1,6 +1,6 @@
-"""Rules by which the reference mapper derives facts, a sentence for each predicate.
+"""Rules by which the mappers derive facts: a sentence for each predicate.
 
-Equations and sections are those of the thesis the reference mapper follows; its numbers are in
+Equations and sections are of the thesis that the reference mapper implements; its parameters are in
 `mapping.reference.settings`.
 """
 
@@ -14,14 +14,14 @@ _POSITION: Final = (
     "mean over all sightings of the position in the map; each is the fullest bin of the "
     "depths within the box, taken through the camera's pose (section 3.3.1)"
 )
-_EXTENT: Final = "the box of the points that its latest sightings showed, outliers apart"
+_EXTENT: Final = "the box of the points in its latest sightings, without outliers"
 _RELATION: Final = (
-    "computed from the boxes of both objects and their uncertainty, as the more probable of what "
-    "is mapped nearby (docs/explanation/relations.md)"
+    "computed from the boxes of both objects and their uncertainty; the most probable relation to "
+    "an object nearby (docs/explanation/relations.md)"
 )
 _LABELS: Final = (
-    "computed as the existence, for every other category that the thing was ever detected as; the "
-    "three most probable ones from 0.05 on"
+    "computed like the existence, for every other detected category of the thing; the three most "
+    "probable ones from 0.05 on"
 )
 _RECTANGLE: Final = "the extent given by the layout, or of all points seen in the recording"
 
@@ -40,13 +40,13 @@ RULES: Final[dict[str, str]] = {
     v.X: _POSITION,
     v.Y: _POSITION,
     v.Z: _POSITION,
-    v.IN_CELL: "the square of 5 m by 5 m that the position lies in",
-    v.IN_PLACE: "the first place whose area holds the position, the recording's own before others",
+    v.IN_CELL: "the square of 5 m by 5 m that contains the position",
+    v.IN_PLACE: "the first place whose area contains the position; places of the recording first",
     v.CONFIDENCE: "in reference mode raised with the score of each sighting, up to nu (eq. 3.1), "
     "and lowered by xi for each frame that should have shown it and did not (eq. 3.2 to 3.4); else "
     "nu times the existence",
-    v.EXISTENCE: "the probability of its category by all views that showed it or should have, and "
-    "by its size; in reference mode confidence divided by nu",
+    v.EXISTENCE: "the probability that an object of its category exists there, by its size and by "
+    "all views that showed or should have shown it; in reference mode confidence divided by nu",
     v.HAS_LABEL_BELIEF: _LABELS,
     v.LABEL_PROBABILITY: _LABELS,
     v.OBSERVATION_COUNT: "one more for each frame with a detection that was associated with it",
@@ -62,11 +62,11 @@ RULES: Final[dict[str, str]] = {
     v.SCORE: "the highest score of all its sightings",
     v.BOX: "the box of the sighting with the highest score",
     v.FRAME: "the frame of the sighting with the highest score",
-    v.HAS_BELIEF: "one for each category of place that the views leave any belief in",
+    v.HAS_BELIEF: "one for each category of place with a belief above 0",
     v.BELIEF: _BELIEF,
     v.SCENE_BELIEF: _BELIEF,
     v.TOLD_BY: "objects of known kinds that lie in the place",
-    v.VIEW_COUNT: "views that showed enough of the place to speak for it (section 3.3.2)",
+    v.VIEW_COUNT: "views that showed enough of the place to count (section 3.3.2)",
     v.X_MIN: _RECTANGLE,
     v.X_MAX: _RECTANGLE,
     v.Y_MIN: _RECTANGLE,
@@ -80,7 +80,7 @@ RULES: Final[dict[str, str]] = {
     v.HEADING: "the direction of the camera's axis, seen from above",
 }
 
-#: Facts of an object that rest on its sightings.
+#: Predicates of facts of an object that derive from its sightings.
 EVIDENT: Final = frozenset(
     (
         *(v.RDF_TYPE.value, v.EXPLAINED_BY, v.X, v.Y, v.Z),
@@ -91,23 +91,20 @@ _PLACE_TYPE: Final = (
     "the category with the highest belief, once views of the place or objects in it are evidence"
 )
 BELIEF_OF_PLACE: Final = (
-    "the belief from the views, times how well each object in the place fits the category, as far "
-    "as it is believed to exist (docs/explanation/placement.md)"
+    "the belief from the views, times the likelihood ratio of each object in the place, weighted "
+    "by its existence (docs/explanation/placement.md)"
 )
 
 
 def rule_of(predicate: str, kinds: set[str]) -> str | None:
-    """The rule by which a thing of types `kinds` comes by a fact with `predicate`."""
+    """The rule for facts with `predicate` about a thing of types `kinds`, or None."""
     if v.ROBOT in kinds:
         return _CAMERA
     if v.PLACE in kinds and predicate == v.RDF_TYPE.value:
         return _PLACE_TYPE
     if v.PLACE in kinds and predicate in (v.X, v.Y):
-        return "the middle of the place, or what of it is nearest to that"
-    if predicate == v.RDF_TYPE.value and kinds & {
-        v.SOSA_OBSERVATION,
-        v.PLACE_BELIEF,
-        v.LABEL_BELIEF,
-    }:
+        return "the middle of the place, or the nearest point in it"
+    without_rule = {v.SOSA_OBSERVATION, v.PLACE_BELIEF, v.LABEL_BELIEF}
+    if predicate == v.RDF_TYPE.value and kinds & without_rule:
         return None
     return RULES.get(predicate)

@@ -1,4 +1,4 @@
-"""An explanation as triples, in the terms of SOSA and PROV-O."""
+"""Explanations as triples of SOSA and PROV-O."""
 
 from __future__ import annotations
 
@@ -12,21 +12,14 @@ from kg.history.timestamps import iso
 from kg.model import vocabulary as v
 
 _CLASS: Final = {
-    "thing": v.PROV_ENTITY,
     "fact": v.RDF_STATEMENT,
-    "was": v.PROV_ENTITY,
     "observation": v.SOSA_OBSERVATION,
-    "pose": v.PROV_ENTITY,
     "model": v.SOSA_SENSOR,
     "rule": v.PROV_PLAN,
     "commit": v.PROV_ACTIVITY,
     "change": v.PROV_ACTIVITY,
     "person": v.PROV_AGENT,
-    "belief": v.PROV_ENTITY,
-    "view": v.PROV_ENTITY,
-    "relation": v.PROV_ENTITY,
-    "source": v.PROV_ENTITY,
-}
+}  # all other kinds: prov:Entity
 _LINK: Final = {
     "commit": v.PROV_GENERATED_BY,
     "person": v.PROV_ATTRIBUTED_TO,
@@ -37,7 +30,7 @@ _LINK: Final = {
 
 
 def provenance(*reasons: Explanation) -> str:
-    """Turtle: each step a node of its own, linked to the steps it derives from."""
+    """Turtle with a node for each step, linked to the steps it derives from."""
     triples: dict[Triple, None] = {}
     for number, reason in enumerate(reasons):
         triples.update(dict.fromkeys(_triples(reason, f"r{number}")))
@@ -47,7 +40,7 @@ def provenance(*reasons: Explanation) -> str:
 
 def _triples(reason: Explanation, path: str) -> Iterator[Triple]:
     node = _node(reason, path)
-    yield Triple(node, v.RDF_TYPE, NamedNode(_CLASS[reason.kind]))
+    yield Triple(node, v.RDF_TYPE, NamedNode(_CLASS.get(reason.kind, v.PROV_ENTITY)))
     named = v.RDFS_LABEL if reason.kind == "person" else v.RDFS_COMMENT
     yield Triple(node, NamedNode(named), Literal(reason.text))
     if reason.fact is not None:

@@ -10,19 +10,14 @@ from kg.history.reports.events import HistoryEvent
 from kg.history.reports.explanation import Explanation
 from kg.history.timestamps import iso
 
-#: Relation of a step of an explanation to the one before it; things and facts need no word.
-WORDS: Final = {
+#: Labels of the kinds of steps; the other labels are the kinds themselves.
+_LABELS: Final = {
+    **dict.fromkeys(("thing", "fact", "was"), ""),
     "observation": "evidence",
-    "pose": "pose",
-    "model": "model",
-    "rule": "rule",
     "commit": "written",
     "change": "last change",
     "person": "by",
-    "belief": "belief",
     "view": "views",
-    "relation": "relation",
-    "source": "source",
 }
 
 
@@ -34,7 +29,7 @@ def log_text(entries: Iterable[HistoryEvent]) -> str:
 
 
 def difference_text(found: Difference, base: str) -> str:
-    """A line for each property of a thing that differs."""
+    """A line for each differing property of a thing."""
     return _lines(
         f"{sign} {subject} {what}: {_step(before, after)}"
         for sign, subject, what, before, after in found.rows(base)
@@ -44,10 +39,16 @@ def difference_text(found: Difference, base: str) -> str:
 def reasons_text(reasons: Iterable[Explanation]) -> str:
     """A line for each step, indented by its depth."""
     return _lines(
-        f"{'  ' * depth}{f'{WORDS[step.kind]}: ' if step.kind in WORDS else ''}{step.text}"
+        f"{'  ' * depth}{label_of(step)}{step.text}"
         for reason in reasons
         for depth, step in reason.walk()
     )
+
+
+def label_of(step: Explanation) -> str:
+    """Relation of a step to the one before it, as ``evidence: ``; empty for things and facts."""
+    label = _LABELS.get(step.kind, step.kind)
+    return f"{label}: " if label else ""
 
 
 def _cause(entry: HistoryEvent) -> str:

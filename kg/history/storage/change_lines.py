@@ -1,9 +1,8 @@
-"""Compressed lines of N-Quads: how the log writes change sets and states.
+"""Compressed lines of N-Quads, the format of change sets and states in the log.
 
-A change set is two blocks of sorted lines with an empty line between them: the quads it removed,
-and the quads it added. A line that begins with a space has the subject of the line before it. The
-text is compressed with zlib and a preset dictionary, so that the names of the vocabulary cost
-little in a change of a few quads.
+A change set is two blocks of sorted lines, the removed and the added quads, with an empty line
+between them. A line that begins with a space has the subject of the previous line. The text is
+compressed with zlib and a preset dictionary, so that vocabulary names cost little in small changes.
 """
 
 from __future__ import annotations
@@ -17,8 +16,6 @@ from pyoxigraph import Quad, RdfFormat, parse, serialize
 
 from kg.model import vocabulary as v
 
-_LEVEL: Final = 9
-_MEMORY: Final = 9  # of zlib's deflate, its highest
 _SPACE: Final = ord(" ")
 _DOUBLES: Final = (v.Y_MIN, v.X_MAX, v.X_MIN, v.BELIEF, v.HEADING, v.SCORE, v.Z, v.Y, v.X)
 _INTEGERS: Final = (v.NEXT_OBJECT, v.VIEW_COUNT, v.FRAMES_APPLIED, v.OBSERVATION_COUNT)
@@ -31,7 +28,7 @@ _NODES: Final = (
 
 
 class ChangeLines(NamedTuple):
-    """One change set, or the part of it about one subject."""
+    """Lines of one change set, or of its part about one subject."""
 
     removed: list[bytes]
     added: list[bytes]
@@ -44,10 +41,9 @@ class LineCodec:
         self._dictionary = dictionary
 
     def encode(self, *blocks: Iterable[bytes]) -> bytes:
-        """Blocks of lines, compressed; each is sorted first."""
-        deflate = zlib.compressobj(
-            _LEVEL, zlib.DEFLATED, -zlib.MAX_WBITS, _MEMORY, zdict=self._dictionary
-        )
+        """Blocks of lines, sorted and compressed."""
+        # the highest level and memory; negative window bits leave out zlib's header
+        deflate = zlib.compressobj(9, zlib.DEFLATED, -zlib.MAX_WBITS, 9, zdict=self._dictionary)
         text = b"\n\n".join(_packed(block) for block in blocks)
         return deflate.compress(text) + deflate.flush()
 
@@ -61,7 +57,7 @@ class LineCodec:
         return ChangeLines(_unpacked(removed), _unpacked(added))
 
     def change_about(self, data: bytes, subject: bytes) -> ChangeLines:
-        """The lines of a change set whose subject is `subject`, as N-Quads writes it."""
+        """The lines of a change set about `subject`, a term as in N-Quads."""
         removed, _, added = self._text(data).partition(b"\n\n")
         return ChangeLines(_about(removed, subject), _about(added, subject))
 
@@ -70,7 +66,7 @@ class LineCodec:
 
 
 def dictionary_for(base: str) -> bytes:
-    """The preset dictionary of a map's log: lines as they recur in it, the most frequent last."""
+    """The preset dictionary of a map's log: typical lines, the most frequent last."""
     graph, thing = f"{v.MAP_GRAPH} .\n", f"<{base}object/1>"
     lines = [
         *(f"{thing} <{name}> <{base}place/1> {graph}" for name in _NODES),
@@ -91,25 +87,25 @@ def lines_of(quads: Iterable[Quad]) -> list[bytes]:
 
 
 def quads_of(lines: Iterable[bytes]) -> list[Quad]:
-    """The quads of lines; blank nodes keep their names."""
+    """The quads of lines; blank nodes keep their labels."""
     return [*parse(b"\n".join(lines), format=RdfFormat.N_QUADS, lenient=True)]
 
 
 def subject_of(line: bytes) -> bytes:
-    """The subject of a line, as N-Quads writes it."""
+    """The subject of a line, a term as in N-Quads."""
     return line.partition(b" ")[0]
 
 
 def net(changes: Sequence[ChangeLines]) -> ChangeLines:
-    """The lines that consecutive changes removed and added together."""
-    gone: set[bytes] = set()
-    come: set[bytes] = set()
+    """The net change of consecutive change sets."""
+    all_removed: set[bytes] = set()
+    all_added: set[bytes] = set()
     for removed, added in changes:
         for line in removed:
-            come.remove(line) if line in come else gone.add(line)
+            all_added.remove(line) if line in all_added else all_removed.add(line)
         for line in added:
-            gone.remove(line) if line in gone else come.add(line)
-    return ChangeLines(sorted(gone), sorted(come))
+            all_removed.remove(line) if line in all_removed else all_added.add(line)
+    return ChangeLines(sorted(all_removed), sorted(all_added))
 
 
 def _packed(lines: Iterable[bytes]) -> bytes:
@@ -133,7 +129,7 @@ def _unpacked(block: bytes) -> list[bytes]:
 
 
 def _about(block: bytes, subject: bytes) -> list[bytes]:
-    # the lines of a subject follow each other, since a block is sorted
+    # a block is sorted, so the lines of a subject are consecutive
     start = (b"\n" + block).find(b"\n" + subject + b" ")
     if start < 0:
         return []

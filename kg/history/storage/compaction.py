@@ -1,4 +1,4 @@
-"""Compaction of the log: the past before a moment dropped, and the file packed."""
+"""Compaction of the log: drops the past before a moment and packs the file."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ from typing import Final
 
 from kg.history.storage.log import HistoryLog
 
-AT_ONCE: Final = 16  # transactions dropped while a writer has to wait
+MAX_DROPPED: Final = 16  # transactions dropped in one step, while a writer waits
 TRIM_WITHIN: Final = 0.5  # [s] of each flush
 CHECKPOINT_TRIES: Final = 250
 CHECKPOINT_PAUSE: Final = 0.02  # [s]
-SLACK: Final = 0.1  # share of the time kept that may lie beyond it, before it is dropped
+SLACK: Final = 0.1  # excess over the kept time, as a share of it, before a drop
 
 
 @dataclass(frozen=True, slots=True)
 class Compaction:
-    """The result of compacting a log."""
+    """The result of a compaction."""
 
-    floor: int  # sequence number the past now begins at
-    dropped: int  # transactions
+    floor: int  # number of the first kept transaction
+    dropped: int  # number of transactions
     bytes_before: int
     bytes_after: int
 
 
 def compact(log: HistoryLog, keep: float | None = None) -> Compaction:
-    """Drop transactions more than `keep` seconds back (None: none), and pack the file.
+    """Drop transactions older than `keep` seconds (None: none) and pack the file.
 
-    The state at that moment is kept, so every moment since can still be queried. A log that is
-    killed midway remains valid; the rest is dropped the next time.
+    The state at that moment is kept, so every later moment can still be queried. After an
+    interruption the log is valid, and the next compaction drops the rest.
     """
     before, dropped = _size(log.file), 0
     with log.upkeep:
@@ -46,9 +46,9 @@ def compact(log: HistoryLog, keep: float | None = None) -> Compaction:
 
 
 def retain(log: HistoryLog, keep: float) -> None:
-    """From now on drop transactions more than `keep` seconds back, a few at each flush.
+    """From now on drop transactions older than `keep` seconds, a few at each flush.
 
-    The file is not packed, but freed pages are written anew: it stops growing.
+    The file is not packed, but stops growing, since SQLite reuses freed pages.
     """
     log.on_flush = partial(_trim, log, keep)
 
@@ -59,7 +59,7 @@ def _trim(log: HistoryLog, keep: float) -> None:
             _raise_floor(log, keep)
         until = time.monotonic() + TRIM_WITHIN
         while _drop_some(log) and time.monotonic() < until:
-            time.sleep(0)  # a writer that waits for the log has priority
+            time.sleep(0)  # lets a waiting writer have the log
 
 
 def _raise_floor(log: HistoryLog, keep: float) -> None:
@@ -69,10 +69,10 @@ def _raise_floor(log: HistoryLog, keep: float) -> None:
 
 
 def _drop_some(log: HistoryLog) -> int:
-    """Drop a few of the oldest transactions up to the floor; how many, 0 where none are left."""
+    """Drop a few of the oldest transactions up to the floor; returns their number."""
     with log.lock:
         select = "SELECT sequence FROM commits WHERE sequence <= ? ORDER BY sequence LIMIT ?"
-        oldest = [row[0] for row in log.db.execute(select, (log.floor, AT_ONCE))]
+        oldest = [row[0] for row in log.db.execute(select, (log.floor, MAX_DROPPED))]
         if oldest:
             with log.transaction():
                 log.delete(oldest[0], oldest[-1])
@@ -80,7 +80,7 @@ def _drop_some(log: HistoryLog) -> int:
 
 
 def _truncate_wal(log: HistoryLog) -> None:
-    # SQLite does not wait for another checkpoint, such as that of a flush beside us
+    # SQLite does not wait for a concurrent checkpoint, such as that of a flush
     for _ in range(CHECKPOINT_TRIES):
         busy = log.db.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()[0]
         if not busy:

@@ -1,12 +1,11 @@
-"""The log: every transaction in one SQLite file beside the store, written before the store is.
+"""The log: a write-ahead log of all transactions in one SQLite file beside the store.
 
 A row of ``change`` is one transaction as compressed lines of N-Quads
 (`kg.history.storage.change_lines`); ``touched`` lists the transactions that changed each subject.
-Every so often the rows of ``state`` hold all facts at one moment, a key frame, so that replay is
-short. The facts that held before the first recorded transaction, the floor, are a key frame too.
-Changes of the ontology and of common sense are rows of ``background``. Those graphs have no key
-frames, since they are large and hardly ever change: their past is their present state with later
-changes undone.
+The rows of ``state`` with one number are a key frame: all facts at one moment, so that replay is
+short. The first key frame, the floor, has the facts before the first recorded transaction. Changes
+of the ontology and of common sense are rows of ``background``. Those graphs are large and hardly
+ever change, so they have no key frames: their past is the present state with later changes undone.
 """
 
 from __future__ import annotations
@@ -38,18 +37,18 @@ from kg.model.transactions import Cause, ChangeSet
 from kg.store.writer_priority import yield_to_writer
 
 BACKGROUND: Final = (v.ONTOLOGY_GRAPH, v.COMMONSENSE_GRAPH)
-KEY_FRAME_AFTER: Final = 5  # times the size of the last key frame, in changes written since
-STATE_LINES: Final = 500  # in a row of a key frame, or more where one subject has more
+KEY_FRAME_AFTER: Final = 5  # size of changes before a new key frame, in sizes of the last one
+STATE_LINES: Final = 500  # in a row of a key frame, or more for one large subject
 _FORMAT = 2
-_PAGE = 64  # transactions read at once
-_QUADS = 50_000  # serialised at once
+_PAGE = 64  # transactions read at a time
+_QUADS = 50_000  # serialised at a time
 
 _TOUCHED = "sequence IN (SELECT sequence FROM touched JOIN subject ON id = subject WHERE text = ?)"
 
 
 @dataclass(frozen=True, slots=True)
 class Commit:
-    """A transaction as the log lists it."""
+    """A transaction of the log without its change set."""
 
     sequence: int
     time: float  # [s] since 1970-01-01 UTC
@@ -59,7 +58,7 @@ class Commit:
 class HistoryLog:
     """An open log; safe to use from several threads.
 
-    `floor` is the first moment it knows, `last` the last, as sequence numbers.
+    `floor` and `last` are the numbers of the first and the last transaction in the log.
     """
 
     def __init__(self, connection: sqlite3.Connection, base: str, file: Path | None) -> None:
@@ -77,10 +76,10 @@ class HistoryLog:
     def open(
         cls, file: Path | None, base: str, *, read_only: bool = False, power_safe: bool = False
     ) -> Self:
-        """The log in `file` (None: in memory), made where there is none.
+        """The log in `file` (None: in memory), created if necessary.
 
-        Each transaction survives the death of the process; with `power_safe` also a power cut, for
-        a disk's sync each. Raises HistoryError where the file is no log, or another map's.
+        Each transaction survives a crash of the process; with `power_safe` also a power cut, for
+        the time of a disk sync. Raises HistoryError if the file is no log, or of another map.
         """
         try:
             connection = connect(file, read_only=read_only, power_safe=power_safe)
@@ -99,13 +98,13 @@ class HistoryLog:
 
     @property
     def begun(self) -> bool:
-        """Whether it has a floor."""
+        """Whether the log has a floor."""
         return self._meta("floor") is not None
 
     def begin(self, sequence: int, time: float, quads: Iterable[Quad]) -> None:
-        """Set the floor: the state of the map at `sequence`, as of `time` [s].
+        """Set the floor: the quads of the map after transaction `sequence`, at `time` [s].
 
-        The quads are sorted on disk, so that a map of any size needs little memory.
+        The quads are sorted on disk, which needs little memory for any map.
         """
         rest = iter(quads)
         with self.transaction():
@@ -119,10 +118,11 @@ class HistoryLog:
         self.refresh()
 
     def append(self, change: ChangeSet) -> None:
-        """Record a transaction that is about to be applied.
+        """Record a transaction before the store applies it; replaces that number and later ones.
 
-        Transactions of that number and later ones are replaced. Raises GraphError where the file
-        cannot be written, InvalidFactError for a name that is no Unicode; nothing is recorded then.
+        Raises:
+            GraphError: the file cannot be written; nothing is recorded.
+            InvalidFactError: the name of the author is not valid Unicode; nothing is recorded.
         """
         if self.last >= change.sequence:
             self.withdraw(change.sequence)
@@ -135,13 +135,13 @@ class HistoryLog:
         except UnicodeEncodeError as error:
             raise InvalidFactError(f"who writes must have a name in Unicode: {error}") from error
         self.last, self.last_time = change.sequence, change.time
-        if self.file is None and not change.sequence % _PAGE:  # nobody flushes it
+        if self.file is None and not change.sequence % _PAGE:  # a log in memory is never flushed
             self.write_key_frame()
 
     def withdraw(self, sequence: int) -> None:
-        """Remove transactions from `sequence` on: the store refused them.
+        """Remove the transactions from `sequence` on, which the store rejected.
 
-        Raises GraphError where the file cannot be written.
+        Raises GraphError if the file cannot be written.
         """
         try:
             with self.transaction():
@@ -153,7 +153,7 @@ class HistoryLog:
             raise self._unwritable(error) from error
 
     def commit(self, sequence: int) -> Commit | None:
-        """The transaction of that number, where the log holds it."""
+        """The transaction of that number, or None."""
         return next(self.commits(sequence - 1, sequence), None)
 
     def commits(self, after: int, until: int) -> Iterator[Commit]:
@@ -172,7 +172,7 @@ class HistoryLog:
                 return
 
     def has_author(self, name: str) -> bool:
-        """Whether a transaction that is kept was made by `name`."""
+        """Whether `name` is the author of a kept transaction."""
         with self.lock:
             select = "SELECT 1 FROM commits WHERE by = ? LIMIT 1"
             return self.db.execute(select, (name,)).fetchone() is not None
@@ -180,7 +180,7 @@ class HistoryLog:
     def changes(self, after: int, until: int | None = None) -> Iterator[ChangeSet]:
         """Whole change sets numbered above `after`, up to `until` or the last, in order.
 
-        Raises HistoryError for one that is dropped meanwhile.
+        Raises HistoryError if one is dropped meanwhile.
         """
         for commit in self.commits(after, self.last if until is None else until):
             with self.lock:
@@ -197,7 +197,7 @@ class HistoryLog:
     ) -> list[ChangeLines]:
         """The changes numbered above `after`, up to `until`, in order.
 
-        Without ontology and common sense; with `background` of these alone.
+        With `background`, the changes of ontology and common sense; else of all other graphs.
         """
         table = "background" if background else "change"
         select = f"SELECT data FROM {table} WHERE sequence > ? AND sequence <= ? ORDER BY sequence"
@@ -208,7 +208,7 @@ class HistoryLog:
     def facts(self, sequence: int, subject: bytes | None = None) -> set[bytes]:
         """The lines of all facts, or of those about `subject`, right after transaction `sequence`.
 
-        Without ontology and common sense. Raises HistoryError where that moment is not kept.
+        Without ontology and common sense. Raises HistoryError if that moment is not kept.
         """
         of_subject = " AND first <= ? ORDER BY first DESC LIMIT 1" if subject else ""
         touched = f" AND {_TOUCHED}" if subject else ""
@@ -235,11 +235,11 @@ class HistoryLog:
         return facts
 
     def history(
-        self, subject: bytes, until: int | None = None, most: int = -1
+        self, subject: bytes, until: int | None = None, max_count: int = -1
     ) -> list[tuple[int, ChangeLines]]:
-        """The last changes of a subject up to transaction `until`, at most that many, in order.
+        """The last `max_count` changes (-1: all) of a subject up to transaction `until`, in order.
 
-        Without ontology and common sense. Each with the number of its transaction.
+        Each has the number of its transaction. Without ontology and common sense.
         """
         until = self.last if until is None else until
         select = (
@@ -247,12 +247,12 @@ class HistoryLog:
             " ORDER BY sequence DESC LIMIT ?"
         )
         with self.lock:
-            bounds = self.floor, until, subject.decode(), most
+            bounds = self.floor, until, subject.decode(), max_count
             rows = self.db.execute(select, bounds).fetchall()
         return [(number, self.codec.change_about(data, subject)) for number, data in rows[::-1]]
 
     def whole_history(self, subject: bytes) -> list[tuple[int, ChangeLines]]:
-        """All changes of a subject that are kept, also in ontology and common sense, in order."""
+        """All kept changes of a subject in order, with those of ontology and common sense."""
         with self.lock:
             select = "SELECT sequence, data FROM background WHERE sequence > ?"
             rows = self.db.execute(select, (self.floor,)).fetchall()
@@ -262,7 +262,7 @@ class HistoryLog:
         return sorted(found, key=lambda change: change[0])
 
     def subjects_under(self, prefix: str) -> list[bytes]:
-        """The subjects whose IRI begins with `prefix`, of all changes that are kept."""
+        """The subjects of all kept changes whose IRI begins with `prefix`."""
         start = f"<{prefix}"
         select = "SELECT text FROM subject WHERE text >= ? AND text < ? ORDER BY text"
         with self.lock:
@@ -270,21 +270,21 @@ class HistoryLog:
         return [text.encode() for (text,) in rows]
 
     def check_kept(self, sequence: int) -> None:
-        """Raises HistoryError where the state after transaction `sequence` is not kept."""
+        """Raises HistoryError if the state after transaction `sequence` is not kept."""
         if sequence < self.floor:
             raise HistoryError(f"#{sequence} is no longer kept; the past begins at #{self.floor}")
 
     def sequence_at(self, time: float) -> int:
-        """The number of the last transaction at or before `time` [s]; no less than the floor."""
+        """The number of the last transaction at or before `time` [s], or else the floor."""
         select = "SELECT sequence FROM commits WHERE time <= ? ORDER BY time DESC, sequence DESC"
         with self.lock:
             row = self.db.execute(f"{select} LIMIT 1", (time,)).fetchone()
             return max(row[0], self.floor) if row else self.floor
 
     def flush(self) -> None:
-        """Write a key frame where one is due, and the changes into the file proper.
+        """Write a due key frame, and move the changes from the WAL into the main file.
 
-        Others may write meanwhile.
+        Other threads may write meanwhile.
         """
         if self.on_flush is not None:
             self.on_flush()
@@ -294,12 +294,12 @@ class HistoryLog:
             try:
                 connection.execute("PRAGMA wal_checkpoint(PASSIVE)")
             except sqlite3.OperationalError:
-                pass  # the next flush will do
+                pass  # the next flush tries again
             finally:
                 connection.close()
 
     def write_key_frame(self) -> None:
-        """Write a key frame, where the changes since the last one are many."""
+        """Write a key frame if the changes since the last one are large."""
         with self.upkeep:
             sequence = self.last - 1  # the last one may still be withdrawn
             if self._is_key_frame_due(sequence):
@@ -308,7 +308,7 @@ class HistoryLog:
                     self._insert_state(rows)
 
     def state_rows(self, sequence: int, lines: Iterable[bytes]) -> Iterator[tuple[int, str, bytes]]:
-        """The rows of a key frame with those sorted lines."""
+        """The rows of a key frame from its sorted lines."""
         first, some = b"", list[bytes]()
         for subject, about in groupby(lines, key=subject_of):
             if len(some) >= STATE_LINES:
@@ -318,7 +318,7 @@ class HistoryLog:
         yield sequence, first.decode(), self.codec.encode(some)
 
     def raise_floor(self, commit: Commit) -> None:
-        """Have the past begin after a transaction; older ones are still stored, but not read."""
+        """Make `commit` the floor; older transactions are still stored, but not read."""
         rows = [*self.state_rows(commit.sequence, sorted(self.facts(commit.sequence)))]
         with self.lock:
             with self.transaction():
@@ -334,7 +334,7 @@ class HistoryLog:
 
     @contextmanager
     def transaction(self) -> Iterator[None]:
-        """All that is written within, or nothing."""
+        """An atomic transaction of SQLite for the length of a block."""
         with self.lock:
             self.db.execute("BEGIN IMMEDIATE")
             try:
@@ -355,12 +355,12 @@ class HistoryLog:
             self.last, self.last_time = row or (self.floor, self.floor_time)
 
     def set_floor(self, sequence: int, time: float) -> None:
-        """Record the first transaction that the log covers; within a transaction."""
+        """Store the number and time [s] of the floor; within `transaction`."""
         rows = ("floor", sequence), ("floor time", time)
         self.db.executemany("INSERT OR REPLACE INTO meta VALUES (?, ?)", rows)
 
     def delete(self, first: int, last: int) -> None:
-        """Delete the transactions from `first` to `last`; within a transaction."""
+        """Delete the transactions from `first` to `last`; within `transaction`."""
         changes = self.change_lines(first - 1, last)
         found = {subject_of(line) for change in changes for side in change for line in side}
         subjects = json.dumps([subject.decode() for subject in found])
@@ -378,7 +378,7 @@ class HistoryLog:
         )
 
     def _rows_of(self, change: ChangeSet) -> dict[str, list[list[bytes]]]:
-        """Lines removed and added, by the table they belong to."""
+        """Removed and added lines by table."""
         rows: dict[str, list[list[bytes]]] = {}
         for table, is_background in (("change", False), ("background", True)):
             sides = [
@@ -398,7 +398,7 @@ class HistoryLog:
             self.db.execute(f"INSERT INTO {table} VALUES (?, ?)", (change.sequence, data))
         found = {subject_of(line) for side in rows.get("change", ()) for line in side}
         subjects = json.dumps([subject.decode() for subject in sorted(found)])
-        # one statement for all: between two of them another thread may take the lock
+        # one statement for all subjects: between two, another thread may take the interpreter lock
         self.db.execute(
             "INSERT OR IGNORE INTO subject (text) SELECT value FROM json_each(?)", (subjects,)
         )

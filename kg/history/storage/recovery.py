@@ -1,9 +1,9 @@
-"""Log and store brought together when a map is opened.
+"""Recovery: brings log and store to the same state at the opening of a map.
 
-The log is written first, so after a crash it may hold transactions the store lacks: they are
-applied. The store may also be ahead, where it was written without the log or a power cut took the
-log's tail: the difference is logged as one transaction. A store older than the floor (an
-old copy put back) is brought to where the log ends.
+The log is written first, so after a crash it may hold transactions that the store lacks; they are
+applied. The store is ahead if it was written without the log, or if a power cut took the end of the
+log; the difference is logged as one transaction. A store older than the floor (a restored old copy)
+gets the difference to the last state of the log.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ _CAUGHT_UP = Cause("recovery", note="the map was changed without its history")
 def attach(
     store: TransactionalStore, folder: Path | None, base: str, *, power_safe: bool = False
 ) -> HistoryLog:
-    """Open the log of a store that is open for writing, and have it record from now on.
+    """Open the log of a store that is open for writing, and make it the store's journal.
 
-    Raises HistoryError where what lies there is no log of this map.
+    Raises HistoryError if the file is no log of this map.
     """
     file = folder / FILE if folder else None
     log = HistoryLog.open(file, base, power_safe=power_safe)
@@ -50,22 +50,22 @@ def attach(
 
 @contextmanager
 def one_reader_at_a_time(folder: Path) -> Iterator[None]:
-    """Within, no other reader is between looking at the log and catching up.
+    """Lock out other readers during the recovery of a map in `folder`.
 
-    After a crash a reader that finds the store behind its log opens the map for writing. Two at
-    once would keep each other from the writer's lock. The lock here is on the folder itself, so
-    that it needs no file and no right to write.
+    After a crash, a reader that finds the store behind its log opens the map for writing. Two such
+    readers would block each other's lock. This lock is on the folder itself, which needs neither a
+    file nor write permission.
     """
-    with ExitStack() as held:
-        with suppress(OSError):  # opening the folder reports what is wrong with it
+    with ExitStack() as stack:
+        with suppress(OSError):  # opening the map reports the fault of the folder
             descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-            held.callback(os.close, descriptor)
+            stack.callback(os.close, descriptor)
             fcntl.flock(descriptor, fcntl.LOCK_EX)
         yield
 
 
 def open_history_read_only(store: TransactionalStore, folder: Path, base: str) -> HistoryLog | None:
-    """The log of a store that is open for reading, for reading; None where it keeps none."""
+    """The read-only log of a read-only store; None if the map has no history."""
     file = folder / FILE
     if not file.is_file():
         return None
@@ -77,7 +77,7 @@ def open_history_read_only(store: TransactionalStore, folder: Path, base: str) -
 
 
 def without_past(store: TransactionalStore, base: str) -> HistoryLog:
-    """A log in memory that begins with the present state of the store."""
+    """A log in memory that begins at the present state of the store."""
     log = HistoryLog.open(None, base)
     log.begin(store.sequence, transaction_time(), _recorded(store.native))
     return log
@@ -94,7 +94,7 @@ def _replay(store: TransactionalStore, log: HistoryLog) -> None:
 def _difference(
     store: TransactionalStore, log: HistoryLog, sequence: int, cause: Cause
 ) -> ChangeSet:
-    """The change from the log's last state to the store's, without the background graphs."""
+    """The change from the log's last state to the store's state, without background graphs."""
     recorded = {*quads_of(log.facts(log.last))}
     stored = {*_recorded(store.native)}
     added, removed = tuple(stored - recorded), tuple(recorded - stored)
@@ -102,7 +102,7 @@ def _difference(
 
 
 def _recorded(engine: Store) -> Iterator[Quad]:
-    """The quads of a store that its log keeps, graph by graph: all but the background graphs."""
+    """The quads of a store, graph by graph, without background graphs and transaction number."""
     for graph in (*engine.named_graphs(), DefaultGraph()):
         if graph not in BACKGROUND:
             quads = engine.quads_for_pattern(None, None, None, graph)

@@ -1,4 +1,4 @@
-"""The SQLite file of the log: its tables, and how it is opened."""
+"""The SQLite file of the log: tables and connections."""
 
 from __future__ import annotations
 
@@ -32,28 +32,28 @@ _open = partial(sqlite3.connect, isolation_level=None, check_same_thread=False)
 
 
 def connect(file: Path | None, *, read_only: bool, power_safe: bool) -> sqlite3.Connection:
-    """A connection to `file` (None: memory); HistoryError where it cannot be read."""
+    """A connection to `file` (None: in memory); raises HistoryError if it cannot be read."""
     if file is None:
         return _open(":memory:")
     if read_only:
         return _reader(file)
     connection = _open(file)
-    # small pages: a map of a few hundred frames fills a dozen tables with little each
+    # small pages, since a map of a few hundred frames has little data in each of a dozen tables
     connection.execute("PRAGMA page_size = 1024")
     connection.execute("PRAGMA journal_mode = WAL")
     connection.execute(f"PRAGMA synchronous = {'FULL' if power_safe else 'NORMAL'}")
-    # the store's flush thread moves pages; here only what it could not keep up with
+    # the store's flush thread checkpoints; this limit only applies if it falls behind
     connection.execute("PRAGMA wal_autocheckpoint = 20000")
     return connection
 
 
 def is_empty(connection: sqlite3.Connection) -> bool:
-    """Whether no table has been made yet."""
+    """Whether the file has no tables yet."""
     return not connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
 
 
 def _reader(file: Path) -> sqlite3.Connection:
-    # where the folder cannot be written there is no room for SQLite's shared memory
+    # SQLite's shared memory file cannot be created in a read-only folder
     for how in ("mode=ro", "immutable=1"):
         connection = _open(f"file:{quote(str(file.resolve()))}?{how}", uri=True)
         try:

@@ -21,8 +21,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
 
-from kg.history.replay.point_in_time import state_of
-from kg.history.replay.versions import Version, first_version, version_at, versions
+from kg.history.replay.point_in_time import Version, first_version, state_of, version_at, versions
 from kg.history.storage.log import BACKGROUND, HistoryLog
 from kg.model.errors import HistoryError
 from kg.serving.server.app_state import AppState
@@ -110,7 +109,7 @@ async def timemap(serving: AppState, request: Request) -> Response:
     except ValueError as error:
         raise Problem(400, "needs ?iri=, an absolute IRI") from error
     log = serving.semantic_map.history.log
-    found = await run_in_threadpool(partial(versions, log, iri, most=MAX_VERSIONS))
+    found = await run_in_threadpool(partial(versions, log, iri, max_count=MAX_VERSIONS))
     if not any(not version.empty for version in found):
         raise Problem(404, f"no versions of {iri[:200]} are kept")
     body = ",\n".join(_entries(serving, request, iri, found)) + "\n"
