@@ -1,6 +1,7 @@
 """The command line: a module for each command, with `add(parser)` and `run(arguments) -> int`.
 
-The docstring of the module is the command's help: a summary, a description, and an example.
+`add` declares the arguments; `run` executes the command and returns the exit code. The docstring of
+the module is the command's help: a summary, a description, and an example.
 
 stdout carries the answer, stderr everything else. Exit code 0: done; 1: a `HereaboutsError`,
 printed as one line; 2: wrong usage. A bug keeps its traceback.
@@ -109,16 +110,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"error: {text}{_swapped(arguments, error)}", file=sys.stderr)  # noqa: T201
         return 1
     except BrokenPipeError:
-        # the reader of our stdout ended (| head); Python must not try to flush
+        # the reader of stdout ended (| head); Python must not flush at its exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except KeyboardInterrupt:
-        print("interrupted: whole frames so far are kept", file=sys.stderr)  # noqa: T201
+        print("interrupted: all frames that were fully mapped are kept", file=sys.stderr)  # noqa: T201
         return 130
 
 
 def _check_outputs(arguments: argparse.Namespace) -> None:
-    """Refuse to write a file, a picture or a folder into the folder of a map."""
+    """Raise GraphError for an output file or folder inside the folder of a map."""
     for name in _OUTPUTS:
         given = getattr(arguments, name, None)
         if not isinstance(given, str):
@@ -127,8 +128,8 @@ def _check_outputs(arguments: argparse.Namespace) -> None:
         for folder in (path, *path.parents):
             if (folder / "store").is_dir() and (folder / "lock").exists():
                 raise GraphError(
-                    f"{given} lies in the folder of the map {folder.name}; a file outside of it, "
-                    f"{path.name} say, would work"
+                    f"{given} is inside the folder of the map {folder.name}; choose a path outside "
+                    f"of it, for example {path.name}"
                 )
 
 
@@ -145,14 +146,14 @@ def _swapped(arguments: argparse.Namespace, error: HereaboutsError) -> str:
 
 
 def _modules_for(words: Sequence[str]) -> Sequence[str]:
-    """The modules that parsing `words` needs; all of them where no command comes first."""
+    """The modules that parsing `words` needs; all of them if no command comes first."""
     if words and words[0] == "--version":
         return ()
     return [name for name in COMMANDS if words[:1] == [_NAMED.get(name, name)]] or COMMANDS
 
 
 class _Version(argparse.Action):
-    """Reads the version only for `--version`, since that takes longer than parsing."""
+    """Reads the version only for `--version`, since reading takes longer than parsing."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
         print(f"hereabouts {_version()}")  # noqa: T201

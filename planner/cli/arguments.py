@@ -1,4 +1,4 @@
-"""Arguments that several commands share, and how their text becomes values."""
+"""Arguments that several commands share, and the conversion of their text to values."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from kg.model.errors import QueryParameterError
 MAP_HELP = "folder of the map, e.g. kitchen.map, or the address of a SPARQL server that holds it"
 #: [m] no map is larger than the Earth
 MAX_DISTANCE = 1e7
-_MIN_SPEED, _MAX_SPEED = 1e-3, 100.0  # [m/s] as the line protocol has it
-# options whose value may begin with a minus sign, and what such a value looks like
+_MIN_SPEED, _MAX_SPEED = 1e-3, 100.0  # [m/s], as in the line protocol
+# options whose value may begin with a minus sign, and the pattern of such a value
 _SIGNED = ("--from", "--up")
 _NEGATIVE = re.compile(r"-(\.?\d.*|[xyz])", re.IGNORECASE)
 
@@ -41,7 +41,7 @@ def add_keep(parser: argparse.ArgumentParser, otherwise: str) -> None:
 
 
 def keep_seconds(arguments: argparse.Namespace) -> float | None:
-    """Seconds of `--keep`, None where it is not given; HistoryError for no duration."""
+    """Seconds of `--keep`, None if it is not given; raises HistoryError for no duration."""
     from kg.history.timestamps import duration
 
     return None if arguments.keep is None else duration(arguments.keep)
@@ -54,13 +54,15 @@ def add_json(parser: argparse.ArgumentParser) -> None:
 
 def add_author(parser: argparse.ArgumentParser) -> None:
     """The `--by` of commands that write."""
-    parser.add_argument("--by", metavar="NAME", help="author (a server takes the token's holder)")
+    parser.add_argument("--by", metavar="NAME", help="author (on a server: the token's holder)")
 
 
 def add_at(parser: argparse.ArgumentParser) -> None:
     """The `--at` of commands that read a past state."""
     parser.add_argument(
-        "--at", metavar="TIME", help="read the map of that time: ISO 8601, or #42 (transaction)"
+        "--at",
+        metavar="TIME",
+        help="past state to read: a time in ISO 8601, or #42 (transaction)",
     )
 
 
@@ -76,7 +78,7 @@ def add_start(parser: argparse.ArgumentParser) -> None:
 
 
 def end_on_signal(number: int, frame: object) -> None:
-    """Exit so that everything is closed; the default of the signal does not wait for that."""
+    """Exit and close everything; the default of the signal would not close anything."""
     raise SystemExit(0)
 
 
@@ -86,12 +88,12 @@ def add_device(parser: argparse._ActionsContainer) -> None:
         "--device",
         default="auto",
         metavar="auto|cpu|cuda|...",
-        help="device for networks, one that onnxruntime supports (default: the fastest)",
+        help="device that runs the networks, as onnxruntime names it (default: the fastest)",
     )
 
 
 def start_pose(text: str) -> tuple[float, float, float]:
-    """``X,Y`` in metres or ``X,Y,DEG`` as x, y [m] and heading [rad]; argparse reports all else."""
+    """x, y [m] and heading [rad] of ``X,Y`` or ``X,Y,DEG``; raises ArgumentTypeError."""
     parts = text.split(",")
     try:
         x, y, *facing = (float(part) for part in parts)
@@ -105,7 +107,7 @@ def start_pose(text: str) -> tuple[float, float, float]:
 
 
 def join_signed(words: Sequence[str]) -> list[str]:
-    """``--from -1,2`` as ``--from=-1,2``; argparse would take the value for another option."""
+    """``--from -1,2`` as ``--from=-1,2``, since argparse would read the value as an option."""
     joined: list[str] = []
     for word in words:
         if joined and joined[-1] in _SIGNED and _NEGATIVE.fullmatch(word):
@@ -127,7 +129,7 @@ def positive(text: str) -> float:
 
 
 def speed(text: str) -> float:
-    """Metres a second that a robot may drive."""
+    """A driving speed [m/s]."""
     value = positive(text)
     if not _MIN_SPEED <= value <= _MAX_SPEED:
         raise argparse.ArgumentTypeError(
@@ -159,7 +161,7 @@ def whole(text: str) -> int:
 
 
 def plain_value(text: str) -> int | float | str:
-    """`text` as the number that it reads as, or as it is: free SPARQL declares no types."""
+    """`text` as a number if it is one; parameters of free SPARQL have no declared types."""
     for number in (int, float):
         try:
             value = number(text)
@@ -170,7 +172,7 @@ def plain_value(text: str) -> int | float | str:
 
 
 def name_value(pairs: list[str]) -> dict[str, str]:
-    """``["a=1", "b=two"]`` as a dictionary; QueryParameterError where a pair has no ``=``."""
+    """``["a=1", "b=two"]`` as a dictionary; raises QueryParameterError without ``=``."""
     values = {}
     for pair in pairs:
         name, separator, value = pair.partition("=")

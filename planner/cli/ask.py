@@ -33,7 +33,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         "question",
         nargs="?",
         metavar="NAME|FILE.rq|SPARQL",
-        help="shipped question, query file or SPARQL text",
+        help="name of a shipped query, query file, or SPARQL text",
     )
     parser.add_argument("-e", "--execute", metavar="SPARQL", help="SPARQL text")
     parser.add_argument(
@@ -42,7 +42,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="NAME=VALUE",
-        help="a parameter of the question (repeatable)",
+        help="a parameter of the query (repeatable)",
     )
     parser.add_argument(
         "--all",
@@ -63,14 +63,14 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     if arguments.member and arguments.question is None:
-        # no MAP beside members: the first word is the question
+        # with members there is no MAP: the first word is the query
         arguments.map, arguments.question = None, arguments.map
     if (arguments.question is None) == (arguments.execute is None):
-        arguments.usage_error("give one question: NAME, FILE.rq or SPARQL, or -e SPARQL")
+        arguments.usage_error("give one query: NAME, FILE.rq or SPARQL, or -e SPARQL")
     if (arguments.map is None) == (not arguments.member):
         arguments.usage_error("give MAP, or one --member MAP or more, not both")
     if arguments.member and arguments.at is not None:
-        arguments.usage_error("--at is for one MAP: each map counts its own transactions")
+        arguments.usage_error("--at needs one MAP: each map counts its own transactions")
     parameters = name_value(arguments.parameter)
     with ExitStack() as opened:
         semantic_map = opened.enter_context(_opened(arguments))
@@ -96,7 +96,7 @@ def _ask(
     parameters: Mapping[str, object],
     opened: ExitStack,
 ) -> Table:
-    """The answer; text that did not come with hereabouts is evaluated in an isolated process."""
+    """The answer; a query that is not shipped is evaluated in an isolated process."""
     from kg.knowledge.ontology.declared_terms import undeclared_terms
     from kg.maps.query.query_files import inline_query, resolve_query
     from kg.store.sparql_client import is_url
@@ -112,9 +112,7 @@ def _ask(
         for line in undeclared_terms(question.sparql, semantic_map.engine):
             note(line)
     if not question.shipped and not is_url(arguments.map or ""):
-        from kg.serving.workers.local_evaluation import (
-            query_isolated,  # which shipped queries do not need
-        )
+        from kg.serving.workers.local_evaluation import query_isolated
 
         return query_isolated(semantic_map, question, parameters, at=arguments.at)
     if arguments.at is not None:

@@ -22,8 +22,8 @@ def add(parser: argparse.ArgumentParser) -> None:
         "value",
         nargs="+",
         metavar="VALUE",
-        help="a category's name or IRI; X Y Z in metres; present or absent; a label; another "
-        "object, as in object/3, or nothing",
+        help="category: name or IRI; position: X Y Z in metres; existence: present or absent; "
+        "label: text; on, inside: another object (object/3) or nothing",
     )
     add_author(parser)
     add_json(parser)
@@ -69,8 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
         )
         return 0
     done = f"transaction {change.sequence}" if change else "nothing changed"
-    against = " (perception contradicts)" if assertion.since is not None else ""
-    note(
-        f"{arguments.thing}: {arguments.property} is {value}, says {assertion.by}{against}; {done}"
-    )
+    against = "; perception contradicts it" if assertion.since is not None else ""
+    fact = f"{arguments.thing}: {arguments.property} is {value}"
+    note(f"{fact} (asserted by {assertion.by}{against}); {done}")
     return 0

@@ -23,32 +23,32 @@ ROWS: Final = 20  # things of all categories in a table
 _CATEGORIES: Final = 30  # in a table
 _OBJECTS: Final = 8  # of one category
 
-#: the fates in order, each as a sentence's end
+#: the fates in order, each as the predicate of "a detection"
 _WORDS: Final[Mapping[Fate, str]] = {
-    Fate.OBJECT: "joined objects of the map",
-    Fate.CANDIDATE: "made candidates, which are still too improbable for the map",
-    Fate.FORGOTTEN: "made candidates that were dropped, too improbable or not seen again",
-    Fate.LEFT: "joined objects that are no longer in the map",
-    Fate.WEAK: "had a score below {least:g}, which is too weak",
-    Fate.UNKNOWN: "had a label that no category has",
-    Fate.IGNORED: "had a label that the labels map says to ignore",
+    Fate.OBJECT: "joined an object of the map",
+    Fate.CANDIDATE: "made a candidate, which is still too improbable for the map",
+    Fate.FORGOTTEN: "made a candidate that was dropped: too improbable, or not seen again",
+    Fate.LEFT: "joined an object that is no longer in the map",
+    Fate.WEAK: "had a score below {least:g}, which is too low",
+    Fate.UNKNOWN: "had a label without a category",
+    Fate.IGNORED: "had a label that the labels map ignores",
     Fate.NO_DEPTH: "had no usable depth",
-    Fate.NEAR: "lay too near (below {nearest:g} m)",
-    Fate.FAR: "lay too far away (beyond {farthest:g} m)",
-    Fate.CUT: "lay at the image's border, beside a thing of that category",
-    Fate.DOUBLE: "showed a thing that another box of the same frame shows",
+    Fate.NEAR: "was too near (below {nearest:g} m)",
+    Fate.FAR: "was too far away (beyond {farthest:g} m)",
+    Fate.CUT: "was cut off by the image border, beside a thing of that category",
+    Fate.DOUBLE: "doubled another box of the same frame",
 }
 
 #: advice for when most detections have this fate
 _ADVICE: Final[Mapping[Fate, str]] = {
-    Fate.WEAK: "a lower --threshold counts weak detections, and more mistakes with them; another "
-    "--detector may be surer (hereabouts models list)",
-    Fate.UNKNOWN: "--labels-map says what a label means",
-    Fate.NO_DEPTH: "--pictures DIR saves frames with their boxes; depth that does not fit the "
-    "colour images, or its scale, may be the reason",
-    Fate.NEAR: "depth in other units than the recording says would look like this",
-    Fate.FAR: "depth in other units than the recording says would look like this",
-    Fate.FORGOTTEN: "poses that jump spread one thing over several places (hereabouts info)",
+    Fate.WEAK: "a lower --threshold maps these detections too, and more errors with them; another "
+    "--detector may give higher scores (hereabouts models list)",
+    Fate.UNKNOWN: "--labels-map gives a label its category",
+    Fate.NO_DEPTH: "the depth images may not fit the colour images, or have another scale; "
+    "--pictures DIR saves frames with their boxes",
+    Fate.NEAR: "the depth scale of the recording may be wrong (--depth-scale)",
+    Fate.FAR: "the depth scale of the recording may be wrong (--depth-scale)",
+    Fate.FORGOTTEN: "jumps of the poses may spread one thing over several places (hereabouts info)",
 }
 
 
@@ -71,21 +71,19 @@ def explain_detections(semantic_map: SemanticMap, category: str, *, json: bool) 
 
 
 def detections_in_vain(semantic_map: SemanticMap, label: str, address: str) -> str:
-    """A sentence on detections of a category without an object in the map; "" without any."""
+    """A sentence on detections of a category that has no object in the map; "" without any."""
     try:
         report = None if semantic_map.store.path is None else read_report(semantic_map.store.path)
     except GraphError:
         return ""
-    of = None if report is None else report.categories.get(label)
-    if of is None or not of.detections:
+    fates = None if report is None else report.categories.get(label)
+    if fates is None or not fates.detections:
         return ""
-    weak = of.fates.get(Fate.WEAK, 0)
-    told = f"; {weak} of them {'was' if weak == 1 else 'were'} too weak" if weak else ""
-    if weak == of.detections:
-        told = "; all of them were too weak" if weak > 1 else "; it was too weak"
+    weak = fates.fates.get(Fate.WEAK, 0)
+    reason = f"; {weak} had too low a score" if weak else ""
     return (
-        f"{counted(of.detections, 'detection')} made no {label} of the map{told} "
-        f"(hereabouts why {address} --candidates {label})"
+        f"{counted(fates.detections, 'detection')} of {label} did not become an object of the map"
+        f"{reason} (hereabouts why {address} --candidates {label})"
     )
 
 
@@ -93,27 +91,27 @@ def _report(semantic_map: SemanticMap) -> DetectionReport:
     folder = semantic_map.store.path
     if folder is None:
         raise GraphError(
-            "what became of detections is kept in a map's folder, and this map has none here; "
-            "ask where it was mapped"
+            "the fates of detections are stored in the map's folder, and this map has no folder "
+            "here; ask on the machine that mapped it"
         )
     report = read_report(folder)
     if report is None:
         raise GraphError(
-            f"{folder} has no {FILE}: nothing was mapped into it by a detector, or by an earlier "
-            "version; `hereabouts map --again` writes it"
+            f"{folder} has no {FILE}: no detector has mapped into it, or an earlier version did; "
+            "`hereabouts map --again` writes the file"
         )
     return report
 
 
 def _name(semantic_map: SemanticMap, report: DetectionReport, category: str) -> str:
-    """The category's label, or a network's label that was met."""
+    """The category's label, or a label that a network gave."""
     try:
         return semantic_map.catalogue.find(category, "object").label
     except UnknownCategoryError:
-        met = {name.casefold(): name for name in report.categories}
-        if category.casefold() in met:
-            return met[category.casefold()]
-        raise
+        labels = {name.casefold(): name for name in report.categories}
+        if category.casefold() not in labels:
+            raise
+        return labels[category.casefold()]
 
 
 def _of_category(report: DetectionReport, name: str) -> DetectionReport:
@@ -133,8 +131,8 @@ def _print_category(semantic_map: SemanticMap, report: DetectionReport) -> None:
     ((name, of),) = report.categories.items()
     if not of.detections:
         write(
-            f"{printable(name)}: the detector never saw one in {report.frames} frames, not even "
-            "too weakly to count; another detector may (hereabouts models list)"
+            f"{printable(name)}: no detection in {report.frames} frames, not even one with a score "
+            "too low to count; another detector may find it (hereabouts models list)"
         )
     else:
         write(printable("\n".join(category_lines(report, name, of, _objects(semantic_map)))))
@@ -188,7 +186,7 @@ def listed_things(things: Sequence[DoubtedThing]) -> str:
 
 def legend(report: DetectionReport, fates: Iterable[Fate]) -> list[str]:
     """The meaning of each fate, one line each."""
-    return [f"{fate}: they {_words(report, fate)}" for fate in fates]
+    return [f"{fate}: the detection {_words(report, fate)}" for fate in fates]
 
 
 def fate_table(report: DetectionReport) -> tuple[tuple[str, ...], list[Sequence[object]]]:
@@ -213,15 +211,15 @@ def category_lines(
     lines = [f"{name}: {counted(of.detections, 'detection')} in {report.frames} frames"]
     for fate in _WORDS:
         if of.fates.get(fate):
-            told = ":" * (fate is Fate.OBJECT and bool(of.objects))
-            lines.append(f"  {of.fates[fate]} {_words(report, fate)}{told}")
+            colon = ":" * (fate is Fate.OBJECT and bool(of.objects))
+            lines.append(f"  {of.fates[fate]} {_words(report, fate)}{colon}")
         if fate is Fate.OBJECT:
             lines += [
                 f"    {count} joined {objects.get(iri, f'{short(iri)}, which is gone')}"
                 for iri, count in list(of.objects.items())[:_OBJECTS]
             ]
     if of.merged:
-        lines.append(f"  {counted(of.merged, 'thing')} turned out to be the same as another one")
+        lines.append(f"  {counted(of.merged, 'thing')} merged with another one")
     return lines
 
 

@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
         write_json([asdict(finding) for finding in findings])
     elif findings:
         print_table(
-            ("what", "property", "value", "is wrong"),
+            ("subject", "property", "value", "problem"),
             [(f.focus, f.path, f.value, f.message) for f in findings],
         )
     note(counted(len(findings), "finding"))

@@ -30,7 +30,7 @@ def run(arguments: argparse.Namespace) -> int:
         write_json(asdict(done))
         return 0
     note(
-        f"{done.dropped} transactions dropped; the past begins at #{done.floor}; "
+        f"{done.dropped} transactions dropped; the history begins at #{done.floor}; "
         f"{done.bytes_before / 1e6:.2f} MB before, {done.bytes_after / 1e6:.2f} MB after"
     )
     return 0

@@ -32,7 +32,7 @@ def out() -> Console:
 
 
 def err() -> Console:
-    """The console of everything else."""
+    """The console of notes and progress."""
     from rich.console import Console
 
     return Console(stderr=True)
@@ -77,14 +77,14 @@ def print_plan(plan: Plan) -> None:
         ],
     )
     if plan.expected_seconds is not None:
-        note(f"expected {plan.expected_seconds:.0f} s until found, if it is at one of these")
+        note(f"expected time: {plan.expected_seconds:.0f} s, if it is at one of these goals")
 
 
-def print_looks(plan: ViewPlan, most: int | None = None) -> None:
-    """Looks of a plan as a table, the first `most` of them, and below it each reason once."""
+def print_looks(plan: ViewPlan, max_looks: int | None = None) -> None:
+    """The first `max_looks` of a plan as a table, and below it each reason once."""
     from planner.search.plans.report import looks_table, reason_lines
 
-    steps = plan.steps[:most]
+    steps = plan.steps[:max_looks]
     print_table(*looks_table(steps))
     for line in reason_lines(steps):
         write(f"  {line}")
@@ -118,7 +118,7 @@ def counted(count: int, noun: str) -> str:
 
 
 def progress(description: str = "[progress.description]{task.description}") -> Progress:
-    """A progress bar on stderr; silent where stderr is not a terminal."""
+    """A progress bar on stderr; silent if stderr is not a terminal."""
     from rich.progress import (
         BarColumn,
         MofNCompleteColumn,
@@ -166,7 +166,7 @@ def shorten(iri: str) -> str:
 
 
 def _styled(text: str, style: str, stream: TextIO) -> str:
-    """`text` in a style (SGR parameter) where `stream` is a terminal that has colours."""
+    """`text` in a style (SGR parameter) if `stream` is a terminal with colours."""
     plain = "NO_COLOR" in os.environ or os.environ.get("TERM") == "dumb" or not stream.isatty()
     return text if plain else f"\x1b[{style}m{text}\x1b[0m"
 

@@ -1,6 +1,6 @@
 """Write a recording as an MCAP file, a ROS 1 bag or a ROS 2 bag.
 
-The messages are those that ROS defines. Mapping the new file makes the same map as mapping the
+The messages have types that ROS defines. Mapping the new file makes the same map as mapping the
 recording.
 
 example: hereabouts convert recordings/kitchen -o kitchen.mcap

@@ -1,7 +1,7 @@
 """Map a simulated house, query the map, and search for an object.
 
-A simulated robot with a depth camera drives through a small furnished house. The command maps what
-it sees, answers three questions, then plans and runs a search. It writes demo.map/, map.ttl and
+A simulated robot with a depth camera drives through a small furnished house. The command maps its
+frames, answers three questions, then plans and runs a search. It writes demo.map/, map.ttl and
 map.png.
 
 example: hereabouts demo --folder /tmp/demo
@@ -62,34 +62,35 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         write_json(report.to_json())
     else:
-        _tell(report)
+        _print(report)
     return 0
 
 
 #: looks of the plan that are shown
 _LOOKS: Final = 5
-#: columns of answers that are shown, the others being no part of the story
+#: columns of answers that are shown
 _SHOWN: Final = ("place", "label", "category", "belief", "x", "y", "z", "existence")
 
 
-def _tell(report: DemoReport) -> None:
+def _print(report: DemoReport) -> None:
     mapping = report.mapping
     heading(
         f"Mapped {report.rooms} rooms and {mapping.objects} objects in {mapping.seconds:.0f} s "
         f"({mapping.frames_per_second:.0f} frames/s)"
     )
     note(
-        f"{_against_house(report.score)}, {report.rooms_right} of {report.rooms} rooms named right"
+        f"{_against_house(report.score)}; {report.rooms_right} of {report.rooms} rooms have the "
+        "right category"
     )
     for answer in report.answers:
         parameters = "".join(f" -p {k}={_quoted(v)}" for k, v in answer.parameters.items())
         heading(answer.question)
         note(f"hereabouts ask {report.map_path} {answer.query}{parameters}")
         _print_answer(answer.table)
-    _tell_plan(report)
-    _tell_search(report)
+    _print_plan(report)
+    _print_search(report)
     note(f"after the search, {_against_house(report.searched)}")
-    heading("What it leaves")
+    heading("Results")
     write(f"{report.map_path}/  the map; ask it anything with hereabouts ask")
     write(f"{report.export_path}  the map as linked data, {report.triples:,} triples")
     write(f"{report.picture_path}  the map as a picture, with the search")
@@ -99,9 +100,9 @@ def _tell(report: DemoReport) -> None:
 
 def _against_house(score: MapScore) -> str:
     return (
-        f"against the house as it is: {score.recall or 0:.0%} of its objects are in the map, "
-        f"{score.precision or 0:.0%} of the map's objects are real, median error "
-        f"{100 * (score.position_error_median or 0):.0f} cm"
+        f"compared with the house: {score.recall or 0:.0%} of its objects are in the map, "
+        f"{score.precision or 0:.0%} of the objects in the map are real, and their median position "
+        f"error is {100 * (score.position_error_median or 0):.0f} cm"
     )
 
 
@@ -110,7 +111,7 @@ def _print_answer(table: Table) -> None:
     print_table([table.columns[i] for i in shown], [[row[i] for i in shown] for row in table.rows])
 
 
-def _tell_plan(report: DemoReport) -> None:
+def _print_plan(report: DemoReport) -> None:
     from planner.search.plans.report import baseline_line, plan_lines
     from planner.simulation.demo.house_demo import TARGET
 
@@ -123,12 +124,12 @@ def _tell_plan(report: DemoReport) -> None:
     note(baseline_line(thesis))
 
 
-def _tell_search(report: DemoReport) -> None:
+def _print_search(report: DemoReport) -> None:
     from planner.simulation.demo.demo_search import in_short
     from planner.simulation.demo.house_demo import TARGET
 
     run = report.search
-    heading(f"Meanwhile somebody brings home an {TARGET}. The robot goes and looks")
+    heading(f"Meanwhile somebody brings home an {TARGET}. The robot searches for it")
     note(f"hereabouts search {report.map_path} {TARGET} --robot sim")
     print_table(
         ("seconds", "what happens"),
@@ -142,7 +143,8 @@ def _tell_search(report: DemoReport) -> None:
         return
     write(
         f"The robot found the {TARGET} in the {report.hidden_in} after {run.outcome.seconds:.0f} s "
-        f"and {run.distance:.0f} m, {100 * report.position_error:.0f} cm from where it is."
+        f"and {run.distance:.0f} m. The error of its position is "
+        f"{100 * report.position_error:.0f} cm."
     )
 
 

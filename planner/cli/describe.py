@@ -19,7 +19,7 @@ from planner.cli.console import note, write, write_json
 def add(parser: argparse.ArgumentParser) -> None:
     add_map(parser)
     parser.add_argument("--title", metavar="TEXT", help="name of the map")
-    parser.add_argument("--licence", metavar="IRI", help="licence that the map's data are under")
+    parser.add_argument("--licence", metavar="IRI", help="licence of the map's data")
     add_author(parser)
     add_json(parser)
 
@@ -33,7 +33,7 @@ def run(arguments: argparse.Namespace) -> int:
             change = semantic_map.describe(
                 title=arguments.title, licence=arguments.licence, by=arguments.by
             )
-            note(f"transaction {change.sequence}" if change else "it was so before")
+            note(f"transaction {change.sequence}" if change else "nothing changed")
         description = asdict(semantic_map.description)
     if arguments.json:
         write_json(description)

@@ -23,8 +23,8 @@ _MOVED = ("thing", "category", "from", "to", "metres")
 
 def add(parser: argparse.ArgumentParser) -> None:
     add_map(parser)
-    parser.add_argument("before", metavar="T1", help="first instant")
-    parser.add_argument("after", metavar="T2", help="second instant")
+    parser.add_argument("before", metavar="T1", help="first state")
+    parser.add_argument("after", metavar="T2", help="second state")
     parser.add_argument(
         "--moved", action="store_true", help="only things that moved, with both positions"
     )
@@ -65,6 +65,6 @@ def _moved(semantic_map: SemanticMap, arguments: argparse.Namespace) -> int:
 
 def _summary(found: Difference) -> str:
     return (
-        f"#{found.before} to #{found.after}: {len(found.added)} triples more, "
-        f"{len(found.removed)} no more"
+        f"#{found.before} to #{found.after}: {len(found.added)} triples added, "
+        f"{len(found.removed)} removed"
     )

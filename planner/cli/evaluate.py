@@ -28,7 +28,7 @@ _THRESHOLD_COLUMNS: Final = (
     *("threshold", "true", "mapped", "matched", "recall", "precision", "clean"),
     *("duplicates", "wrong", "ghosts", "ignored", "error"),
 )
-_POOLED: Final = "all"  # in the column of names
+_POOLED: Final = "all"  # the name of pooled scores
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,11 +49,11 @@ def add(parser: argparse.ArgumentParser) -> None:
     mapping = subjects.add_parser(
         "map",
         help="score the objects of maps, or of recordings, against hand-made truth",
-        description="Score the objects of a map, or of a recording mapped into a temporary one: "
-        "same class within 0.5 m (large things 1.0 m), one to one. A complete truth (entries with "
-        "also, ignore, extent or reach) is scored at several existence thresholds, with "
-        "duplicates, wrong labels, ghosts, average precision, identity switches, calibration of "
-        "existence and coverage of position ellipses.",
+        description="Score the objects of a map, or of a recording mapped into a temporary one. "
+        "Matches are one to one, of the same class, and within 0.5 m (large things: 1.0 m). A "
+        "complete truth (entries with also, ignore, extent or reach) is scored at several "
+        "existence thresholds, with duplicates, wrong labels, ghosts, average precision, identity "
+        "switches, calibration of existence and coverage of position ellipses.",
         epilog="example: hereabouts evaluate map --recording redkitchen --truth objects_gt.json",
     )
     mapping.add_argument("maps", metavar="MAP", nargs="*", help=MAP_HELP)
@@ -61,8 +61,8 @@ def add(parser: argparse.ArgumentParser) -> None:
         "--recording",
         action="append",
         metavar="DIR",
-        help="recording to map and score; with MAP, the recording in whose world the truth is "
-        "(repeatable)",
+        help="recording to map and score; with MAP: the recording in whose world frame the truth "
+        "is given (repeatable)",
     )
     mapping.add_argument(
         "--truth",
@@ -88,18 +88,18 @@ def add(parser: argparse.ArgumentParser) -> None:
         type=count,
         default=1,
         metavar="N",
-        help="each N recordings in a row are sessions of one place: mapped into one map, scored "
-        "after each, and compared by the identity of their things",
+        help="treat each N recordings in a row as sessions of one place: map them into one map, "
+        "score it after each, and score whether objects keep their identity",
     )
     mapping.add_argument(
         "--picture",
         metavar="FILE",
-        help="draw map and truth from above; of several maps, each into a file with its name added",
+        help="draw map and truth from above; several maps: a file each, with the map's name added",
     )
     mapping.add_argument(
         "--plot",
         metavar="FILE",
-        help="draw the reliability diagram of existence, of all maps together",
+        help="draw the reliability diagram of existence for all maps",
     )
     add_json(mapping)
     add_all_arguments(mapping)
@@ -156,7 +156,7 @@ def _check_pictures(arguments: argparse.Namespace, truths: Sequence[object]) -> 
 def _draw_truth(
     evaluated: EvaluatedMap, evaluation: MapEvaluation, arguments: argparse.Namespace
 ) -> None:
-    """Draw one map against its truth; of several, each into a file of its own."""
+    """Draw one map against its truth; each of several maps has a file of its own."""
     from mapping.occupancy.mapped_floor import mapped_floor
     from planner.display.plots.truth_plot import plot_truth
 
@@ -211,7 +211,7 @@ def _score(evaluated: EvaluatedMap, truth: AnyTruth, near: float) -> _Scored:
 
 
 def _pooled(scored: Sequence[_Scored]) -> dict[str, MapScores]:
-    """Mode -> scores of all its maps together; empty where a truth is not complete."""
+    """Mode -> scores of all its maps together; empty if a truth is not complete."""
     from mapping.evaluation.map_evaluation import pooled
 
     if any(one.evaluation is None for one in scored):
@@ -232,7 +232,7 @@ def _check_sessions(arguments: argparse.Namespace, truths: Sequence[AnyTruth]) -
 
 
 def _identities(scored: Sequence[_Scored], sessions: int) -> list[tuple[str, SessionIdentity]]:
-    """Identity from each session to the next, and of all of a mode together where several."""
+    """Identity from each session to the next, and pooled over each mode if it has several."""
     from mapping.evaluation.session_identity import pooled_identity, session_identity
 
     found: list[tuple[str, SessionIdentity]] = []

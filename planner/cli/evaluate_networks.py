@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from perception.evaluation.detector_evaluation import DetectorEvaluation
     from perception.evaluation.scene_evaluation import SceneEvaluation
 
-_Subjects = Any  # of argparse, which has no public name for it
-_TOLD = 5  # labels named in one note
+_Subjects = Any  # argparse has no public name for this type
+_MAX_NAMED = 5  # labels in one note
 
 
 def add_detector(subjects: _Subjects) -> None:
@@ -35,7 +35,7 @@ def add_detector(subjects: _Subjects) -> None:
         "--coco",
         required=True,
         metavar="DIR|FILE",
-        help="folder with instances.json and images/, COCO's own, or its annotation file",
+        help="folder with instances.json and images/, folder of COCO, or annotation file",
     )
     parser.add_argument(
         "--detector",
@@ -63,7 +63,10 @@ def add_scene(subjects: _Subjects) -> None:
         epilog="example: hereabouts evaluate scene --images places365/val --scene mine.onnx",
     )
     parser.add_argument(
-        "--images", required=True, metavar="DIR", help="folder with a folder of images a class"
+        "--images",
+        required=True,
+        metavar="DIR",
+        help="folder with one folder of images a class",
     )
     parser.add_argument(
         "--scene",
@@ -144,7 +147,7 @@ def _advance(bar: Progress, task: TaskID, done: int) -> None:
 
 
 def _print_detectors(found: list[DetectorEvaluation]) -> None:
-    """Each detector's means in one table, and what each has of every class in another."""
+    """Each detector's mean scores in one table, and its scores of each class in another."""
     columns = ("ap", "ap50", "ap75", "ap_small", "ap_medium", "ap_large", "ar")
     print_table(
         ("detector", "images", "boxes", "AP", "AP50", "AP75", "small", "medium", "large", "AR"),
@@ -166,9 +169,9 @@ def _print_detectors(found: list[DetectorEvaluation]) -> None:
     for one in found:
         if one.unknown_labels:
             labels = list(one.unknown_labels)
-            more = f" and {len(labels) - _TOLD} more" if len(labels) > _TOLD else ""
-            told = ", ".join(labels[:_TOLD]) + more
-            note(f"{one.detector}: left out, since no class of the data set is called so: {told}")
+            more = f" and {len(labels) - _MAX_NAMED} more" if len(labels) > _MAX_NAMED else ""
+            listed = ", ".join(labels[:_MAX_NAMED]) + more
+            note(f"{one.detector}: left out, since they are no class of the data set: {listed}")
 
 
 def _print_scenes(found: list[SceneEvaluation]) -> None:
@@ -183,7 +186,7 @@ def _print_scenes(found: list[SceneEvaluation]) -> None:
             (name, sum(row.values()), *(row.get(other, 0) for other in answered))
             for name, row in one.confusion.items()
         ]
-        title = f"{one.classifier}: images of each class (rows) by what it answered"
+        title = f"{one.classifier}: images of each class (rows) by answer (columns)"
         if len(answered) > 2 * len(one.confusion) + 4:  # too wide to read
             rows = [
                 (name, sum(row.values()), row.get(name, 0), _most_frequent(name, row))
@@ -192,8 +195,8 @@ def _print_scenes(found: list[SceneEvaluation]) -> None:
             answered = ["right", "most often instead"]
         print_table(("class", "images", *answered), rows, title=title)
         if one.unknown:
-            told = ", ".join(f"{name} ({images})" for name, images in one.unknown.items())
-            note(f"{one.classifier} does not know, and these images do not count: {told}")
+            listed = ", ".join(f"{name} ({images})" for name, images in one.unknown.items())
+            note(f"{one.classifier} does not know these classes, left out: {listed}")
 
 
 def _most_frequent(name: str, row: dict[str, int] | Any) -> str:

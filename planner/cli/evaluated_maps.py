@@ -1,4 +1,4 @@
-"""Maps to evaluate: those given, or temporary ones of recordings, mapped by one or each mode."""
+"""Maps to evaluate: given maps, or temporary maps of recordings by one or each mode."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Run:
     """The origin of a map: recording, mode and detector."""
 
     name: str  # of the recording or map
-    mode: str = ""  # "" of a map that was given
+    mode: str = ""  # "" for a given map
     detector: str = ""
     report: MappingReport | None = None
 
@@ -57,11 +57,11 @@ class Run:
 class EvaluatedMap:
     """An open map that is to be scored."""
 
-    number: int  # of its truth: 0, 1, 2, ... in the order of the arguments
+    number: int  # index of its truth among the arguments
     run: Run
     semantic_map: SemanticMap
-    T_map_world: NDArray[np.float64]  # (4, 4) how the truth's world sits in the map
-    since: int = 0  # transaction after which the session of that truth began
+    T_map_world: NDArray[np.float64]  # (4, 4) from the truth's world to the map
+    since: int = 0  # last transaction before the session of that truth
 
 
 def check_usage(arguments: argparse.Namespace) -> None:
@@ -70,7 +70,7 @@ def check_usage(arguments: argparse.Namespace) -> None:
     if not maps and not recordings:
         arguments.usage_error("give a MAP or --recording DIR to score")
     if maps and arguments.compare:
-        arguments.usage_error("--compare maps recordings; it takes --recording DIR and no MAP")
+        arguments.usage_error("--compare maps recordings: give --recording DIR and no MAP")
     if maps and recordings and len(recordings) != len(maps):
         arguments.usage_error("each MAP needs a --recording of its own, or none has one")
     if len(truths) != len(maps or recordings):
@@ -78,12 +78,12 @@ def check_usage(arguments: argparse.Namespace) -> None:
     sessions = arguments.sessions
     if sessions < 1 or (sessions > 1 and (maps or len(recordings) % sessions)):
         arguments.usage_error(
-            f"--sessions {sessions} needs recordings, N for each place, and N of 1 or more"
+            f"--sessions {sessions} needs a number N of 1 or more, and N recordings for each place"
         )
 
 
 def evaluated_maps(arguments: argparse.Namespace) -> Iterator[EvaluatedMap]:
-    """Each map in turn, open while it is handled; recordings are mapped first."""
+    """Each map in turn, open until the next one is asked for; recordings are mapped first."""
     recordings = arguments.recording or [None] * len(arguments.maps)
     if not arguments.maps:
         for number in range(0, len(recordings), arguments.sessions):
@@ -122,17 +122,17 @@ def _transform(
     named = ", ".join(known) or "(none)"
     wanted = f", not {name!r}" if name else ""
     raise LayoutError(
-        f"whose world the truth is in is not known: {address} has the recordings "
-        f"{named}{wanted}; --name NAME of one or --recording DIR would work"
+        f"cannot tell the world frame of the truth: {address} has the recordings {named}{wanted}; "
+        "give --name NAME of one of them, or --recording DIR"
     )
 
 
 def _mapped(
     arguments: argparse.Namespace, first: int, folders: Sequence[str]
 ) -> Iterator[EvaluatedMap]:
-    """Temporary maps by each mode, of the recordings `folders` one after another.
+    """Temporary maps, one for each mode, of the recordings `folders` one after another.
 
-    The first one's truth has the number `first`. Frames go through the networks once.
+    `first` is the index of the first recording's truth. The networks run once on each frame.
     """
     from kg.serving.opening import create_map
 

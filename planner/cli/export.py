@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
     from planner.display.viewers.scene import Scene, ScenePlan
 
-#: format -> ending of its files, by which it is chosen; none for JSON, which JSON-LD has
+#: format -> ending of its files; none for JSON, since .json is JSON-LD
 _DOCUMENTS: Final = {"geojson": ".geojson", "json": ""}
 _SCENES: Final = {"mcap": ".mcap", "rrd": ".rrd", "bag": ".bag"}
 
@@ -37,14 +37,13 @@ def add(parser: argparse.ArgumentParser) -> None:
         "--format",
         metavar="FORMAT",
         help="ttl, trig, nq, nt, jsonld or rdfxml; json, geojson; mcap, rrd, bag (default: by the "
-        "ending of FILE; .json is JSON-LD); the name of an exporter that an extension adds; or "
-        "reference: FILE is then a folder for the thesis' "
-        "own saved_objects.json and saved_places.json",
+        "ending of FILE; .json is JSON-LD); the exporter of an extension, by its name; or "
+        "reference: the thesis' saved_objects.json and saved_places.json, in the folder FILE",
     )
     parser.add_argument("-o", "--output", required=True, metavar="FILE", help="file to write")
     add_at(parser)
     parser.add_argument(
-        "--no-ontology", action="store_true", help="leave the ontology out: only the map's facts"
+        "--no-ontology", action="store_true", help="write the map's facts without the ontology"
     )
     parser.add_argument(
         "--all",
@@ -64,7 +63,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--pictures",
         metavar="FOLDER",
-        help="copy the pictures of the objects to this folder, that of object/17 as 17.jpg",
+        help="copy the pictures of the objects into this folder (object/17: 17.jpg)",
     )
 
 
@@ -75,10 +74,10 @@ def run(arguments: argparse.Namespace) -> int:
     output = Path(arguments.output)
     chosen = _chosen_format(arguments.format, output)
     if arguments.find is not None and chosen not in _SCENES:
-        raise QueryParameterError(f"--find is drawn by viewers: --format {', '.join(_SCENES)}")
+        raise QueryParameterError(f"--find needs one of the formats {', '.join(_SCENES)}")
     if arguments.past is not None and (chosen not in _SCENES or arguments.at is not None):
         raise QueryParameterError(
-            f"--past is for viewers, and not with --at: --format {', '.join(_SCENES)}"
+            f"--past needs one of the formats {', '.join(_SCENES)}, and no --at"
         )
     with ExitStack() as stack:
         semantic_map = stack.enter_context(open_map(arguments.map, read_only=True))
@@ -109,7 +108,7 @@ def _copy_pictures(semantic_map: SemanticMap, folder: Path, least: float) -> int
     from kg.store.atomic_file import write_atomically
 
     if semantic_map.store.path is None:
-        raise QueryParameterError("--pictures copies from a map's folder: give that as MAP")
+        raise QueryParameterError("--pictures needs the folder of a map as MAP")
     _make(folder)
     pictures = ObjectPictures(semantic_map.store.path)
     records = semantic_map.objects(min_existence=least)
@@ -121,7 +120,7 @@ def _copy_pictures(semantic_map: SemanticMap, folder: Path, least: float) -> int
 
 
 def _chosen_format(given: str | None, output: Path) -> str:
-    """The format that `--format` or the ending of the file names; raises GraphError for neither."""
+    """The format of `--format`, or of the file's ending; raises GraphError for neither."""
     from kg.export.serialization import FORMATS, is_format
 
     names = (*FORMATS, *_DOCUMENTS, *_SCENES, "reference", *extensions(EXPORTERS))
@@ -138,8 +137,8 @@ def _chosen_format(given: str | None, output: Path) -> str:
         endings |= {_exporter(name).ending: name for name in extensions(EXPORTERS)}
     if (chosen := endings.get(output.suffix.lower())) is None:
         raise GraphError(
-            f"cannot tell the format of {output.name!r} from its ending; name a format "
-            f"({', '.join(names)}) or end it with one of: {', '.join(endings)}"
+            f"cannot tell the format of {output.name!r} from its ending; give --format "
+            f"({', '.join(names)}), or one of the endings {', '.join(endings)}"
         )
     return chosen
 
@@ -160,7 +159,7 @@ def _write_reference(semantic_map: SemanticMap, folder: Path) -> str:
 
 
 def _least(arguments: argparse.Namespace) -> float:
-    """Existence from which on objects are exported for people."""
+    """Minimum existence of exported objects."""
     from planner.display.plots.drawing import SHOWN_EXISTENCE
 
     return 0.0 if arguments.all else SHOWN_EXISTENCE
@@ -224,10 +223,10 @@ def _scene_writer(chosen: str) -> Callable[[Iterable[tuple[Scene, float]]], byte
 
 
 def _plan(semantic_map: SemanticMap, arguments: argparse.Namespace) -> ScenePlan | None:
-    """The looks of `hereabouts find`, as far as `find --picture` draws them."""
+    """The looks that `find --picture` would draw."""
     from planner.display.viewers.search_plan import planned_search
 
     plan = planned_search(semantic_map, arguments.find, arguments.start)
     if plan is None:
-        note(f"nothing to draw of a search for {arguments.find}: the map has no floor to search")
+        note(f"no search for {arguments.find} is drawn: the map has no floor to search")
     return plan

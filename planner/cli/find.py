@@ -2,7 +2,7 @@
 
 The plan minimises the expected time until the object is found. The probability of each spot follows
 from the map, common sense and statistics of rooms. OBJECT is a category, a synonym, a
-supercategory, or a need such as 'something to sit on'; of several objects all are searched for.
+supercategory, or a need such as 'something to sit on'. With several, the plan searches for all.
 
 example: hereabouts find kitchen.map banana --from 0,0 --explain
 """
@@ -23,12 +23,11 @@ if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
     from planner.freespace.grid import FreeSpace
     from planner.search.plans.search_state import PlanningState
-    from planner.search.plans.thesis_rules import Plan
     from planner.search.plans.view_plan import ViewPlan
 
-_WORTH_A_LOOK = 0.01  # chance to find from which on a plan is worth printing
+_WORTH_A_LOOK = 0.01  # minimum probability of success of a printed plan
 _RULES = ("viewpoints", "nearest-first", "brute-force")
-#: options that only plans of looks take
+#: options of the rule "viewpoints" alone
 _LOOKS_ONLY = ("budget", "turn_rate", "range", "recall", "at", "grid", "explain", "picture")
 
 
@@ -37,7 +36,10 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("object", metavar="OBJECT", nargs="+", help="what to find, e.g. banana")
     add_start(parser)
     parser.add_argument(
-        "--budget", type=_seconds, metavar="TIME", help="longest search, e.g. 300, 90s or 10min"
+        "--budget",
+        type=_seconds,
+        metavar="TIME",
+        help="time limit of the search: 300, 90s, 10min",
     )
     parser.add_argument("--speed", type=speed, metavar="M/S", help="driving speed")
     parser.add_argument("--turn-rate", type=positive, metavar="DEG/S", help="turning speed")
@@ -45,17 +47,22 @@ def add(parser: argparse.ArgumentParser) -> None:
         "--range", type=_range, metavar="NEAR,FAR", help="range of the camera [m] (0.8,4.6)"
     )
     parser.add_argument(
-        "--recall", type=share, metavar="R", help="chance that a look shows an object in view (0.7)"
+        "--recall",
+        type=share,
+        metavar="R",
+        help="probability to detect an object in view (0.7)",
     )
     parser.add_argument(
-        "--at", metavar="TIME", help="moment of the search, ISO 8601 or 'now' (default: the map's)"
+        "--at",
+        metavar="TIME",
+        help="time of the search: ISO 8601 or 'now' (default: the map's)",
     )
     parser.add_argument(
-        "--rule", choices=_RULES, default=_RULES[0], help="default: %(default)s; the others are "
-        "the thesis' rule and its baseline",
+        "--rule", choices=_RULES, default=_RULES[0], help="planning rule (default: %(default)s); "
+        "nearest-first is the thesis' rule, brute-force its baseline",
     )  # fmt: skip
     parser.add_argument(
-        "--grid", metavar="FILE", help="the floor as a map_server YAML file, instead of the places'"
+        "--grid", metavar="FILE", help="floor as a map_server YAML file (default: the map's own)"
     )
     parser.add_argument("--explain", action="store_true", help="print every step with its facts")
     parser.add_argument("--picture", metavar="FILE", help="draw the plan: PNG, SVG or PDF")
@@ -123,8 +130,8 @@ def _by_viewpoints(
         note(_nothing(found, arguments.budget))
     elif found.probability < _WORTH_A_LOOK and not arguments.explain:
         note(
-            f"{', '.join(found.targets)} is on this floor with {found.present:.3f}: no look is "
-            "worth its way (--explain lists them)"
+            f"{', '.join(found.targets)} is on this floor with probability {found.present:.3f}: "
+            "too improbable for a search (--explain lists the looks)"
         )
     else:
         heading("Where to look")
@@ -135,7 +142,7 @@ def _by_viewpoints(
 def _print_known(
     semantic_map: SemanticMap, state: PlanningState, arguments: argparse.Namespace
 ) -> None:
-    """Print what the map has of each target."""
+    """Print the known objects of each target."""
     from planner.cli.candidates import detections_in_vain
     from planner.search.goals.candidate_queries import map_time
     from planner.search.goals.known_objects import LISTED, answer_lines, known_objects
@@ -149,8 +156,8 @@ def _print_known(
         if not known and target.iri is not None:
             answer = status(semantic_map, target.iri)
             write(f"no {target.label} is in the map ({answer.value}): {answer.proof}")
-            if told := detections_in_vain(semantic_map, target.label, arguments.map):
-                write(told)
+            if line := detections_in_vain(semantic_map, target.label, arguments.map):
+                write(line)
         elif not known:
             write(f"nothing to {target.label.partition(' to ')[2] or target.label} is in the map")
 
@@ -158,8 +165,8 @@ def _print_known(
 def _nothing(found: ViewPlan, budget: float | None) -> str:
     what = ", ".join(found.targets)
     if budget is not None:
-        return f"no look for {what} can be over within {budget:.0f} s"
-    return f"nothing to look at for {what}: no position that can be reached shows where it may be"
+        return f"no look for {what} ends within {budget:.0f} s"
+    return f"no look for {what}: no reachable position shows a spot where it may be"
 
 
 def _print(found: ViewPlan, *, explain: bool) -> None:
@@ -190,8 +197,8 @@ def _by_reference(semantic_map: SemanticMap, arguments: argparse.Namespace) -> i
     given = ["--" + n.replace("_", "-") for n in _LOOKS_ONLY if getattr(arguments, n)]
     if given:
         raise QueryParameterError(
-            f"{' and '.join(given)} would change nothing with --rule {arguments.rule}; "
-            "--rule viewpoints knows of it"
+            f"{' and '.join(given)} has no effect with --rule {arguments.rule}; "
+            "use --rule viewpoints"
         )
     target = arguments.object[0]
     travel = Travel(speed=arguments.speed) if arguments.speed else None
@@ -202,11 +209,17 @@ def _by_reference(semantic_map: SemanticMap, arguments: argparse.Namespace) -> i
         plan = brute_force((x, y), places, target=category.label, travel=travel)
     else:
         plan = plan_search(semantic_map, target, (x, y), travel=travel)
-    return _tell(plan, json=arguments.json)
+    if arguments.json:
+        write_json(plan.to_json())
+    elif plan.steps:
+        print_plan(plan)
+    else:
+        note(plan.explanation)
+    return 0
 
 
 def _without_floor(semantic_map: SemanticMap, arguments: argparse.Namespace) -> int:
-    """Error for a map without places: why there is nowhere to look."""
+    """Explain why a map without floor has nowhere to look."""
     from planner.search.goals.search_goals import explain_none
     from planner.search.goals.targets import resolve
     from planner.search.plans.report import empty_answer
@@ -217,16 +230,6 @@ def _without_floor(semantic_map: SemanticMap, arguments: argparse.Namespace) -> 
         return 0
     for iri in (iri for target in targets for iri in target.queried):
         note(explain_none(semantic_map, iri))
-    return 0
-
-
-def _tell(plan: Plan, *, json: bool) -> int:
-    if json:
-        write_json(plan.to_json())
-    elif plan.steps:
-        print_plan(plan)
-    else:
-        note(plan.explanation)
     return 0
 
 
@@ -245,7 +248,7 @@ def _range(text: str) -> tuple[float, float]:
         near, far = math.nan, math.nan
     if not 0 <= near < far <= 100:
         raise argparse.ArgumentTypeError(
-            f"needs NEAR,FAR in metres with 0 <= NEAR < FAR <= 100, 0.8,4.6 say, got {text!r}"
+            f"needs NEAR,FAR in metres with 0 <= NEAR < FAR <= 100, e.g. 0.8,4.6; got {text!r}"
         )
     return near, far
 

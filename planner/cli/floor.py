@@ -27,7 +27,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         "--storey",
         type=count,
         metavar="N",
-        help="which storey, from 0 in the order they were met (default: the robot's)",
+        help="number of the storey, in the order of mapping, from 0 (default: the robot's)",
     )
     add_at(parser)
     add_json(parser)
@@ -73,7 +73,7 @@ def _grid(semantic_map: SemanticMap, storey: int | None) -> MappedFloor:
         known = sorted({tile.storey for tile in tiles})
         if storey is not None and known:
             raise LayoutError(
-                f"no floor is mapped of storey {storey}; there are: {', '.join(map(str, known))}"
+                f"no floor is mapped on storey {storey}; mapped are: {', '.join(map(str, known))}"
             )
         raise LayoutError(
             f"{semantic_map.description.title!r} has no mapped floor; mapping a recording makes one"

@@ -1,4 +1,4 @@
-"""`hereabouts import conceptnet`: what ConceptNet says of our categories, as an ontology file."""
+"""`hereabouts import conceptnet`: relations of the categories as an ontology file."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ def add(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     parser = kinds.add_parser(
         "conceptnet",
         help="where things are found, from ConceptNet (file or web API)",
-        description="Regenerate LocatedAt, NearBy and IsA of the categories. What people "
-        "changed, added or removed in FILE.ttl stays as it is.",
+        description="Regenerate LocatedAt, NearBy and IsA of the categories. Statements that "
+        "people changed, added or removed in FILE.ttl stay so.",
         epilog="example: hereabouts import conceptnet --from conceptnet-assertions-5.7.0.csv.gz "
         "--into my-ontologies/conceptnet.ttl --dry-run",
     )
@@ -43,7 +43,7 @@ def add(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     )
     parser.add_argument("--language", default="en", help="language of the assertions (default: en)")
     parser.add_argument(
-        "--ontologies", metavar="DIR", help="folder of the categories (default: those shipped)"
+        "--ontologies", metavar="DIR", help="folder of ontologies (default: the shipped ones)"
     )
     parser.add_argument(
         "--dry-run", action="store_true", help="print what would change, write nothing"
@@ -51,7 +51,7 @@ def add(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     parser.add_argument(
         "--cache",
         metavar="DIR",
-        help="folder for answers of the web API (default: in the user's cache folder)",
+        help="folder that caches answers of the web API (default: in the user's cache folder)",
     )
     add_json(parser)
     parser.set_defaults(run=run)
@@ -89,7 +89,7 @@ def _tell(imported: ConceptNetImport, arguments: argparse.Namespace) -> None:
     read = f"{imported.lines} assertions read"
     if imported.requests:
         read += f" in {imported.requests} requests"
-    note(f"{read}, {imported.used} of use; {imported.weak} relations too weak or outvoted")
+    note(f"{read}, {imported.used} used; {imported.weak} relations too weak or outvoted")
     if imported.skipped:
         reasons = ", ".join(f"{n} {reason}" for reason, n in sorted(imported.skipped.items()))
         note(f"skipped {sum(imported.skipped.values())} lines: {reasons}")
@@ -98,11 +98,11 @@ def _tell(imported: ConceptNetImport, arguments: argparse.Namespace) -> None:
 
 def _outcome(imported: ConceptNetImport, arguments: argparse.Namespace) -> str:
     if arguments.into is None:
-        return f"{len(imported.found)} relations; nothing written, name a file with --into"
+        return f"{len(imported.found)} relations; nothing written: --into FILE.ttl writes them"
     if arguments.dry_run:
-        return f"dry run: {arguments.into} is as it was"
+        return f"dry run: {arguments.into} is unchanged"
     if not imported.written:
-        return f"{arguments.into} says so already: left as it was"
+        return f"{arguments.into} is up to date: nothing written"
     return f"wrote {arguments.into} (data of ConceptNet, CC BY-SA 4.0)"
 
 

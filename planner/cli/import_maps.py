@@ -34,7 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.usage_error("give --objects, --places, or both")
     files = (arguments.objects, arguments.places)
     with in_memory_map() as trial:
-        # bad files must not leave an empty map behind
+        # a bad file must not leave an empty map
         import_reference_maps(trial, *files)
     title = title_for(arguments.into)
     with open_or_create_map(arguments.into, title=title) as semantic_map:

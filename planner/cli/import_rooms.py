@@ -12,12 +12,14 @@ from planner.cli.console import note, print_table, write_json
 def add(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     rooms = kinds.add_parser(
         "rooms",
-        help="how many real rooms of a kind hold an object of a kind (CSV)",
-        description="Read a table with the columns room, n_rooms, object, rooms_with_object; its "
-        "counts then speak in every probability of the map, or of maps made with the file.",
+        help="statistics of real rooms: how many rooms of a kind contain an object (CSV)",
+        description="Read a table with the columns room, n_rooms, object, rooms_with_object. Its "
+        "counts then enter every probability of the map, or of maps made with the file.",
         epilog="example: hereabouts import rooms room_counts.csv --into homes.ttl",
     )
-    rooms.add_argument("table", metavar="CSV", help="the table; s3dis: the shipped one, of offices")
+    rooms.add_argument(
+        "table", metavar="CSV", help="the table; s3dis: shipped statistics of offices"
+    )
     rooms.add_argument(
         "--into",
         required=True,
@@ -27,7 +29,7 @@ def add(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     rooms.add_argument(
         "--source", metavar="NAME", help="name of the statistics (default: the file name)"
     )
-    rooms.add_argument("--license", metavar="IRI", default="", help="the licence of the counts")
+    rooms.add_argument("--license", metavar="IRI", default="", help="licence of the counts")
     add_json(rooms)
     rooms.set_defaults(run=run)
 
@@ -71,7 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def is_ontology_file(into: str) -> bool:
-    """Whether a Turtle file is meant, not a map; raises InvalidFactError for other syntaxes."""
+    """Whether `into` is a Turtle file, not a map; raises InvalidFactError for other syntaxes."""
     from kg.model.errors import InvalidFactError
     from kg.rdf.parsing import ENDINGS
 
@@ -82,7 +84,7 @@ def is_ontology_file(into: str) -> bool:
 
 
 def checked_iri(text: str) -> str:
-    """`text` where it may be an IRI, or empty; raises InvalidFactError otherwise."""
+    """`text` if it is an IRI or empty; raises InvalidFactError otherwise."""
     from kg.knowledge.placement.statistics import is_iri
     from kg.model.errors import InvalidFactError
 

@@ -1,7 +1,7 @@
 """Show the streams of a recording, and whether they can be mapped.
 
-The table has rates and gaps and says which streams `map` would read. The lines below it say whether
-depth fits the poses, the camera and the colour images.
+The table lists rates and gaps, and the streams that `map` would read. The lines below the table
+tell whether depth fits the poses, the camera and the colour images.
 
 example: hereabouts info kitchen.bag --color-topic /head/rgb/image_raw
 """
@@ -46,7 +46,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     camera = recording.rectifier.camera
     streams = file_streams(recording.listing.entries, camera.size)
-    return _tell(arguments, streams, recording, {})
+    return _print(arguments, streams, recording, {})
 
 
 def _bag(arguments: argparse.Namespace, path: Path, options: RecordingOptions) -> int:
@@ -74,7 +74,7 @@ def _bag(arguments: argparse.Namespace, path: Path, options: RecordingOptions) -
         if choice.depth_apart
         else "registered to colour",
     }
-    return _tell(arguments, bag_streams(index, choice), recording, used)
+    return _print(arguments, bag_streams(index, choice), recording, used)
 
 
 def _print_streams(arguments: argparse.Namespace, streams: list[StreamSummary]) -> None:
@@ -85,7 +85,7 @@ def _print_streams(arguments: argparse.Namespace, streams: list[StreamSummary]) 
         )
 
 
-def _tell(
+def _print(
     arguments: argparse.Namespace,
     streams: list[StreamSummary],
     recording: FolderRecording,
@@ -101,7 +101,7 @@ def _tell(
         recording.depth_scale,
         recording.frame,
     )
-    facts = _facts(recording) | used | _judged(findings)
+    facts = _facts(recording) | used | _depth_facts(findings)
     if arguments.json:
         write_json(facts | {"streams": [stream.to_json() for stream in streams]})
     else:
@@ -125,21 +125,21 @@ def _facts(recording: FolderRecording) -> dict[str, Any]:
         "seconds": round(entries[-1].stamp - entries[0].stamp, 3),
         "camera": f"{camera.width}x{camera.height}, f {camera.fx:.1f} {camera.fy:.1f}, "
         f"c {camera.cx:.1f} {camera.cy:.1f}, distortion {distorted}",
-        "depth units": f"{recording.depth_scale:g} a metre",
+        "depth units": f"{recording.depth_scale:g} per metre",
     }
 
 
-def _judged(findings: DepthFindings) -> dict[str, Any]:
-    """Depth against poses, which tells scale and intrinsics, and against edges of colour."""
+def _depth_facts(findings: DepthFindings) -> dict[str, Any]:
+    """Agreement of depth with poses, which tests scale and intrinsics, and with colour edges."""
     share, edges = findings.share, findings.registration
-    too_few = "too little to tell"
+    too_few = "too few points to tell"
     facts = {
         "depth and poses": too_few
         if share is None
-        else f"{100 * share:.0f} % of points agree (85 % and more is sound)",
+        else f"{100 * share:.0f} % of points agree (85 % and more is good)",
         "depth edges": too_few
         if edges is None
-        else f"{edges.pixels:.0f} px of 640 from colour's (6 and less is registered)",
+        else f"{edges.pixels:.0f} px of 640 from colour edges (6 and less is registered)",
     }
     for warning in findings.warnings:
         facts["warning"] = "; ".join(filter(None, (facts.get("warning", ""), warning)))

@@ -58,7 +58,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     add_map_options(parser)
     parser.add_argument("--limit", type=whole, metavar="N", help="end after N frames")
     parser.add_argument(
-        "--idle", type=positive, metavar="SECONDS", help="end where no frame came for so long"
+        "--idle", type=positive, metavar="SECONDS", help="end after so long without a frame"
     )
     add_source_arguments(parser)
     add_network_arguments(parser)
@@ -70,8 +70,8 @@ def run(arguments: argparse.Namespace) -> int:
     given = arguments.format != "auto" or arguments.pose_convention != "camera-to-world"
     if connection is not None and (given or arguments.up or arguments.same_frame):
         arguments.usage_error(
-            "--format, --pose-convention, --up and --same-frame are for folders; the poses of "
-            "topics are in a map frame with z up (--map-frame)"
+            "--format, --pose-convention, --up and --same-frame need a folder; poses of topics "
+            "have a map frame with z up (--map-frame)"
         )
     source, options = source_options(arguments), mapping_options(arguments)
     networks = open_networks(network_options(arguments), arguments.recording)
@@ -85,7 +85,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _connection(source: str) -> Connection | None:
-    """Connection to the address `source`, None for a folder; raises RecordingError for neither."""
+    """The connection to `source`; None for a folder. Raises RecordingError for neither."""
     is_address = "://" in source or source in ("ros1", "ros2")
     scheme = source.partition("://")[0] if is_address else ""
     if scheme in ("ros1", "ros2", "ws", "wss"):
@@ -105,14 +105,12 @@ def _connection(source: str) -> Connection | None:
 
         return FoxgloveConnection.at(source)
     if scheme or not Path(source).is_dir():
-        raise RecordingError(
-            f"{source!r} is no source of frames and no folder; known are {SOURCES}"
-        )
+        raise RecordingError(f"{source!r} is no source of frames; give {SOURCES}")
     return None
 
 
 def require_ros(source: str, package: str, extra: str = "ros") -> None:
-    """Raise RecordingError where a package is missing that `source` needs."""
+    """Raise RecordingError if the package that `source` needs is missing."""
     from importlib.util import find_spec
 
     if find_spec(package) is None:
@@ -126,7 +124,7 @@ def until_signal() -> Iterator[threading.Event]:
     """An event that the first Ctrl+C or SIGTERM sets; a second one ends the program."""
     ended = threading.Event()
     if threading.current_thread() is not threading.main_thread():
-        yield ended  # only a program's main thread hears signals
+        yield ended  # only the main thread receives signals
         return
     numbers = (signal.SIGINT, signal.SIGTERM)
 
@@ -175,7 +173,7 @@ def _stream_run(
             )
             numbers = _as_json(stream.counts, mapped.count)
             print_outcome(semantic_map, report, arguments, networks.device, numbers)
-            note(_told(numbers))
+            note(_counts_line(numbers))
 
     return run
 
@@ -191,7 +189,7 @@ def _as_json(counts: StreamCounts, frames: int) -> dict[str, Any]:
     }
 
 
-def _told(numbers: Mapping[str, Any]) -> str:
+def _counts_line(numbers: Mapping[str, Any]) -> str:
     rest = ", ".join(
         f"{number} {name.replace('_', ' ')}" for name, number in numbers.items() if name != "frames"
     )
@@ -207,7 +205,7 @@ def _folder_run(
     ended: threading.Event,
     mapped: MappedFrames,
 ) -> Callable[[], None] | None:
-    """A function that maps a growing folder's frames until it is ended; None where none came."""
+    """A function that maps a growing folder's frames until it is ended; None without a frame."""
     from mapping.alignment.recording_fit import check_fit
     from mapping.resumption import resumed
     from perception.sources.live.growing_folder import GrowingRecording, first_opened
@@ -217,7 +215,7 @@ def _folder_run(
     first = first_opened(lambda: open_recording(path, source), ended, level=source.up is not None)
     if first is None:
         return None
-    # the same for stamps that count from zero
+    # each reopening has the same start time
     source = replace(source, check=False, start_time=first.start_time or None)
 
     def run() -> None:

@@ -1,4 +1,4 @@
-"""List the changes of one thing, when and by whom each was made.
+"""List the changes of one thing, each with its time and author.
 
 Each line is a transaction, the oldest first.
 

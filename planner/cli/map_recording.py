@@ -37,7 +37,7 @@ _MAX_NAMED = 10  # labels in one note
 def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("recording", metavar="RECORDING", help="folder of the recording")
     parser.add_argument(
-        "--again", action="store_true", help="map frames again that this map already holds"
+        "--again", action="store_true", help="map frames again that are in this map already"
     )
     add_map_options(parser)
     add_all_arguments(parser)
@@ -118,14 +118,14 @@ def _check_base(semantic_map: SemanticMap, arguments: argparse.Namespace) -> Non
     given = arguments.base
     if given is not None and semantic_map.base not in (given, f"{given}/"):
         raise GraphError(
-            f"{arguments.into} has the base {semantic_map.base}; another one needs another map"
+            f"{arguments.into} has the base {semantic_map.base}; --base is for a new map"
         )
 
 
 def _correct_poses(
     inputs: Inputs, semantic_map: SemanticMap, arguments: argparse.Namespace
 ) -> bool:
-    """Move the recording's part of the map to its corrected poses; False where there is none."""
+    """Move the recording's part of the map to its corrected poses; False if it is not mapped."""
     from mapping.alignment.pose_correction import correct_poses, is_mapped
     from perception.sources.recording import open_recording
 
@@ -146,7 +146,7 @@ def _correct_poses(
     summary = semantic_map.query("summary")
     print_table(summary.columns, summary.rows)
     note(
-        f"{report.recording} by its corrected poses: {report.kept} objects moved by "
+        f"{report.recording} has its corrected poses: {report.kept} objects moved by "
         f"{report.distance:.2f} m (median), {report.new} new, {report.removed} gone, "
         f"{report.tiles} floor tiles changed"
     )
@@ -154,7 +154,7 @@ def _correct_poses(
 
 
 def check_unmapped(inputs: Inputs, semantic_map: SemanticMap) -> None:
-    """Raise LayoutError for corrected poses of a recording that the map holds already."""
+    """Raise LayoutError for corrected poses of a recording that is in the map already."""
     from mapping.alignment.pose_correction import is_mapped
 
     if is_mapped(inputs.recording, semantic_map):
@@ -165,7 +165,7 @@ def check_unmapped(inputs: Inputs, semantic_map: SemanticMap) -> None:
 
 
 def fitted(inputs: Inputs, semantic_map: SemanticMap, address: str) -> Inputs:
-    """Inputs for the map at `address`: with its taught rooms, aligned with --align."""
+    """Inputs for the map at `address`, with its taught rooms; aligned if --align is given."""
     inputs = replace(inputs, networks=with_taught_rooms(inputs.networks, address))
     if not inputs.align:
         return inputs
@@ -191,7 +191,7 @@ def map_frames(
     again: bool = False,
     lost: Callable[[], str] | None = None,
 ) -> MappingReport:
-    """Run the mapping pipeline on frames; `lost` tells how many live ones were left out."""
+    """Run the mapping pipeline under a progress bar; `lost` tells the number of dropped frames."""
     from mapping.read_ahead import AHEAD
     from mapping.recording_mapper import map_recording
 
@@ -288,7 +288,7 @@ def print_outcome(
     stages = "  ".join(f"{stage} {ms:.1f}" for stage, ms in report.milliseconds.items())
     note(
         f"{report.frames} frames in {report.seconds:.1f} s "
-        f"({report.frames_per_second:.1f} frames/s); ms a frame, side by side: {stages}"
+        f"({report.frames_per_second:.1f} frames/s); ms a frame, in parallel: {stages}"
         + (f"; networks on {device}" if device else "")
     )
     _note_labels(report)
@@ -319,14 +319,14 @@ def _note_labels(report: MappingReport) -> None:
 
 
 def _note_detector(report: MappingReport, arguments: argparse.Namespace) -> None:
-    """Name a better detector after a run with the bundled ones."""
+    """Recommend a better detector after a run with the bundled ones."""
     from perception.inference.model_zoo import best_detector, bundled_pair, find_model
 
     if arguments.detector == "default" and report.frames:
         best, bundled = best_detector(), max(find_model(n).ap or 0.0 for n in bundled_pair())
-        fetches = "takes" if best.where == "fetched" else "fetches"
+        fetches = "uses" if best.where == "fetched" else "downloads"
         note(
-            f"{best.name} sees more ({best.ap} AP on COCO, the bundled ones {bundled}): "
+            f"{best.name} detects more ({best.ap} AP on COCO, the bundled ones {bundled}): "
             f"--detector best {fetches} it"
         )
 

@@ -1,4 +1,4 @@
-"""Options of mapping on the command line: their arguments, and the `MappingOptions` of them."""
+"""Options of mapping on the command line: arguments, and `MappingOptions` made of them."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 
 #: values of `--mode`, the default first
 MODES: Final[tuple[Mode, ...]] = ("bayes", "reference")
-#: values of `--places` that are no file: the rooms of the mapped floor, and one place
+#: values of `--places` beside files: the rooms of the mapped floor, and a single place
 FOUND: Final = "found"
 ONE: Final = "one"
-_REFERENCE_THRESHOLD: Final = 0.4  # least score of a detection in reference mode
+_REFERENCE_THRESHOLD: Final = 0.4  # minimum score of a detection in reference mode
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,11 +38,11 @@ class Inputs:
     recording: FolderRecording
     networks: Networks
     options: MappingOptions
-    align: bool  # whether the pose of a recording new to the map is searched
+    align: bool  # whether to estimate the pose of a new recording in the map
 
     @property
     def corrected(self) -> bool:
-        """Whether a file gives its poses."""
+        """Whether a file gives the poses."""
         return self.reading.poses is not None
 
 
@@ -56,7 +56,7 @@ def add_all_arguments(parser: argparse.ArgumentParser) -> None:
 def open_inputs(arguments: argparse.Namespace, path: str, mode: str | None = None) -> Inputs:
     """Open and check everything that mapping `path` needs, before any map exists or changes.
 
-    `mode` takes the place of `--mode`. Raises HereaboutsError.
+    `mode` overrides `--mode`. Raises HereaboutsError.
     """
     from perception.inference.recorded_detections import RecordedDetector
     from perception.sources.recording import open_recording
@@ -78,14 +78,14 @@ def open_inputs(arguments: argparse.Namespace, path: str, mode: str | None = Non
 
 
 def mapping_options(arguments: argparse.Namespace, mode: str | None = None) -> MappingOptions:
-    """Options of mapping, by `mode` in place of `--mode`; raises HereaboutsError."""
+    """Options of mapping; `mode` overrides `--mode`. Raises HereaboutsError."""
     from mapping.labels.label_table import LabelTable, load_label_table
     from mapping.mapping_options import MappingOptions
     from mapping.objects.settings import ObjectSettings
     from mapping.reference.settings import ReferenceSettings
 
     if arguments.places == FOUND and not arguments.floor:
-        arguments.usage_error("--places found takes the mapped floor; leave out --no-floor")
+        arguments.usage_error("--places found needs the mapped floor; leave out --no-floor")
     mode = mode or arguments.mode
     bayes, weighs_objects = mode == "bayes", arguments.places_from_objects
     threshold = arguments.threshold
@@ -113,7 +113,7 @@ def mapping_options(arguments: argparse.Namespace, mode: str | None = None) -> M
 
 
 def _layout(name: str) -> Layout:
-    """The places of a file, or of the one that a map_server YAML file names."""
+    """The places of a file, or of the file that a map_server YAML file names."""
     from mapping.places.layout import load_layout
     from planner.freespace.map_server import places_file
 
@@ -122,31 +122,31 @@ def _layout(name: str) -> Layout:
 
 
 def add_mapping_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments that `mapping_options` reads beside `--threshold` and the source's."""
+    """Declare the arguments of mapping itself that `mapping_options` reads."""
     group = parser.add_argument_group("mapping")
     group.add_argument(
         "--labels-map",
         metavar="FILE",
-        help="CSV of labels' categories: label,category a line, category - to ignore the label",
+        help="CSV file with lines label,category; the category - ignores the label",
     )
     group.add_argument(
         "--unknown-labels",
         choices=("provisional", "ignore"),
         default="provisional",
-        help="labels that no category is called: a provisional category each (default), or ignored",
+        help="labels without a category: give each a provisional one (default), or ignore them",
     )
     group.add_argument(
         "--places",
         metavar="FILE|found|one",
         help="areas of the places: GeoJSON polygons, JSON or CSV rectangles, or a map_server YAML "
-        "file that names one of these; found: the rooms of the mapped floor; one: a place around "
-        "the area that was seen (default: found; one in reference mode and without floor)",
+        "file that names one of these; found: the rooms of the mapped floor; one: a single place "
+        "around the viewed area (default: found; one in reference mode and with --no-floor)",
     )
     group.add_argument(
         "--mode",
         choices=MODES,
         default=MODES[0],
-        help="mapping rules: bayes (default), or the thesis' own",
+        help="mapping rules: bayes (default), or reference: the rules of the thesis",
     )
     group.add_argument(
         "--estimator",
@@ -161,13 +161,13 @@ def add_mapping_arguments(parser: argparse.ArgumentParser) -> None:
         help="belief filter of place categories (default: mean)",
     )
     group.add_argument(
-        "--prior", action="store_true", help="only the thesis' 21 indoor place categories"
+        "--prior", action="store_true", help="use only the thesis' 21 indoor place categories"
     )
     group.add_argument(
         "--places-from-objects",
         action=argparse.BooleanOptionalAction,
-        help="infer the kind of a place also from its objects, and from how frequent kinds of "
-        "rooms are, beside the scene classifier (default: yes, not in reference mode)",
+        help="infer the kind of a place also from its objects and from how frequent each kind of "
+        "room is (default: yes; no in reference mode)",
     )
     group.add_argument(
         "--floor",
@@ -178,5 +178,5 @@ def add_mapping_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--no-pictures",
         action="store_true",
-        help="keep no small picture of each object in the map's folder (of people none is kept)",
+        help="store no pictures of objects in the map's folder (those of people are never stored)",
     )

@@ -40,22 +40,22 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--token-file",
         metavar="FILE",
-        help="with --http: every request needs one of these tokens, lines of NAME TOKEN",
+        help="with --http: tokens, one of which each request needs; lines of NAME TOKEN",
     )
     parser.add_argument(
         "--public-host",
         action="append",
         default=[],
         metavar="NAME",
-        help="with --http: a name by which other machines know this server (repeatable)",
+        help="with --http: host name of this server for other machines (repeatable)",
     )
     parser.add_argument(
         "--write",
         action="store_true",
-        help="agents may assert and retract: in the name of --by, of the token's holder with "
-        "--http, or of the holder of the served map's token",
+        help="let agents assert and retract; the author is --by, with --http the holder of the "
+        "request's token, for a served map the holder of that map's token",
     )
-    parser.add_argument("--by", metavar="NAME", help="author of what agents write to a folder")
+    parser.add_argument("--by", metavar="NAME", help="author of changes by agents in a folder")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -74,7 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
         LimitedQueries(semantic_map) as queries,
     ):
         context = MapContext(semantic_map, author)
-        # of a served map, changes of the ontology by others are noticed by this alone
+        # only this subscription notices that others change the ontology of a served map
         semantic_map.subscriptions.listen(lambda change: None)
         if settings is None:
             _end_on_signals(queries, semantic_map)
@@ -90,7 +90,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _end_on_signals(queries: LimitedQueries, semantic_map: SemanticMap) -> None:
-    """Close the map and leave on SIGTERM and Ctrl+C: a thread that reads stdin cannot be ended."""
+    """Close the map and exit on SIGTERM and Ctrl+C, since a thread that reads stdin never ends."""
 
     def end(number: int, frame: object) -> None:
         queries.close()
@@ -107,10 +107,10 @@ def _check_options(arguments: argparse.Namespace) -> None:
     over_http = arguments.http is not None
     folder_on_stdio = not over_http and not is_url(arguments.map)
     if (arguments.token_file or arguments.public_host) and not over_http:
-        arguments.usage_error("--token-file and --public-host are for --http")
+        arguments.usage_error("--token-file and --public-host need --http")
     if arguments.by is not None and not (arguments.write and folder_on_stdio):
         arguments.usage_error(
-            "--by is for --write to a folder over stdio; else tokens name authors"
+            "--by needs --write to a folder over stdio; elsewhere tokens name the authors"
         )
     if arguments.write and over_http and not arguments.token_file:
         arguments.usage_error("--write with --http needs tokens: --token-file FILE")
@@ -127,7 +127,7 @@ def _author(arguments: argparse.Namespace) -> Callable[[], str] | None:
     if not arguments.write:
         return None
     if is_url(arguments.map) and token_for(arguments.map) is None:
-        raise RemoteError(f"no token to write to the map with; {HINT}")
+        raise RemoteError(f"writing to this map needs a token; {HINT}")
     if arguments.http is not None:
         return token_holder
     return lambda: arguments.by or ""

@@ -23,10 +23,10 @@ def add(parser: argparse.ArgumentParser) -> None:
     listing.set_defaults(run=run_list)
     fetch = actions.add_parser("fetch", help="download a network, resuming and checking it")
     fetch.add_argument(
-        "name", metavar="NAME", help="of `models list`, or best: the best detector there is"
+        "name", metavar="NAME", help="a name of `models list`, or best for the best detector"
     )
     fetch.set_defaults(run=run_fetch)
-    path = actions.add_parser("path", help="print where a network lies")
+    path = actions.add_parser("path", help="print the path of a network's file")
     path.add_argument("name", metavar="NAME")
     path.set_defaults(run=run_path)
 
@@ -65,7 +65,7 @@ def run_fetch(arguments: argparse.Namespace) -> int:
 
 
 def named_detector(name: str) -> str:
-    """The name of a detector; that of the best one there is, fetched, for "best"."""
+    """`name`, or for "best" the name of the best detector, which is fetched if needed."""
     from kg.model.errors import ModelError
     from perception.inference.model_zoo import best_detector
 
@@ -76,9 +76,7 @@ def named_detector(name: str) -> str:
         try:
             _fetch(best)
         except ModelError as error:
-            raise ModelError(
-                f"{error}; without --detector {name} the bundled ones are used"
-            ) from error
+            raise ModelError(f"{error}; without --detector {name} the bundled ones run") from error
     return best.name
 
 

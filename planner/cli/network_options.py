@@ -1,4 +1,4 @@
-"""Options of the networks on the command line: their arguments, and the networks, opened."""
+"""Options of networks on the command line: their arguments, and opened networks."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from planner.cli.models import named_detector
 if TYPE_CHECKING:
     from perception.frames import Detector, SceneClassifier
 
-#: score from which on detections are given to the mapper, as a share of the least score that it
-#: maps: it counts the weaker ones for `hereabouts why --candidates`
+#: minimum score of reported detections, as a share of the minimum score of mapped ones: the mapper
+#: counts the weaker ones for `hereabouts why --candidates`
 _REPORTED: Final = 0.5
-_MAPPED: Final = ObjectSettings().min_score  # the least of both modes
+_MAPPED: Final = ObjectSettings().min_score  # minimum score of mapped detections in bayes mode
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,7 +40,7 @@ class Networks:
 
     @property
     def device(self) -> str:
-        """Device on which the networks run; "" where there are none."""
+        """Device on which the networks run; "" without networks."""
         return str(getattr(self.detector, "device", None) or getattr(self.scene, "device", ""))
 
 
@@ -52,18 +52,18 @@ def add_network_arguments(parser: argparse.ArgumentParser) -> None:
         default="default",
         metavar="NAME|FILE",
         help="object detector, or a JSON file of recorded detections, here or in the recording's "
-        "folder; best: the best one that can be fetched, fetched if it is not here (default: the "
-        "bundled ones; see `hereabouts models list`)",
+        "folder; best: the best detector, downloaded if needed (default: the bundled ones; see "
+        "`hereabouts models list`)",
     )
     group.add_argument(
         "--second-detector",
         metavar="NAME|FILE",
-        help="another detector, which looks at new points of view",
+        help="another detector, which runs on frames from new points of view",
     )
     group.add_argument(
         "--threshold",
         type=share,
-        help="least detector score (default: 0.2, which are weighed; reference mode: 0.4)",
+        help="minimum score of a detection (default: 0.2; in reference mode: 0.4)",
     )
     add_device(group)
     group.add_argument(
@@ -86,7 +86,7 @@ def network_options(arguments: argparse.Namespace) -> NetworkOptions:
 
 
 def open_networks(options: NetworkOptions, folder: str | None = None) -> Networks:
-    """Open the networks; a file of recorded detections may lie in `folder`, the recording's.
+    """Open the networks; a file of recorded detections may be in the recording's `folder`.
 
     Raises ModelError or RecordingError.
     """

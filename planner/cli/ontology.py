@@ -25,10 +25,10 @@ def add(parser: argparse.ArgumentParser) -> None:
     parts = parser.add_subparsers(dest="part", metavar="WHAT", required=True)
     check = parts.add_parser(
         "check",
-        help="validate an ontology; faults with file and line",
+        help="validate an ontology; list errors with file and line",
         description="Validate ontologies, each by itself (default: the shipped one): SHACL, "
-        "vocabulary, rules of OWL 2 DL. Exit code 1 where a map would refuse one; warnings alone "
-        "give 0.",
+        "vocabulary, rules of OWL 2 DL. Exit code 1 if a map would refuse one of them, 0 if there "
+        "are only warnings.",
         epilog="example: hereabouts ontology check mine.ttl --reason",
     )
     check.add_argument("sources", nargs="*", metavar="FILE|FOLDER", help=_SOURCE_HELP)
@@ -39,7 +39,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     diff = parts.add_parser(
         "diff",
         help="differences between two ontologies",
-        description="Print what was added (+), removed (-) or changed (~), a line each.",
+        description="Print each addition (+), removal (-) and change (~) as a line.",
         epilog="example: hereabouts ontology diff kitchen.map mine.ttl",
     )
     diff.add_argument("old", metavar="OLD", help=_ANY_HELP)
@@ -51,8 +51,8 @@ def add(parser: argparse.ArgumentParser) -> None:
         "reload",
         help="load an edited ontology into a map, also while it is served",
         description="Validate an ontology and load it into a map, in one transaction; print what "
-        "changes. A refused one leaves the map as it is. Statements that people wrote into "
-        "graph:commonsense stays. A running server needs its token in HEREABOUTS_TOKEN, its "
+        "changes. A refused ontology leaves the map as it is. Statements that people wrote into "
+        "graph:commonsense stay. A running server needs its token in HEREABOUTS_TOKEN, its "
         "address in HEREABOUTS_SERVER.",
         epilog="example: hereabouts ontology reload http://127.0.0.1:8008 mine.ttl",
     )
@@ -61,7 +61,9 @@ def add(parser: argparse.ArgumentParser) -> None:
     reload.add_argument("source", metavar="FILE|FOLDER", help=_SOURCE_HELP)
     add_author(reload)
     reload.add_argument(
-        "--whole", action="store_true", help="remove terms that the file neither holds nor imports"
+        "--whole",
+        action="store_true",
+        help="remove terms that the file neither has nor imports",
     )
     reload.add_argument("--dry-run", action="store_true", help="only print what would change")
     _add_reason(reload)
@@ -71,7 +73,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     export = parts.add_parser(
         "export",
         help="write a map's ontology as one file that Protege opens",
-        description="Write the ontology a map has now, imports included, as one file.",
+        description="Write the present ontology of a map, with its imports, as one file.",
         epilog="example: hereabouts ontology export kitchen.map -o kitchen.owl",
     )
     export.add_argument("map", metavar="MAP", help=MAP_HELP)
@@ -112,7 +114,7 @@ def _check(arguments: argparse.Namespace) -> int:
             for finding in inspect(ontology, reason=arguments.reason):
                 file, line = line_of(finding, ontology.files) or ("", None)
                 row = {"file": str(file), "line": line, **asdict(finding)}
-                if row not in rows:  # an imported file is checked with each that imports it
+                if row not in rows:  # an imported file is checked once for each importing file
                     rows.append(row)
     if arguments.json:
         write_json(rows)
@@ -122,7 +124,7 @@ def _check(arguments: argparse.Namespace) -> int:
             [Path(str(row["file"])).name if c == "file" else row[c] for c in columns]
             for row in rows
         ]
-        print_table(("", "file", "line", "what", "is wrong", "value"), table)
+        print_table(("", "file", "line", "subject", "problem", "value"), table)
     wrong = sum(row["severity"] == "violation" for row in rows)
     note(f"{wrong} errors, {len(rows) - wrong} warnings" if rows else "no errors, no warnings")
     return 1 if wrong else 0
@@ -137,7 +139,7 @@ def _diff(arguments: argparse.Namespace) -> int:
     if arguments.json:
         write_json([asdict(change) for change in found])
     else:
-        _tell(found)
+        _print_changes(found)
     return 0
 
 
@@ -157,11 +159,11 @@ def _reload(arguments: argparse.Namespace) -> int:
     if arguments.json:
         write_json({**asdict(done), "warnings": [asdict(w) for w in done.warnings]})
         return 0
-    _tell(done.changes)
+    _print_changes(done.changes)
     for iri in done.kept:
         note(f"kept as the map has it: {iri}")
     if not arguments.dry_run and done.added + done.removed:
-        note(f"transaction {done.sequence}: {done.added} triples more, {done.removed} no more")
+        note(f"transaction {done.sequence}: {done.added} triples added, {done.removed} removed")
     return 0
 
 
@@ -195,9 +197,9 @@ def _vocabulary(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _tell(found: Iterable[OntologyChange]) -> None:
+def _print_changes(found: Iterable[OntologyChange]) -> None:
     lines = [str(change) for change in found]
     if lines:
         write("\n".join(lines))
     else:
-        note("nothing differs")
+        note("no differences")

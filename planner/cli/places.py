@@ -1,7 +1,7 @@
-"""List the places of a map with areas and adjacent places; --find makes places of rooms.
+"""List the places of a map with areas and adjacent places; --find makes rooms places.
 
 With --find, the mapped floor is split into rooms at its doors. Each room becomes a place, or the
-new area of the place that covers most of it. Places that a user gave stay unchanged.
+new area of the place that covers most of the room. Places that a user gave stay unchanged.
 
 example: hereabouts places kitchen.map --find
 """
@@ -19,7 +19,7 @@ _COLUMNS = ("place", "label", "area m2", "adjacent")
 def add(parser: argparse.ArgumentParser) -> None:
     add_map(parser)
     parser.add_argument(
-        "--find", action="store_true", help="make the rooms of the mapped floor places"
+        "--find", action="store_true", help="make each room of the mapped floor a place"
     )
     add_json(parser)
 

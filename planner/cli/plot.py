@@ -17,12 +17,16 @@ from planner.cli.console import note
 def add(parser: argparse.ArgumentParser) -> None:
     add_map(parser)
     parser.add_argument(
-        "-o", "--output", default="map.png", metavar="FILE", help="picture to write"
+        "-o",
+        "--output",
+        default="map.png",
+        metavar="FILE",
+        help="picture file (default: map.png)",
     )
     parser.add_argument(
         "--find",
         metavar="OBJECT",
-        help="draw the plan of `hereabouts find` too: path, looks, reasons and times",
+        help="also draw the plan of `hereabouts find`: path, looks, reasons and times",
     )
     add_start(parser)
     parser.add_argument(
@@ -35,7 +39,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--all",
         action="store_true",
-        help="name objects of any existence; by default those below 0.5 are faint marks",
+        help="name objects of any existence (default: those below 0.5 are faint marks)",
     )
 
 
@@ -55,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
             plan = plan_from(semantic_map, state, arguments.start)
             plot_plan(semantic_map, state, plan, output, least=least, legend=arguments.legend)
             if not plan.steps:
-                note(f"no look for {arguments.find} is drawn: none shows where it may be")
+                note(f"no look for {arguments.find} is drawn: no look shows a spot where it may be")
         else:
             plot_map(semantic_map, output, least=least, legend=arguments.legend)
             if arguments.find is not None:

@@ -1,8 +1,8 @@
 """Mirror one or several maps live into a SPARQL server.
 
 Shipped queries then run over all of them. Each map is copied once as a whole, then each transaction
-as one update. A new run continues after the last transaction that the server has. Maps on running
-servers are followed until the command is interrupted; a folder is published as it is now.
+as one update. A new run continues after the last transaction on the server. Maps of running servers
+are followed until the command is interrupted; a folder is published as it is now.
 
 example: hereabouts publish http://robot-1:8008 http://robot-2:8008 --to http://127.0.0.1:7878
 """
@@ -21,7 +21,10 @@ from planner.cli.console import note, write_json
 
 def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "maps", nargs="+", metavar="MAP", help="folder, or address of a running `hereabouts serve`"
+        "maps",
+        nargs="+",
+        metavar="MAP",
+        help="folder of a map, or address of `hereabouts serve`",
     )
     parser.add_argument(
         "--to", required=True, metavar="URL", help="SPARQL server, e.g. http://127.0.0.1:7878"

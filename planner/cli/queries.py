@@ -16,30 +16,29 @@ def add(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     from kg.maps.query.query_files import shipped_queries
 
-    questions = shipped_queries()
+    querys = shipped_queries()
     if arguments.json:
         write_json(
             [
                 {
-                    "name": question.name,
-                    "summary": question.summary,
-                    "parameters": [asdict(parameter) for parameter in question.parameters],
-                    "columns": list(question.columns),
+                    "name": query.name,
+                    "summary": query.summary,
+                    "parameters": [asdict(parameter) for parameter in query.parameters],
+                    "columns": list(query.columns),
                 }
-                for question in questions
+                for query in querys
             ]
         )
         return 0
     rows = [
         (
-            question.name,
-            question.summary,
+            query.name,
+            query.summary,
             ", ".join(
-                p.name if p.default is None else f"{p.name}={p.default}"
-                for p in question.parameters
+                p.name if p.default is None else f"{p.name}={p.default}" for p in query.parameters
             ),
         )
-        for question in questions
+        for query in querys
     ]
-    print_table(("question", "asks", "parameters"), rows)
+    print_table(("query", "summary", "parameters"), rows)
     return 0

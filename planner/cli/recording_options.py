@@ -1,4 +1,4 @@
-"""Options of recordings on the command line: their arguments, and their `RecordingOptions`."""
+"""Options of recordings on the command line: arguments, and `RecordingOptions` made of them."""
 
 from __future__ import annotations
 
@@ -23,11 +23,15 @@ def add_recording_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--poses",
         metavar="FILE",
-        help="trajectory in TUM format instead of the recording's own poses; objects and floor "
-        "that a map has of the recording move with it",
+        help="trajectory in TUM format that replaces the recording's poses; objects and floor "
+        "that were mapped from the recording move with it",
     )
     group.add_argument(
-        "--every", type=whole, default=1, metavar="N", help="read the first frame and each N-th"
+        "--every",
+        type=whole,
+        default=1,
+        metavar="N",
+        help="read every N-th frame, the first too",
     )
     group.add_argument(
         "--keyframes",
@@ -41,33 +45,33 @@ def add_recording_arguments(parser: argparse.ArgumentParser) -> None:
         dest="start",
         type=float,
         metavar="SECONDS",
-        help="leave out frames sooner than this after the recording's first frame",
+        help="skip frames before this time after the first frame",
     )
     group.add_argument(
         "--to",
         dest="stop",
         type=float,
         metavar="SECONDS",
-        help="leave out frames later than this after the recording's first frame",
+        help="skip frames after this time after the first frame",
     )
     group.add_argument(
         "--started",
         type=_moment,
         metavar="TIME",
-        help="when it was recorded, ISO 8601, if its stamps count from zero (default: now)",
+        help="time of recording in ISO 8601, for stamps that count from zero (default: now)",
     )
-    group.add_argument("--transform", metavar="FILE", help="JSON of world-to-map transforms")
-    group.add_argument("--sequence", metavar="NAME", help="which transform of that file")
+    group.add_argument("--transform", metavar="FILE", help="JSON file of world-to-map transforms")
+    group.add_argument("--sequence", metavar="NAME", help="name of a transform in that file")
     world = group.add_mutually_exclusive_group()
     world.add_argument(
         "--align",
         action="store_true",
-        help="search the pose in the map of a recording new to it, by floor and objects",
+        help="estimate the pose of a new recording in the map by its floor and objects",
     )
     world.add_argument(
         "--same-frame",
         action="store_true",
-        help="the recording's world is that of the map's other recordings",
+        help="the recording has the same world frame as the map's other recordings",
     )
 
 
@@ -80,7 +84,7 @@ def add_source_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--same-frame",
         action="store_true",
-        help="the world of a folder that is new to the map is that of the map's other recordings",
+        help="a folder new to the map has the same world frame as the map's other recordings",
     )
 
 
@@ -90,9 +94,9 @@ def recording_options(arguments: argparse.Namespace, path: str) -> RecordingOpti
     from perception.sources.recording_options import Selection
 
     if arguments.sequence is not None and arguments.transform is None:
-        arguments.usage_error("--sequence names a transform of the file that --transform gives")
+        arguments.usage_error("--sequence needs --transform: it names a transform in that file")
     if arguments.transform is not None and arguments.align:
-        arguments.usage_error("--transform gives the pose that --align would search")
+        arguments.usage_error("--transform gives the pose that --align would estimate")
     T_map_world = None
     if arguments.transform is not None:
         sequence = arguments.sequence or Path(path).resolve().name
@@ -146,9 +150,9 @@ def stream_options(arguments: argparse.Namespace) -> RecordingOptions:
 
 def add_stream_arguments(group: argparse._ArgumentGroup) -> None:
     """Declare the arguments that `stream_options` reads."""
-    group.add_argument("--intrinsics", metavar="FILE", help="intrinsics.json, .txt or K.txt")
+    group.add_argument("--intrinsics", metavar="FILE", help="file of intrinsics: .json or .txt")
     group.add_argument(
-        "--depth-scale", type=positive, metavar="N", help="depth units in a metre, e.g. 1000"
+        "--depth-scale", type=positive, metavar="N", help="depth units per metre, e.g. 1000"
     )
     for option, holds in (
         ("--color-topic", "colour images of a bag"),
@@ -167,7 +171,7 @@ def add_stream_arguments(group: argparse._ArgumentGroup) -> None:
         type=positive,
         default=0.02,
         metavar="SECONDS",
-        help="between stamps of a bag's colour and depth that are one frame (default: 0.02)",
+        help="maximum time between colour and depth of one frame of a bag (default: 0.02)",
     )
 
 
@@ -183,19 +187,19 @@ def _add_source_arguments(group: argparse._ArgumentGroup) -> None:
         "--pose-convention",
         choices=("camera-to-world", "world-to-camera", "opengl", "ros"),
         default="camera-to-world",
-        help="convention of the poses; opengl: camera to world, of a camera with y up that looks "
-        "along -z; ros: body to world, of a camera that looks along x with z up (default: "
-        "camera-to-world)",
+        help="convention of the poses; opengl: camera to world, the camera looks along -z with y "
+        "up; ros: body to world, the camera looks along x with z up (default: camera-to-world)",
     )
     group.add_argument(
         "--no-check",
         action="store_true",
-        help="take depth scale and poses as they are, though depth contradicts them",
+        help="use depth scale and poses even if the depth images contradict them",
     )
     group.add_argument(
         "--up",
         metavar="AXIS",
-        help="the world's up: x, y, z, -x, -y, -z or a vector A,B,C (default: read, else found)",
+        help="up axis of the world: x, y, z, -x, -y, -z or a vector A,B,C (default: as the "
+        "recording says, else estimated)",
     )
 
 

@@ -1,8 +1,8 @@
 """Restore a past state of the map in a new transaction.
 
-The history keeps both states, so a restoration can be undone too. It includes the ontology, but not
-the number of the next object; --only restores a part. On a running server the author is the holder
-of HEREABOUTS_TOKEN.
+The history keeps both states, so a restoration can be undone too. The ontology is restored as well,
+the number of the next object is not; --only restores a part. On a running server the author is the
+holder of HEREABOUTS_TOKEN.
 
 example: hereabouts restore kitchen.map --to '#254' --only objects --by ann
 """
@@ -58,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
         write_json({**asdict(done), "dry_run": arguments.dry_run})
         return 0
     for iri in done.skipped:
-        note(f"{iri} is not in the map: what was asserted of it stays away")
+        note(f"{iri} is not in the map: assertions about it are not restored")
     note(_summary(done, arguments.dry_run))
     return 0
 
@@ -66,10 +66,9 @@ def run(arguments: argparse.Namespace) -> int:
 def _summary(done: Restored, dry_run: bool) -> str:
     if not done.added and not done.removed:
         return f"nothing differs from #{done.restored}; nothing was written"
-    what = f"the state of #{done.restored}"
-    head = f"restoring {what} would be" if dry_run else f"transaction {done.sequence}: {what},"
+    head = "dry run" if dry_run else f"transaction {done.sequence}"
     return (
-        f"{head} {done.added} triples added, {done.removed} removed; "
-        f"objects {done.objects_back} back, {done.objects_gone} gone; "
-        f"places {done.places_back} back, {done.places_gone} gone"
+        f"{head}, restores #{done.restored}: {done.added} triples added, {done.removed} removed; "
+        f"{done.objects_back} objects back, {done.objects_gone} removed; "
+        f"{done.places_back} places back, {done.places_gone} removed"
     )

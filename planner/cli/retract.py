@@ -1,6 +1,6 @@
-"""Retract an assertion; the value by perception is restored.
+"""Retract an assertion; the value of perception is restored.
 
-That value was kept up to date meanwhile. `hereabouts ask MAP assertions` lists all assertions.
+Perception has kept its value up to date. `hereabouts ask MAP assertions` lists all assertions.
 
 example: hereabouts retract kitchen.map object/17 category --by ann
 """
@@ -41,5 +41,5 @@ def run(arguments: argparse.Namespace) -> int:
         )
         return 0
     done = f"transaction {change.sequence}" if change else "nothing changed"
-    note(f"{arguments.thing}: {arguments.property} is as perceived again; {done}")
+    note(f"{arguments.thing}: {arguments.property} has the value of perception; {done}")
     return 0

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from perception.sources.recording_options import RecordingOptions
     from planner.execution.robot import Robot
 
-#: share of --patience after which this robot itself reports the missing messages
+#: share of --patience after which the robot reports missing messages
 SHARE: Final = 0.9
 
 
@@ -42,11 +42,11 @@ def add_ros1_arguments(parser: argparse.ArgumentParser) -> None:
         "--detector",
         default="default",
         metavar="NAME|FILE",
-        help="object detector for its images (default: the bundled ones; best: the best one that "
-        "can be fetched; see `hereabouts models list`)",
+        help="object detector for its images; best: the best detector, downloaded if needed "
+        "(default: the bundled ones; see `hereabouts models list`)",
     )
     group.add_argument(
-        "--threshold", type=share, default=0.25, help="least detector score (default: 0.25)"
+        "--threshold", type=share, default=0.25, help="minimum score of a detection (default: 0.25)"
     )
     add_device(group)
     group.add_argument(
@@ -58,7 +58,7 @@ def add_ros1_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--base-frame",
         metavar="FRAME",
-        help="the robot's frame in tf (default: base_link, base_footprint, else the camera's)",
+        help="frame of the robot in tf (default: base_link, base_footprint, else the camera's)",
     )
     add_stream_arguments(group)
     defaults = {option.dest: option.default for option in group._group_actions}
@@ -66,10 +66,10 @@ def add_ros1_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def check_no_ros1_arguments(arguments: argparse.Namespace) -> None:
-    """End the program, as wrong usage, where an argument is given that only these robots have."""
+    """End the program, as wrong usage, if an argument of ROS 1 robots is given."""
     for name, default in arguments.ros1_defaults.items():
         if getattr(arguments, name) != default:
-            arguments.usage_error(f"--{name.replace('_', '-')} is for --robot ros1://HOST")
+            arguments.usage_error(f"--{name.replace('_', '-')} needs --robot ros1://HOST")
 
 
 def ros1_options(arguments: argparse.Namespace) -> Ros1Options:

@@ -59,23 +59,22 @@ def add(parser: argparse.ArgumentParser) -> None:
         "object",
         nargs="*",
         metavar="OBJECT",
-        help="what to find, e.g. banana, sofa, 'something to drink from'; may be left out with "
-        "--resume",
+        help="what to find, e.g. banana, sofa, 'something to drink from'; optional with --resume",
     )
     parser.add_argument("--robot", required=True, metavar="ROBOT", help=_ROBOT)
     parser.add_argument(
         "--budget",
         type=positive,
         metavar="S",
-        help="give up after S seconds by the robot's clock (default: when no look is worth it)",
+        help="give up after S seconds of the robot's clock (default: no limit)",
     )
     parser.add_argument(
         "--give-up-at",
         type=share,
         default=BELIEF.stop_below,
         metavar="P",
-        help="give up once looks would have missed a thing on this floor by a chance of P only "
-        f"(default: {BELIEF.stop_below:g})",
+        help="give up once the probability that the looks missed an object on this floor is "
+        f"below P (default: {BELIEF.stop_below:g})",
     )
     parser.add_argument(
         "--resume",
@@ -87,11 +86,15 @@ def add(parser: argparse.ArgumentParser) -> None:
         type=positive,
         default=30.0,
         metavar="S",
-        help="seconds that a robot may be silent (default: 30)",
+        help="maximum seconds without a message of the robot (default: 30)",
     )
     add_hide(parser, "sim: ")
     parser.add_argument(
-        "--seed", type=count, default=0, metavar="N", help="sim: seed of the sensing errors"
+        "--seed",
+        type=count,
+        default=0,
+        metavar="N",
+        help="sim: seed of sensing errors (default: 0)",
     )
     add_ros1_arguments(parser)
     add_viewers(parser)
@@ -141,16 +144,16 @@ def _check_usage(arguments: argparse.Namespace) -> None:
     if not arguments.object and not arguments.resume:
         arguments.usage_error("give an OBJECT to find, or --resume")
     if arguments.robot == "stdio" and arguments.json:
-        arguments.usage_error("--json and --robot stdio both want stdout; use stdio:COMMAND")
+        arguments.usage_error("--json and --robot stdio both use stdout; give stdio:COMMAND")
     if arguments.robot != "sim" and arguments.hide:
-        arguments.usage_error("--hide is for --robot sim")
+        arguments.usage_error("--hide needs --robot sim")
     if is_ros1(arguments.robot):
         return
     check_no_ros1_arguments(arguments)
     known = arguments.robot in ("sim", "stdio")
     if not known and not arguments.robot.startswith(("stdio:", "http://", "https://")):
         arguments.usage_error(
-            f"no robot {arguments.robot!r}: sim, stdio, stdio:COMMAND, http:// or ros1://"
+            f"no robot {arguments.robot!r}; give sim, stdio, stdio:COMMAND, http:// or ros1://"
         )
 
 
@@ -173,7 +176,7 @@ def _robot(arguments: argparse.Namespace, semantic_map: SemanticMap) -> Robot:
 
 
 def _clock(robot: Robot, semantic_map: SemanticMap) -> Callable[[], float]:
-    """Clock of the times to write: the computer's, or the simulated house's."""
+    """Clock for times in the map: the computer's, or the simulated house's."""
     from planner.simulation.robot.house_robot import SimulatedHouseRobot
 
     mapped = semantic_map.robot()
@@ -212,15 +215,15 @@ def _watched(
 
 @contextmanager
 def _signals() -> Iterator[list[int]]:
-    """The signals to stop that have come; a second one interrupts at once."""
+    """The received signals to stop; a second one interrupts at once."""
     caught: list[int] = []
 
-    def heard(number: int, frame: object) -> None:
+    def receive(number: int, frame: object) -> None:
         if caught:
             raise KeyboardInterrupt
         caught.append(number)
 
-    before = {n: signal.signal(n, heard) for n in (signal.SIGINT, signal.SIGTERM)}
+    before = {n: signal.signal(n, receive) for n in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield caught
     finally:

@@ -34,69 +34,74 @@ if TYPE_CHECKING:
 
 def add(parser: argparse.ArgumentParser) -> None:
     add_map(parser)
-    parser.add_argument("--host", default="127.0.0.1", help="address to listen at (127.0.0.1)")
+    parser.add_argument("--host", default="127.0.0.1", help="own address (default: 127.0.0.1)")
     parser.add_argument(
-        "--port", type=_port, default=8008, metavar="N", help="port (8008; 0 takes a free one)"
+        "--port", type=_port, default=8008, metavar="N", help="port (default: 8008; 0: a free one)"
     )
     parser.add_argument(
-        "--token-file", metavar="FILE", help="who may write: lines of NAME TOKEN (none: nobody)"
+        "--token-file",
+        metavar="FILE",
+        help="tokens to write: lines of NAME TOKEN (default: read only)",
     )
     parser.add_argument(
         "--read-token-file",
         metavar="FILE",
-        help="who may read a private map: lines of NAME TOKEN (none: whoever reaches the server)",
+        help="tokens to read a private map: lines of NAME TOKEN (default: all may read)",
     )
     parser.add_argument(
         "--public-host",
         action="append",
         default=[],
         metavar="NAME",
-        help="a name by which other machines know this server (repeatable)",
+        help="host name of this server for other machines (repeatable)",
     )
     parser.add_argument(
         "--allow-origin",
         action="append",
         default=[],
         metavar="ORIGIN",
-        help="let scripts of web pages from there use the server (repeatable)",
+        help="let scripts of web pages from ORIGIN use the server (repeatable)",
     )
     parser.add_argument(
         "--public",
         action="store_true",
-        help="serve other machines although there is no token file: anyone there may read",
+        help="serve other machines without a token file: everybody there may read",
     )
     parser.add_argument(
         "--allow-service",
         action="append",
         default=[],
         metavar="URL",
-        help="let queries ask this SPARQL endpoint by SERVICE (repeatable)",
+        help="SPARQL endpoint that queries may ask by SERVICE (repeatable)",
     )
     parser.add_argument(
-        "--timeout", type=positive, default=10.0, metavar="S", help="a query may take (10 s)"
+        "--timeout",
+        type=positive,
+        default=10.0,
+        metavar="S",
+        help="limit of a query (default: 10)",
     )
     parser.add_argument(
         "--foxglove",
         type=_port,
         metavar="PORT",
-        help="serve Foxglove as well, to this machine alone: ws://127.0.0.1:PORT (0 takes a free "
-        "one)",
+        help="also serve Foxglove, to this machine alone: ws://127.0.0.1:PORT (0: a free one)",
     )
     add_keep(parser, "default: all of the past; the rest is dropped while serving")
-    parser.add_argument("--verbose", action="store_true", help="a line on stderr for each request")
+    parser.add_argument("--verbose", action="store_true", help="print each request on stderr")
     parser.add_argument(
         "--recording",
         action="append",
         default=[],
         metavar="DIR",
-        help="map this recording meanwhile (repeatable; mapped one after the other)",
+        help="map this recording while serving (repeatable; one after the other)",
     )
     add_all_arguments(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     if arguments.keep is not None and not (arguments.token_file or arguments.recording):
-        arguments.usage_error("--keep is for a map that is written: --token-file or --recording")
+        arguments.usage_error("--keep needs a map that is written: --token-file or --recording")
     if arguments.foxglove is not None and arguments.read_token_file:
         arguments.usage_error("--foxglove would show a private map to anybody on this machine")
     signal.signal(signal.SIGTERM, end_on_signal)
@@ -106,7 +111,7 @@ def run(arguments: argparse.Namespace) -> int:
     from planner.search.plans.report import find_answer
 
     settings, keep = _settings(arguments), keep_seconds(arguments)
-    # opened before the map is touched
+    # errors come before any change of the map
     inputs = [open_inputs(arguments, folder) for folder in arguments.recording]
     if arguments.verbose:
         logging.basicConfig(level=logging.INFO, format="%(message)s")
@@ -131,8 +136,8 @@ def run(arguments: argparse.Namespace) -> int:
         note(f"{semantic_map.description.title} at {server.url} ({access}); Ctrl+C ends")
         if server.isolation == "none":
             note(
-                "this machine's kernel cannot deny queries the network: whatever has the letters "
-                "of SERVICE or LOAD in it is refused"
+                "the kernel of this machine cannot keep queries from the network: queries that "
+                "contain the letters SERVICE or LOAD are refused"
             )
         mapper.start()
         server.run()
@@ -184,7 +189,7 @@ def _port(text: str) -> int:
 
 
 class _Mapper:
-    """Maps recordings on a thread of its own; leaving the context ends it after its frame."""
+    """Maps recordings on a thread of its own; leaving the context ends it after a whole frame."""
 
     def __init__(
         self, semantic_map: SemanticMap, address: str, inputs: list[Inputs], viewer: Viewer | None
@@ -196,7 +201,7 @@ class _Mapper:
         self._progress: dict[str, object] = {}
 
     def start(self) -> None:
-        """Begin, where there is anything to map."""
+        """Begin, if there is a recording to map."""
         if self._inputs:
             self._thread.start()
 
@@ -220,8 +225,8 @@ class _Mapper:
             except _EndedError:
                 return
             except HereaboutsError as error:
-                # the others, and the server, go on
-                self._progress[name] = "failed; the server's stderr says why"
+                # the other recordings and the server go on
+                self._progress[name] = "failed; see the server's stderr"
                 note(f"{name}: {error}")
 
     def _map_one(self, inputs: Inputs) -> None:
@@ -246,7 +251,9 @@ class _Mapper:
             on_frame=on_frame,
             on_detections=None if self._viewer is None else self._on_detections,
         )
-        self._progress[name] = f"done: {report.frames} frames mapped, {report.skipped} were there"
+        self._progress[name] = (
+            f"done: {report.frames} frames mapped, {report.skipped} were mapped before"
+        )
         note(f"{name}: {report.frames} frames mapped, {report.objects} objects")
 
     def _on_detections(
@@ -259,4 +266,4 @@ class _Mapper:
 
 
 class _EndedError(Exception):
-    """The server ends: leave the mapping behind a whole frame."""
+    """The server ends: stop the mapping after a whole frame."""

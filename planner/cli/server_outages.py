@@ -1,4 +1,4 @@
-"""Mapping into a served map whose server goes away and comes back."""
+"""Mapping into a served map through outages of its server."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class MappedFrames:
     opened: bool = False  # whether the map could be opened once
 
     def left(self, limit: int | None) -> int | None:
-        """Frames that are left of a limit."""
+        """Frames that remain of a limit."""
         return None if limit is None else max(limit - self.count, 0)
 
     def counted(self, on_detections: OnDetections | None) -> OnDetections:
@@ -40,11 +40,15 @@ class MappedFrames:
 def through_outages(
     address: str, ended: threading.Event, mapped: MappedFrames, run: Callable[[], None]
 ) -> None:
-    """Call `run` until it returns; again where a server went away once it had been there.
+    """Call `run` until it returns; after an outage of the server, call it again.
 
-    What the server has acknowledged is in the map; `run` opens it anew and goes on from there.
-    Raises what `run` does where that is no outage, the last outage where `ended` comes before the
-    server is back, and what a server says that answers but refuses twice without a frame.
+    All acknowledged frames are in the map; each call of `run` opens the map and continues after
+    them.
+
+    Raises:
+        HereaboutsError: `run` failed without an outage, or the server refused twice in a row
+            without mapping a frame.
+        RemoteError: `ended` was set before the server was back.
     """
     from perception.sources.live.connection import Retry
 
@@ -55,7 +59,7 @@ def through_outages(
             return run()
         except (RemoteError, MapBusyError) as error:
             away = isinstance(error, UnreachableError)
-            # after an outage the busy one may be ourselves: a frame that came late
+            # after an outage, a late frame of this process may keep the map busy
             known = mapped.opened and (lost or isinstance(error, RemoteError))
             if not known or ended.is_set() or (not away and refused_at == mapped.count):
                 raise

@@ -23,8 +23,8 @@ def add(parser: argparse.ArgumentParser) -> None:
     house = subjects.add_parser(
         "house",
         help="a random furnished house, seen by a robot with a depth camera",
-        description="Draw a house, drive through all its rooms, and write what the camera sees as "
-        "a recording that `map` reads: images, depth with a Kinect's noise, poses; and beside it "
+        description="Generate a house, drive through all its rooms, and write the camera's frames "
+        "as a recording that `map` reads: images, depth with a Kinect's noise, poses. Beside them: "
         "objects_full_gt.json (the complete truth, for `evaluate map`), detections.json (of a "
         "simulated detector, for --detector) and places.json (the rooms, for --places).",
         epilog="example: hereabouts simulate house --seed 7 --senses hard -o house7",
@@ -35,7 +35,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         type=int,
         choices=(1, 2),
         default=1,
-        help="2: a second recording after small things moved, in DIR/session-1 and DIR/session-2",
+        help="2: a second recording after small things have moved (DIR/session-1, DIR/session-2)",
     )
     house.add_argument("-o", "--output", required=True, metavar="DIR", help="a new or empty folder")
     house.add_argument(
@@ -49,11 +49,11 @@ def add(parser: argparse.ArgumentParser) -> None:
         "--senses",
         choices=("demo", "hard"),
         default="demo",
-        help="the detector's faults: demo is mild; hard has recall 0.7, confusion 0.08 and 0.3 "
-        "false alarms a frame, some of them again and again (default: demo)",
+        help="errors of the detector: few with demo; hard has recall 0.7, confusion 0.08 and 0.3 "
+        "false alarms per frame, some of them repeated (default: demo)",
     )
     house.add_argument(
-        "--masks", action="store_true", help="the detector gives instance masks, 28 x 28 a box"
+        "--masks", action="store_true", help="let the detector give instance masks, 28 x 28 per box"
     )
     house.add_argument(
         "--odometry-noise",
@@ -66,8 +66,8 @@ def add(parser: argparse.ArgumentParser) -> None:
     robot = subjects.add_parser(
         "robot",
         help="a robot in the demo's house, behind a ROS 1 master",
-        description="Publish what a camera in the demo's house sees, with its tf, and drive to the "
-        "goals that come to /move_base, until Ctrl+C. It needs a master, e.g. roscore.",
+        description="Publish images and tf of a camera in the demo's house, and drive to the goals "
+        "of /move_base, until Ctrl+C. This needs a ROS 1 master, e.g. roscore.",
         epilog="example: hereabouts simulate robot ros1://localhost --hide orange@7.05,8.3,0.85",
     )
     robot.add_argument("master", metavar="ros1|ros1://HOST[:PORT]", help="the ROS 1 master")
@@ -77,9 +77,9 @@ def add(parser: argparse.ArgumentParser) -> None:
         type=positive,
         default=1.0,
         metavar="N",
-        help="it moves N times as fast as a real one (default: 1)",
+        help="move N times as fast as a real robot (default: 1)",
     )
-    robot.add_argument("--seed", type=count, default=0, metavar="N", help="noise of its depth")
+    robot.add_argument("--seed", type=count, default=0, metavar="N", help="seed of the depth noise")
     robot.set_defaults(run=run_robot)
 
 
@@ -102,7 +102,7 @@ def run_house(arguments: argparse.Namespace) -> int:
     if arguments.json:
         write_json([session.to_json() for session in written])
     else:
-        _tell(written)
+        _print(written)
     return 0
 
 
@@ -133,7 +133,7 @@ def _options(arguments: argparse.Namespace) -> SimulationOptions:
     )
 
 
-def _tell(written: list[SimulatedSession]) -> None:
+def _print(written: list[SimulatedSession]) -> None:
     print_table(
         _COLUMNS, [tuple(session.to_json()[key] for key in _COLUMNS) for session in written]
     )

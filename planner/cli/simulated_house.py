@@ -1,4 +1,4 @@
-"""The demo's house, with what stands in it since it was mapped."""
+"""The demo's house with objects that were placed after mapping."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ def add_hide(parser: argparse.ArgumentParser, whose: str = "") -> None:
         "--hide",
         action="append",
         metavar="LABEL@X,Y,Z",
-        help=f"{whose}a thing placed in the house after it was mapped (default: apple, which alone "
-        "needs no place: it is the demo's)",
+        help=f"{whose}an object that is placed in the house after mapping (default: apple, the "
+        "demo's own, which needs no @X,Y,Z)",
     )
 
 
 def house_with(hidden: Sequence[str] | None) -> House:
-    """The demo's house with what `--hide` says; raises LayoutError."""
+    """The demo's house with the objects of `--hide`; raises LayoutError."""
     from planner.simulation.demo.house_demo import HIDDEN
     from planner.simulation.houses.house import furnished_house
 

@@ -40,7 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
     with open_map(arguments.map, read_only=True) as semantic_map:
         found = status(semantic_map, arguments.object, arguments.place)
         doubted = _doubted(semantic_map, found, arguments.place)
-        lines = _perhaps(semantic_map, found, doubted, arguments.map)
+        lines = _perhaps(semantic_map, found, doubted, arguments)
     if arguments.json:
         plain = {name: _plain(value) for name, value in asdict(found).items()}
         write_json({**plain, "perhaps": [_doubted_json(one) for one in doubted]})
@@ -50,7 +50,16 @@ def run(arguments: argparse.Namespace) -> int:
         write(f"{line}.")
     if found.places:
         print_table(
-            ("place", "status", "object", "sure", "last seen", "viewed", "close by", "last viewed"),
+            (
+                "place",
+                "status",
+                "object",
+                "existence",
+                "last seen",
+                "viewed",
+                "close by",
+                "last viewed",
+            ),
             [
                 (
                     one.place_label,
@@ -69,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _doubted(semantic_map: SemanticMap, found: Status, place: str | None) -> Sequence[KnownObject]:
-    """Objects that were detected and more probably are not there, where none is present."""
+    """Objects that were detected but more probably do not exist, if none is present."""
     from planner.search.goals.known_objects import LISTED, known_objects
     from planner.search.goals.targets import resolve
 
@@ -85,18 +94,21 @@ def _doubted(semantic_map: SemanticMap, found: Status, place: str | None) -> Seq
 
 
 def _perhaps(
-    semantic_map: SemanticMap, found: Status, doubted: Sequence[KnownObject], address: str
+    semantic_map: SemanticMap,
+    found: Status,
+    doubted: Sequence[KnownObject],
+    arguments: argparse.Namespace,
 ) -> list[str]:
     from planner.cli.candidates import detections_in_vain
     from planner.search.goals.candidate_queries import map_time
     from planner.search.goals.known_objects import answer_lines
 
     if doubted:
-        return answer_lines(doubted, map_time(semantic_map), address=address)
-    told = (
-        "" if found.value == "present" else detections_in_vain(semantic_map, found.target, address)
-    )
-    return [told] if told else []
+        return answer_lines(doubted, map_time(semantic_map), address=arguments.map)
+    if found.value == "present" or arguments.place is not None:
+        return []
+    line = detections_in_vain(semantic_map, found.target, arguments.map)
+    return [line] if line else []
 
 
 def _doubted_json(one: KnownObject) -> dict[str, object]:

@@ -42,7 +42,9 @@ def add(parser: argparse.ArgumentParser) -> None:
     )
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument(
-        "--recording", metavar="DIR", help="recording in the map; frames taken in the place count"
+        "--recording",
+        metavar="DIR",
+        help="recording in the map; its frames in the place count",
     )
     source.add_argument("--images", metavar="DIR", help="folder of images of the place")
     parser.add_argument(
@@ -63,13 +65,13 @@ def run(arguments: argparse.Namespace) -> int:
     from perception.inference.taught_rooms import RoomExamples, room_examples
 
     if is_url(arguments.map):
-        raise ModelError(f"rooms are taught to the folder of a map, {arguments.map} is an address")
+        raise ModelError(f"teach needs the folder of a map, and {arguments.map} is an address")
     folder = Path(arguments.map)
     network = load_scene_classifier(arguments.scene, device=arguments.device)
     with open_map(arguments.map, read_only=True) as semantic_map:
         place = _place(semantic_map, arguments.place)
         label = _label(semantic_map, " ".join(arguments.category), network)
-        images = _seen_from(semantic_map, place, arguments) if arguments.recording else None
+        images = _frames_in(semantic_map, place, arguments) if arguments.recording else None
         if images is None:
             images = _photographs(Path(arguments.images))
         taught = room_examples(network, images, label=label, place=place.iri)
@@ -81,11 +83,11 @@ def run(arguments: argparse.Namespace) -> int:
         found = {"place": place.iri, "category": label, "images": len(taught.label)}
         write_json(found | {"taught": kinds, "network": network.name})
         return 0
-    told = ", ".join(f"{kind} ({number})" for kind, number in kinds.items())
+    listed = ", ".join(f"{kind} ({number})" for kind, number in kinds.items())
     name = place.label or place.iri
-    note(f"{name}: {len(taught.label)} images of {label}; taught so far: {told}")
+    note(f"{name}: {len(taught.label)} images of {label}; taught so far: {listed}")
     if len(kinds) < 2:
-        note("one kind of room alone changes nothing: teach another one, to tell them apart")
+        note("one kind of room has no effect: teach a second kind, so that both can be told apart")
     return 0
 
 
@@ -111,7 +113,7 @@ def _place(semantic_map: SemanticMap, name: str) -> PlaceRecord:
     for found in (short.get(name), *(p for p in places if name in (p.iri, p.label))):
         if found is not None:
             return found
-    some = ", ".join(list(short)[:8]) or "none, map or find some first"
+    some = ", ".join(list(short)[:8]) or "none yet (hereabouts places --find)"
     raise LayoutError(f"no place {name!r} in this map; there are: {some}")
 
 
@@ -130,10 +132,10 @@ def _label(semantic_map: SemanticMap, name: str, network: OnnxSceneClassifier) -
     return category.label
 
 
-def _seen_from(
+def _frames_in(
     semantic_map: SemanticMap, place: PlaceRecord, arguments: argparse.Namespace
 ) -> Iterator[NDArray[np.uint8]]:
-    """Images of the recording's frames whose camera stood in the place."""
+    """Images of the recording's frames that were taken in the place."""
     from mapping.resumption import resumed
     from perception.sources.recording import open_recording
 

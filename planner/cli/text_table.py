@@ -1,4 +1,4 @@
-"""Text tables: cells folded so that a line fits into a terminal, wide characters counted as two."""
+"""Text tables: cells are folded to fit a terminal; wide characters count as two columns."""
 
 from __future__ import annotations
 
@@ -14,10 +14,9 @@ _DIRECTIONS: Final = "\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"
 def text_table(
     header: Sequence[str], rows: Sequence[Sequence[str]], right: Sequence[bool], width: int
 ) -> str:
-    """The lines of a table at most `width` wide, if that is possible.
+    """A table at most `width` wide, if that is possible; `right` marks right-aligned columns.
 
-    `right` says which columns are set to the right. A table that is narrower than 120 has less
-    space between its columns.
+    Below a width of 120, columns stand closer together.
     """
     gap = "   " if width >= 120 else "  "
     cells = [[printable(cell) for cell in row] for row in (header, *rows)]
@@ -94,7 +93,7 @@ def _most(text: str, width: int) -> int:
 
 
 def _columns(text: str) -> int:
-    """Columns of a terminal that a text takes."""
+    """Width of a text in columns of a terminal."""
     if text.isascii():
         return len(text)
     return sum(
@@ -104,7 +103,7 @@ def _columns(text: str) -> int:
 
 
 def printable(text: str) -> str:
-    """The text without characters that control a terminal or turn its direction of writing."""
+    """The text without characters that control a terminal or the direction of writing."""
     lines = text.expandtabs(4).splitlines() or [""]
     kept = (
         "".join(c for c in line if unicodedata.category(c) != "Cc" and c not in _DIRECTIONS)

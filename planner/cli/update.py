@@ -1,8 +1,8 @@
 """Change the map by SPARQL Update, validated and in one transaction.
 
-An update that violates the SHACL shapes is refused as a whole. So is one that would delete more
-than 10 objects and places and more than a tenth of all, unless --yes confirms it. `hereabouts
-restore` undoes an update. A triple without GRAPH belongs to graph:map.
+An update that violates the SHACL shapes is refused as a whole. An update that deletes more than 10
+objects and places, and more than a tenth of all, needs --yes. `hereabouts restore` undoes an
+update. A triple without GRAPH belongs to graph:map.
 
 example: hereabouts update kitchen.map --by ann -e 'INSERT DATA { <http://example.org/mine> a
 here:Cup ; here:x 1.2 ; here:y 0.4 }'
@@ -21,7 +21,7 @@ from planner.cli.console import note, write_json
 def add(parser: argparse.ArgumentParser) -> None:
     add_map(parser)
     parser.add_argument("file", nargs="?", metavar="FILE.ru", help="file with the update")
-    parser.add_argument("-e", "--execute", metavar="SPARQL", help="the update itself instead")
+    parser.add_argument("-e", "--execute", metavar="SPARQL", help="the update as text")
     add_author(parser)
     parser.add_argument(
         "--yes", action="store_true", help="confirm that a large share of the map is deleted"
@@ -39,7 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.usage_error("give FILE.ru, or SPARQL with -e, not both")
     sparql = arguments.execute if arguments.file is None else _text(Path(arguments.file))
     with open_map(arguments.map) as semantic_map:
-        # a server evaluates what it is sent in a worker of its own
+        # a server evaluates updates in a worker of its own
         update = semantic_map.update
         if isinstance(semantic_map, StoredMap) and not is_url(arguments.map):
             update = partial(update_isolated, semantic_map)
@@ -48,6 +48,8 @@ def run(arguments: argparse.Namespace) -> int:
     added, removed = (len(change.added), len(change.removed)) if change else (0, 0)
     if arguments.json:
         write_json({"sequence": sequence, "added": added, "removed": removed})
+    elif change is None:
+        note("nothing changed")
     else:
         note(f"transaction {sequence}: {added} triples added, {removed} removed")
     return 0

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def add_viewers(parser: argparse.ArgumentParser) -> None:
-    """The options; `open_viewers` reads them."""
+    """The options that `open_viewers` reads."""
     parser.add_argument(
         "--mcap",
         metavar="OUT",
@@ -28,10 +28,10 @@ def add_viewers(parser: argparse.ArgumentParser) -> None:
 
 @contextmanager
 def open_viewers(arguments: argparse.Namespace, title: str) -> Iterator[Viewer | None]:
-    """The viewers that the options name, as one; None without any.
+    """The viewers of the options as one viewer; None without any.
 
-    Raises PictureError where a package is not installed, or a file exists or cannot be written;
-    one that fails later does not stop what is drawn, and raises at the end.
+    Raises PictureError if a package is missing, or if a file exists or cannot be written. A viewer
+    that fails later raises at the end of the context.
     """
     files = [(arguments.mcap, _mcap), (arguments.rerun, _rerun)]
     opened = [make(Path(path), title) for path, make in files if path is not None]

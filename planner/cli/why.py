@@ -29,14 +29,14 @@ def add(parser: argparse.ArgumentParser) -> None:
         "what",
         nargs="*",
         metavar="WHAT",
-        help="object/17, place/1, an IRI; or subject, predicate and perhaps object of a fact",
+        help="object/17, place/1 or an IRI; or subject, predicate and optional object of a fact",
     )
     parser.add_argument(
         "--candidates",
         nargs="*",
         metavar="CATEGORY",
-        help="fates of all detections, or of those of a category, and the things that were seen "
-        "but are not believed",
+        help="the fates of all detections, or of a category's detections, and the things that "
+        "were seen but are not believed",
     )
     parser.add_argument(
         "--format",
@@ -53,7 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.candidates is not None:
         return _candidates(arguments)
     if not arguments.what:
-        arguments.usage_error("give WHAT to explain, object/17 say, or --candidates")
+        arguments.usage_error("give WHAT to explain, e.g. object/17, or --candidates")
     from kg.history.reports.prov_export import provenance
     from kg.serving.opening import open_map
 
@@ -78,14 +78,14 @@ def _candidates(arguments: argparse.Namespace) -> int:
     from planner.cli.candidates import explain_detections
 
     if arguments.format == "ttl":
-        arguments.usage_error("--candidates has no Turtle; --json has all of it")
+        arguments.usage_error("--candidates cannot be printed as Turtle; use --json")
     with open_map(arguments.map, read_only=True) as semantic_map:
         category = " ".join([*arguments.candidates, *arguments.what])
         return explain_detections(semantic_map, category, json=arguments.format == "json")
 
 
 def _pictures(semantic_map: SemanticMap, reasons: Sequence[Explanation]) -> list[Path]:
-    """Pictures of the objects that are explained, where the map has them in its folder."""
+    """Pictures of the explained objects in the map's folder."""
     from kg.maps.object_pictures import ObjectPictures
 
     folder = semantic_map.store.path

@@ -35,7 +35,7 @@ def test_what_is_said_is_believed_until_it_is_taken_back(den, prints, capsys):
     }
     for prop in ("category", "position"):
         assert main(["retract", str(den), "object/1", prop, "--by", "bob"]) == 0
-    assert "is as perceived again; transaction" in capsys.readouterr().err
+    assert "has the value of perception; transaction" in capsys.readouterr().err
     (row,) = rows(prints, den, "objects")
     assert (row["category"], row["x"], row["y"]) == ("cup", 1.0, 2.0)
 

@@ -65,7 +65,7 @@ def test_why_tells_what_became_of_all_detections(mapped: Path, prints: Prints) -
 
 def test_why_tells_what_became_of_one_category(mapped: Path, prints: Prints) -> None:
     told = prints("why", mapped, "--candidates", "chair")
-    assert told.startswith("chair: ") and " joined objects of the map:\n" in told
+    assert told.startswith("chair: ") and " joined an object of the map:\n" in told
     assert "joined chair" in told and "existence 0." in told
     assert "a score below 0.2" in told
     assert prints("why", mapped, "chairs", "--candidates") == told, "a plural, before the option"
@@ -76,7 +76,7 @@ def test_why_tells_what_became_of_one_category(mapped: Path, prints: Prints) -> 
 
 
 def test_what_was_never_detected_is_said_to_be_so(mapped: Path, prints: Prints) -> None:
-    assert "the detector never saw one in 8 frames" in prints(
+    assert "no detection in 8 frames" in prints(
         "why", mapped, "--candidates", "giraffe"
     )
 
@@ -115,7 +115,7 @@ def test_detections_that_made_no_object_are_told_of(mapped: Path, prints: Prints
     hint = f"(hereabouts why {mapped} --candidates {found})"
     for command in ("find", "status"):
         told = prints(command, mapped, found)
-        assert f"made no {found} of the map" in told and hint in told
+        assert f" of {found} did not become an object of the map" in told and hint in told
     (mapped / "detections.json").write_text("[]")
     assert hint not in prints("status", mapped, found)
 

@@ -75,7 +75,7 @@ def test_the_floor_of_then(folder, tmp_path, capsys):
     [
         (["-o", "floor.png"], "ends with .yaml"),
         (["-o", "nowhere/floor.yaml"], "cannot write"),
-        (["-o", "floor.yaml", "--storey", "7"], "there are: 0, 1"),
+        (["-o", "floor.yaml", "--storey", "7"], "mapped are: 0, 1"),
         (["-o", "two\nlines.yaml"], "must be text"),
         (["-o", "\udcff.yaml"], "must be text"),
     ],

@@ -44,7 +44,7 @@ def test_a_dry_run_prints_the_difference_and_leaves_the_file(
     assert main(words) == 0
     assert "wrote" in capsys.readouterr().err
     assert main(words) == 0
-    assert "says so already" in capsys.readouterr().err
+    assert "is up to date" in capsys.readouterr().err
 
 
 def test_json_holds_all_that_was_found(prints: Prints, graph: Path, tmp_path: Path) -> None:

@@ -60,7 +60,7 @@ def test_the_best_detector_cannot_be_fetched_without_a_network(
         monkeypatch.setenv("HEREABOUTS_CACHE", str(tmp_path / "cache"))
         assert "no connection" in fails("models", "fetch", "best")
         told = fails("map", kitchen, "--into", tmp_path / "k.map", "--detector", "best")
-    assert "no connection" in told and "the bundled ones are used" in told
+    assert "no connection" in told and "the bundled ones run" in told
     assert not (tmp_path / "k.map").exists()
 
 
@@ -87,7 +87,7 @@ def test_rooms_are_taught_to_a_map_and_used_by_the_next_run(
         assert told in fails("teach", mapped, *wrong)
     assert sorted(p.name for p in mapped.iterdir()) == before
     assert main(["teach", str(mapped), place, "kitchen", "--recording", str(kitchen)]) == 0
-    assert "one kind of room alone changes nothing" in capsys.readouterr().err
+    assert "one kind of room has no effect" in capsys.readouterr().err
     assert main(["teach", str(mapped), place, "bathroom", "--images", images, "--json"]) == 0
     answer = json.loads(capsys.readouterr().out)
     assert answer["taught"] == {"bathroom": 20}  # instead of what the place was taught by

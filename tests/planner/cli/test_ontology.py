@@ -52,7 +52,7 @@ def test_reload_tells_the_change_and_the_map_has_it(
     assert "office" in prints("ask", flat, "located-at", "-p", "category=mug")
     assert prints("ontology", "reload", flat, mine) == ""
     assert main(["ontology", "diff", str(flat), str(mine)]) == 0
-    assert capsys.readouterr().err == "nothing differs\n"
+    assert capsys.readouterr().err == "no differences\n"
 
 
 def test_json_has_the_same(flat: Path, mine: Path, prints: Run) -> None:

@@ -93,7 +93,7 @@ def test_pictures_of_objects_are_copied(
     copied = {path.stem: path.read_bytes() for path in folder.iterdir()}
     expected = {iri.rpartition("/")[2]: path.read_bytes() for iri, path in kept.items() if path}
     assert copied == expected and expected
-    assert "lies in the folder of the map" in fails(
+    assert "is inside the folder of the map" in fails(
         "export", kitchen_map, "-o", out, "--pictures", kitchen_map / "shots"
     )
 
@@ -103,7 +103,7 @@ def test_what_cannot_be_written_is_one_line(
 ) -> None:
     assert "cannot write" in fails("export", lab, "-o", tmp_path / "nowhere" / "m.mcap")
     assert "did you mean mcap" in fails("export", lab, "-o", tmp_path / "m", "--format", "mcapp")
-    assert "--find is drawn" in fails("export", lab, "-o", tmp_path / "m.ttl", "--find", "cup")
+    assert "--find needs one of the formats" in fails("export", lab, "-o", tmp_path / "m.ttl", "--find", "cup")
     assert "no category 'bananna'" in fails(
         "export", lab, "-o", tmp_path / "m.bag", "--find", "bananna"
     )
