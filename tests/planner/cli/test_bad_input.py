@@ -232,7 +232,9 @@ def test_a_damaged_map_is_no_bug(lab: Path, fails: Fails) -> None:
 
 
 def test_another_base_for_a_map_that_has_one(kitchen: Path, lab: Path, fails: Fails) -> None:
-    assert "--base is for a new map" in fails("map", kitchen, "--into", lab, "--base", "http://e.org/x/")
+    assert "--base is for a new map" in fails(
+        "map", kitchen, "--into", lab, "--base", "http://e.org/x/"
+    )
 
 
 @pytest.mark.parametrize("start", ["1", "1,2,3,4", "1,2,nan", "nan,0", "1e308,0", "x,y"])

@@ -76,9 +76,7 @@ def test_why_tells_what_became_of_one_category(mapped: Path, prints: Prints) -> 
 
 
 def test_what_was_never_detected_is_said_to_be_so(mapped: Path, prints: Prints) -> None:
-    assert "no detection in 8 frames" in prints(
-        "why", mapped, "--candidates", "giraffe"
-    )
+    assert "no detection in 8 frames" in prints("why", mapped, "--candidates", "giraffe")
 
 
 def test_what_is_doubted_is_found_perhaps(
