@@ -1,4 +1,4 @@
-"""Settings of the belief about where a target is, and of the plans made from it."""
+"""Settings of the belief about a target's position, and of plans."""
 
 from __future__ import annotations
 
@@ -10,30 +10,18 @@ from typing import Final
 class BeliefSettings:
     """Settings by which candidates become probabilities on cells."""
 
-    #: probability that an object that was moved is still in its room
-    p_same_room: float = 0.5
-    #: probability that an object that was moved is no longer on this floor
-    p_left_floor: float = 0.3
-    #: probability that mapping a room would have shown an object that is in it
-    noticed: float = 0.6
-    #: share of a room's belief that lies around objects that the target is found near
-    beside: float = 0.5
-    #: standard deviation around a remembered position [m]
-    site_sigma: float = 0.4
-    #: standard deviation around an object that the target is found near [m]
-    beside_sigma: float = 0.8
-    #: share of every candidate's belief that is spread evenly over the whole floor
-    uniform_share: float = 0.05
-    #: floor that is assumed around an object in no place [m]
-    outside: float = 1.5
-    #: probability that a room begins where seen floor ends at unseen floor
-    frontier: float = 0.3
-    #: share of all probability that a view must gain to be worth its way
-    give_up: float = 0.005
-    #: a search gives up when the probability that all views missed the target is below this
-    stop_below: float = 0.01
-    #: a view is stale when it gains less than this share of its gain without earlier views
-    stale: float = 0.5
+    p_same_room: float = 0.5  # that a moved object is still in its room
+    p_left_floor: float = 0.3  # that a moved object is no longer on this floor
+    noticed: float = 0.6  # probability that mapping a room shows an object in it
+    beside: float = 0.5  # share of a room's belief that lies around objects the target is near
+    site_sigma: float = 0.4  # [m] standard deviation around a remembered position
+    beside_sigma: float = 0.8  # [m] standard deviation around an object the target is near
+    uniform_share: float = 0.05  # share of each candidate's belief that is even over the floor
+    outside: float = 1.5  # [m] floor that is assumed around an object in no place
+    frontier: float = 0.3  # probability that a room begins beyond a frontier
+    give_up: float = 0.005  # share of all probability that a view must gain
+    stop_below: float = 0.01  # probability that all views missed it, at which a search gives up
+    stale: float = 0.5  # a view that gains less than this share of its first gain is stale
 
 
 BELIEF: Final = BeliefSettings()
@@ -41,17 +29,14 @@ BELIEF: Final = BeliefSettings()
 SPEED: Final = 0.2412
 #: [s] to turn once and look at a place; thesis section 4.4
 LOOK_AROUND: Final = 41.79
-#: share of all that views can find at which a plan is complete
+#: share of the probability that any views can find, at which a plan is complete
 ENOUGH: Final = 0.97
-#: views that gain less than this share of what their plan finds are left out ...
+#: share of a plan's probability below which a view is left out
 IDLE: Final = 0.005
-#: ... and so are views that gain less than this probability
+#: probability below which a view is left out
 MIN_CHANCE: Final = 0.002
-#: views of a plan
-MAX_VIEWS: Final = 80
-#: rooms that are planned for; the belief in others stays where it is
-MAX_ROOMS: Final = 48
-#: times that a failed search takes fresh viewpoints; each time, views may gain half as much
+MAX_VIEWS: Final = 80  # of a plan
+MAX_ROOMS: Final = 48  # rooms with viewpoints
+#: times that a failed search takes fresh viewpoints; each time the gain asked for is halved
 MAX_ROUNDS: Final = 4
-#: orders that are tried beyond the first
-TRIALS: Final = 60
+TRIALS: Final = 60  # orders of views that are tried beyond the first

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from itertools import combinations
 from typing import Final
 
 import numpy as np
@@ -12,9 +13,9 @@ from numpy.typing import NDArray
 from planner.freespace.grid import CELL, NO_ROOM, FreeSpace, Passage, Room, room_labels, with_walls
 
 DOOR: Final = 0.9  # [m] width of an opening
-GAP: Final = 1.0  # [m] rooms further apart than this are joined by a passage, not an opening
-TOUCH: Final = 0.5  # [m] rooms no further apart than this may have an opening where none is known
-STOREY: Final = 1.2  # [m] floors above the lowest of a storey by more are on another one
+GAP: Final = 1.0  # [m] between rooms from which on a passage joins them, not an opening
+TOUCH: Final = 0.5  # [m] between rooms up to which an opening is assumed
+STOREY: Final = 1.2  # [m] between floor heights from which on they are different storeys
 CLIMB: Final = 2.0  # metres walked for each metre of height on stairs
 
 
@@ -23,9 +24,9 @@ def free_space(
 ) -> FreeSpace:
     """The free space of `rooms`; `doors` are pairs of their numbers.
 
-    Without `doors` every two rooms that touch along at least the width of a door have one in the
-    middle of their common wall. Rooms that nothing leads to are joined to what is nearest. Storeys
-    lie side by side in the grid and are joined by passages only (`shifts`: the offset of each).
+    Without `doors`, a door is assumed in the middle of every wall that two rooms share along at
+    least its width. A passage joins each unreachable room to the nearest floor. Storeys lie side by
+    side in the grid, at the offsets of `shifts`, and are joined by passages only.
 
     Raises LayoutError where there is no floor.
     """
@@ -41,7 +42,7 @@ def free_space(
 
 
 def shifts(rooms: Sequence[Room]) -> NDArray[np.float64]:
-    """(n,) [m] how far each room is moved along x, so that storeys do not lie on each other."""
+    """(n,) [m] offset of each room along x, so that storeys do not overlap."""
     number: dict[float, int] = {}
     lowest, storey = -np.inf, -1
     for height in sorted({room.height for room in rooms}):
@@ -54,13 +55,12 @@ def shifts(rooms: Sequence[Room]) -> NDArray[np.float64]:
 
 def _touching(rooms: Sequence[Room]) -> list[tuple[int, int]]:
     found = []
-    for i, a in enumerate(rooms):
-        for j, b in enumerate(rooms[:i]):
-            across = min(a.xmax, b.xmax) - max(a.xmin, b.xmin)
-            along = min(a.ymax, b.ymax) - max(a.ymin, b.ymin)
-            if min(across, along) >= -TOUCH and max(across, along) >= DOOR:
-                found.append((j, i))
-    return found
+    for (i, a), (j, b) in combinations(enumerate(rooms), 2):
+        across = min(a.xmax, b.xmax) - max(a.xmin, b.xmin)
+        along = min(a.ymax, b.ymax) - max(a.ymin, b.ymin)
+        if min(across, along) >= -TOUCH and max(across, along) >= DOOR:
+            found.append((i, j))
+    return sorted(found, key=lambda pair: pair[::-1])
 
 
 def _join(
@@ -70,44 +70,24 @@ def _join(
     cell: float,
     passages: list[Passage],
 ) -> None:
-    """An opening between two rooms where they are nearest, or a passage where that is too far."""
-    a, b, metres = _nearest_cells(labels, *pair, cell)
-    if a is None or b is None:
-        return
-    climb = abs(rooms[pair[0]].height - rooms[pair[1]].height)
-    if metres > GAP or climb > STOREY:
-        passages.append(_passage(labels.shape, a, b, min(metres, 5.0), climb))
-        return
-    _cut(labels, np.array(a), np.array(b), cell)
-
-
-_Cell = tuple[int, int]
-
-
-def _passage(shape: tuple[int, ...], a: _Cell, b: _Cell, metres: float, climb: float) -> Passage:
-    return Passage(a[0] * shape[1] + a[1], b[0] * shape[1] + b[1], metres + CLIMB * climb)
-
-
-def _nearest_cells(
-    labels: NDArray[np.int32], a: int, b: int, cell: float
-) -> tuple[_Cell | None, _Cell | None, float]:
-    """The middle one of the nearest pairs of cells of two rooms, and how far apart they are [m]."""
-    first, second = np.argwhere(labels == a), np.argwhere(labels == b)
+    """Cut an opening where two rooms are nearest; add a passage where that is too far."""
+    first, second = (np.argwhere(labels == room) for room in pair)
     if not len(first) or not len(second):
-        return None, None, np.inf
+        return
     between = ((first[:, None, :] - second[None, :, :]) ** 2).sum(axis=2)
     nearest = np.argwhere(between <= between.min() + 1e-9)
-    i, j = nearest[len(nearest) // 2]
+    i, j = nearest[len(nearest) // 2]  # the middle one of the nearest pairs
     metres = float(np.sqrt(between[i, j])) * cell
-    return _as_cell(first[i]), _as_cell(second[j]), metres
-
-
-def _as_cell(pair: NDArray[np.intp]) -> _Cell:
-    return int(pair[0]), int(pair[1])
+    climb = abs(rooms[pair[0]].height - rooms[pair[1]].height)
+    if metres > GAP or climb > STOREY:
+        a, b = (int(ix * labels.shape[1] + iy) for ix, iy in (first[i], second[j]))
+        passages.append(Passage(a, b, min(metres, 5.0) + CLIMB * climb))
+    else:
+        _cut(labels, first[i], second[j], cell)
 
 
 def _cut(labels: NDArray[np.int32], a: NDArray[np.intp], b: NDArray[np.intp], cell: float) -> None:
-    """Make the cells around the way from `a` to `b` floor, as wide as a door."""
+    """Turn the cells around the line from `a` to `b` into floor, as wide as a door."""
     half = DOOR / 2 / cell
     low = np.floor(np.minimum(a, b) - half).astype(int)
     high = np.ceil(np.maximum(a, b) + half).astype(int)
@@ -123,7 +103,7 @@ def _cut(labels: NDArray[np.int32], a: NDArray[np.intp], b: NDArray[np.intp], ce
 
 
 def joined(space: FreeSpace, heights: Sequence[float]) -> FreeSpace:
-    """`space` with passages to whatever nothing led to; `heights` [m] of its rooms' floors."""
+    """`space` with passages to all unreachable floor; `heights` [m] of its rooms' floors."""
     passages = list(space.passages)
     while True:
         space = replace(space, passages=tuple(passages))
@@ -152,7 +132,7 @@ def _shortest_link(
 
 
 def _border(space: FreeSpace, cells: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Those of `cells` with a neighbour along an axis that is none of them."""
+    """The cells of `cells` with a neighbour along an axis that is not among them."""
     held = np.zeros(np.add(space.shape, 2), np.bool_)
     inner = held[1:-1, 1:-1]
     inner[np.unravel_index(cells, space.shape)] = True

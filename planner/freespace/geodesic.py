@@ -12,7 +12,7 @@ on 300 x 300 cells this takes a quarter of the time of scipy's Dijkstra, with th
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import chain
 from typing import Final, TypeVar
@@ -29,9 +29,9 @@ _NEIGHBOURS: Final = (*((1, 0), (-1, 0), (0, 1), (0, -1)), *((1, 1), (1, -1), (-
 
 
 def distance_fields(space: FreeSpace, sources: ArrayLike) -> NDArray[np.float32]:
-    """Distance fields (n, nx, ny) [m]: the shortest path from each of n cells `sources` to all.
+    """Distance fields (n, nx, ny) [m]: shortest path lengths from each of n cells `sources`.
 
-    Infinite where no path leads, and on what is no floor.
+    Infinite for cells that no path reaches, and off the floor.
     """
     cells = np.asarray(sources, np.intp).reshape(-1)
     links = tuple(
@@ -51,8 +51,8 @@ def distance_fields(space: FreeSpace, sources: ArrayLike) -> NDArray[np.float32]
 def shortest_path(space: FreeSpace, field: NDArray[np.float32], start: int) -> NDArray[np.intp]:
     """Shortest path: cells (n,) from `start` down the distance `field` (nx, ny) [m] to its source.
 
-    Each is a neighbour of the one before or the far end of a passage. Raises LayoutError where no
-    path leads.
+    Each cell is a neighbour of the one before, or the far end of a passage. Raises LayoutError
+    where there is no path.
     """
     flat = field.reshape(-1)
     if not np.isfinite(flat[start]):
@@ -60,25 +60,19 @@ def shortest_path(space: FreeSpace, field: NDArray[np.float32], start: int) -> N
     cells = [start]
     while flat[cells[-1]] > 1e-6 and len(cells) <= flat.size:
         cell = cells[-1]
-        steps = chain(_neighbours(space, cell), _through_passages(space, cell))
-        cells.append(_downhill(flat, cell, steps))
+        best, min_metres = cell, np.inf
+        for there, step in chain(_neighbours(space, cell), _through_passages(space, cell)):
+            metres = float(flat[there]) + step
+            if flat[there] < flat[cell] and metres < min_metres - 1e-6:
+                best, min_metres = there, metres
+        if best == cell:
+            raise LayoutError("the path ends before its goal")
+        cells.append(best)
     return np.array(cells, np.intp)
 
 
-def _downhill(flat: NDArray[np.float32], cell: int, steps: Iterable[tuple[int, float]]) -> int:
-    """Next cell of the shortest path from `cell`."""
-    best, least = cell, np.inf
-    for there, metres in steps:
-        total = float(flat[there]) + metres
-        if flat[there] < flat[cell] and total < least - 1e-6:
-            best, least = there, total
-    if best == cell:
-        raise LayoutError("the path ends before its goal")
-    return best
-
-
 def _neighbours(space: FreeSpace, cell: int) -> Iterator[tuple[int, float]]:
-    """The floor cells one step from `cell` that no corner is cut to, and the step [m]."""
+    """The floor cells one step from `cell`, without cutting corners, and each step's length [m]."""
     nx, ny = space.shape
     ix, iy = divmod(cell, ny)
     for dx, dy in _NEIGHBOURS:
@@ -96,8 +90,8 @@ def _through_passages(space: FreeSpace, cell: int) -> Iterator[tuple[int, float]
                 yield b, passage.metres
 
 
-UNIT: Final = 1000  # of length a cell
-FAR: Final = 1 << 29  # not reachable; twice it still fits an int32
+UNIT: Final = 1000  # units of length on a cell's side
+FAR: Final = 1 << 29  # length to unreachable cells; the sum of two fits an int32
 _BATCH: Final = 128  # sources swept at once: a row of all of them stays in the cache
 
 # (rows, columns) of a step to a later row, its length, and the cells it passes between
@@ -113,7 +107,7 @@ _STEPS: Final[tuple[tuple[tuple[int, int], int, tuple[tuple[int, int], ...]], ..
 
 _T = TypeVar("_T", bound=np.generic)
 
-Link = tuple[int, int, int]  # two cells by number that a passage joins, and its length
+Link = tuple[int, int, int]  # numbers of the two cells that a passage joins, and its length
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -127,7 +121,7 @@ class StepLengths:
 
     @staticmethod
     def over(passable: NDArray[np.bool_], links: tuple[Link, ...] = ()) -> StepLengths:
-        """Lengths over `passable` (rows, columns); `links` of cells that are not are left out."""
+        """Lengths over `passable` (rows, columns); `links` of other cells are left out."""
         steps = tuple(
             (*step, _lengths(passable, step, length, between)) for step, length, between in _STEPS
         )
@@ -145,7 +139,7 @@ def _lengths(
     length: int,
     between: tuple[tuple[int, int], ...],
 ) -> NDArray[np.int32]:
-    """(rows, columns) length of `step` to each cell; FAR where a cell it touches is blocked."""
+    """(rows, columns) length of `step` to each cell; FAR where it touches a blocked cell."""
     clear = passable & _moved(passable, step)
     for i, j in between:
         clear &= _moved(passable, (step[0] - i, step[1] - j))
@@ -163,17 +157,17 @@ def _moved(values: NDArray[_T], step: tuple[int, int]) -> NDArray[_T]:
 
 
 def _columns(columns: int, j: int) -> tuple[slice, slice]:
-    """Columns a step by `j` arrives in, and those it leaves from."""
+    """Columns that a step by `j` arrives in, and columns that it leaves."""
     if j >= 0:
         return slice(j, columns), slice(0, max(columns - j, 0))
     return slice(0, max(columns + j, 0)), slice(-j, columns)
 
 
 def path_lengths(lengths: StepLengths, sources: NDArray[np.intp]) -> Iterator[NDArray[np.int32]]:
-    """Shortest path lengths to every cell, (k, rows * columns) for one batch of sources a time.
+    """Shortest path lengths to every cell, (k, rows * columns) for one batch of k sources a time.
 
-    FAR where no path leads. `sources` (n,) are numbers of cells; one that is not passable reaches
-    nothing.
+    `sources` (n,) are numbers of cells. The length is FAR to unreachable cells, and to all cells
+    from a source that is not passable.
     """
     for first in range(0, len(sources), _BATCH):
         yield _fields(lengths, sources[first : first + _BATCH]).T

@@ -1,8 +1,8 @@
-"""Free space as a grid: which cells are floor, which room each belongs to, where openings lead.
+"""Free space as a grid: floor cells, the room of each, and passages between them.
 
-A grid is made of rooms (rectangles or polygons, on one or more storeys). Where two rooms touch is a
-wall of one cell; a door is an opening cut through it. Rooms that no opening reaches are joined by
-passages, which also represent stairs: a passage has a length and nothing can be seen through it.
+A grid is made of rooms (rectangles or polygons, on one or more storeys). A wall of one cell
+separates two rooms that touch; a door is an opening cut through it. Passages join rooms that no
+opening reaches, and represent stairs: a passage has a length and no line of sight.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Cells = NDArray[np.intp]  # (n,) numbers of floor cells, ix * ny + iy
 
 @dataclass(frozen=True, slots=True)
 class Passage:
-    """A way between two cells that the grid does not show, such as stairs."""
+    """A way between two cells that are no neighbours in the grid, such as stairs."""
 
     a: int  # number of a cell
     b: int
@@ -37,10 +37,10 @@ class Passage:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FreeSpace:
-    """The floor of a building, cut into square cells.
+    """The floor of a building in square cells.
 
-    `low` marks cells that belong to a room, and can be looked over and at, but not stood on: tables
-    and beds. Raises LayoutError where there is no floor at all.
+    `low` marks cells of a room that block driving but not sight: tables and beds. Raises
+    LayoutError where there is no free floor.
     """
 
     origin: NDArray[np.float64]  # (2,) [m] in the map frame: the corner of cell (0, 0)
@@ -49,7 +49,7 @@ class FreeSpace:
     passages: tuple[Passage, ...] = ()
     low: NDArray[np.bool_] | None = None  # (nx, ny); None: there are no such cells
     free: NDArray[np.bool_] = field(init=False, repr=False)  # (nx, ny) traversable
-    open: NDArray[np.bool_] = field(init=False, repr=False)  # (nx, ny) what hides nothing
+    open: NDArray[np.bool_] = field(init=False, repr=False)  # (nx, ny) without occlusion
 
     def __post_init__(self) -> None:
         is_open = self.room != NO_ROOM
@@ -69,7 +69,7 @@ class FreeSpace:
         return np.flatnonzero(self.free if room is None else self.free & (self.room == room))
 
     def inside(self, room: int | None = None) -> Cells:
-        """The cells of a room, or of the whole building, in which something may lie; ascending."""
+        """The cells of a room, or of the whole building, that may contain objects; ascending."""
         return np.flatnonzero(self.open if room is None else self.room == room)
 
     def centres(self, cells: ArrayLike) -> NDArray[np.float64]:
@@ -78,13 +78,13 @@ class FreeSpace:
         return np.asarray(self.origin + (at + 0.5) * self.cell, np.float64)
 
     def nearest(self, p_map: ArrayLike, room: int | None = None) -> int:
-        """The floor cell nearest to `p_map` (2,) [m], of `room` where that is given."""
+        """The floor cell nearest to `p_map` (2,) [m], in `room` if given."""
         cells = self.floor(room)
         offset = self.centres(cells) - np.asarray(p_map, np.float64)[:2]
         return int(cells[np.argmin((offset**2).sum(axis=1))])
 
     def without(self, cells: ArrayLike) -> FreeSpace:
-        """The same floor with `cells` blocked: a closed door, a path that proved not to be free."""
+        """The same floor with `cells` blocked, by a closed door for example."""
         room = self.room.copy()
         room.reshape(-1)[np.asarray(cells, np.intp)] = NO_ROOM
         return FreeSpace(self.origin, self.cell, room, self.passages, self.low)
@@ -96,7 +96,7 @@ class FreeSpace:
         return np.asarray(cells[(offset**2).sum(axis=1) <= radius**2], np.intp)
 
     def reachable(self, start: int) -> NDArray[np.bool_]:
-        """(nx, ny) which cells one can walk to from cell `start`."""
+        """(nx, ny) whether a path leads to each cell from cell `start`."""
         part = connected_components(self.free)
         flat = part.reshape(-1)
         reached = {int(flat[start])} - {-1}
@@ -117,11 +117,11 @@ class Room(Area):
 def room_labels(
     rooms: Sequence[Room], cell: float
 ) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-    """(nx, ny) the room of each cell, and the grid's corner (2,) [m]; no walls or doors yet.
+    """(nx, ny) the room of each cell, and the grid's corner (2,) [m]; without walls and doors.
 
-    Where rooms overlap the smaller one has the cell, since a large box often spans a small room.
-    A margin of one cell stays free of floor all around. Raises LayoutError without rooms, and where
-    they span more than a grid can hold.
+    Where rooms overlap, cells belong to the smaller one, since a large box often spans a small
+    room. The outermost cells are no floor. Raises LayoutError without rooms, and where they span
+    more than a grid can hold.
     """
     if not rooms:
         raise LayoutError("a layout needs at least one room")
@@ -146,7 +146,8 @@ def room_labels(
 def with_walls(labels: NDArray[np.int32]) -> NDArray[np.int32]:
     """`labels` with a wall of one cell wherever two rooms touch, corners included.
 
-    Of two touching cells the one of the larger room becomes wall, so that closets keep theirs.
+    Of two touching cells, the cell of the larger room becomes wall, so that closets keep their
+    floor.
     """
     sizes = np.bincount(labels[labels != NO_ROOM].ravel(), minlength=int(labels.max()) + 1)
     wall = np.zeros(labels.shape, np.bool_)
@@ -167,9 +168,9 @@ def with_walls(labels: NDArray[np.int32]) -> NDArray[np.int32]:
 
 @lru_cache(maxsize=8)
 def _lines(cells: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Offsets (k, 2) within `cells` of the middle, and the cells (k, m, 2) that lie between.
+    """Offsets (k, 2) within `cells` of the middle, and the cells (k, m, 2) on each line to them.
 
-    What lies between two cells is the same from either end.
+    The cells on a line are the same from either end.
     """
     span = np.arange(-cells, cells + 1)
     offsets = np.stack(np.meshgrid(span, span, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -179,18 +180,18 @@ def _lines(cells: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     between = np.rint(offsets[:, None, :] * share[None, :, None]).astype(np.intp)
     back = (offsets[:, 0] < 0) | ((offsets[:, 0] == 0) & (offsets[:, 1] < 0))
     forth = {tuple(offset): row for row, offset in enumerate(offsets.tolist())}
-    for row in np.flatnonzero(back):  # halves round one way only: take the other end's cells
+    for row in np.flatnonzero(back):  # rounding is not symmetric: take the other end's cells
         opposite = forth[tuple((-offsets[row]).tolist())]
         between[row] = between[opposite] + offsets[row]
     return offsets, between
 
 
-@lru_cache(maxsize=8)  # a picture is asked about for the belief, and for what was viewed
+@lru_cache(maxsize=8)  # belief and viewed floor need the same cells of a picture
 def visible_cells(space: FreeSpace, cell: int, reach: float) -> tuple[Cells, NDArray[np.float64]]:
     """Cells seen from the middle of `cell` within `reach` metres, and the offsets to them.
 
-    The offsets are (n, 2) [m]. Every line of sight is sampled twice a cell; what it meets between
-    its ends must hide nothing (`FreeSpace.open`).
+    The offsets are (n, 2) [m]. Every line of sight is sampled twice a cell; all samples between its
+    ends must be in open cells (`FreeSpace.open`).
     """
     radius = int(np.floor(reach / space.cell + 1e-9))
     offsets, between = _lines(radius)
@@ -199,8 +200,8 @@ def visible_cells(space: FreeSpace, cell: int, reach: float) -> tuple[Cells, NDA
     target = at + offsets
     inside = (target >= 0).all(axis=1) & (target[:, 0] < nx) & (target[:, 1] < ny)
     offsets, between, target = offsets[inside], between[inside], target[inside]
-    inside_floor = space.open[target[:, 0], target[:, 1]]
-    offsets, between, target = offsets[inside_floor], between[inside_floor], target[inside_floor]
+    is_open = space.open[target[:, 0], target[:, 1]]
+    offsets, between, target = offsets[is_open], between[is_open], target[is_open]
     path = at + between
     clear = space.open[path[..., 0], path[..., 1]].all(axis=1)
     cells = target[clear, 0] * ny + target[clear, 1]

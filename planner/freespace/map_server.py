@@ -71,7 +71,7 @@ def read_grid(path: Path) -> Occupancy:
 def places_file(path: Path) -> Path:
     """The file of places that a map_server YAML file names with the key `places`.
 
-    map_server has no labels of its own and ignores keys it does not know. Raises LayoutError.
+    map_server itself has no labels, and ignores unknown keys. Raises LayoutError.
     """
     name = _keys(path).get("places")
     if not name:
@@ -90,7 +90,7 @@ def _check(path: Path, keys: Mapping[str, str], origin: Sequence[float]) -> None
 
 
 def _occupancy(image: Path, negate: bool) -> NDArray[np.float64]:
-    """(rows, columns) occupancy 0..1, row 0 at the smallest y; 0.5 where it is not known."""
+    """(rows, columns) occupancy 0..1, row 0 at the smallest y; 0.5 where it is unknown."""
     if image.suffix.lower() == ".npy":
         return _of_npy(image)
     values = _of_pgm(image)[::-1]
@@ -134,7 +134,7 @@ _QUOTED = re.compile(r"""("(?:[^"\\]|\\.)*"|'(?:[^']|'')*')\s*(?:\s\#.*)?""")
 
 
 def _scalar(text: str) -> str:
-    """A value without quotes and comment; within quotes ``#`` begins none."""
+    """A value without quotes and comment; ``#`` within quotes begins no comment."""
     text = text.strip()
     quoted = _QUOTED.fullmatch(text)
     if quoted is None:
@@ -160,30 +160,30 @@ def _of_pgm(path: Path) -> NDArray[np.float64]:
     header = _HEADER.match(data[:10_000])
     if header is None:
         raise LayoutError(f"{path.name} is not a PGM image (P2 or P5)")
-    columns, rows, most = (int(header[k]) for k in (2, 3, 4))
-    if not (0 < most < 65536 and 0 < rows * columns <= _MAX_PIXELS):
+    columns, rows, max_value = (int(header[k]) for k in (2, 3, 4))
+    if not (0 < max_value < 65536 and 0 < rows * columns <= _MAX_PIXELS):
         raise LayoutError(
-            f"{path.name}: {columns} x {rows} pixels up to {most} are no image that is read"
+            f"{path.name}: {columns} x {rows} pixels up to {max_value} are no image that is read"
         )
-    values = _pixels(data[header.end() :], header[1] == b"5", most, path)
-    if len(values) < rows * columns or values[: rows * columns].max() > most:
+    values = _pixels(data[header.end() :], header[1] == b"5", max_value, path)
+    if len(values) < rows * columns or values[: rows * columns].max() > max_value:
         raise LayoutError(
-            f"{path.name} is damaged: {columns} x {rows} pixels up to {most} were announced"
+            f"{path.name} is damaged: {columns} x {rows} pixels up to {max_value} were announced"
         )
-    return np.asarray(values[: rows * columns].reshape(rows, columns) / most, np.float64)
+    return np.asarray(values[: rows * columns].reshape(rows, columns) / max_value, np.float64)
 
 
-def _pixels(body: bytes, binary: bool, most: int, path: Path) -> NDArray[np.float64]:
+def _pixels(body: bytes, binary: bool, max_value: int, path: Path) -> NDArray[np.float64]:
     if not binary:
         try:
             return np.array(body.split(), np.float64)
         except ValueError as error:
             raise LayoutError(f"{path.name} is damaged: a pixel is no number") from error
-    wide = most > 255
+    wide = max_value > 255
     return np.frombuffer(body[: len(body) // 2 * 2] if wide else body, ">u2" if wide else "u1")
 
 
-#: by UNKNOWN, FREE, LOW, TALL: what one looks over stops a robot all the same
+#: by UNKNOWN, FREE, LOW, TALL: a low obstacle is occupied, since it stops a robot
 _SHADES: Final = np.array([205, 254, 0, 0], np.uint8)
 _PLAIN: Final = re.compile(r"[A-Za-z]\w*(?:[.-]\w+)*")
 _ENDINGS: Final = (".yaml", ".yml")
@@ -192,7 +192,7 @@ _ENDINGS: Final = (".yaml", ".yml")
 def write_grid(floor: MappedFloor, path: Path) -> Path:
     """Write `floor` to the YAML file `path` and a PGM beside it; returns the image's path.
 
-    Raises LayoutError for another ending or a name that is no text, GraphError where one of them
+    Raises LayoutError for another ending or a name with control characters, GraphError where a file
     cannot be written.
     """
     if path.suffix.lower() not in _ENDINGS:
@@ -221,5 +221,5 @@ def write_grid(floor: MappedFloor, path: Path) -> Path:
 
 
 def _as_yaml(name: str) -> str:
-    """`name` as it is where YAML takes it for text, quoted elsewhere."""
+    """`name`, quoted unless YAML reads it as text."""
     return name if _PLAIN.fullmatch(name) else json.dumps(name, ensure_ascii=False)

@@ -1,4 +1,4 @@
-"""Free space from an occupancy grid: a coarser grid whose walls still hold, rooms by rectangles."""
+"""Free space from an occupancy grid: a coarser grid with closed walls, and rooms by places."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from perception.binary_masks import connected_components
 from planner.freespace.grid import CELL, NO_ROOM, FreeSpace, Room
 
 _MAX_CELLS: Final = 4e5  # of a free space; larger buildings get larger cells
-_MIN_RESOLUTION: Final = 0.01  # [m] finer cells would be put together by the hundreds
+_MIN_RESOLUTION: Final = 0.01  # [m] hundreds of finer cells would make one cell
 _MAX_RESOLUTION: Final = 10.0  # [m]
-_ISLAND: Final = 1.0  # [m^2] less floor than this, cut off from the rest, is noise
+_ISLAND: Final = 1.0  # [m^2] of separate floor below which it counts as noise
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,7 +27,7 @@ class Occupancy:
     """
 
     free: NDArray[np.bool_]  # (nx, ny)
-    occupied: NDArray[np.bool_]  # (nx, ny); what is neither is unknown
+    occupied: NDArray[np.bool_]  # (nx, ny); a cell that is neither is unknown
     origin: NDArray[np.float64]  # (2,) [m] in the map frame: the corner of cell (0, 0)
     resolution: float  # [m] side of a cell
 
@@ -47,17 +47,17 @@ class Occupancy:
 
 
 def space_of_occupancy(grid: Occupancy, places: Sequence[Room], *, cell: float = CELL) -> FreeSpace:
-    """Free space of `grid`; room k is what lies in `places[k]`, room n what lies in none of the n.
+    """Free space of `grid`; room k is the floor in `places[k]`, room n the floor in none of n.
 
-    Of overlapping places the smaller one has the cell; heights are not looked at, a grid is of one
-    storey. Cells are the grid's own, put together to at least `cell` metres, larger where the
-    building is very large. One is floor when nothing in it is occupied and at least half of it is
-    free, so that a wall stays a wall however thin it is. Floor that is cut off from the rest and
-    smaller than a square metre is left out. Raises LayoutError where there is no floor.
+    Where places overlap, cells belong to the smaller one. Heights are ignored, since a grid has one
+    storey. Cells are blocks of the grid's cells, of at least `cell` metres and larger in a very
+    large building. A block is floor if no cell in it is occupied and at least half of it is free,
+    so that thin walls stay closed. Separate floor of less than a square metre is left out. Raises
+    LayoutError where there is no floor.
     """
     free, occupied, origin = _cropped(grid)
-    most = max(cell, float(np.sqrt(free.size * grid.resolution**2 / _MAX_CELLS)))
-    factor = max(1, int(np.ceil(most / grid.resolution - 1e-6)))
+    side = max(cell, float(np.sqrt(free.size * grid.resolution**2 / _MAX_CELLS)))
+    factor = max(1, int(np.ceil(side / grid.resolution - 1e-6)))
     floor = ~_blocks(occupied, factor).any(axis=(1, 3))
     floor &= _blocks(free, factor).mean(axis=(1, 3)) >= 0.5
     side = factor * grid.resolution
@@ -68,7 +68,7 @@ def space_of_occupancy(grid: Occupancy, places: Sequence[Room], *, cell: float =
 def _cropped(
     grid: Occupancy,
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.float64]]:
-    """The part of a grid around what is free, and its corner [m]."""
+    """The part of a grid around its free cells, and its corner [m]."""
     if not grid.free.any():
         raise LayoutError("the grid has no free cell; is it negated, or in another mode?")
     window, low = [], []
@@ -81,17 +81,16 @@ def _cropped(
 
 
 def _blocks(cells: NDArray[np.bool_], factor: int) -> NDArray[np.bool_]:
-    """(nx, factor, ny, factor) blocks of cells, filled up with False."""
-    nx, ny = (-(-n // factor) for n in cells.shape)
-    full = np.zeros((nx * factor, ny * factor), np.bool_)
-    full[: cells.shape[0], : cells.shape[1]] = cells
-    return full.reshape(nx, factor, ny, factor)
+    """(nx, factor, ny, factor) blocks of cells, padded with False."""
+    padded = np.pad(cells, [(0, -n % factor) for n in cells.shape])
+    nx, ny = (n // factor for n in padded.shape)
+    return padded.reshape(nx, factor, ny, factor)
 
 
 def _without_pinches(floor: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """`floor` without cells that touch others across a corner of walls, where one cannot walk.
+    """`floor` without cells that touch other floor only diagonally, between two walls.
 
-    Sight runs along diagonals, so a slanted wall would leak there.
+    Lines of sight run along diagonals, so they would cross a slanted wall there.
     """
     tight = floor.copy()
     a, b, c, d = tight[:-1, :-1], tight[1:, 1:], tight[1:, :-1], tight[:-1, 1:]
@@ -102,22 +101,22 @@ def _without_pinches(floor: NDArray[np.bool_]) -> NDArray[np.bool_]:
             at = first & second & ~one & ~other
             first &= ~at
             pinched |= bool(at.any())
-        if not pinched:  # what was taken away may have left others
+        if not pinched:  # a removed cell may have left another pinch
             return tight
 
 
-def _without_islands(floor: NDArray[np.bool_], least: float) -> NDArray[np.bool_]:
-    """`floor` without parts of less than `least` cells; the largest part always stays."""
+def _without_islands(floor: NDArray[np.bool_], min_cells: float) -> NDArray[np.bool_]:
+    """`floor` without parts of less than `min_cells` cells; the largest part always stays."""
     number = connected_components(floor)
     sizes = np.bincount(number[floor], minlength=1)
-    large = sizes >= min(least, sizes.max())
+    large = sizes >= min(min_cells, sizes.max())
     return np.asarray(floor & large[number], np.bool_)
 
 
 def _rooms(
     floor: NDArray[np.bool_], places: Sequence[Room], origin: NDArray[np.float64], cell: float
 ) -> NDArray[np.int32]:
-    """(nx, ny) which of `places` each floor cell lies in, their count for none."""
+    """(nx, ny) number of each floor cell's place; len(places) where it is in none."""
     rooms = np.where(floor, len(places), NO_ROOM).astype(np.int32)
     x, y = (low + (np.arange(n) + 0.5) * cell for low, n in zip(origin, floor.shape, strict=True))
     for number in sorted(range(len(places)), key=lambda k: (-places[k].area, k)):

@@ -1,8 +1,8 @@
-"""Free space from the mapped floor: walls, doors and furniture as seen, and its frontiers.
+"""Free space from the observed floor: its walls, doors and furniture, and its frontiers.
 
-Cells observed in depth are free, low obstacles, or obstacles that occlude what is behind them.
-Cells that nobody has seen follow the areas of the places: floor inside of them, between them walls
-with doors assumed. So planning never fails for lack of depth.
+Cells observed in depth are free, low obstacles, or tall obstacles that block sight. Unobserved
+cells follow the areas of the places: floor inside, walls with assumed doors between them. Planning
+therefore works without depth.
 
 Frontiers are free cells next to unknown ones (Yamauchi, "A frontier-based approach for autonomous
 exploration", CIRA 1997); those narrower than a robot are left out. Only floor outside of all
@@ -24,19 +24,19 @@ from perception.binary_masks import connected_components, with_neighbours
 from planner.freespace.floor_plan import joined
 from planner.freespace.grid import NO_ROOM, Cells, FreeSpace, Passage, Room, room_labels
 
-MIN_FINE_CELLS: Final = 2  # fine cells with something in them that close a cell; fewer are noise
-_ISLAND: Final = 1.0  # [m^2] less floor than this, cut off from the rest, is noise
-_WHOLE: Final = 0.5  # share of a room that nothing leads to, and is believed in all the same
+MIN_FINE_CELLS: Final = 2  # occupied fine cells that make a cell an obstacle; fewer are noise
+_ISLAND: Final = 1.0  # [m^2] of separate floor below which it counts as noise
+_WHOLE: Final = 0.5  # share of an unobserved room from which on its separate floor is kept
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenSpace:
-    """Free space, and which of it was seen."""
+    """Free space, and its observed states."""
 
     space: FreeSpace
-    rooms: int  # how many there are that were given; this one is floor in none of them
-    states: States  # (nx, ny) what was seen of each cell
-    within: NDArray[np.bool_]  # (nx, ny) whether it lies in a rectangle
+    rooms: int  # number of rooms given; also the number of the room of floor in none of them
+    states: States  # (nx, ny) observed state of each cell
+    within: NDArray[np.bool_]  # (nx, ny) whether a cell lies in a given room
 
 
 def seen_space(
@@ -44,8 +44,8 @@ def seen_space(
 ) -> SeenSpace:
     """`assumed` free space of `rooms`, overwritten by the observed cells of `floor`.
 
-    Room len(rooms) is floor that is in none of them. The grid reaches `margin` [m] beyond what is
-    known. Storeys side by side, as `floor_plan` has them, are not distinguished here.
+    Room len(rooms) is the floor in none of them. The grid reaches `margin` [m] beyond the observed
+    floor. Storeys that lie side by side (`floor_plan.shifts`) are not distinguished.
     """
     space = _widened(assumed, floor, margin)
     states = _coarse(space, floor)
@@ -55,15 +55,14 @@ def seen_space(
     room[known] = np.where(space.room[known] != NO_ROOM, space.room[known], labels[known])
     room[states == TALL] = NO_ROOM
     low = states == LOW
-    least = _ISLAND / space.cell**2
-    room = _without_islands(room, low, states, labels, len(rooms), least)
+    room = _without_islands(room, low, states, labels, len(rooms), _ISLAND / space.cell**2)
     mixed = FreeSpace(space.origin, space.cell, room, _valid(space, room, low), low)
     heights = [*(r.height for r in rooms), 0.0]
     return SeenSpace(joined(mixed, heights), len(rooms), states, labels != len(rooms))
 
 
 def _widened(space: FreeSpace, floor: MappedFloor, margin: float) -> FreeSpace:
-    """The same floor on a grid that also covers what is known of `floor`."""
+    """The same floor on a grid that also covers the observed `floor`."""
     low, high = floor.bounds + np.array([[-margin], [margin]])
     size = np.array(space.shape) * space.cell
     before = np.maximum(np.ceil((space.origin - low) / space.cell - 1e-9), 0).astype(int)
@@ -80,9 +79,9 @@ def _widened(space: FreeSpace, floor: MappedFloor, margin: float) -> FreeSpace:
 
 
 def _coarse(space: FreeSpace, floor: MappedFloor) -> States:
-    """(nx, ny) what is known of the cells of `space`.
+    """(nx, ny) observed states of the cells of `space`.
 
-    One is closed by two fine cells with something in them; free when half of what it covers is.
+    A cell is an obstacle if two of its fine cells are, and free if half of its fine cells are.
     """
     nx, ny = space.shape
     size, fine = space.cell, floor.resolution
@@ -104,7 +103,7 @@ def _coarse(space: FreeSpace, floor: MappedFloor) -> States:
 
 
 def _labels(space: FreeSpace, rooms: Sequence[Room]) -> NDArray[np.int32]:
-    """(nx, ny) the rectangle that each cell lies in, the smaller of two; len(rooms) for none."""
+    """(nx, ny) number of the room that each cell lies in, the smaller of two; len(rooms): none."""
     labels = np.full(space.shape, len(rooms), np.int32)
     if not rooms:
         return labels
@@ -121,12 +120,12 @@ def _without_islands(
     states: States,
     labels: NDArray[np.int32],
     count: int,
-    least: float,
+    min_cells: float,
 ) -> NDArray[np.int32]:
-    """`room` without floor that is cut off, unless `least` of it was seen.
+    """`room` without separate floor, unless `min_cells` cells of it were observed.
 
-    A rectangle around a building also covers floor outside of its walls, which is removed. In an
-    unseen room, cut-off floor stays if it is most of the room.
+    So floor outside of the walls is removed where the area of a place includes it. In an unobserved
+    room, separate floor stays if it is at least half of the room.
     """
     floor = (room != NO_ROOM) & ~low
     number = connected_components(floor)
@@ -134,56 +133,56 @@ def _without_islands(
     if not sizes.any():
         return room
     seen = np.bincount(number[floor & (states == FREE)], minlength=len(sizes))
-    keep = seen >= least
+    keep = seen >= min_cells
     keep[int(np.argmax(sizes if not seen.any() else seen))] = True
-    whole = np.bincount(labels.ravel(), minlength=count + 1)
-    of_seen = np.bincount(labels[states == FREE], minlength=count + 1)
-    for k in np.flatnonzero(of_seen[:count] < least):
+    room_sizes = np.bincount(labels.ravel(), minlength=count + 1)
+    seen_of_room = np.bincount(labels[states == FREE], minlength=count + 1)
+    for k in np.flatnonzero(seen_of_room[:count] < min_cells):
         of_room = np.bincount(number[floor & (labels == k)], minlength=len(sizes))
-        keep |= of_room >= max(_WHOLE * int(whole[k]), 1)
+        keep |= of_room >= max(_WHOLE * int(room_sizes[k]), 1)
     kept = np.where(floor & ~keep[number], NO_ROOM, room).astype(np.int32)
     number = connected_components(kept != NO_ROOM)
-    lonely = ~np.isin(number, np.unique(number[(kept != NO_ROOM) & ~low]))  # specks in the walls
-    kept[lonely] = NO_ROOM
+    only_low = ~np.isin(number, np.unique(number[(kept != NO_ROOM) & ~low]))  # specks in the walls
+    kept[only_low] = NO_ROOM
     return kept
 
 
 def _valid(
     space: FreeSpace, room: NDArray[np.int32], low: NDArray[np.bool_]
 ) -> tuple[Passage, ...]:
-    """The passages of `space` whose both ends are still floor."""
+    """The passages of `space` with both ends on floor."""
     floor = ((room != NO_ROOM) & ~low).reshape(-1)
     return tuple(p for p in space.passages if floor[p.a] and floor[p.b])
 
 
 BEHIND: Final = 2.6  # [m] of floor assumed beyond a frontier
-MIN_WIDTH: Final = 0.6  # [m] of frontier that a robot does not fit through
-MIN_AREA: Final = 2.0  # [m^2] less floor than this behind it is no room
-MAX_FRONTIERS: Final = 20  # frontiers, the widest ones
+MIN_WIDTH: Final = 0.6  # [m] of a frontier; a robot does not fit through narrower ones
+MIN_AREA: Final = 2.0  # [m^2] of floor beyond a frontier; less is no room
+MAX_FRONTIERS: Final = 20  # the widest ones are kept
 
 Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frontier:
-    """An edge of what was seen."""
+    """Frontier between observed and unknown floor."""
 
-    p_map: NDArray[np.float64]  # (2,) [m] the seen cell in the middle of the edge
-    width: float  # [m] of the edge
+    p_map: NDArray[np.float64]  # (2,) [m] the observed cell in its middle
+    width: float  # [m]
     behind: Cells  # (n,) cells assumed to be floor beyond it
 
 
 def with_frontiers(seen: SeenSpace) -> tuple[SeenSpace, tuple[Frontier, ...]]:
-    """The floor with that beyond its frontiers, each a room of its own, after the rooms it has.
+    """The floor with assumed floor beyond its frontiers, and the frontiers.
 
-    Frontier k is room `seen.rooms + 1 + k`: the one before holds what is in no place.
+    The floor beyond frontier k is room `seen.rooms + 1 + k`.
     """
     space, cell = seen.space, seen.space.cell
     unknown = (seen.states == UNKNOWN) & ~seen.within & (space.room == NO_ROOM)
     edge = space.free & (seen.states == FREE) & with_neighbours(unknown)
     region = _reached(with_neighbours(edge) & unknown, unknown, round(BEHIND / cell))
     number = connected_components(region)
-    touching = _numbers_beside(number, edge)
+    touching = _neighbour_numbers(number, edge)
     found = []
     for part in np.unique(touching[touching >= 0]):
         cells = np.flatnonzero(number == part)
@@ -208,8 +207,8 @@ def _reached(start: Mask, through: Mask, steps: int) -> Mask:
     return reached
 
 
-def _numbers_beside(number: NDArray[np.int64], edge: Mask) -> NDArray[np.int64]:
-    """(nx, ny) for each cell of `edge` the part beside it, -1 elsewhere."""
+def _neighbour_numbers(number: NDArray[np.int64], edge: Mask) -> NDArray[np.int64]:
+    """(nx, ny) number of the part beside each cell of `edge`; -1 elsewhere."""
     around = np.pad(number, 1, constant_values=-1)
     sides = (around[:-2, 1:-1], around[2:, 1:-1], around[1:-1, :-2], around[1:-1, 2:])
     return np.where(edge, np.max(sides, axis=0), -1)

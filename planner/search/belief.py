@@ -1,7 +1,7 @@
-"""Belief about where a target is: probabilities on cells of the floor.
+"""Belief about a target's position: probabilities on cells of the floor.
 
 All evidence shares the cells: a remembered position and the room around it are the same cells, so
-that a failed look at the position lowers the room too, and nothing is counted twice. Instances are
+that a failed view of the position lowers the room too, and no evidence counts twice. Instances are
 independent: each lies in some of the cells, or is not on the floor.
 """
 
@@ -22,7 +22,7 @@ from planner.settings import BeliefSettings
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CellBelief:
-    """Probability that the target is in each cell, and that it is on no cell.
+    """Probability that the target is in each cell, and that it is in none.
 
     `weight` sums to 1 - `absent`. Raises ValueError for negative or missing mass.
     """
@@ -38,20 +38,20 @@ class CellBelief:
 
     @property
     def present(self) -> float:
-        """Probability that it is on this floor."""
+        """Probability that the target is on this floor."""
         return 1.0 - self.absent
 
     def of_room(self, space: FreeSpace, room: int) -> float:
-        """Probability that it is in `room`."""
+        """Probability that the target is in `room`."""
         return float(self.weight[space.room.reshape(-1)[self.cells] == room].sum())
 
 
 def site_weights(
     space: FreeSpace, cells: Cells, p_map: ArrayLike, sigma: float
 ) -> NDArray[np.float64]:
-    """(c,) one unit of probability around `p_map` (2,) [m], Gaussian with `sigma` [m].
+    """(c,) Gaussian weights around `p_map` (2,) [m] with `sigma` [m]; they sum to 1.
 
-    A site off the floor (on a counter, in a wall) falls to the cells nearest to it.
+    A position off the floor (on a counter, in a wall) gives its weight to the nearest cells.
     """
     off = ((space.centres(cells) - np.asarray(p_map, np.float64)[:2]) ** 2).sum(axis=1)
     log = -off / (2 * max(sigma, space.cell / 2) ** 2)
@@ -61,7 +61,7 @@ def site_weights(
 
 Weights = NDArray[np.float64]
 
-_MAX_KNOWN: int = 150  # remembered objects that are instances of their own
+_MAX_KNOWN: int = 150  # remembered objects that are separate instances
 _MAX_NEARBY: int = 100
 
 
@@ -84,7 +84,7 @@ class TargetBelief:
 
     cells: Cells  # (c,)
     weight: Weights  # (k, c) probability that an instance lies in a cell; rows sum to 1 at most
-    target: NDArray[np.intp]  # (k,) number of the target it is
+    target: NDArray[np.intp]  # (k,) number of its target
     parts: tuple[Contribution, ...]
 
     def missed(self, unseen: Weights) -> Weights:
@@ -96,9 +96,9 @@ class TargetBelief:
         log = np.bincount(self.target, np.log(self.missed(unseen)), minlength=targets)
         return np.exp(log)
 
-    def expected(self, unseen: Weights, of: Weights) -> Weights:
-        """(c,) instances expected in each cell after failed views; target j times `of[j]`."""
-        return np.asarray((of[self.target] / self.missed(unseen)) @ self.weight * unseen)
+    def expected(self, unseen: Weights, value: Weights) -> Weights:
+        """(c,) expected instances in each cell after failed views; target j counts `value[j]`."""
+        return np.asarray((value[self.target] / self.missed(unseen)) @ self.weight * unseen)
 
     def left(self, unseen: Weights, wanted: Sequence[int]) -> float:
         """Probability that any of the `wanted` targets is on this floor after failed views."""
@@ -108,9 +108,7 @@ class TargetBelief:
 
     def belief(self, unseen: Weights, wanted: Sequence[int], targets: int) -> CellBelief:
         """Belief about the next instance of all `wanted` targets together."""
-        of = np.zeros(targets)
-        of[list(wanted)] = 1.0
-        weight = self.expected(unseen, of)
+        weight = self.expected(unseen, np.isin(np.arange(targets), wanted).astype(np.float64))
         left, total = self.left(unseen, wanted), float(weight.sum())
         if total <= 0:
             return CellBelief(self.cells, np.zeros(len(self.cells)), 1.0)
@@ -120,21 +118,21 @@ class TargetBelief:
 def build_target_belief(
     ground: PlanningMap, cells: Cells, candidates: Sequence[Candidate], settings: BeliefSettings
 ) -> TargetBelief:
-    """Belief of the instances that `candidates` stand for."""
+    """Belief in the instances of `candidates`."""
     rows: list[tuple[int, Weights]] = []
     parts: list[Contribution] = []
     for target in sorted({candidate.target for candidate in candidates}):
-        mine = [candidate for candidate in candidates if candidate.target == target]
-        for made in _Instances(ground, cells, mine, settings).made():
-            weight = np.sum([part for _, part in made], axis=0)
+        of_target = [candidate for candidate in candidates if candidate.target == target]
+        for instance in _Instances(ground, cells, of_target, settings).all():
+            weight = np.sum([part for _, part in instance], axis=0)
             if float(weight.sum()) > 1e-6:
-                parts += [Contribution(candidate, len(rows), part) for candidate, part in made]
+                parts += [Contribution(candidate, len(rows), part) for candidate, part in instance]
                 rows.append((target, weight))
     weight = np.array([w for _, w in rows]).reshape(-1, len(cells))
     return TargetBelief(cells, weight, np.array([t for t, _ in rows], np.intp), tuple(parts))
 
 
-_Made = list[tuple[Candidate, Weights]]
+_Instance = list[tuple[Candidate, Weights]]  # its parts
 
 
 class _Instances:
@@ -148,11 +146,11 @@ class _Instances:
         settings: BeliefSettings,
     ) -> None:
         self._ground, self._cells, self._settings = ground, cells, settings
-        of = {kind: [c for c in candidates if c.kind == kind] for kind in ("known", "nearby")}
-        self._known = sorted(of["known"], key=lambda c: (-c.probability, c.iri))[:_MAX_KNOWN]
+        ranked = sorted(candidates, key=lambda c: (-c.probability, c.iri))
+        self._known = [c for c in ranked if c.kind == "known"][:_MAX_KNOWN]
+        nearby = [c for c in ranked if c.kind == "nearby" and c.probability > 0][:_MAX_NEARBY]
         self._nearby: dict[int, list[Candidate]] = defaultdict(list)
-        nearby = [c for c in of["nearby"] if c.probability > 0]
-        for near in sorted(nearby, key=lambda c: (-c.probability, c.iri))[:_MAX_NEARBY]:
+        for near in nearby:
             self._nearby[ground.room_at(near.p_map, near.place)].append(near)
         places = {c.iri: c for c in candidates if c.kind in ("place", "frontier")}
         self._places = {room: places[iri] for room, iri in enumerate(ground.rooms) if iri in places}
@@ -160,7 +158,7 @@ class _Instances:
         self._seen = np.zeros(len(cells)) if ground.seen is None else ground.seen.reshape(-1)[cells]
         self._uniform = np.full(len(cells), 1.0 / len(cells))
 
-    def made(self) -> list[_Made]:
+    def all(self) -> list[_Instance]:
         """The parts of each instance."""
         rooms = [r for r in range(len(self._ground.rooms)) if (self._room == r).any()]
         return [
@@ -182,19 +180,19 @@ class _Instances:
         share = self._settings.uniform_share
         return (1 - share) * weight + share * float(weight.sum()) * self._uniform
 
-    def _remembered(self, known: Candidate) -> _Made:
-        s, stood = self._settings, known.existence
+    def _remembered(self, known: Candidate) -> _Instance:
+        s = self._settings
         room = self._ground.room_at(known.p_map, known.place)
         site = site_weights(self._ground.space, self._cells, known.p_map, s.site_sigma)
         moved = (1 - s.p_left_floor) * (
             s.p_same_room * self._all_over(room) + (1 - s.p_same_room) * self._anywhere
         )
-        weight = known.probability * site + max(stood - known.probability, 0.0) * moved
-        return [(known, self._mixed(weight))]
+        p_moved = max(known.existence - known.probability, 0.0)
+        return [(known, self._mixed(known.probability * site + p_moved * moved))]
 
     @property
     def _anywhere(self) -> Weights:
-        """(c,) distribution over all places by their probability to hold the target."""
+        """(c,) distribution over all places by their probability to contain the target."""
         total = sum(c.probability for c in self._places.values())
         if total <= 0:
             return self._uniform
@@ -202,19 +200,19 @@ class _Instances:
             sum(c.probability / total * self._all_over(r) for r, c in self._places.items())
         )
 
-    def _of_room(self, room: int) -> _Made:
+    def _of_room(self, room: int) -> _Instance:
         """Instance in a room that was not observed; partly around objects it is found near."""
-        place, near = self._places.get(room), self._nearby.get(room, [])
-        here = [*near, *([] if place is None else [place])]
+        place, nearby = self._places.get(room), self._nearby.get(room, [])
+        here = [*nearby, *([] if place is None else [place])]
         p = max((c.probability for c in here), default=0.0)
-        beside = (self._settings.beside if place is not None else 1.0) if near else 0.0
-        total = sum(c.probability for c in near)
-        made: _Made = []
+        beside = (self._settings.beside if place is not None else 1.0) if nearby else 0.0
+        total = sum(c.probability for c in nearby)
+        parts: _Instance = []
         if place is not None:
             spread = self._overlooked(room, place.noticed)
-            made.append((place, self._mixed((1 - beside) * p * spread)))
-        for one in near:
+            parts.append((place, self._mixed((1 - beside) * p * spread)))
+        for near in nearby:
             sigma = self._settings.beside_sigma
-            site = site_weights(self._ground.space, self._cells, one.p_map, sigma)
-            made.append((one, self._mixed(beside * p * one.probability / total * site)))
-        return made
+            site = site_weights(self._ground.space, self._cells, near.p_map, sigma)
+            parts.append((near, self._mixed(beside * p * near.probability / total * site)))
+        return parts

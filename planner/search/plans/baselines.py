@@ -12,7 +12,7 @@ from planner.search.plans.orders import nearest_neighbour, room_order
 from planner.search.plans.rollout import PlanEvaluator, Rollout
 from planner.search.viewpoints.next_best_view import RobotState
 
-_SWEPT: float = 0.9  # share of all that a room's views can find at which its sweep ends
+_SWEPT: float = 0.9  # share of the probability that a room's views can find, at which a sweep ends
 _MAX_VIEWS: int = 12  # of a room
 
 
@@ -21,7 +21,7 @@ class Baseline:
     """Expected time of another way to search, beside that of the plan."""
 
     name: str
-    probability: float  # to find the target that both reach; times are compared at it
+    probability: float  # to find the target, as far as both reach; times are compared at it
     expected_seconds: float  # [s] mean time of the finds up to that probability
     plan_seconds: float  # [s] the same for the plan
     views: int
@@ -32,16 +32,14 @@ class RoomBaselines:
 
     def __init__(self, evaluator: PlanEvaluator) -> None:
         self._evaluator = evaluator
-        state = evaluator.state
-        viewpoints = state.views.viewpoints
-        self._room_of = state.space.room.reshape(-1)[viewpoints]
-        views = state.views
+        views = evaluator.state.views
+        self._room_of = evaluator.state.space.room.reshape(-1)[views.viewpoints]
         self._reached = np.isfinite(views.metres_from(evaluator.at.cell))
         self.rooms = [int(r) for r in np.unique(self._room_of[self._reached])]
         self._sweeps = {room: self._sweep(room) for room in self.rooms}
 
     def _sweep(self, room: int) -> list[int]:
-        """Views of one room by the ratio rule, from its middle on."""
+        """Views of one room by the ratio rule, beginning at its middle."""
         state = self._evaluator.state
         views, viewpoints = state.views, np.flatnonzero((self._room_of == room) & self._reached)
         among = np.flatnonzero(np.isin(views.viewpoint, viewpoints))
@@ -78,7 +76,7 @@ class RoomBaselines:
         return list(nearest_neighbour((r for r in self.rooms if self._sweeps[r]), metres))
 
     def best_order(self) -> list[int]:
-        """Rooms in an order of little expected time, as if each were searched in one go."""
+        """Rooms in an order of little expected time, each swept as a whole."""
         state, rooms = self._evaluator.state, [room for room in self.rooms if self._sweeps[room]]
         views = state.views
         first = np.array([views.viewpoint[self._sweeps[room][0]] for room in rooms], np.intp)

@@ -17,12 +17,12 @@ _MIN_GAIN = 1e-12  # share of the cost, so that rounding cannot make the search 
 
 
 def room_order(p: Floats, first: Floats, between: Floats) -> Ints:
-    """Order (n,) of n rooms with little expected time to find, a local optimum.
+    """Order (n,) of n rooms with little expected time until found: a local optimum.
 
     Args:
         p: (n,) probability that the object is in each room.
-        first: (n,) [s] from the start until each room is searched.
-        between: (n, n) [s] from having searched room i until room j is searched.
+        first: (n,) [s] from the start to the end of each room's search.
+        between: (n, n) [s] from the end of room i's search to the end of room j's.
     """
     order = ratio_rule(p, first, between)
     if not 1 < len(p) <= MAX_IMPROVED:
@@ -38,7 +38,7 @@ def room_order(p: Floats, first: Floats, between: Floats) -> Ints:
 
 
 def ratio_rule(p: Floats, first: Floats, between: Floats) -> Ints:
-    """Greedy order (n,): next is the room of the greatest probability per second of way and look.
+    """Greedy order (n,): next is the room with the greatest probability per second.
 
     The arguments are those of `room_order`.
     """
@@ -57,7 +57,7 @@ def expected_cost(orders: Ints, p: Floats, first: Floats, between: Floats) -> Fl
 
 
 def _moves(n: int) -> Iterator[list[int]]:
-    """Permutations of n positions: a stretch reversed, or a chain of rooms put elsewhere."""
+    """Permutations of n positions: a stretch reversed, or a chain moved."""
     for i in range(n):
         for j in range(i + 2, n + 1):
             yield [*range(i), *reversed(range(i, j)), *range(j, n)]
@@ -73,10 +73,10 @@ T = TypeVar("T")
 
 
 def nearest_neighbour(items: Iterable[T], metres: Callable[[T | None, T], float]) -> Iterator[T]:
-    """Yields `items` in nearest-neighbour order; of those equally near, the one given first.
+    """Yields `items` in nearest-neighbour order; of equally near items, the first one first.
 
-    `metres(here, item)` is the distance [m] from the item that was last yielded, None at the start.
-    It is called anew before each item, so that it may depend on where a robot is by then.
+    `metres(here, item)` is the distance [m] from the item yielded last, None at the start. It is
+    called again before each item, so that it may depend on the robot's position at that time.
     """
     left, here = list(items), None
     while left:

@@ -33,10 +33,13 @@ def plan_json(
 ) -> dict[str, object]:
     """The plan as plain values; lengths to 1 mm, times to 1 ms, probabilities to 6 places.
 
-    With `ways`, one (n, 2) [m] for each step, steps have the way to them, points to 1 cm. `goals`
-    are the candidates in visiting order; `distance` and `seconds` of one that no step shows are
-    null.
+    `goals` are the candidates in visiting order; `distance` and `seconds` are null for a candidate
+    that no step shows. `ways` has one (n, 2) [m] for each step; steps then have the way to them,
+    with points to 1 cm.
     """
+    steps = [_step(step) for step in plan.steps]
+    if ways is not None:
+        steps = [{**step, "way": _corners(way)} for step, way in zip(steps, ways, strict=True)]
     return {
         "target": ", ".join(plan.targets),
         "targets": list(plan.targets),
@@ -46,7 +49,7 @@ def plan_json(
         "expected_seconds": _rounded(plan.expected_seconds),
         "probability": round(plan.probability, 6),
         "present": round(plan.present, 6),
-        "steps": [_step(step) for step in plan.steps] if ways is None else _on_ways(plan, ways),
+        "steps": steps,
         "alternatives": [
             {
                 "name": other.name,
@@ -60,8 +63,8 @@ def plan_json(
     }
 
 
-def _rounded(value: float | None, digits: int = 3) -> float | None:
-    return None if value is None or not math.isfinite(value) else round(value, digits)
+def _rounded(value: float | None) -> float | None:
+    return None if value is None or not math.isfinite(value) else round(value, 3)
 
 
 def _goal(goal: VisitedCandidate) -> dict[str, object]:
@@ -78,14 +81,8 @@ def _goal(goal: VisitedCandidate) -> dict[str, object]:
     }
 
 
-def _on_ways(plan: ViewPlan, ways: Sequence[NDArray[np.float64]]) -> list[dict[str, object]]:
-    return [
-        {**_step(step), "way": _corners(way)} for step, way in zip(plan.steps, ways, strict=True)
-    ]
-
-
 def _corners(way: NDArray[np.float64]) -> list[list[float]]:
-    """Every third point of a way and its end, which tell as much as all at a grid's 5 or 10 cm."""
+    """Every third point of a way, and its end: all points would say no more at 5 or 10 cm."""
     kept = np.append(np.arange(0, len(way) - 1, 3), len(way) - 1)
     return [[round(float(x), 2), round(float(y), 2)] for x, y in way[kept]]
 
@@ -123,7 +120,7 @@ def direction(step: ViewStep) -> str:
     """Direction of a view: ``all around``, or a compass point where x is east and y north."""
     if step.extent >= 2 * math.pi - 1e-9:
         return "all around"
-    return f"{_WINDS[round(step.heading / (math.pi / 4)) % 8]}"
+    return _WINDS[round(step.heading / (math.pi / 4)) % 8]
 
 
 def purpose(candidate: Candidate) -> str:
@@ -135,8 +132,8 @@ def purpose(candidate: Candidate) -> str:
 
 def main_candidates(step: ViewStep) -> tuple[Candidate, ...]:
     """Main candidates of a view: the weightiest, and a second of about the same weight."""
-    least = _SAME_WEIGHT * step.why[0].probability if step.why else 0.0
-    return tuple(reason.candidate for reason in step.why[:2] if reason.probability >= least)
+    min_weight = _SAME_WEIGHT * step.why[0].probability if step.why else 0.0
+    return tuple(reason.candidate for reason in step.why[:2] if reason.probability >= min_weight)
 
 
 def step_purpose(step: ViewStep) -> str:
@@ -169,12 +166,9 @@ def reason_lines(steps: Sequence[ViewStep]) -> list[str]:
 
 
 def fact_chain(facts: Sequence[str]) -> str:
-    """Facts in brief, without those that only sum up others."""
-    return "; ".join(without_sources(fact) for fact in takewhile(_leads, facts))
-
-
-def _leads(fact: str) -> bool:
-    return not fact.startswith(("together ", "viewed "))
+    """Facts in brief, without sources and without the facts that only sum up others."""
+    chain = takewhile(lambda fact: not fact.startswith(("together ", "viewed ")), facts)
+    return "; ".join(map(without_sources, chain))
 
 
 def without_sources(fact: str) -> str:
@@ -236,9 +230,9 @@ def step_lines(number: int, step: ViewStep) -> list[str]:
 
 
 def find_answer(semantic_map: SemanticMap, wanted: Sequence[str]) -> dict[str, object]:
-    """Answer of `find --json` for `wanted`, by default settings from where the robot is.
+    """Answer of `find --json` for `wanted`, by default settings from the robot's pose.
 
-    Raises QueryParameterError for what is no object, UnknownCategoryError for an unknown word.
+    Raises UnknownCategoryError for a word that is neither a category nor a need.
     """
     state = build_search(semantic_map, wanted)
     if state is None:
@@ -249,13 +243,13 @@ def find_answer(semantic_map: SemanticMap, wanted: Sequence[str]) -> dict[str, o
 def answer_json(
     semantic_map: SemanticMap, state: PlanningState, found: ViewPlan
 ) -> dict[str, object]:
-    """A plan with its ways, and what the map has of its targets, as plain values."""
+    """A plan with its ways, and the known objects of its targets, as plain values."""
     ways = planned_ways(state, found, found.steps)
     return {**plan_json(found, ways), "known": known_json(semantic_map, state.targets)}
 
 
 def empty_answer(targets: Sequence[str]) -> dict[str, object]:
-    """The answer of a map without floor, where there is nowhere to look."""
+    """Answer for a map without floor, on which no view can be planned."""
     return {
         "target": ", ".join(targets),
         "targets": list(targets),

@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 
 from planner.search.plans.search_state import PlanningState
 from planner.search.viewpoints.next_best_view import RobotState
+from planner.settings import ENOUGH, MAX_VIEWS
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rollout:
-    """Views in order, with times and gains given that all earlier views failed."""
+    """Views in order, with times, and with gains given that all earlier views failed."""
 
     views: tuple[int, ...]
     arrivals: Floats  # (n,) [s] when each view is over
@@ -32,7 +33,7 @@ class Rollout:
         return float(self.arrivals @ self.gains) / total if total > 0 else 0.0
 
     def until(self, found: float) -> float:
-        """[s] mean time of the first `found` of all that the views find."""
+        """[s] mean time of the finds up to the probability `found`."""
         before = np.concatenate([[0.0], np.cumsum(self.gains)[:-1]])
         counted = np.clip(found - before, 0.0, self.gains)
         total = float(counted.sum())
@@ -47,10 +48,10 @@ class PlanEvaluator:
         count = len(state.targets)
         self._wanted = np.isin(np.arange(count), state.wanted)
         self._missing = state.target_belief.still_missing(state.unseen, count)
-        self.most = self._still(np.where(state.next_best_view.seeable, 0.0, state.unseen))
+        self.limit = self._p_found(np.where(state.next_best_view.seeable, 0.0, state.unseen))
 
-    def _still(self, unseen: Floats) -> Floats:
-        """(targets,) probability to have been found by now, since the plan began."""
+    def _p_found(self, unseen: Floats) -> Floats:
+        """(targets,) probability to have been found since the plan began."""
         count = len(self.state.targets)
         missing = self.state.target_belief.still_missing(unseen, count) / self._missing
         return np.where(self._wanted, 1.0 - np.minimum(missing, 1.0), 0.0)
@@ -61,15 +62,16 @@ class PlanEvaluator:
         seconds, metres = np.zeros(len(order)), np.zeros(len(order))
         unseen = np.empty((len(order) + 1, len(state.unseen)))
         unseen[0] = state.unseen
-        found = [self._still(unseen[0])]
+        found = [self._p_found(unseen[0])]
         for i, view in enumerate(order):
             seconds[i] = self.cost(at, view)
-            metres[i] = self._way(at, view)
+            viewpoint = state.views.viewpoint[view]
+            metres[i] = state.next_best_view.metres_to(at)[viewpoint]
             unseen[i + 1] = unseen[i] * (1.0 - revisits.chance(view))
             revisits.add(view)
             at = state.next_best_view.after(at, view)
-            found.append(self._still(unseen[i + 1]))
-        gains = np.diff([float(one.sum()) for one in found])
+            found.append(self._p_found(unseen[i + 1]))
+        gains = np.diff([float(p_found.sum()) for p_found in found])
         arrivals = self._before + np.cumsum(seconds)
         return Rollout(tuple(order), arrivals, np.cumsum(metres), gains, unseen)
 
@@ -77,19 +79,12 @@ class PlanEvaluator:
         """[s] to drive, to turn and to take the view."""
         return float(self.state.next_best_view.costs(at, np.array([view]))[0])
 
-    def _way(self, at: RobotState, view: int) -> float:
-        views = self.state.views
-        viewpoint = int(views.viewpoint[view])
-        if at.viewpoint is None:
-            return float(views.metres_from(at.cell)[viewpoint])
-        return float(views.metres[at.viewpoint, viewpoint])
-
-    def construct(self, enough: float, most: int, budget: float) -> list[int]:
+    def construct(self, budget: float) -> list[int]:
         """Greedy sequence by the ratio rule with lookahead (`NextBestView.best`)."""
         state, at, revisits = self.state, self.at, self.state.revisits.copy()
         unseen, spent, order = state.unseen.copy(), self._before, list[int]()
-        goal = enough * float(self.most.sum())
-        while len(order) < most and float(self._still(unseen).sum()) < goal:
+        goal = ENOUGH * float(self.limit.sum())
+        while len(order) < MAX_VIEWS and float(self._p_found(unseen).sum()) < goal:
             view = state.choose(at, unseen, revisits)
             if view is None or (spent := spent + self.cost(at, view)) > budget:
                 break
@@ -102,8 +97,7 @@ class PlanEvaluator:
     def improve(self, order: list[int], trials: int, deadline: float, seed: int) -> list[int]:
         """`order` after seeded trials: a view moved, a stretch reversed, two views swapped.
 
-        A trial is kept if its expected time is lower; `deadline` is of
-        `time.monotonic`.
+        A trial is kept if its expected time is lower. `deadline` is a value of `time.monotonic`.
         """
         if len(order) < 3:
             return order
@@ -118,8 +112,8 @@ class PlanEvaluator:
         return order
 
     def _score(self, rollout: Rollout) -> float:
-        """[s] expected time; a target that is not found costs all views."""
-        lost = float(self.most.sum() - rollout.gains.sum())
+        """[s] expected time; a target that is not found costs the time of all views."""
+        lost = float(self.limit.sum() - rollout.gains.sum())
         return float(rollout.arrivals @ rollout.gains + lost * rollout.arrivals[-1])
 
 

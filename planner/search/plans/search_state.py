@@ -2,7 +2,7 @@
 
     state = build_search(semantic_map, ["cup"])
     view = state.next_view(at)            # a number in state.views, or None: give up
-    state.missed(view)                    # taken, and the target was not detected
+    state.missed(view)                    # after the view, if it did not detect the target
 
 A `PlanningState` is changed in place and never writes to the map.
 """
@@ -59,12 +59,14 @@ class FoundTarget:
     p_map: NDArray[np.float64]  # (2,) or (3,) [m]
 
 
+FreshViews = Callable[[PlanningMap, CandidateViews, NDArray[np.float64]], CandidateViews]
+
+
 class PlanningState:
     """Planning state of one search for one or several targets; all of them are wanted.
 
-    `fresh` adds views when all others failed; by default it is `with_fresh_viewpoints`. `blocked`
-    replaces `space`, `rooms`, `views`, `next_best_view` and `revisits`, so that earlier numbers of
-    views do not hold after it.
+    `fresh` adds views after all others failed. `blocked` and fresh viewpoints replace the candidate
+    views, so that earlier numbers of views are invalid afterwards.
     """
 
     def __init__(
@@ -75,21 +77,18 @@ class PlanningState:
         candidates: tuple[Candidate, ...],
         known: TargetBelief,
         settings: BeliefSettings = BELIEF,
-        fresh: Callable[[PlanningMap, CandidateViews, NDArray[np.float64]], CandidateViews]
-        | None = None,
+        fresh: FreshViews | None = None,
     ) -> None:
         self.targets, self.candidates, self.target_belief = targets, candidates, known
         self.settings = settings
         self.finds: list[FoundTarget] = []
-        self.unseen = np.ones(len(views.cells))  # (c,) chance that all views missed what lies there
+        self.unseen = np.ones(len(views.cells))  # (c,) chance that all views missed an object there
         self._planning_map, self._fresh = planning_map, fresh or with_fresh_viewpoints
         self._first = known.left(self.unseen, range(len(targets)))
-        self.rounds = 0  # how often fresh positions were taken
-        self.views, self.next_best_view, self.revisits = (
-            views,
-            NextBestView(views),
-            RevisitModel(views),
-        )
+        self.rounds = 0  # how often fresh viewpoints were taken
+        self.views = views
+        self.next_best_view = NextBestView(views)
+        self.revisits = RevisitModel(views)
 
     def _use(self, views: CandidateViews) -> None:
         """Replace the candidate views by others over the same cells."""
@@ -132,33 +131,34 @@ class PlanningState:
         return RobotState(self.space.nearest(p_map), heading)
 
     def place_of(self, view: int) -> str:
-        """IRI of the place a view is taken in; "" for none."""
-        cell = self.views.viewpoints[self.views.viewpoint[view]]
-        room = int(self.space.room.reshape(-1)[cell])
+        """IRI of the place that a view is taken in; "" for none."""
+        room = self._room_of(view)
         return self.rooms[room] if room >= 0 else ""
 
     def place_name(self, view: int) -> str:
-        """Label of the place a view is taken in."""
-        cell = self.views.viewpoints[self.views.viewpoint[view]]
-        room = int(self.space.room.reshape(-1)[cell])
+        """Label of the place that a view is taken in; "" for none."""
+        room = self._room_of(view)
         return self._planning_map.names[room] if room >= 0 else ""
 
+    def _room_of(self, view: int) -> int:
+        cell = self.views.viewpoints[self.views.viewpoint[view]]
+        return int(self.space.room.reshape(-1)[cell])
+
     def weights(self, unseen: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(c,) value of seeing each cell: targets expected there that are still wanted."""
+        """(c,) value of seeing each cell: expected instances in it of targets still wanted."""
         count = len(self.targets)
-        needed = self.target_belief.still_missing(unseen, count)
-        needed = needed / np.maximum(self.target_belief.still_missing(self.unseen, count), 1e-12)
-        of = np.zeros(count)
-        of[list(self.wanted)] = needed[list(self.wanted)]
-        return self.target_belief.expected(unseen, of)
+        missing = self.target_belief.still_missing(unseen, count)
+        missing /= np.maximum(self.target_belief.still_missing(self.unseen, count), 1e-12)
+        wanted = np.isin(np.arange(count), self.wanted)
+        return self.target_belief.expected(unseen, np.where(wanted, missing, 0.0))
 
     @property
     def overlooked(self) -> float:
         """Probability that all views so far have missed a target that is on this floor.
 
-        The greater of two values, so that a wrong belief does not end a search: for a target that
-        is distributed as believed, and for one that is anywhere on the floor. Floor that no view
-        shows counts until fresh viewpoints were tried.
+        It is the greater of two values, so that a wrong belief does not end a search: for a target
+        distributed by the belief, and for a target distributed evenly over the floor. Floor that no
+        view shows counts until fresh viewpoints were tried.
         """
         return self._missed_chance(self.next_best_view.seeable)
 
@@ -177,61 +177,52 @@ class PlanningState:
     def next_view(self, at: RobotState) -> int | None:
         """The view to take next from `at`; None where the search gives up.
 
-        It gives up when the probability that all views missed the target, on floor that reachable
-        viewpoints show, is below `settings.stop_below`. Until then, views that gain little or
-        repeat earlier ones make it take fresh viewpoints, which see behind other occlusions.
+        The search gives up when the probability that all views missed the target, on floor that
+        reachable viewpoints show, is below `settings.stop_below`. Until then, it takes fresh
+        viewpoints, with other occlusions, once all views gain little or repeat earlier ones.
         """
         while self.wanted:
             seeable = self.next_best_view.seeable_from(at)
             if self._missed_chance(seeable) <= self.settings.stop_below:
                 return None
-            view = self.choose(at, self.unseen, self.revisits, self._least(seeable))
+            weight = self.weights(self.unseen)
+            min_gain = self.settings.give_up * float(weight[seeable].sum()) / 2.0**self.rounds
+            view = self.choose(at, self.unseen, self.revisits, min_gain)
             if view is not None and not self._is_stale(view):
                 return view
-            if not self._refreshed():
+            if self.rounds == MAX_ROUNDS:
                 return view
+            self.rounds += 1
+            expected = self.target_belief.expected(self.unseen, np.ones(len(self.targets)))
+            self._use(self._fresh(self._planning_map, self.views, expected))
         return None
 
-    def _least(self, seeable: NDArray[np.bool_]) -> float:
-        """Probability that a view must gain to be worth its way, with `seeable` (c,) floor."""
-        worth = float(self.weights(self.unseen)[seeable].sum())
-        return self.settings.give_up * worth / 2.0**self.rounds
-
     def _is_stale(self, view: int) -> bool:
-        """Whether earlier views from there have shown most of what `view` shows."""
+        """Whether `view` gains little because earlier views from nearby were alike."""
         weight = self.weights(self.unseen)
         fresh = float(self.views.chance[view] @ weight)
         return bool(self.revisits.chance(view) @ weight < self.settings.stale * fresh)
-
-    def _refreshed(self) -> bool:
-        """Take fresh viewpoints and halve the gain that is asked for; False after MAX_ROUNDS."""
-        if self.rounds == MAX_ROUNDS:
-            return False
-        self.rounds += 1
-        unseen = self.target_belief.expected(self.unseen, np.ones(len(self.targets)))
-        self._use(self._fresh(self._planning_map, self.views, unseen))
-        return True
 
     def choose(
         self,
         at: RobotState,
         unseen: NDArray[np.float64],
         revisits: RevisitModel,
-        least: float | None = None,
+        min_gain: float | None = None,
     ) -> int | None:
         """The best view from `at` for given `unseen` (c,) and `revisits`.
 
-        None where no view gains at least `least`, by default the share `settings.give_up` of the
-        probability that there was at first.
+        None where no view gains at least `min_gain`, by default the share `settings.give_up` of the
+        probability before the first view.
         """
-        least = self.settings.give_up * self._first if least is None else least
+        min_gain = self.settings.give_up * self._first if min_gain is None else min_gain
         weight = self.weights(unseen)
         gains = revisits.gains(weight)
-        gains[(gains < least) | ~self.next_best_view.reached(at)] = 0.0
+        gains[(gains < min_gain) | ~self.next_best_view.reached(at)] = 0.0
         if not gains.max() > 0:
             return None
         view = self.next_best_view.best(at, weight, revisits, gains)
-        if view is None or not gains[view] > 0:  # worth something only as the way to better ones
+        if view is None or not gains[view] > 0:  # only the views after it would gain enough
             rates = gains / self.next_best_view.costs(at, np.arange(len(gains)))
             view = int(np.argmax(rates))
         return view
@@ -244,8 +235,7 @@ class PlanningState:
     def missed_picture(self, cell: int, heading: float) -> None:
         """Update the belief: a picture from floor `cell` towards `heading` [rad] showed no target.
 
-        Pictures from about the same position are correlated, so cells that an earlier picture or
-        view showed count less.
+        Cells that an earlier picture or view from nearby showed count less (`RevisitModel`).
         """
         chance = picture_chance(self.views, cell, heading)
         self.unseen = self.unseen * (1.0 - self.revisits.reduced(cell, chance))
@@ -254,14 +244,14 @@ class PlanningState:
     def found(self, target: str, p_map: ArrayLike) -> None:
         """Update the belief: `target`, by text or label, is at `p_map` and no longer wanted.
 
-        Raises KeyError for what is no target of this search.
+        Raises KeyError where this search has no such target.
         """
         number = self._number(target)
         if number in self.wanted:
             self.finds.append(FoundTarget(self.targets[number], np.asarray(p_map, np.float64)))
 
     def blocked(self, cells: ArrayLike) -> None:
-        """Update the floor: `cells` cannot be driven through; the belief is kept.
+        """Update the floor: `cells` are not traversable; the belief is kept.
 
         Raises LayoutError where no floor would be left.
         """
@@ -271,13 +261,18 @@ class PlanningState:
         self._planning_map = replace(self._planning_map, space=space)
         self._use(old.with_viewpoints(space, kept))
 
-    def why(self, view: int, unseen: NDArray[np.float64] | None = None) -> tuple[ViewReason, ...]:
-        """Reasons for a view, the weightiest first, without those of less than a hundredth.
+    def why(
+        self,
+        view: int,
+        unseen: NDArray[np.float64] | None = None,
+        revisits: RevisitModel | None = None,
+    ) -> tuple[ViewReason, ...]:
+        """Reasons for a view, the weightiest first; reasons of less than a hundredth are left out.
 
-        `unseen` (c,) is as in `TargetBelief`, by default the present one.
+        `unseen` (c,) as in `TargetBelief` and `revisits` are the present ones by default.
         """
         unseen = self.unseen if unseen is None else unseen
-        shown = self.revisits.chance(view) * unseen
+        shown = (revisits or self.revisits).chance(view) * unseen
         missed, wanted = self.target_belief.missed(unseen), set(self.wanted)
         found: dict[int, tuple[Candidate, float]] = {}
         for part in self.target_belief.parts:
@@ -311,35 +306,45 @@ def build_search(
 ) -> PlanningState | None:
     """Planning state for `targets` (labels, synonyms, supercategories, needs); all are wanted.
 
-    `at` [s since 1970] is the moment to search at, which persistence is computed for; by default
-    the latest one the map knows of. `space` is the floor where it is known better than by the map,
-    which has what depth showed and, beyond that, the rectangles of its places. None where the map
-    has neither places with an area nor objects to look around.
-    Raises UnknownCategoryError for what is no target.
+    Args:
+        semantic_map: The map.
+        targets: Texts that name targets.
+        sensor: Sensor model of the robot; the thesis' by default.
+        motion: Motion model of the robot; the thesis' by default.
+        space: Floor of the building; by default the map's observed floor and its places.
+        at: Time of the search, for the persistence of objects [s since 1970]; by default the
+            latest time in the map.
+        settings: Settings of the belief.
+
+    Returns:
+        The state; None where the map has neither places with an area nor objects.
+
+    Raises:
+        UnknownCategoryError: A text names no target.
     """
     wanted = resolve(semantic_map, targets)
     places = all_places(semantic_map)
     now = map_time(semantic_map) if at is None else at
     queries = CandidateQueries(semantic_map, places, placement_table(semantic_map), now, settings)
-    things = [queries.things(i, one) for i, one in enumerate(wanted)]
+    things = [queries.things(i, target) for i, target in enumerate(wanted)]
     if space is not None:
         planning_map: PlanningMap | None = planning_map_on(space, places)
     else:
-        spots = [c.p_map for of_one in things for c in of_one if c.probability > 0]
+        spots = [c.p_map for of_target in things for c in of_target if c.probability > 0]
         planning_map = _planning_map(semantic_map, places, spots, settings)
     if planning_map is None:
         return None
-    found = tuple(
+    candidates = tuple(
         candidate
-        for i, (one, of_one) in enumerate(zip(wanted, things, strict=True))
-        for candidate in (*of_one, *queries.places(i, one, planning_map))
+        for i, (target, of_target) in enumerate(zip(wanted, things, strict=True))
+        for candidate in (*of_target, *queries.places(i, target, planning_map))
     )
     sensor = sensor or Sensor()
     cells = belief_cells(planning_map.space)
-    known = build_target_belief(planning_map, cells, found, settings)
-    viewpoints = _viewpoints(planning_map, cells, known.weight.sum(axis=0), sensor)
+    belief = build_target_belief(planning_map, cells, candidates, settings)
+    viewpoints = _viewpoints(planning_map, cells, belief.weight.sum(axis=0), sensor)
     views = candidate_views(planning_map.space, sensor, motion, cells=cells, viewpoints=viewpoints)
-    return PlanningState(wanted, planning_map, views, found, known, settings)
+    return PlanningState(wanted, planning_map, views, candidates, belief, settings)
 
 
 def _planning_map(
@@ -358,7 +363,7 @@ def _planning_map(
 def with_fresh_viewpoints(
     planning_map: PlanningMap, views: CandidateViews, weight: NDArray[np.float64]
 ) -> CandidateViews:
-    """`views` with further ones from fresh viewpoints, for cells of `weight` (c,)."""
+    """`views` and further ones from fresh viewpoints, for cells of `weight` (c,)."""
     fresh = _viewpoints(planning_map, views.cells, weight, views.sensor, views.viewpoints)
     return views.with_viewpoints(planning_map.space, np.union1d(views.viewpoints, fresh))
 
@@ -370,10 +375,10 @@ def _viewpoints(
     sensor: Sensor,
     besides: ArrayLike = (),
 ) -> Cells:
-    """Viewpoints in every room, or of many rooms in those with most of `weight` (c,) per area.
+    """Viewpoints that cover every cell twice, without those in `besides`.
 
-    As many rooms with free floor are among them at least, since a room full of tables is seen from
-    others. Every cell is covered twice. None of `besides` is among the viewpoints.
+    In a building of more than MAX_ROOMS rooms, only the rooms with most of `weight` (c,) per area
+    get viewpoints, and as many rooms with free floor: a room full of tables is seen from others.
     """
     space = planning_map.space
     if len(planning_map.rooms) > MAX_ROOMS:
@@ -381,8 +386,8 @@ def _viewpoints(
         mass = np.bincount(of_cell, weight, minlength=len(planning_map.rooms))
         size = np.bincount(of_cell, minlength=len(planning_map.rooms))
         ranked = np.argsort(-mass / np.sqrt(np.maximum(size, 1)), kind="stable")
-        stood_in = ranked[np.isin(ranked, space.room[space.free])]
-        best = np.union1d(ranked[:MAX_ROOMS], stood_in[:MAX_ROOMS])
+        with_floor = ranked[np.isin(ranked, space.room[space.free])]
+        best = np.union1d(ranked[:MAX_ROOMS], with_floor[:MAX_ROOMS])
         inside = space.inside()
         space = space.without(inside[~np.isin(space.room.reshape(-1)[inside], best)])
     return covering_viewpoints(space, sensor.far, near=sensor.near, besides=besides)

@@ -1,6 +1,6 @@
 """Baseline search rules of the thesis: nearest goal first, and brute force (sections 3.4, 4.4).
 
-A plan is fixed beforehand: as every failed look only removes a goal, sorting again after each
+A plan is fixed beforehand: every failed view only removes a goal, so sorting again after each
 failure gives the same order. Travel is along straight lines, with a fixed time at each stop.
 Positions are (x, y) [m] in the map frame, times [s] since the start of the search.
 """
@@ -23,7 +23,7 @@ from planner.settings import LOOK_AROUND, SPEED
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanStep:
-    """Step of a plan: one goal, and what it costs to get there."""
+    """Step of a plan: one goal, with distance and time until it has been explored."""
 
     goal: Goal
     distance: float  # [m] travelled from the start of the search until here
@@ -32,13 +32,13 @@ class PlanStep:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """Goals in visiting order with what each costs."""
+    """Goals in visiting order."""
 
     target: str
     start: NDArray[np.float64]  # (2,) [m] in the map frame
     steps: tuple[PlanStep, ...]
-    expected_seconds: float | None  # given that a goal has it; None when there are no goals
-    explanation: str = ""  # why there are no goals; empty when there are
+    expected_seconds: float | None  # given that the target is at a goal; None without goals
+    explanation: str = ""  # reason why there are no goals; empty when there are some
 
     def to_json(self) -> dict[str, object]:
         """The plan as plain values, goals in visiting order; lengths to 1 mm, times to 1 ms."""
@@ -74,7 +74,7 @@ def plan_search(
 ) -> Plan:
     """The reference plan for `target`: the graph's goals, nearest first.
 
-    `start` is (2,) [m], by default where the robot is, or the map's origin while it is nowhere.
+    `start` is (2,) [m], by default the robot's position, or the map's origin without a robot.
     Without goals the plan is empty and `explanation` has the reason. Raises UnknownCategoryError.
     """
     if start is None:
@@ -93,10 +93,10 @@ def nearest_first(
     travel: Travel | None = None,
     model: SearchModel = "any",
 ) -> Plan:
-    """Always on to the nearest goal that remains, by straight line (thesis section 3.4, Fig. 3.16).
+    """The plan that always visits the nearest remaining goal next (thesis section 3.4, Fig. 3.16).
 
-    `start` is (2,) [m]. Of goals equally near the more probable comes first, then the smaller IRI.
-    `model` is how the goals' probabilities depend on each other (`SearchModel`).
+    `start` is (2,) [m]. Of equally near goals the more probable one comes first, then the smaller
+    IRI. `model` is the dependence of the goals' probabilities (`SearchModel`).
     """
     preferred = sorted(goals, key=lambda goal: (-goal.probability, goal.iri))
 
@@ -114,10 +114,10 @@ def brute_force(
     target: str = "",
     travel: Travel | None = None,
 ) -> Plan:
-    """The thesis' baseline: on to the nearest place centre that remains, exploring every place.
+    """The thesis' baseline: explore every place, always the nearest remaining centre next.
 
-    Knows no relations, so every place is as probable as any other. "Every place where it passes
-    into" (section 4.4) is read as every place travelled to: see `docs/research/table_4_5.md`.
+    Without relations, all places are equally probable. "Every place where it passes into"
+    (section 4.4) is read as every place travelled to: see `docs/research/table_4_5.md`.
     """
     goals = [
         Goal(
@@ -155,13 +155,13 @@ def in_order(
 
 #: Dependence of the probabilities of the stops.
 #: ``single``: exactly one instance, in stop k with probability p[k] / sum(p).
-#: ``any``: instances independent between stops, any one will do.
+#: ``any``: instances independent between stops; any instance ends the search.
 SearchModel = Literal["single", "any"]
 
 
 @dataclass(frozen=True, slots=True)
 class Travel:
-    """Cost of moving and of looking, as they explain the times of the thesis' Table 4.5.
+    """Cost of moving and of looking around, fitted to the times of the thesis' Table 4.5.
 
     Raises ValueError for a speed that is not positive or a negative time.
     """
@@ -199,7 +199,7 @@ def arrival_seconds(
 def expected_seconds(
     arrivals: ArrayLike, probabilities: ArrayLike, model: SearchModel = "single"
 ) -> float | None:
-    """Expected seconds until the first success, given that there is one somewhere among the stops.
+    """Expected seconds until the first success, given that one of the stops succeeds.
 
     `arrivals` (n,) [s] in visiting order, `probabilities` (n,) in the same order:
 

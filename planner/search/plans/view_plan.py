@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import compress
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,7 +19,7 @@ from planner.search.plans.baselines import Baseline, room_baselines
 from planner.search.plans.rollout import PlanEvaluator, Rollout
 from planner.search.plans.search_state import PlanningState, ViewReason, build_search
 from planner.search.viewpoints.next_best_view import RobotState
-from planner.settings import ENOUGH, IDLE, MAX_VIEWS, MIN_CHANCE, TRIALS
+from planner.settings import IDLE, MIN_CHANCE, TRIALS
 
 Start = tuple[float, float, float]  # x, y [m], heading [rad]
 
@@ -34,16 +35,16 @@ class ViewStep:
     place: str  # IRI of the place it is in; "" for none
     place_name: str
     why: tuple[ViewReason, ...]  # the weightiest first
-    probability: float  # to find it here and not before; of several targets, expected finds
-    seconds: float  # [s] since the start of the search when this view is over
+    probability: float  # to find the target here first; of several targets, expected finds
+    seconds: float  # [s] from the start of the search to the end of this view
     metres: float  # [m] driven until then
     cost: float  # [s] of the way, the turn and the view
-    left: float  # probability to be on this floor and not found by then; of several, finds left
+    left: float  # probability that the target is on this floor and not found yet; of several, finds
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VisitedCandidate:
-    """A candidate, and when the plan shows it."""
+    """A candidate, and the time at which the plan shows it."""
 
     candidate: Candidate
     metres: float | None  # [m] driven until then; None where no view of the plan shows it
@@ -75,20 +76,28 @@ def plan(
     trials: int = TRIALS,
     compare: bool = True,
 ) -> ViewPlan:
-    """Plan of views that find the targets of `state` in little expected time, from `start` on.
+    """Plan of views that find the targets of `state` in little expected time.
 
-    `start` is a robot state, or a position (2,) [m] where it faces `heading` [rad]; from
-    off the floor it drives to it in a straight line first. `budget` [s] ends the plan. Built by the
-    ratio rule, then improved by seeded `trials`, as far as `time_limit` [s] lets them: infinite,
-    the plan is the same on every machine. With `compare` it has baselines.
-    `state` stays as it is.
+    The plan is built by the ratio rule and improved by seeded trials. `state` is not changed.
+
+    Args:
+        state: The planning state.
+        start: A robot state, or a position (2,) [m]. From a position off the floor the robot first
+            drives to the floor in a straight line.
+        heading: Heading of the robot at a position [rad].
+        budget: Time after which the plan ends [s].
+        seed: Seed of the trials.
+        time_limit: Computing time for the trials [s]; if infinite, the plan is the same on every
+            machine.
+        trials: Number of trials.
+        compare: Whether the plan has baselines.
     """
     begin, at, before = _begin(state, start, heading)
     evaluator = PlanEvaluator(state, at, before / state.views.motion.speed)
     limit = math.inf if budget is None else budget
-    order = evaluator.construct(ENOUGH, MAX_VIEWS, limit) if state.wanted else []
+    order = evaluator.construct(limit) if state.wanted else []
     order = evaluator.improve(order, trials, time.monotonic() + time_limit, seed)
-    rollout = _without_idle_looks(evaluator, evaluator.play(order))
+    rollout = _without_idle_views(evaluator, evaluator.play(order))
     steps = _steps(state, rollout, before)
     found = float(rollout.gains.sum())
     return ViewPlan(
@@ -103,12 +112,12 @@ def plan(
     )
 
 
-def _without_idle_looks(evaluator: PlanEvaluator, rollout: Rollout) -> Rollout:
-    """The rollout without views that find next to nothing."""
-    worth = rollout.gains >= max(IDLE * float(rollout.gains.sum()), MIN_CHANCE)
-    if bool(worth.all()) or not worth.any():
+def _without_idle_views(evaluator: PlanEvaluator, rollout: Rollout) -> Rollout:
+    """The rollout without views of little gain."""
+    kept = rollout.gains >= max(IDLE * float(rollout.gains.sum()), MIN_CHANCE)
+    if bool(kept.all()) or not kept.any():
         return rollout
-    return evaluator.play([view for view, kept in zip(rollout.views, worth, strict=True) if kept])
+    return evaluator.play(list(compress(rollout.views, kept)))
 
 
 def _begin(
@@ -124,71 +133,63 @@ def _begin(
 
 
 def _steps(state: PlanningState, rollout: Rollout, before: float) -> tuple[ViewStep, ...]:
-    views, revisits, steps = state.views, state.revisits, list[ViewStep]()
-    trial = revisits.copy()
-    previous = 0.0
-    found, all_of_it = np.cumsum(rollout.gains), state.expected_finds
-    try:
-        state.revisits = trial
-        for i, view in enumerate(rollout.views):
-            why = state.why(view, rollout.unseen[i])
-            trial.add(view)
-            steps.append(
-                ViewStep(
-                    view=view,
-                    p_map=state.space.centres([views.viewpoints[views.viewpoint[view]]])[0],
-                    heading=float(views.heading[view]),
-                    extent=float(views.extent[view]),
-                    place=state.place_of(view),
-                    place_name=state.place_name(view),
-                    why=why,
-                    probability=float(rollout.gains[i]),
-                    seconds=float(rollout.arrivals[i]),
-                    metres=float(rollout.metres[i]) + before,
-                    cost=float(rollout.arrivals[i]) - previous,
-                    left=max(all_of_it - float(found[i]), 0.0),
-                )
+    views, revisits, steps = state.views, state.revisits.copy(), list[ViewStep]()
+    found, expected_finds = np.cumsum(rollout.gains), state.expected_finds
+    costs = np.diff(rollout.arrivals, prepend=0.0)
+    for i, view in enumerate(rollout.views):
+        steps.append(
+            ViewStep(
+                view=view,
+                p_map=state.space.centres([views.viewpoints[views.viewpoint[view]]])[0],
+                heading=float(views.heading[view]),
+                extent=float(views.extent[view]),
+                place=state.place_of(view),
+                place_name=state.place_name(view),
+                why=state.why(view, rollout.unseen[i], revisits),
+                probability=float(rollout.gains[i]),
+                seconds=float(rollout.arrivals[i]),
+                metres=float(rollout.metres[i]) + before,
+                cost=float(costs[i]),
+                left=max(expected_finds - float(found[i]), 0.0),
             )
-            previous = float(rollout.arrivals[i])
-    finally:
-        state.revisits = revisits
+        )
+        revisits.add(view)
     return tuple(steps)
 
 
 def _visited(state: PlanningState, steps: Iterable[ViewStep]) -> tuple[VisitedCandidate, ...]:
     """Every candidate with some probability, in the order in which the steps show it."""
     wanted = set(state.wanted)
-    open_ = [VisitedCandidate(c, None, None) for c in state.candidates if c.target in wanted]
-    open_ = [v for v in open_ if v.candidate.probability > 0]
-    open_.sort(key=lambda v: (-v.candidate.probability, v.candidate.iri))
-    cells, done = state.views.cells, list[VisitedCandidate]()
-    at = {id(v): int(np.searchsorted(cells, state.space.nearest(v.candidate.p_map))) for v in open_}
+    rest = [c for c in state.candidates if c.target in wanted and c.probability > 0]
+    rest.sort(key=lambda c: (-c.probability, c.iri))
+    cells, visited = state.views.cells, list[VisitedCandidate]()
+    nearest = [state.space.nearest(candidate.p_map) for candidate in rest]
+    number = np.minimum(np.searchsorted(cells, nearest), len(cells) - 1)
+    cell_of = {id(candidate): int(cell) for candidate, cell in zip(rest, number, strict=True)}
+
+    def shows(step: ViewStep, candidate: Candidate) -> bool:
+        if candidate.kind in ("place", "frontier"):
+            return step.place == candidate.iri
+        return bool(state.views.chance[step.view, cell_of[id(candidate)]] > 0)
+
     for step in steps:
-        chance = state.views.chance[step.view]
-        for one in list(open_):
-            if _gets_to(step, one.candidate, float(chance[min(at[id(one)], len(cells) - 1)])):
-                open_.remove(one)
-                done.append(replace(one, metres=step.metres, seconds=step.seconds))
-    return (*done, *open_)
-
-
-def _gets_to(step: ViewStep, candidate: Candidate, chance: float) -> bool:
-    if candidate.kind in ("place", "frontier"):
-        return step.place == candidate.iri
-    return chance > 0
+        shown = [candidate for candidate in rest if shows(step, candidate)]
+        visited += [VisitedCandidate(c, step.metres, step.seconds) for c in shown]
+        rest = [candidate for candidate in rest if candidate not in shown]
+    return (*visited, *(VisitedCandidate(candidate, None, None) for candidate in rest))
 
 
 def planned_ways(
     state: PlanningState, plan: ViewPlan, steps: Sequence[ViewStep]
 ) -> list[NDArray[np.float64]]:
-    """The way (n, 2) [m] to the stop of each of `steps`, the first ones of `plan`."""
+    """The way (n, 2) [m] to each of `steps`, which are the first ones of `plan`."""
     views, cell = state.views, state.space.nearest(plan.start)
     ways = []
     for step in steps:
         viewpoint = int(views.viewpoint[step.view])
         try:
             cells = shortest_path(state.space, views.fields[viewpoint], cell)
-        except LayoutError:  # through a passage that no cell leads into
+        except LayoutError:  # the only way is a passage between cells that are no floor
             cells = np.array([cell, views.viewpoints[viewpoint]], np.intp)
         ways.append(_smooth(state.space.centres(cells)))
         cell = int(views.viewpoints[viewpoint])
@@ -203,7 +204,7 @@ def planned_route(
 
 
 def _smooth(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n, 2) each point the mean of its neighbours within two, the ends kept."""
+    """(n, 2) each point replaced by the mean of up to five neighbours; the ends are kept."""
     if len(points) < 5:
         return points
     padded = np.vstack([points[:1], points[:1], points, points[-1:], points[-1:]])
@@ -220,7 +221,7 @@ def plan_from(
     budget: float | None = None,
     compare: bool = True,
 ) -> ViewPlan:
-    """The plan on `state` from `start` or from where the robot is, as `plan` makes it."""
+    """The plan on `state` from `start`, by default the robot's pose; the same on every machine."""
     x, y, heading = start or robot_start(semantic_map)
     return plan(state, (x, y), heading=heading, budget=budget, time_limit=math.inf, compare=compare)
 
@@ -236,9 +237,9 @@ def robot_start(semantic_map: SemanticMap) -> Start:
 def planned(
     semantic_map: SemanticMap, wanted: Sequence[str], start: Start | None = None
 ) -> ViewPlan | None:
-    """The plan for `wanted` by default settings, from `start` or from where the robot is.
+    """The plan for `wanted` by default settings from `start`, by default the robot's pose.
 
-    None for a map without floor. Raises as `find_answer`.
+    None for a map without floor. Raises UnknownCategoryError for a word that names no target.
     """
     state = build_search(semantic_map, wanted)
     return None if state is None else plan_from(semantic_map, state, start)

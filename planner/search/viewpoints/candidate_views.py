@@ -26,13 +26,13 @@ SQUARE: Final = 1.0
 EXTENTS: Final = (0.0, 2 * np.pi / 3, 2 * np.pi)
 
 
-def belief_cells(space: FreeSpace, most: int = 3000) -> Cells:
-    """Cells of the belief: all of the floor, or a regular sample of at most about `most`.
+_MAX_CELLS: Final = 3000  # of a belief, approximately
 
-    Every room keeps at least one.
-    """
+
+def belief_cells(space: FreeSpace) -> Cells:
+    """Cells of the belief: all of the floor, or a regular sample with a cell of every room."""
     floor = space.inside()
-    step = int(np.ceil(np.sqrt(len(floor) / most)))
+    step = int(np.ceil(np.sqrt(len(floor) / _MAX_CELLS)))
     if step <= 1:
         return floor
     ix, iy = np.divmod(floor, space.shape[1])
@@ -45,7 +45,7 @@ def belief_cells(space: FreeSpace, most: int = 3000) -> Cells:
 
 
 def square(space: FreeSpace, cell: int) -> int:
-    """The number of the square of `SQUARE` metres that floor cell `cell` lies in."""
+    """Number of the square with sides of `SQUARE` metres that contains floor cell `cell`."""
     side = max(1, round(SQUARE / space.cell))
     ix, iy = divmod(int(cell), space.shape[1])
     return (ix // side) * space.shape[1] + iy // side
@@ -60,11 +60,11 @@ class CandidateViews:
     motion: Motion
     cells: Cells  # (c,) the belief's cells
     viewpoints: Cells  # (s,)
-    viewpoint: NDArray[np.intp]  # (n,) which viewpoint each view is from
+    viewpoint: NDArray[np.intp]  # (n,) number of each view's viewpoint
     heading: NDArray[np.float64]  # (n,) [rad] the middle of its sweep
     extent: NDArray[np.float64]  # (n,) [rad] seen in one sweep
-    seconds: NDArray[np.float64]  # (n,) [s] it takes, without turning towards it
-    chance: NDArray[np.float32]  # (n, c) chance to detect what lies in each cell
+    seconds: NDArray[np.float64]  # (n,) [s] of the sweep, without the turn before it
+    chance: NDArray[np.float32]  # (n, c) chance to detect an object in each cell
     fields: NDArray[np.float32]  # (s, nx, ny) [m] shortest ways to each viewpoint
     metres: NDArray[np.float64] = field(init=False)  # (s, s) [m] between viewpoints
 
@@ -81,28 +81,24 @@ class CandidateViews:
     def with_viewpoints(self, space: FreeSpace, viewpoints: Cells) -> CandidateViews:
         """Views over the same cells from other `viewpoints`, on a floor that may have changed."""
         kinds = self.kinds
-        known = (
-            viewpoints[np.isin(viewpoints, self.viewpoints)]
-            if space is self.space
-            else viewpoints[:0]
-        )
-        new = viewpoints[~np.isin(viewpoints, known)]
+        known = np.isin(viewpoints, self.viewpoints) & (space is self.space)
         shape = (len(viewpoints), len(kinds), len(self.cells))
         chance = np.zeros(shape, np.float32)
         fields = np.zeros((len(viewpoints), *self.fields.shape[1:]), np.float32)
-        kept = np.searchsorted(self.viewpoints, known)
-        chance[np.isin(viewpoints, known)] = self.chance.reshape(-1, *shape[1:])[kept]
-        fields[np.isin(viewpoints, known)] = self.fields[kept]
-        if len(new):
-            chance[np.isin(viewpoints, new)] = _chances(space, self.sensor, self.cells, new, kinds)
-            fields[np.isin(viewpoints, new)] = distance_fields(space, new)
+        kept = np.searchsorted(self.viewpoints, viewpoints[known])
+        chance[known] = self.chance.reshape(-1, *shape[1:])[kept]
+        fields[known] = self.fields[kept]
+        if not known.all():
+            new = viewpoints[~known]
+            chance[~known] = _chances(space, self.sensor, self.cells, new, kinds)
+            fields[~known] = distance_fields(space, new)
         return _views(
             space, self.sensor, self.motion, self.cells, viewpoints, kinds, chance, fields
         )
 
     @property
     def kinds(self) -> list[tuple[float, float]]:
-        """(heading, extent) [rad] of the looks from every position."""
+        """(heading, extent) [rad] of the views from every viewpoint."""
         one = self.viewpoint == self.viewpoint[0]
         return list(zip(self.heading[one].tolist(), self.extent[one].tolist(), strict=True))
 
@@ -120,17 +116,21 @@ def candidate_views(
     *,
     cells: Cells | None = None,
     viewpoints: Cells | None = None,
-    kinds: Sequence[tuple[float, float]] | None = None,
 ) -> CandidateViews:
-    """Views from `viewpoints` (default: `covering_viewpoints`): pictures, sweeps, eight headings.
+    """Pictures and sweeps in eight headings, and whole turns, from each of `viewpoints`.
 
-    Or of other `kinds`: (heading, extent) [rad] of the looks from every position.
+    Args:
+        space: The floor.
+        sensor: Sensor model; the thesis' by default.
+        motion: Motion model; the thesis' by default.
+        cells: Cells of the belief; by default `belief_cells`.
+        viewpoints: Floor cells; by default `covering_viewpoints`.
     """
     sensor, motion = sensor or Sensor(), motion or Motion()
     cells = belief_cells(space) if cells is None else cells
     if viewpoints is None:
         viewpoints = covering_viewpoints(space, sensor.far, near=sensor.near)
-    kinds = kinds or _kinds(sensor.field_of_view)
+    kinds = _kinds(sensor.field_of_view)
     chance = _chances(space, sensor, cells, viewpoints, kinds)
     fields = distance_fields(space, viewpoints)
     return _views(space, sensor, motion, cells, viewpoints, kinds, chance, fields)
@@ -143,10 +143,18 @@ def _chances(
     viewpoints: Cells,
     kinds: Sequence[tuple[float, float]],
 ) -> NDArray[np.float32]:
-    """(s, k, c) what views of `kinds` from each of `viewpoints` show."""
+    """(s, k, c) chance to detect an object in each cell by views of `kinds` from `viewpoints`."""
     chance = np.zeros((len(viewpoints), len(kinds), len(cells)), np.float32)
     for rows, viewpoint in zip(chance, viewpoints, strict=True):
-        _fill(rows, space, sensor, cells, int(viewpoint), kinds)
+        seen, offset = visible_cells(space, int(viewpoint), sensor.far)
+        at = np.searchsorted(cells, seen)
+        kept = (at < len(cells)) & (cells[np.minimum(at, len(cells) - 1)] == seen)
+        at, offset = at[kept], offset[kept]
+        of_cell = sensor.chance(np.hypot(offset[:, 0], offset[:, 1]))
+        bearing = np.arctan2(offset[:, 1], offset[:, 0])
+        for row, (heading, extent) in zip(rows, kinds, strict=True):
+            inside = angle_between(bearing, heading) <= extent / 2 + 1e-9
+            row[at[inside]] = of_cell[inside]
     return chance
 
 
@@ -177,7 +185,7 @@ def _views(
 
 
 def _kinds(field_of_view: float) -> list[tuple[float, float]]:
-    """(heading, extent) of the looks from one position."""
+    """(heading, extent) [rad] of the views from one viewpoint."""
     headings = np.arange(HEADINGS) * 2 * np.pi / HEADINGS - np.pi
     sweeps = sorted({max(extent, field_of_view) for extent in EXTENTS})
     whole = 2 * np.pi - 1e-9
@@ -185,29 +193,10 @@ def _kinds(field_of_view: float) -> list[tuple[float, float]]:
     return [*found, (0.0, 2 * np.pi)]
 
 
-def _fill(
-    rows: NDArray[np.float32],
-    space: FreeSpace,
-    sensor: Sensor,
-    cells: Cells,
-    viewpoint: int,
-    kinds: Sequence[tuple[float, float]],
-) -> None:
-    seen, offset = visible_cells(space, viewpoint, sensor.far)
-    at = np.searchsorted(cells, seen)
-    kept = (at < len(cells)) & (cells[np.minimum(at, len(cells) - 1)] == seen)
-    at, offset = at[kept], offset[kept]
-    chance = sensor.chance(np.hypot(offset[:, 0], offset[:, 1]))
-    bearing = np.arctan2(offset[:, 1], offset[:, 0])
-    for row, (heading, extent) in zip(rows, kinds, strict=True):
-        inside = angle_between(bearing, heading) <= extent / 2 + 1e-9
-        row[at[inside]] = chance[inside]
-
-
 def floor_in_view(
     space: FreeSpace, sensor: Sensor, cell: int, heading: float, extent: float
 ) -> FloorView:
-    """Every cell, of belief or not, that a sweep of `extent` [rad] about `heading` shows."""
+    """The floor that a sweep of `extent` [rad] about `heading` [rad] from `cell` shows."""
     seen, offset = visible_cells(space, cell, sensor.far)
     metres = np.hypot(offset[:, 0], offset[:, 1])
     bearing = np.arctan2(offset[:, 1], offset[:, 0])
@@ -216,8 +205,7 @@ def floor_in_view(
 
 
 def picture_chance(views: CandidateViews, cell: int, heading: float) -> NDArray[np.float32]:
-    """(c,) chance to detect in one picture from `cell` towards `heading`, e.g. on the way."""
-    row = np.zeros((1, len(views.cells)), np.float32)
-    kind = [(heading, views.sensor.field_of_view)]
-    _fill(row, views.space, views.sensor, views.cells, cell, kind)
-    return np.array(row[0])
+    """(c,) chance to detect an object in each cell by one picture from `cell` to `heading`."""
+    kinds = [(heading, views.sensor.field_of_view)]
+    viewpoint = np.array([cell], np.intp)
+    return _chances(views.space, views.sensor, views.cells, viewpoint, kinds).reshape(-1)

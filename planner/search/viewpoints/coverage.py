@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,29 +12,28 @@ from planner.freespace.grid import Cells, FreeSpace, visible_cells
 
 _Seen = NDArray[np.bool_]
 
+SPACING: Final = 1.0  # [m] of the lattice of viewpoints
+COVER: Final = 0.995  # share of every room that covering viewpoints see
+
 
 def covering_viewpoints(
     space: FreeSpace,
     reach: float,
     *,
     near: float = 0.0,
-    spacing: float = 1.0,
-    cover: float = 0.995,
     covers: int = 2,
     besides: ArrayLike = (),
 ) -> Cells:
-    """Viewpoints that together see at least `cover` of every room, `covers` times.
+    """Viewpoints that together see at least the share `COVER` of every room, `covers` times.
 
-    The covers of `room_viewpoints` have no viewpoint in common, nor with `besides`, so that an
-    object that one view missed can be seen from elsewhere. Where they leave too much of a room
-    unseen, a closet for example, any floor cell that sees it can be a viewpoint.
+    The covers of `room_viewpoints` have no viewpoint in common, nor with `besides`, so that another
+    viewpoint can see an object that one view missed. Where they leave too much of a room unseen, a
+    closet for example, any floor cell that sees it can be a viewpoint.
     """
-    found = room_viewpoints(
-        space, reach, near=near, spacing=spacing, cover=cover, covers=covers, besides=besides
-    )
+    found = room_viewpoints(space, reach, near=near, cover=COVER, covers=covers, besides=besides)
     chosen = {int(cell) for cells in found.values() for cell in cells}
     known = chosen.union(np.asarray(besides, np.intp).tolist())
-    chosen.update(_peepholes(space, sorted(known), near, reach, cover))
+    chosen.update(_peepholes(space, sorted(known), near, reach))
     return np.array(sorted(chosen), np.intp)
 
 
@@ -42,22 +42,24 @@ def room_viewpoints(
     reach: float,
     *,
     near: float = 0.0,
-    spacing: float = 1.0,
     cover: float = 0.98,
     covers: int = 1,
     besides: ArrayLike = (),
 ) -> dict[int, Cells]:
     """For each room, cells from which whole turns see at least `cover` of it, `covers` times.
 
-    Candidates lie on a lattice of `spacing` metres, with the middle of every room. The one that
-    sees the most unseen cells is taken first (greedy set cover), from the room itself, then from
-    its neighbours. Cells nearer than `near` metres are not seen. `besides` are not taken.
+    Candidates are a lattice with the middle of every room. Greedy set cover takes the candidate
+    that sees the most unseen cells first, from the room itself, then from other rooms. Cells nearer
+    than `near` metres are not seen. `besides` are not taken.
     """
-    lattice = {room: _lattice(space, space.floor(room), spacing) for room in _rooms(space)}
-    every = np.concatenate(list(lattice.values()))
-    seen = _seen_from(space, every, near, reach)
+    rooms = np.unique(space.room[space.free])
+    lattice = {int(room): _lattice(space, space.floor(int(room))) for room in rooms}
+    candidates = np.concatenate(list(lattice.values()))
+    seen = np.zeros((len(candidates), space.room.size), np.bool_)
+    for row, viewpoint in zip(seen, candidates, strict=True):
+        row[_shown(space, int(viewpoint), near, reach)] = True
     owner = np.repeat(list(lattice), [len(cells) for cells in lattice.values()])
-    taken = set(np.flatnonzero(np.isin(every, np.asarray(besides, np.intp))).tolist())
+    taken = set(np.flatnonzero(np.isin(candidates, np.asarray(besides, np.intp))).tolist())
     found: dict[int, Cells] = {}
     for room in lattice:
         inside = seen[:, space.inside(room)]
@@ -69,16 +71,14 @@ def room_viewpoints(
                 picked = _greedy_cover(inside, left, unseen, cover)
                 chosen += picked
                 taken.update(picked)
-        found[room] = every[chosen]
+        found[room] = candidates[chosen]
     return found
 
 
-def _peepholes(
-    space: FreeSpace, viewpoints: Sequence[int], near: float, reach: float, cover: float
-) -> list[int]:
-    """Floor that sees what `viewpoints` leave unseen of rooms of which they see less than `cover`.
+def _peepholes(space: FreeSpace, viewpoints: Sequence[int], near: float, reach: float) -> list[int]:
+    """Further viewpoints for rooms that `viewpoints` see less than the share `COVER` of.
 
-    Of rooms with nothing but tables in them too: these are seen from the floor of others.
+    A room without free floor, full of tables for example, is seen from the floor of other rooms.
     """
     unseen = np.zeros(space.room.size, np.bool_)
     unseen[space.inside()] = True
@@ -88,13 +88,13 @@ def _peepholes(
     taken: list[int] = []
     for room in np.unique(space.room[space.open]):
         cells = space.inside(int(room))
-        if unseen[cells].mean() <= 1 - cover:
+        if unseen[cells].mean() <= 1 - COVER:
             continue
         views = {int(cell): _shown(space, int(cell), near, reach) for cell in cells[unseen[cells]]}
-        while unseen[cells].mean() > 1 - cover:
+        while unseen[cells].mean() > 1 - COVER:
             left = [views[int(cell)] for cell in cells[unseen[cells]]]
             count = np.bincount(np.concatenate(left), minlength=unseen.size) * free
-            best = int(np.argmax(count))  # sight is the same in both directions
+            best = int(np.argmax(count))  # lines of sight are symmetric
             if not count[best]:
                 break
             taken.append(best)
@@ -108,20 +108,8 @@ def _shown(space: FreeSpace, viewpoint: int, near: float, reach: float) -> Cells
     return np.asarray(cells[(offset**2).sum(axis=1) >= near**2], np.intp)
 
 
-def _rooms(space: FreeSpace) -> list[int]:
-    return [int(room) for room in np.unique(space.room[space.free])]
-
-
-def _seen_from(space: FreeSpace, viewpoints: Cells, near: float, reach: float) -> _Seen:
-    """(n, nx * ny) which cells each of `viewpoints` sees."""
-    seen = np.zeros((len(viewpoints), space.room.size), np.bool_)
-    for row, viewpoint in zip(seen, viewpoints, strict=True):
-        row[_shown(space, int(viewpoint), near, reach)] = True
-    return seen
-
-
-def _lattice(space: FreeSpace, cells: Cells, spacing: float) -> Cells:
-    step = max(1, round(spacing / space.cell))
+def _lattice(space: FreeSpace, cells: Cells) -> Cells:
+    step = max(1, round(SPACING / space.cell))
     ix, iy = np.divmod(cells, space.shape[1])
     on = cells[((ix - ix.min()) % step == step // 2) & ((iy - iy.min()) % step == step // 2)]
     middle = space.centres(cells).mean(axis=0)
@@ -131,7 +119,7 @@ def _lattice(space: FreeSpace, cells: Cells, spacing: float) -> Cells:
 
 
 def _greedy_cover(seen: _Seen, left: Sequence[int], unseen: _Seen, cover: float) -> list[int]:
-    """Rows of `seen` (n, c), of those in `left`, that leave little unseen; updates `unseen`."""
+    """Rows of `seen` (n, c) among `left` that leave little unseen; updates `unseen` (c,)."""
     rows = seen[list(left)]
     taken: list[int] = []
     while len(rows) and unseen.mean() > 1 - cover:

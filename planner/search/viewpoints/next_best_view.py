@@ -1,14 +1,15 @@
-"""Next best view: the ratio rule with lookahead, and the value of views that are taken again.
+"""Next best view: the ratio rule with lookahead, and a model of repeated views.
 
-A view is rated by the probability gained per second. So that a far room is judged by all that it
-offers and not by the first view in it, each room is followed greedily and rated by the best
-beginning. A repeated view of the same cells detects less each time.
+A view is rated by the probability gained per second. A room is rated by the best prefix of a greedy
+walk through it, so that a far room counts for all its views and not only for its first one. A
+repeated view of the same cells detects less each time.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,22 +36,24 @@ class _Room:
     chance: NDArray[np.float32]  # (k, m)
 
     def reduced(self, views: CandidateViews, revisits: RevisitModel) -> NDArray[np.float32]:
-        """(k, m) `chance` after all views that were taken."""
-        viewpoint, chance = views.viewpoint[self.rows], self.chance
-        for one in np.unique(viewpoint):
-            worth = revisits.remaining(int(one))
-            if worth is not None:
+        """(k, m) `chance` after all earlier views."""
+        viewpoints, chance = views.viewpoint[self.rows], self.chance
+        for viewpoint in np.unique(viewpoints):
+            share = revisits.remaining(int(viewpoint))
+            if share is not None:
                 chance = chance.copy() if chance is self.chance else chance
-                chance[viewpoint == one] *= worth[self.cells]
+                chance[viewpoints == viewpoint] *= share[self.cells]
         return chance
 
 
-class NextBestView:
-    """Next-best-view choice in one building for one belief after another."""
+_AHEAD: Final = 3  # views that the lookahead follows after the first one
 
-    def __init__(self, views: CandidateViews, *, ahead: int = 3) -> None:
+
+class NextBestView:
+    """Choice of the next best view in one building, for any belief."""
+
+    def __init__(self, views: CandidateViews) -> None:
         self.views = views
-        self._ahead = ahead
         rooms = views.space.room.reshape(-1)[views.viewpoints][views.viewpoint]
         self._rooms = [_room(views, np.flatnonzero(rooms == room)) for room in np.unique(rooms)]
         from_viewpoints = views.chance.reshape(len(views.viewpoints), -1, len(views.cells)) > 0
@@ -63,22 +66,25 @@ class NextBestView:
 
     def seeable_from(self, at: RobotState) -> NDArray[np.bool_]:
         """(c,) cells that some view from a reachable viewpoint shows."""
-        there = np.isfinite(self.views.metres_from(at.cell))
-        return np.asarray(self._shown[there].any(axis=0), np.bool_)
+        reachable = np.isfinite(self.views.metres_from(at.cell))
+        return np.asarray(self._shown[reachable].any(axis=0), np.bool_)
 
     def reached(self, at: RobotState) -> NDArray[np.bool_]:
         """(n,) views from reachable viewpoints."""
-        there = np.isfinite(self.views.metres_from(at.cell))
-        return np.asarray(there[self.views.viewpoint], np.bool_)
+        reachable = np.isfinite(self.views.metres_from(at.cell))
+        return np.asarray(reachable[self.views.viewpoint], np.bool_)
+
+    def metres_to(self, at: RobotState) -> NDArray[np.float64]:
+        """(s,) [m] the shortest way from `at` to each viewpoint."""
+        if at.viewpoint is None:
+            return self.views.metres_from(at.cell)
+        return np.asarray(self.views.metres[at.viewpoint], np.float64)
 
     def costs(self, at: RobotState, among: NDArray[np.intp]) -> NDArray[np.float64]:
         """(k,) [s] to drive, to turn and to take the view, for each of the views `among`."""
         views = self.views
         viewpoint = views.viewpoint[among]
-        if at.viewpoint is None:
-            metres = views.metres_from(at.cell)[viewpoint]
-        else:
-            metres = views.metres[at.viewpoint, viewpoint]
+        metres = self.metres_to(at)[viewpoint]
         here = views.space.centres([at.cell])[0]
         towards = views.space.centres(views.viewpoints[viewpoint]) - here
         moved = metres > views.space.cell / 2
@@ -97,11 +103,11 @@ class NextBestView:
         if views.extent[view] >= 2 * np.pi - 1e-9:
             return RobotState(cell, at.heading, viewpoint)
         ends = np.array([float(end[0]) for end in views.starts([view])])
-        came = at.heading
+        heading = at.heading
         if cell != at.cell:
             dx, dy = views.space.centres([cell])[0] - views.space.centres([at.cell])[0]
-            came = float(np.arctan2(dy, dx))
-        near = int(np.argmin(angle_between(came, ends)))
+            heading = float(np.arctan2(dy, dx))
+        near = int(np.argmin(angle_between(heading, ends)))
         return RobotState(cell, float(ends[1 - near]), viewpoint)
 
     def best(
@@ -111,10 +117,13 @@ class NextBestView:
         revisits: RevisitModel | None = None,
         gains: NDArray[np.float64] | None = None,
     ) -> int | None:
-        """The view to take next, or None where no view can show anything.
+        """The view to take next, or None where no view gains anything.
 
-        `weight` (c,) is the present belief in any scale. `gains` (n,) is the share of it that each
-        view finds, 0 for views that must not be taken; by default it is computed.
+        Args:
+            at: State of the robot.
+            weight: (c,) present belief, in any scale.
+            revisits: Earlier views; none by default.
+            gains: (n,) share of `weight` that each view finds, 0 for views that must not be taken.
         """
         revisits = revisits or RevisitModel(self.views)
         if gains is None:
@@ -122,20 +131,20 @@ class NextBestView:
         costs = self.costs(at, np.arange(len(gains)))
         rate = gains / costs
         best = int(np.argmax(rate))
-        rated = float(rate[best])
-        if not rated > 0:
+        best_rate = float(rate[best])
+        if not best_rate > 0:
             return None
         for room in self._rooms:
-            most = float(weight[room.cells].sum()) * self.views.sensor.recall
-            if most <= rated * float(costs[room.rows].min()):
-                continue  # nothing in this room can be worth the way
+            max_gain = float(weight[room.cells].sum()) * self.views.sensor.recall
+            if max_gain <= best_rate * float(costs[room.rows].min()):
+                continue  # no view of this room can have a better rate
             view = int(room.rows[np.argmax(rate[room.rows])])
-            worth = self._follow(at, weight, room, view, revisits)
-            if worth > rated + 1e-15:
-                best, rated = view, worth
+            room_rate = self._lookahead_rate(at, weight, room, view, revisits)
+            if room_rate > best_rate + 1e-15:
+                best, best_rate = view, room_rate
         return best
 
-    def _follow(
+    def _lookahead_rate(
         self,
         at: RobotState,
         weight: NDArray[np.float64],
@@ -143,21 +152,20 @@ class NextBestView:
         view: int,
         revisits: RevisitModel,
     ) -> float:
-        """The rate of the best prefix of a greedy walk through one room that begins with `view`."""
-        left, seconds, gained, worth = weight[room.cells], 0.0, 0.0, 0.0
-        # cells that views from the same squares have shown count less on the way, too
+        """Rate of the best prefix of a greedy walk through one room that begins with `view`."""
+        left, seconds, gained, best_rate = weight[room.cells], 0.0, 0.0, 0.0
         chance = room.reduced(self.views, revisits)
-        for step in range(self._ahead + 1):
+        for step in range(_AHEAD + 1):
             seconds += float(self.costs(at, np.array([view]))[0])
-            seen = chance[np.searchsorted(room.rows, view)] * left
-            gained += float(seen.sum())
-            worth = max(worth, gained / seconds)
-            if step == self._ahead:
+            gain = chance[np.searchsorted(room.rows, view)] * left
+            gained += float(gain.sum())
+            best_rate = max(best_rate, gained / seconds)
+            if step == _AHEAD:
                 break
-            left, at = left - seen, self.after(at, view)
-            ratio = (chance @ left.astype(np.float32)) / self.costs(at, room.rows)
-            view = int(room.rows[np.argmax(ratio)])
-        return worth
+            left, at = left - gain, self.after(at, view)
+            rate = (chance @ left.astype(np.float32)) / self.costs(at, room.rows)
+            view = int(room.rows[np.argmax(rate)])
+        return best_rate
 
 
 def _room(views: CandidateViews, rows: NDArray[np.intp]) -> _Room:
@@ -172,8 +180,8 @@ Chances = NDArray[np.float32]
 class RevisitModel:
     """Revisit model: after n views from a square metre the next keeps (1 - rho)^n of its chance.
 
-    Misses from one viewpoint are correlated: an object that one view missed is hidden from there or
-    unknown to the detector, also from a step aside.
+    Misses from one viewpoint are correlated: if one view misses an object, the object is probably
+    occluded from there or unknown to the detector, and so it is one step aside.
     """
 
     def __init__(self, views: CandidateViews) -> None:
@@ -181,12 +189,7 @@ class RevisitModel:
         self._viewpoints_of: dict[int, list[int]] = defaultdict(list)  # by square
         for viewpoint, cell in enumerate(views.viewpoints):
             self._viewpoints_of[square(views.space, int(cell))].append(viewpoint)
-        self._squares = {
-            viewpoint: at
-            for at, viewpoints in self._viewpoints_of.items()
-            for viewpoint in viewpoints
-        }
-        self._worth: dict[int, Chances] = {}  # by square: (c,) share of the chance that is left
+        self._share: dict[int, Chances] = {}  # by square: (c,) share of the chance that is left
 
     def add(self, view: int) -> None:
         """Add `view`, which was taken."""
@@ -195,38 +198,38 @@ class RevisitModel:
     def add_shown(self, cell: int, chance: Chances) -> None:
         """Add a picture from floor `cell` that showed each cell with `chance` (c,)."""
         here = square(self._views.space, cell)
-        worth = self._worth.get(here)
-        worth = np.ones(len(chance), np.float32) if worth is None else worth
+        share = self._share.get(here, np.ones(len(chance), np.float32))
         rest = np.float32(1 - self._views.sensor.rho)
-        self._worth[here] = np.where(chance > 0, worth * rest, worth)
+        self._share[here] = np.where(chance > 0, share * rest, share)
 
     def chance(self, view: int) -> Chances:
-        """(c,) probability that `view` detects what all earlier views have missed."""
+        """(c,) probability that `view` detects an object that all earlier views missed."""
         return self.reduced(self._cell(view), self._views.chance[view])
 
     def remaining(self, viewpoint: int) -> Chances | None:
         """(c,) share of the chance left to views from `viewpoint`; None without earlier ones."""
-        return self._worth.get(self._squares[viewpoint])
+        cell = int(self._views.viewpoints[viewpoint])
+        return self._share.get(square(self._views.space, cell))
 
     def reduced(self, cell: int, chance: Chances) -> Chances:
         """`chance` (c,) of a picture from floor `cell`, after all earlier views."""
-        worth = self._worth.get(square(self._views.space, cell))
-        return np.array(chance) if worth is None else chance * worth
+        share = self._share.get(square(self._views.space, cell))
+        return np.array(chance) if share is None else chance * share
 
     def gains(self, weight: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) share of `weight` (c,) that each view finds."""
         left = weight.astype(np.float32)
         gains = self._views.chance @ left
-        for here, worth in self._worth.items():
+        for here, share in self._share.items():
             for viewpoint in self._viewpoints_of.get(here, ()):
                 rows = slice(*np.searchsorted(self._views.viewpoint, [viewpoint, viewpoint + 1]))
-                gains[rows] = self._views.chance[rows] @ (left * worth)
+                gains[rows] = self._views.chance[rows] @ (left * share)
         return gains.astype(np.float64)
 
     def moved_to(self, views: CandidateViews) -> RevisitModel:
         """The same revisits for other `views` over the same cells of a floor of the same grid."""
         other = RevisitModel(views)
-        other._worth = dict(self._worth)
+        other._share = dict(self._share)
         return other
 
     def copy(self) -> RevisitModel:

@@ -1,4 +1,4 @@
-"""Sensor model of a camera on a robot, and the time that its moves and views take."""
+"""Sensor model of a robot's camera, and motion model: the time of its moves and views."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Motion:
             raise ValueError(f"speed and turn rate must be > 0 and picture >= 0, got {self}")
 
     def sweep_seconds(self, extent: ArrayLike, field_of_view: float) -> NDArray[np.float64]:
-        """[s] to see `extent` [rad] in one sweep: a picture, and the turn beyond the first view."""
+        """[s] of a sweep over `extent` [rad]: a picture, and the turn beyond its field of view."""
         turned = np.maximum(np.asarray(extent, np.float64) - field_of_view, 0.0)
         whole = np.asarray(extent) >= 2 * np.pi - 1e-9
         return self.picture + np.where(whole, 2 * np.pi, turned) / self.turn_rate

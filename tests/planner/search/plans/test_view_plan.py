@@ -208,7 +208,7 @@ def test_the_thesis_rule_is_played_as_whole_turns_at_its_goals(flat: SemanticMap
     rollout = turns_at_stops(evaluator, goals)
     assert [state.place_name(view) for view in rollout.views] == ["place 1", "place 2"]
     assert all(state.views.extent[view] == pytest.approx(2 * math.pi) for view in rollout.views)
-    best = evaluator.play(evaluator.construct(0.97, 20, math.inf))
+    best = evaluator.play(evaluator.construct(math.inf))
     beside = rated("turns", rollout, best)
     assert beside.probability == pytest.approx(min(rollout.gains.sum(), best.gains.sum()))
     assert beside.views == 2
