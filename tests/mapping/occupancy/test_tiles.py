@@ -59,12 +59,13 @@ def test_a_written_tall_cell_stays_tall_for_two_frames_of_its_lower_part() -> No
 
 def test_views_are_of_the_cells_that_hold_their_points() -> None:
     side = SETTINGS.cell * SETTINGS.view
-    points = np.array([[0.0, side], [-0.01, 0.01], [SETTINGS.span, 0.0]])
-    seen = dict(view_evidence(points, np.array([True, False, False]), SETTINGS))
+    points = np.array([[0.0, side], [-0.01, 0.01], [SETTINGS.span, 0.0], [0.0, -0.01]])
+    seen = dict(view_evidence(points, np.array([True, False, False, False]), SETTINGS))
     assert {key: np.argwhere(viewed).tolist() for key, viewed in seen.items()} == {
         (0, 0): [[0, 0, 1], [1, 0, 1]],
         (-1, 0): [[1, len(UNVIEWED[0]) - 1, 0]],
         (1, 0): [[1, 0, 0]],
+        (0, -1): [[1, 0, len(UNVIEWED[0]) - 1]],
     }
 
 
