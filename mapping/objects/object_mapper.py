@@ -209,20 +209,6 @@ class ReferenceObjectMapper(ObjectMapper):
         self.refresh()
         return self._changes(self._associated(sightings), (), _Source(stamp, frame))
 
-    def decay(self, iri: str, times: int = 1) -> ObjectChanges:
-        """Apply eq. 3.4 `times` times to one object, for looks that should have shown it."""
-        self.refresh()
-        record = self.cache.perceived.get(iri)
-        if record is None or times < 1:
-            return ObjectChanges()
-        for _ in range(times):
-            record = self._decayed(record)
-        removed = self._without_confidence([record])
-        self.cache.remove(removed)
-        updated = () if removed else (record,)
-        self.cache.update({record.iri: record for record in updated})
-        return ObjectChanges(updated, removed, missed=1)
-
     def _changes(
         self, found: Association, missing: Sequence[ObjectRecord], source: _Source
     ) -> ObjectChanges:

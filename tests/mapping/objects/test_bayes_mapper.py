@@ -573,3 +573,11 @@ def test_a_mapper_that_is_restarted_goes_on_with_the_same_labels(
     assert again.existence == pytest.approx(once.existence, abs=0.1)
     for category, probability in once.labels.items():
         assert again.labels[category] == pytest.approx(probability, abs=0.1)
+
+
+@pytest.mark.parametrize(("later", "things"), [(3000.0, 1), (3700.0, 2)])
+def test_a_cup_beside_the_spot_of_one_last_seen_long_ago_is_another(room, step_back, later, things):
+    room.see(("cup", 0.95, box(32, half=1.5)), times=3)
+    aside = ("cup", 0.95, box(36, half=1.5))
+    room.mapper.add(step_back(3, stamp=1e9 + later), detections(aside))
+    assert len(room.map.objects()) == things

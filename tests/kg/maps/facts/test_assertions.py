@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -131,12 +132,18 @@ def test_all_is_as_before_when_all_is_taken_back(home: SemanticMap) -> None:
     assert home.assertions.all() == ()
 
 
-def test_said_again_it_is_no_change_but_who_and_when(home: SemanticMap) -> None:
+def test_said_again_it_is_no_change_but_who_and_when(
+    home: SemanticMap, monkeypatch: pytest.MonkeyPatch
+) -> None:
     home.assertions.add("object/1", "category", "bowl", by="ann")
     (first,) = home.assertions.all()
+    assert first.since is not None
+    later = first.stamp + 3600
+    monkeypatch.setattr(time, "time", lambda: later)
     home.assertions.add("object/1", "category", "bowl", by="bob")
     (second,) = home.assertions.all()
     assert (second.by, second.perceived, second.since) == ("bob", first.perceived, first.since)
+    assert second.stamp == pytest.approx(later, abs=1)
 
 
 def test_things_with_any_iri_can_be_spoken_of(home: SemanticMap) -> None:

@@ -98,6 +98,21 @@ def test_a_row_that_is_no_tile_is_left_out(wrong):
     assert len(tiles_of_rows([ROW, {**ROW, "storey": 4}])) == 1  # of one thing, one tile
 
 
+def test_times_of_views_come_back_with_their_tile(semantic_map):
+    viewed = np.zeros((2, 16, 16), np.uint32)
+    viewed[:, 3, 4], viewed[1, 5, 6] = 2**32 - 1, 28_000_000
+    semantic_map.apply(MapUpdate(floor=(replace(TILE, viewed=viewed),)))
+    (found,) = semantic_map.floor()
+    assert np.array_equal(found.viewed, viewed)
+
+
+@pytest.mark.parametrize("shape", [(1, 4, 4), (2, 4, 3), (2, 0, 0), (2, 4), (2, 1025, 1025)])
+def test_times_of_views_of_another_shape_are_refused(semantic_map, shape):
+    with pytest.raises(InvalidFactError, match=r"must be \(2, m, m\)"):
+        semantic_map.apply(MapUpdate(floor=(replace(TILE, viewed=np.zeros(shape, np.uint32)),)))
+    assert semantic_map.floor() == ()
+
+
 def test_a_changed_tile_replaces_what_was_known_and_nothing_else(semantic_map):
     semantic_map.apply(MapUpdate(floor=(TILE, replace(TILE, column=3))))
     semantic_map.update(f"INSERT DATA {{ <{iri_of(BASE, TILE)}> rdfs:label 'the hall' }}")
