@@ -1,26 +1,29 @@
-"""Client of ConceptNet's web API: paged queries about the categories, rate-limited."""
+"""Client of ConceptNet's web API: paged queries about the categories, rate-limited and cached."""
 
 from __future__ import annotations
 
+import hashlib
 import json
+import math
+import os
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from email.utils import parsedate_to_datetime
+from pathlib import Path
 from typing import Final
 from urllib.parse import urlencode, urljoin, urlsplit
 
 import requests
 
-from kg.knowledge.conceptnet.cache import ResponseCache
 from kg.knowledge.conceptnet.dump import DumpStatistics, Progress
 from kg.knowledge.conceptnet.edges import Edge, EdgeFilter, MalformedEdgeError
 from kg.knowledge.conceptnet.names import TermMatcher
 from kg.knowledge.conceptnet.tables5 import parse_edge
-from kg.knowledge.conceptnet.throttle import Throttle
 from kg.model.errors import ConceptNetError
 
+_INTERVAL: Final = 1.0  # [s] between requests; the service allows 120 a minute and 3,600 an hour
 _PAGE: Final = 1000  # edges; the service's maximum page size
 _MAX_PAGES: Final = 101  # offsets end at 100,000
 _ATTEMPTS: Final = 5
@@ -31,23 +34,60 @@ _FILES: Final = (
     "the public service is often down: import a file instead, the assertions of "
     "github.com/commonsense/conceptnet5/wiki/Downloads (--from FILE)"
 )
-#: (relation, end of the edge that is the object's term)
+#: (relation, end of the edge with the object's term)
 _OF_OBJECTS: Final = (
     *(("AtLocation", "start"), ("PartOf", "start"), ("IsA", "start")),
     *(("HasA", "end"), ("LocatedNear", "node"), ("Synonym", "node")),
 )
 
 
+@dataclass(frozen=True, slots=True)
+class ResponseCache:
+    """Response cache in a folder, with a file for each URL; damaged files are ignored."""
+
+    folder: Path
+
+    def get(self, url: str) -> dict[str, object] | None:
+        """The cached response for a URL, or None."""
+        try:
+            stored = json.loads(self._path(url).read_bytes())
+        except (OSError, ValueError, RecursionError):
+            return None
+        if not isinstance(stored, dict) or stored.get("url") != url:
+            return None
+        answer = stored.get("answer")
+        return answer if isinstance(answer, dict) else None
+
+    def put(self, url: str, answer: dict[str, object]) -> None:
+        """Store a response atomically.
+
+        Raises:
+            ConceptNetError: the folder cannot be written.
+        """
+        path = self._path(url)
+        part = path.with_suffix(f".{os.getpid()}.part")
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            part.write_text(json.dumps({"url": url, "answer": answer}))
+            part.replace(path)
+        except OSError as error:
+            raise ConceptNetError(f"cache {self.folder}: {error.strerror or error}") from None
+
+    def _path(self, url: str) -> Path:
+        return self.folder / f"{hashlib.sha256(url.encode()).hexdigest()[:32]}.json"
+
+
 @dataclass(slots=True)
 class ApiClient:
-    """HTTP client of one service, with rate limits, retries and a cache of responses."""
+    """HTTP client of one service, with a rate limit, retries and a cache of responses."""
 
     address: str
     cache: ResponseCache | None = None
-    throttle: Throttle = field(default_factory=Throttle)
+    clock: Callable[[], float] = time.monotonic
     sleep: Callable[[float], None] = time.sleep
     statistics: DumpStatistics = field(default_factory=DumpStatistics)
     _session: requests.Session = field(default_factory=requests.Session)
+    _last_request: float = -math.inf  # [s] by `clock`
 
     def __post_init__(self) -> None:
         parts = urlsplit(self.address)
@@ -71,7 +111,7 @@ class ApiClient:
         while url not in visited and len(visited) < _MAX_PAGES:
             visited.add(url)
             answer = self._answer(url)
-            if "error" in answer:  # with HTTP 200: no such node
+            if "error" in answer:  # no such node; the status is 200
                 return
             edges = answer.get("edges")
             if not isinstance(edges, list):
@@ -81,13 +121,12 @@ class ApiClient:
             following = view.get("nextPage") if isinstance(view, dict) else None
             if not edges or not isinstance(following, str):
                 return
-            url = self._same_service(urljoin(url, following))
+            url = urljoin(url, following)
+            if urlsplit(url)[:2] != urlsplit(self.address)[:2]:
+                raise ConceptNetError(
+                    f"{self.address} links to a next page on another server: {url}"
+                )
         raise ConceptNetError(f"{url} repeats a page, or has more than {_MAX_PAGES} pages")
-
-    def _same_service(self, url: str) -> str:
-        if urlsplit(url)[:2] != urlsplit(self.address)[:2]:
-            raise ConceptNetError(f"{self.address} links to a next page on another server: {url}")
-        return url
 
     def _answer(self, url: str) -> dict[str, object]:
         if self.cache and (cached := self.cache.get(url)) is not None:
@@ -99,7 +138,7 @@ class ApiClient:
 
     def _fetch(self, url: str) -> bytes:
         for attempt in range(_ATTEMPTS):
-            self.throttle.take()
+            self._wait_for_interval()
             self.statistics.requests += 1
             wait, problem = 2.0**attempt, ""
             try:
@@ -116,6 +155,11 @@ class ApiClient:
                 self.sleep(min(wait, _MAX_WAIT))
         raise ConceptNetError(f"{self.address} {problem}, {_ATTEMPTS} times; {_FILES}")
 
+    def _wait_for_interval(self) -> None:
+        if (wait := self._last_request + _INTERVAL - self.clock()) > 0:
+            self.sleep(wait)
+        self._last_request = self.clock()
+
     def _parse(self, url: str, body: bytes) -> dict[str, object]:
         try:
             answer = json.loads(body)
@@ -129,7 +173,7 @@ class ApiClient:
 def read_api(
     client: ApiClient, names: TermMatcher, language: str, wanted: EdgeFilter, progress: Progress
 ) -> Iterator[Edge]:
-    """Assertions of the service that pass the filter `wanted`; malformed edges are counted.
+    """Edges of the service that pass the filter `wanted`; malformed edges are counted.
 
     Raises:
         ConceptNetError: as `ApiClient.edges`.
@@ -150,7 +194,7 @@ def read_api(
 
 
 def _queries(names: TermMatcher, language: str) -> list[dict[str, str]]:
-    """Queries: all relations of the objects, and those with a place or supercategory as end."""
+    """Queries for all relations of objects, and for relations that end at other categories."""
     parameters = [
         (relation, end, term)
         for category in names.groups["object"]
@@ -176,7 +220,7 @@ def _body(response: requests.Response) -> bytes:
 
 
 def _retry_after(text: str) -> float:
-    """Seconds of a Retry-After header, a number or a date; 0 where it is neither."""
+    """Seconds of a Retry-After header, which is a number or a date; 0 for other texts."""
     if text.strip().isascii() and text.strip().isdigit():
         return float(text)
     try:

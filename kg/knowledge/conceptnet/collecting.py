@@ -32,12 +32,11 @@ class EdgeEvidence:
 class TermRelation:
     """Evidence for and against one relation of a term."""
 
-    evidence: dict[tuple[str, bool], EdgeEvidence] = field(
-        default_factory=dict
-    )  # (source, negated) ->
+    #: (source, whether negated) -> evidence
+    evidence: dict[tuple[str, bool], EdgeEvidence] = field(default_factory=dict)
 
     def add(self, assertion: Edge, share: float = 1.0) -> None:
-        """Add an assertion; a repeated one counts once, unless its votes are further votes."""
+        """Add an assertion; a repeated one counts once unless its votes add up (`Edge.adds`)."""
         key, votes = (assertion.source, assertion.negated), assertion.votes * share
         if (entry := self.evidence.get(key)) is None:
             self.evidence[key] = EdgeEvidence(votes, assertion.surface, assertion.license)
@@ -45,12 +44,12 @@ class TermRelation:
             entry.votes = entry.votes + votes if assertion.adds else max(entry.votes, votes)
 
     def votes(self, *, negated: bool = False) -> float:
-        """Sum of the votes for it, or against it where `negated`."""
+        """Sum of the votes for the relation, or against it if `negated`."""
         return sum(entry.votes for (_, no), entry in self.evidence.items() if no is negated)
 
     @property
     def net(self) -> float:
-        """Votes for it minus votes against it."""
+        """Votes for the relation minus votes against it."""
         return self.votes() - self.votes(negated=True)
 
 
@@ -58,11 +57,10 @@ Facts = dict[Key, dict[str, TermRelation]]
 
 
 class EdgeCollection:
-    """Evidence collected from edges, by the term they start from.
+    """Evidence collected from edges, by their start term.
 
-    It has the places of every term (needed to disambiguate senses and for inheritance from
-    parents), and for terms of objects what they are near, in and part of, their parents and
-    synonyms.
+    All terms have places, which sense disambiguation and inheritance from parents need. Terms of
+    objects also have relations to other objects, containers, wholes, parents and synonyms.
     """
 
     def __init__(self, names: TermMatcher) -> None:
@@ -78,14 +76,12 @@ class EdgeCollection:
     def accepts(self, relation: str, start: str, end: str) -> bool:
         """Whether an assertion between these terms may be relevant; may overestimate."""
         thing, place = self._object, self._place
-        if relation == "AtLocation":
-            return place(end) or thing(start)
-        if relation == "PartOf":
+        if relation in ("AtLocation", "PartOf"):
             return place(end) or thing(start)
         if relation == "HasA":
             return place(start) or thing(end)
         if relation == "IsA":
-            return thing(start) or self._group(end)
+            return thing(start) or self.names.get(end, "supercategory") is not None
         return thing(start) or thing(end)
 
     def add_all(self, assertions: Iterable[Edge]) -> int:
@@ -94,35 +90,32 @@ class EdgeCollection:
         for assertion in assertions:
             start, end = self._key(assertion.start), self._key(assertion.end)
             if start is not None and end is not None and start[0] and end[0]:
-                getattr(self, f"_take_{assertion.relation.lower()}")(assertion, start, end)
+                self._add(assertion, start, end)
                 kept += 1
         return kept
 
-    def _take_atlocation(self, assertion: Edge, start: Key, end: Key) -> None:
-        self._is_at(assertion, start, assertion.end)
-        self._is_near(assertion, start, assertion.end)
-        self._is_in(self.inside, assertion, start, end)
-
-    def _take_partof(self, assertion: Edge, start: Key, end: Key) -> None:
-        self._is_at(assertion, start, assertion.end)
-        self._is_in(self.part_of, assertion, start, end)
-
-    def _take_hasa(self, assertion: Edge, start: Key, end: Key) -> None:
-        self._is_at(assertion, end, assertion.start)
-        self._is_in(self.part_of, assertion, end, start)
-
-    def _take_locatednear(self, assertion: Edge, start: Key, end: Key) -> None:
-        self._is_near(assertion, start, assertion.end)
-        self._is_near(assertion, end, assertion.start)
-        self._is_at(assertion, start, assertion.end)
-        self._is_at(assertion, end, assertion.start)
-
-    def _take_isa(self, assertion: Edge, start: Key, end: Key) -> None:
-        self.is_a[start].setdefault(end, TermRelation()).add(assertion)
-
-    def _take_synonym(self, assertion: Edge, start: Key, end: Key) -> None:
-        self.same_as[start].setdefault(end, TermRelation()).add(assertion)
-        self.same_as[end].setdefault(start, TermRelation()).add(assertion)
+    def _add(self, assertion: Edge, start: Key, end: Key) -> None:
+        match assertion.relation:
+            case "AtLocation":
+                self._is_at(assertion, start, assertion.end)
+                self._is_near(assertion, start, assertion.end)
+                self._is_in(self.inside, assertion, start, end)
+            case "PartOf":
+                self._is_at(assertion, start, assertion.end)
+                self._is_in(self.part_of, assertion, start, end)
+            case "HasA":
+                self._is_at(assertion, end, assertion.start)
+                self._is_in(self.part_of, assertion, end, start)
+            case "LocatedNear":
+                self._is_near(assertion, start, assertion.end)
+                self._is_near(assertion, end, assertion.start)
+                self._is_at(assertion, start, assertion.end)
+                self._is_at(assertion, end, assertion.start)
+            case "IsA":
+                self.is_a[start].setdefault(end, TermRelation()).add(assertion)
+            case "Synonym":
+                self.same_as[start].setdefault(end, TermRelation()).add(assertion)
+                self.same_as[end].setdefault(start, TermRelation()).add(assertion)
 
     def _is_at(self, assertion: Edge, start: Key, end: Node) -> None:
         if place := self.names.get(end.term, "place"):
@@ -143,7 +136,7 @@ class EdgeCollection:
             link.add(assertion, PLACE_SHARES[assertion.relation])
 
     def _key(self, node: Node) -> Key | None:
-        """Key of a node, registered if its term names an object; None unless it is a noun."""
+        """Key of a noun, registered if its term names an object; None for other parts of speech."""
         if node.speech not in ("", "n"):
             return None
         key = (reduced(node.term), node.sense)
@@ -156,6 +149,3 @@ class EdgeCollection:
 
     def _place(self, term: str) -> bool:
         return self.names.get(term, "place") is not None
-
-    def _group(self, term: str) -> bool:
-        return self.names.get(term, "supercategory") is not None

@@ -1,14 +1,13 @@
 """Three-way merge of an import with a file that people edited since the last import.
 
-An imported relation carries a digest of its content (`kg.knowledge.ontology.import_digest`); where
-the digest no longer matches, a person edited the relation, and the import keeps it. The header
-lists all relations ever imported; a listed one that is missing was removed by a person. Everything
-without a digest was written by people.
+An imported relation has a digest of its content (`kg.knowledge.ontology.import_digest`). If the
+digest does not match, a person edited the relation, and the import keeps it. The header lists all
+relations ever imported; a person removed the listed relations that are missing. Statements without
+a digest were written by people.
 """
 
 from __future__ import annotations
 
-import os
 from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -18,21 +17,21 @@ from typing import Final, TypeVar
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from kg.knowledge.conceptnet.relate import ImportedRelation
-from kg.knowledge.conceptnet.turtle import Key, file_text, key_of, listed_in, notes_of
+from kg.knowledge.conceptnet.turtle import file_text, key_of, listed_in, notes_of
 from kg.knowledge.ontology.import_digest import as_imported
+from kg.knowledge.ontology.relations import Key, Notes, annotated_key
 from kg.model import vocabulary as v
 from kg.model.errors import ConceptNetError, OntologyError
 from kg.rdf.parsing import parse_file
 
 _KINDS: Final = (v.LOCATED_AT, v.NEAR_BY, v.RDFS_SUB_CLASS_OF)
-#: Header properties that the importer writes; others were written by people.
+#: Header properties that the importer writes; people wrote the others.
 _OF_HEADER: Final = (
     *(v.RDF_TYPE.value, v.RDFS_LABEL, v.RDFS_COMMENT, v.DCT_LICENSE, v.DCT_SOURCE),
     *(v.OWL_VERSION_INFO, v.IMPORTED_RELATIONS),
 )
-_IMPORTS: Final = (v.OBJECTS_ONTOLOGY, v.PLACES_ONTOLOGY)
+_IMPORTS: Final = (NamedNode(v.OBJECTS_ONTOLOGY), NamedNode(v.PLACES_ONTOLOGY))
 
-_Notes = list[tuple[str, object]]
 _Term = TypeVar("_Term")
 
 
@@ -40,7 +39,7 @@ _Term = TypeVar("_Term")
 class RelationChange:
     """Difference in one relation of a file between before and after an import."""
 
-    what: str  # added, removed, changed, yours (kept as edited), left out (as you removed it)
+    what: str  # added, removed, changed, yours (edited by people), left out (removed by people)
     kind: str  # IRI
     subject: str  # IRI
     target: str  # IRI
@@ -50,7 +49,7 @@ class RelationChange:
 
 @dataclass(slots=True)
 class ImportedFile:
-    """Parsed imported file: the importer's relations and what people wrote."""
+    """Parsed imported file: the importer's relations, and statements of people."""
 
     imported: dict[Key, tuple[float | None, str]] = field(default_factory=dict)  # p, digest
     listed: set[Key] = field(default_factory=set)
@@ -60,15 +59,15 @@ class ImportedFile:
 
     @property
     def removed(self) -> set[Key]:
-        """Relations that were imported and that a person removed."""
+        """Imported relations that people removed."""
         return self.listed - set(self.imported) - self.edited_by_people
 
 
 def read_imported_file(path: Path) -> ImportedFile:
-    """Parse a file that an earlier import wrote; empty where there is no such file.
+    """Parse the file of an earlier import; empty if there is no file.
 
     Raises:
-        ConceptNetError: it does not parse, or no import wrote it.
+        ConceptNetError: the file does not parse, or no import wrote it.
     """
     if not path.exists():
         return ImportedFile()
@@ -102,11 +101,16 @@ def _renamed(triples: Iterable[Triple], names: dict[object, BlankNode]) -> list[
 
 def _classified(triples: list[Triple]) -> ImportedFile:
     file = ImportedFile()
-    notes: dict[object, _Notes] = defaultdict(list)
+    notes: dict[object, Notes] = defaultdict(list)
     for t in triples:
         notes[t.subject].append((t.predicate.value, t.object))
-    imported = {node: key for node, notes in notes.items() if (key := _imported_key(node, notes))}
-    edited = {key for node, notes in notes.items() if node not in imported and (key := _key(notes))}
+    keys = {node: key for node, found in notes.items() if (key := annotated_key(found))}
+    imported: dict[object, Key] = {
+        node: key
+        for node, key in keys.items()
+        if isinstance(node, BlankNode) and as_imported(notes[node])
+    }
+    edited = {key for node, key in keys.items() if node not in imported}
     for node, key in imported.items():
         file.imported[key] = (_probability(notes[node]), _literal_text(notes[node], v.IMPORT_MARK))
     stated = {key for t in triples if (key := _stated(t))}
@@ -125,18 +129,12 @@ def _assign(t: Triple, file: ImportedFile, imported: dict[object, Key]) -> None:
     if t.subject == NamedNode(v.CONCEPTNET_ONTOLOGY):
         if t.predicate.value == v.IMPORTED_RELATIONS and isinstance(t.object, Literal):
             file.listed |= listed_in(t.object.value)
-        elif t.predicate.value not in _OF_HEADER and not _is_import(t):
+        elif t.predicate.value not in _OF_HEADER and not (
+            t.predicate.value == v.OWL_IMPORTS and t.object in _IMPORTS
+        ):
             file.header.append(t)
     elif t.subject not in imported and _stated(t) not in file.imported:
         file.people.append(t)
-
-
-def _is_import(t: Triple) -> bool:
-    return (
-        t.predicate.value == v.OWL_IMPORTS
-        and isinstance(t.object, NamedNode)
-        and t.object.value in _IMPORTS
-    )
 
 
 def _stated(t: Triple) -> Key | None:
@@ -147,25 +145,11 @@ def _stated(t: Triple) -> Key | None:
     return None
 
 
-def _imported_key(node: object, notes: _Notes) -> Key | None:
-    return _key(notes) if isinstance(node, BlankNode) and as_imported(notes) else None
-
-
-def _key(notes: _Notes) -> Key | None:
-    by_predicate = dict(notes)
-    parts = (v.OWL_ANNOTATED_PROPERTY, v.OWL_ANNOTATED_SOURCE, v.OWL_ANNOTATED_TARGET)
-    terms = [by_predicate.get(part) for part in parts]
-    if not all(isinstance(term, NamedNode) for term in terms):
-        return None
-    kind, subject, target = (term.value for term in terms if isinstance(term, NamedNode))
-    return kind, subject, target
-
-
-def _literal_text(notes: _Notes, predicate: str) -> str:
+def _literal_text(notes: Notes, predicate: str) -> str:
     return next((o.value for p, o in notes if p == predicate and isinstance(o, Literal)), "")
 
 
-def _probability(notes: _Notes) -> float | None:
+def _probability(notes: Notes) -> float | None:
     text = _literal_text(notes, v.PROBABILITY)
     return float(text) if text else None
 
@@ -173,7 +157,7 @@ def _probability(notes: _Notes) -> float | None:
 def merge(
     file: ImportedFile, found: Iterable[ImportedRelation]
 ) -> tuple[str, list[RelationChange]]:
-    """Merge an import into a file: its new text and the changes, sorted by relation."""
+    """Merge an import into a file; returns the new text and the changes, sorted by relation."""
     new = {key_of(relation): relation for relation in found}
     removed = file.removed
     written = {k: r for k, r in new.items() if k not in file.edited_by_people and k not in removed}
@@ -181,7 +165,7 @@ def merge(
     changes += [RelationChange("yours", *key) for key in file.edited_by_people & set(new)]
     for key in set(written) | set(file.imported):
         changes += _change(key, file.imported.get(key), written.get(key))
-    # relations that people edited or removed must stay listed
+    # relations that people edited or removed stay in the list
     listed = set(written) | removed | (file.listed & file.edited_by_people)
     text = file_text(written.values(), listed, file.header, file.people)
     return text, sorted(changes, key=lambda c: (c.kind, c.subject, c.target))
@@ -201,25 +185,3 @@ def _change(
     ):
         return [RelationChange("changed", *key, old[0], new.probability)]
     return []
-
-
-def write_text(path: Path, text: str) -> bool:
-    """Write a file atomically; returns False where it has that text already.
-
-    Raises:
-        ConceptNetError: it cannot be written.
-    """
-    data = text.encode()
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        if path.exists() and path.read_bytes() == data:
-            return False
-        with part.open("wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        part.replace(path)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise ConceptNetError(f"{path}: {error.strerror or error}") from None
-    return True

@@ -8,8 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from kg.knowledge.conceptnet.api import ApiClient, read_api
-from kg.knowledge.conceptnet.cache import ResponseCache
+from kg.knowledge.conceptnet.api import ApiClient, ResponseCache, read_api
 from kg.knowledge.conceptnet.collecting import EdgeCollection
 from kg.knowledge.conceptnet.dump import DumpStatistics, Progress, read_dump
 from kg.knowledge.conceptnet.edges import Edge, EdgeFilter
@@ -18,7 +17,6 @@ from kg.knowledge.conceptnet.edits import (
     RelationChange,
     merge,
     read_imported_file,
-    write_text,
 )
 from kg.knowledge.conceptnet.names import TermMatcher
 from kg.knowledge.conceptnet.relate import ImportedRelation, relate
@@ -26,6 +24,7 @@ from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.loading import load_ontologies, superclasses
 from kg.model.errors import ConceptNetError
 from kg.model.resources import ONTOLOGIES
+from kg.store.atomic_file import write_atomically
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,17 +32,13 @@ class ConceptNetImport:
     """Result of an import: relations found, and changes to the file."""
 
     found: tuple[ImportedRelation, ...]  # all relations the source supports
-    changes: tuple[RelationChange, ...]  # to the file, or to an empty one
+    changes: tuple[RelationChange, ...]  # to the file, or to an empty file
     written: bool  # whether the file has changed
     used: int  # assertions about the categories
-    weak: int  # relations with too few votes for them, or too many against
+    weak: int  # relations with too few votes for, or too many against
     lines: int  # lines of the file, or edges of the answers
-    requests: int  # to the web API; without those answered from the cache
+    requests: int  # to the web API, without cached ones
     skipped: Counter[str]  # malformed lines or edges, by reason
-
-
-def _no_progress(done: int, total: int) -> None:
-    """Progress callback that does nothing."""
 
 
 def import_conceptnet(
@@ -55,25 +50,26 @@ def import_conceptnet(
     dry_run: bool = False,
     cache: Path | None = None,
     client: ApiClient | None = None,
-    progress: Progress = _no_progress,
+    progress: Progress = lambda done, total: None,
 ) -> ConceptNetImport:
     """Import ConceptNet's relations between the categories of an ontology.
 
     Args:
         source: file (ConceptNet 5 TSV or ConceptNet 4 graph, plain or gzip), or the address of a
             web API, such as http://api.conceptnet.io.
-        into: the Turtle file to write; that of an earlier import is updated, with what people
-            changed in it kept. None: nothing is written.
-        language: whose assertions, as ConceptNet names it.
-        ontologies: folder of the ontologies that hold the categories; `into` is not read there.
+        into: the Turtle file to write. A file of an earlier import is updated; edits by people are
+            kept. None: nothing is written.
+        language: language of the assertions, as a code of ConceptNet.
+        ontologies: folder of the ontologies with the categories; `into` is not read there.
         dry_run: compute the changes without writing them.
         cache: folder for responses of the web API; an interrupted import resumes from there.
         client: a client of the web API to use instead of `source`'s address.
         progress: callback with the number of bytes (or requests) done, and the total.
 
     Raises:
-        ConceptNetError: the source cannot be read, the file cannot be brought up to date, or
-            would be emptied, since the source has no assertion about the categories.
+        ConceptNetError: the source or the file cannot be read, or the source has no assertion about
+            the categories.
+        GraphError: the file cannot be written.
         OntologyError: the ontologies cannot be read.
     """
     previous = ImportedFile() if into is None else read_imported_file(into)
@@ -90,16 +86,18 @@ def import_conceptnet(
         source, language, collection, statistics, cache, client, progress
     ) as assertions:
         used = collection.add_all(assertions)
-    if not used and into is not None:  # it would empty the file
+    if not used and into is not None:  # the import would empty the file
         raise ConceptNetError(
             f"{source} has no assertion about these categories in the language {language!r} "
             f"({statistics.lines} assertions read): ConceptNet calls English 'en', German 'de'"
         )
     found, weak = relate(collection, groups)
     text, changes = merge(previous, found)
-    written = into is not None and not dry_run and write_text(into, text)
+    changed = into is not None and not (into.exists() and into.read_bytes() == text.encode())
+    if into is not None and changed and not dry_run:
+        write_atomically(into, text)
     return ConceptNetImport(
-        *(found, tuple(changes), written, used, weak),
+        *(found, tuple(changes), changed and not dry_run, used, weak),
         *(statistics.lines, statistics.requests, statistics.skipped),
     )
 

@@ -10,6 +10,7 @@ from pyoxigraph import Literal, NamedNode, RdfFormat, Triple, serialize
 
 from kg.knowledge.conceptnet.relate import ImportedRelation
 from kg.knowledge.ontology.import_digest import mark_of
+from kg.knowledge.ontology.relations import Key
 from kg.model import vocabulary as v
 
 ATTRIBUTION: Final = (
@@ -28,8 +29,6 @@ _COMMENT: Final = (
     f"{ATTRIBUTION} (CC BY-SA 4.0). Each carries its weight, its sources, their licences and "
     "wording. Edit freely: what is changed, added or removed by hand stays so at the next import."
 )
-
-Key = tuple[str, str, str]  # property, subject, target; all IRIs
 
 
 def key_of(found: ImportedRelation) -> Key:
@@ -65,9 +64,9 @@ def file_text(
 
     Args:
         found: the relations to write, in order.
-        listed: relations that were ever imported; people removed those that are not written.
-        header: what people added to the ontology's header.
-        people: everything else that people wrote.
+        listed: all relations ever imported; people removed those that are not in `found`.
+        header: statements of people in the ontology's header.
+        people: all other statements of people.
     """
     parts = [*_head(listed, header)]
     section = ""
@@ -82,7 +81,7 @@ def file_text(
 
 
 def listing(keys: Iterable[Key]) -> str:
-    """Listing of relations for the header: a line each, with prefixed IRIs."""
+    """Listing of relations for the header: one line for each, with prefixed IRIs."""
     return "\n".join(sorted(" ".join(_term(part) for part in (s, k, t)) for k, s, t in keys))
 
 

@@ -1,7 +1,7 @@
 """Commonsense relations: annotated relations between classes of an ontology.
 
-`here:Banana here:locatedAt here:Kitchen` is an annotation between two classes, its probability and
-source are annotations on that statement, an owl:Axiom node: what Protege shows and edits.
+`here:Banana here:locatedAt here:Kitchen` is an annotation between two classes. Its probability and
+source are annotations of that statement (an owl:Axiom node), which Protege shows and edits.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from kg.model.errors import OntologyError
 #: The properties that relate classes.
 KINDS: Final = (v.LOCATED_AT, v.NEAR_BY)
 
-_Notes = list[tuple[str, object]]
-_Key = tuple[str, str, str]  # property, subject, target
+Notes = list[tuple[str, object]]  # (predicate IRI, term) of one subject
+Key = tuple[str, str, str]  # property, subject, target; all IRIs
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,22 +32,22 @@ class RelationEvidence:
 
     probability: float  # 0..1
     sources: tuple[str | Literal, ...] = ()  # an IRI, or a literal as in the ontology
-    weight: float | None = None  # the source's own measure of how well supported it is; >= 0
-    weight_against: float = 0.0  # the same, of the evidence against it
-    stated: bool = True  # by a person (or an importer's, edited since), not as imported
+    weight: float | None = None  # total weight of the evidence by the source's own measure; >= 0
+    weight_against: float = 0.0  # total weight of the evidence against it
+    stated: bool = True  # by a person; also an imported relation that a person edited
 
     @property
     def imported(self) -> bool:
-        """Whether it is unchanged since the import."""
+        """Whether the evidence is unchanged since its import."""
         return self.weight is not None and not self.stated
 
 
 @dataclass(frozen=True, slots=True)
 class Relation:
-    """One edge of common sense: things of class `subject` are found at, or near, `target`.
+    """A relation of common sense: objects of class `subject` are found at, or near, `target`.
 
-    `probability` is what people state; where they state nothing, the highest imported one.
-    `sources` are those of the evidence with that probability.
+    `probability` is the one stated by people, or else the highest imported one. `sources` are the
+    sources of that probability.
     """
 
     kind: str  # IRI: here:locatedAt or here:nearBy
@@ -55,11 +55,11 @@ class Relation:
     target: str  # IRI of a class
     probability: float  # 0..1
     sources: tuple[str | Literal, ...] = ()
-    evidence: tuple[RelationEvidence, ...] = ()  # one or more; what people state first
+    evidence: tuple[RelationEvidence, ...] = ()  # one or more; statements of people first
 
     @property
     def iri(self) -> str:
-        """The IRI of its node in graph:commonsense."""
+        """The IRI of the relation's node in graph:commonsense."""
         return f"{v.RELATION}{_name(self.kind)}/{_name(self.subject)}/{_name(self.target)}"
 
 
@@ -68,19 +68,19 @@ def _name(iri: str) -> str:
 
 
 def relations(quads: Iterable[Quad]) -> tuple[Relation, ...]:
-    """The relations between classes, each with the evidence annotated on it.
+    """The relations between classes, each with its annotated evidence.
 
-    An owl:Axiom node that is as its importer left it (`kg.knowledge.ontology.import_digest`) is
-    evidence of its own; all
-    other nodes of a relation are what people state, together. A relation nobody annotated takes
-    the probability of its property (``here:locatedAt here:probability 0.2e0``).
+    An owl:Axiom node that is unchanged since its import (`kg.knowledge.ontology.import_digest`) is
+    separate evidence. All other nodes of a relation together are the statement of people. A
+    relation without annotations has the probability of its property
+    (``here:locatedAt here:probability 0.2e0``).
 
     Raises:
-        OntologyError: what people state, or an import, has no probability, two, or one that is
-            not in 0..1; or a weight that is not a number of at least 0.
+        OntologyError: evidence does not have exactly one probability within 0..1, or has a weight
+            that is not a number of at least 0.
     """
-    stated: set[_Key] = set()
-    notes: dict[object, _Notes] = defaultdict(list)
+    stated: set[Key] = set()
+    notes: dict[object, Notes] = defaultdict(list)
     for q in quads:
         notes[q.subject].append((q.predicate.value, q.object))
         if (
@@ -94,20 +94,27 @@ def relations(quads: Iterable[Quad]) -> tuple[Relation, ...]:
     return tuple(_relation(key, annotated[key], defaults[key[0]]) for key in sorted(stated))
 
 
-def _annotations(notes: Mapping[object, _Notes]) -> dict[_Key, list[_Notes]]:
+def _annotations(notes: Mapping[object, Notes]) -> dict[Key, list[Notes]]:
     """Annotations of each (property, subject, target), one list for each owl:Axiom node."""
-    found: dict[_Key, list[_Notes]] = defaultdict(list)
-    parts = (v.OWL_ANNOTATED_PROPERTY, v.OWL_ANNOTATED_SOURCE, v.OWL_ANNOTATED_TARGET)
-    for annotation_notes in notes.values():
-        by_predicate = dict(annotation_notes)
-        key = [by_predicate.get(part) for part in parts]
-        if all(isinstance(term, NamedNode) for term in key):
-            kind, subject, target = (term.value for term in key if isinstance(term, NamedNode))
-            found[kind, subject, target].append(annotation_notes)
+    found: dict[Key, list[Notes]] = defaultdict(list)
+    for axiom in notes.values():
+        if (key := annotated_key(axiom)) is not None:
+            found[key].append(axiom)
     return found
 
 
-def _relation(key: _Key, axioms: list[_Notes], default: _Notes) -> Relation:
+def annotated_key(axiom: Notes) -> Key | None:
+    """The relation that an owl:Axiom node annotates; None for other nodes."""
+    by_predicate = dict(axiom)
+    parts = (v.OWL_ANNOTATED_PROPERTY, v.OWL_ANNOTATED_SOURCE, v.OWL_ANNOTATED_TARGET)
+    terms = [term for part in parts if isinstance(term := by_predicate.get(part), NamedNode)]
+    if len(terms) != len(parts):
+        return None
+    kind, subject, target = (term.value for term in terms)
+    return kind, subject, target
+
+
+def _relation(key: Key, axioms: list[Notes], default: Notes) -> Relation:
     imported = [notes for notes in axioms if as_imported(notes)]
     by_people = [note for notes in axioms if not as_imported(notes) for note in notes]
     evidence = [_evidence(key, notes, [], stated=False) for notes in imported]
@@ -122,7 +129,7 @@ def _relation(key: _Key, axioms: list[_Notes], default: _Notes) -> Relation:
     return Relation(*key, probability, tuple(sources), tuple(evidence))
 
 
-def _evidence(key: _Key, own: _Notes, default: _Notes, *, stated: bool) -> RelationEvidence:
+def _evidence(key: Key, own: Notes, default: Notes, *, stated: bool) -> RelationEvidence:
     return RelationEvidence(
         _probability(key, own, default),
         _sources(own),
@@ -132,7 +139,7 @@ def _evidence(key: _Key, own: _Notes, default: _Notes, *, stated: bool) -> Relat
     )
 
 
-def _probability(key: _Key, own: _Notes, default: _Notes) -> float:
+def _probability(key: Key, own: Notes, default: Notes) -> float:
     stated = _literals(own, v.PROBABILITY) or _literals(default, v.PROBABILITY)
     numbers = {_number(text) for text in stated}
     if len(numbers) == 1 and 0 <= (number := numbers.pop()) <= 1:
@@ -141,7 +148,7 @@ def _probability(key: _Key, own: _Notes, default: _Notes) -> float:
     raise OntologyError(f"{_words(key)} needs one here:probability between 0 and 1, has {given}")
 
 
-def _weights(key: _Key, own: _Notes, predicate: str) -> list[float]:
+def _weights(key: Key, own: Notes, predicate: str) -> list[float]:
     weights = {text: _number(text) for text in _literals(own, predicate)}
     for text, weight in weights.items():
         if not (math.isfinite(weight) and weight >= 0):
@@ -159,7 +166,7 @@ def _number(text: str) -> float:
         return math.nan
 
 
-def _words(key: _Key) -> str:
+def _words(key: Key) -> str:
     return " ".join(_short(iri) for iri in (key[1], key[0], key[2]))
 
 
@@ -167,11 +174,11 @@ def _short(iri: str) -> str:
     return f"here:{iri.removeprefix(v.HERE)}" if iri.startswith(v.HERE) else f"<{iri}>"
 
 
-def _literals(notes: _Notes, predicate: str) -> set[str]:
+def _literals(notes: Notes, predicate: str) -> set[str]:
     return {o.value for p, o in notes if p == predicate and isinstance(o, Literal)}
 
 
-def _sources(notes: _Notes) -> tuple[str | Literal, ...]:
-    """IRIs as str, words as they are; sorted, each once."""
+def _sources(notes: Notes) -> tuple[str | Literal, ...]:
+    """Sources: IRIs as str, literals unchanged; sorted, without duplicates."""
     terms = {o for p, o in notes if p == v.DCT_SOURCE and isinstance(o, NamedNode | Literal)}
     return tuple(t.value if isinstance(t, NamedNode) else t for t in sorted(terms, key=str))
