@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from planner.cli.arguments import MAP_HELP, add_author, add_json
-from planner.cli.console import note, print_table, write, write_json
+from planner.cli.console import counted, note, print_table, write, write_json
 
 if TYPE_CHECKING:
     from kg.knowledge.ontology.diff import OntologyChange
@@ -126,7 +126,7 @@ def _check(arguments: argparse.Namespace) -> int:
         ]
         print_table(("", "file", "line", "subject", "problem", "value"), table)
     wrong = sum(row["severity"] == "violation" for row in rows)
-    note(f"{wrong} errors, {len(rows) - wrong} warnings" if rows else "no errors, no warnings")
+    note(f"{counted(wrong, 'error')}, {counted(len(rows) - wrong, 'warning')}")
     return 1 if wrong else 0
 
 

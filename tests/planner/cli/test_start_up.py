@@ -47,7 +47,7 @@ def loaded(*words: str) -> set[str]:
 
 @pytest.mark.parametrize("option", ["--version", "--help"])
 def test_what_needs_no_map_loads_no_library(option: str) -> None:
-    assert not loaded(option) & {*HEAVY, "numpy", "pyoxigraph"}
+    assert not loaded(option) & {*HEAVY, "numpy"}
 
 
 def test_questions_to_a_map_in_a_folder_load_the_engine_alone(tmp_path: Path) -> None:

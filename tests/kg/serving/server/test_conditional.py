@@ -18,7 +18,7 @@ PAGES = (THING, GRAPH, "resource?iri=https://w3id.org/hereabouts%23Cup")
 
 def long_ago(served: Served, monkeypatch: pytest.MonkeyPatch, seconds: float = 5.0) -> None:
     """As if the map's last commit had been so long ago."""
-    last = served.map.history.last_time
+    last = served.map.history.log.last_time
     monkeypatch.setattr("kg.serving.server.http.conditions.time.time", lambda: last + seconds)
 
 
@@ -47,7 +47,7 @@ def test_dates_tell_what_has_changed(
     long_ago(served, monkeypatch)
     date = served.get(path).headers["Last-Modified"]
     moment = parsedate_to_datetime(date)
-    last = datetime.fromtimestamp(served.map.history.last_time, UTC)
+    last = datetime.fromtimestamp(served.map.history.log.last_time, UTC)
     assert timedelta(0) < moment - last <= timedelta(seconds=1)
     assert served.get(path, headers={"If-Modified-Since": date}).status_code == 304
     before = format_datetime(moment - timedelta(seconds=1), usegmt=True)
