@@ -1,7 +1,7 @@
 """An OWL 2 DL document (OWL 2 Mapping to RDF Graphs, sections 3.1 and 5) of a map in one graph.
 
-It has one ontology header and no imports, since what would be imported is in it; every class,
-property and datatype that is used is declared; binary data is hexadecimal, since HermiT refuses
+It has one ontology header and no imports, since it contains the imported ontologies. Every class,
+property and datatype in use is declared. Binary data is hexadecimal, since HermiT refuses
 xsd:base64Binary.
 """
 
@@ -45,7 +45,7 @@ def with_one_header(triples: Iterable[Triple], iri: str, label: str) -> list[Tri
     facts: list[tuple[str, NamedNode | Literal]] = [
         (v.RDF_TYPE.value, NamedNode(v.OWL_ONTOLOGY)),
         (v.RDFS_LABEL, Literal(label)),
-        (v.RDFS_COMMENT, Literal("What the map knew about the world when this was written.")),
+        (v.RDFS_COMMENT, Literal("The facts of the map when this file was written.")),
     ]
     header = [Triple(own, NamedNode(predicate), value) for predicate, value in facts]
     body = []

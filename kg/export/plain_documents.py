@@ -14,17 +14,17 @@ from kg.rdf.standard_terms import CRS
 _FRAME = "local frame of this map: metres, z up, the floor about z = 0; not geographic"
 
 
-def rooms_document(semantic_map: SemanticMap, least: float = 0.5) -> dict[str, Any]:
-    """JSON of places with their objects of at least the existence `least`.
+def rooms_document(semantic_map: SemanticMap, min_existence: float = 0.5) -> dict[str, Any]:
+    """JSON of places with their objects of existence `min_existence` or above.
 
-    Objects that are in no place are under "elsewhere", what left where it stood and was not found
-    since under "departed"; times are [s] since 1970.
+    Objects in no place are under "elsewhere", departed objects under "departed"; times are [s]
+    since 1970.
     """
     names = _Names(semantic_map)
     held: dict[str | None, list[dict[str, Any]]] = {}
     places = semantic_map.places()
     known = {place.iri for place in places}
-    for record in _shown(semantic_map, least):
+    for record in _shown(semantic_map, min_existence):
         place = record.place if record.place in known else None
         held.setdefault(place, []).append(names.object(record))
     robot = semantic_map.robot()
@@ -48,12 +48,12 @@ def rooms_document(semantic_map: SemanticMap, least: float = 0.5) -> dict[str, A
     }
 
 
-def geojson_document(semantic_map: SemanticMap, least: float = 0.5) -> dict[str, Any]:
-    """GeoJSON of places (Polygon) and objects (Point) of at least the existence `least`.
+def geojson_document(semantic_map: SemanticMap, min_existence: float = 0.5) -> dict[str, Any]:
+    """GeoJSON of places (Polygon) and objects (Point) of existence `min_existence` or above.
 
-    RFC 7946 has longitude and latitude alone, other systems by prior arrangement (section 4); "crs"
-    is a foreign member of it (section 6.1), in the form that GeoJSON had before, by which readers
-    such as GDAL do not take metres for degrees.
+    RFC 7946 has longitude and latitude, and other systems by prior arrangement (section 4). "crs"
+    is a foreign member (section 6.1) in the form of earlier GeoJSON, so that readers such as GDAL
+    do not read metres as degrees.
     """
     names = _Names(semantic_map)
     features = [
@@ -64,7 +64,7 @@ def geojson_document(semantic_map: SemanticMap, least: float = 0.5) -> dict[str,
         )
         for place in semantic_map.places()
     ]
-    for record in _shown(semantic_map, least):
+    for record in _shown(semantic_map, min_existence):
         fields = {"kind": "object", **names.object(record)}
         features.append(
             _feature(None, {"type": "Point", "coordinates": fields.pop("position")}, fields)
@@ -141,11 +141,11 @@ class _Names:
         }
 
 
-def _shown(semantic_map: SemanticMap, least: float) -> Iterable[ObjectRecord]:
+def _shown(semantic_map: SemanticMap, min_existence: float) -> Iterable[ObjectRecord]:
     return (
         record
         for record in semantic_map.objects()
-        if record.existence >= least and all(math.isfinite(c) for c in record.p_map)
+        if record.existence >= min_existence and all(math.isfinite(c) for c in record.p_map)
     )
 
 

@@ -78,7 +78,7 @@ def export_map(
     chosen = format or _format_of(path)
     quads = export_quads(semantic_map, ontology=ontology)
     statements = _statements(semantic_map, quads, chosen, ontology=ontology)
-    write_atomically(path, _text(statements, chosen, _prefixes(semantic_map.base)))
+    write_atomically(path, _text(statements, chosen, prefixes_of(semantic_map.base)))
     return len(statements)
 
 
@@ -86,11 +86,11 @@ def export_text(semantic_map: SemanticMap, format: str, *, ontology: bool = True
     """The map as text in one of `FORMATS`; raises GraphError for an unknown one."""
     quads = export_quads(semantic_map, ontology=ontology)
     statements = _statements(semantic_map, quads, format, ontology=ontology)
-    return _text(statements, format, _prefixes(semantic_map.base))
+    return _text(statements, format, prefixes_of(semantic_map.base))
 
 
 def export_quads(semantic_map: SemanticMap, *, ontology: bool = True) -> list[Quad]:
-    """Quads of an export in their order, geometries included."""
+    """Quads of an export in their order, with geometries."""
     graphs = (*_GRAPHS, v.ONTOLOGY_GRAPH.value) if ontology else _GRAPHS
     engine = semantic_map.engine
     quads = {
@@ -128,10 +128,10 @@ def _text(quads: list[Quad], form: str, prefixes: _Prefixes) -> str:
     writers: dict[str, Callable[[list[Quad], _Prefixes], str]] = {
         "ttl": lambda quads, prefixes: _tidy(_triples(quads), RdfFormat.TURTLE, prefixes),
         "trig": lambda quads, prefixes: _tidy(quads, RdfFormat.TRIG, prefixes),
-        "nq": lambda quads, _: _native(quads, RdfFormat.N_QUADS, {}),
-        "nt": lambda quads, _: _native(_triples(quads), RdfFormat.N_TRIPLES, {}),
+        "nq": lambda quads, _: serialised(quads, RdfFormat.N_QUADS, {}),
+        "nt": lambda quads, _: serialised(_triples(quads), RdfFormat.N_TRIPLES, {}),
         "jsonld": lambda quads, prefixes: to_jsonld(_triples(quads), prefixes) + "\n",
-        "rdfxml": lambda quads, prefixes: _native(_triples(quads), RdfFormat.RDF_XML, prefixes),
+        "rdfxml": lambda quads, prefixes: serialised(_triples(quads), RdfFormat.RDF_XML, prefixes),
     }
     return writers[_known(form)](quads, prefixes)
 
@@ -154,14 +154,15 @@ def _format_of(path: Path) -> str:
     for form, endings in FORMATS.items():
         if path.suffix.lower() in endings:
             return form
-    endings_known = ", ".join(ending for endings in FORMATS.values() for ending in endings)
+    known = ", ".join(ending for endings in FORMATS.values() for ending in endings)
     raise GraphError(
         f"cannot tell the format of {path.name!r} from its ending; name a format "
-        f"({', '.join(FORMATS)}) or end it with one of: {endings_known}"
+        f"({', '.join(FORMATS)}) or end it with one of: {known}"
     )
 
 
-def _prefixes(base: str) -> _Prefixes:
+def prefixes_of(base: str) -> _Prefixes:
+    """The prefixes of the vocabulary, and of the things of the map with IRI `base`."""
     things = {name: f"{base}{name}/" for name in ("object", "observation", "place", "recording")}
     return {**v.PREFIXES, "map": base, **things}
 
@@ -170,16 +171,21 @@ def _triples(quads: Iterable[Quad]) -> list[Triple]:
     return list(dict.fromkeys(quad.triple for quad in quads))
 
 
-def _native(statements: Iterable[Quad] | Iterable[Triple], form: RdfFormat, p: _Prefixes) -> str:
-    body = serialize(statements, format=form, prefixes=p) or b""
-    return (in_xml(body) if form == RdfFormat.RDF_XML else body).decode()
+def serialised(
+    statements: Iterable[Quad] | Iterable[Triple], form: RdfFormat, prefixes: _Prefixes
+) -> str:
+    """Statements in a format of the engine, corrected for its XML and its prefixed names."""
+    text = (serialize(statements, format=form, prefixes=prefixes) or b"").decode()
+    if form in (RdfFormat.TURTLE, RdfFormat.TRIG):
+        return with_full_iris(text, prefixes)
+    return in_xml(text.encode()).decode() if form == RdfFormat.RDF_XML else text
 
 
 def _tidy(
     statements: Iterable[Quad] | Iterable[Triple], form: RdfFormat, prefixes: _Prefixes
 ) -> str:
     """Prefixes in order, one empty line between subjects; strings never span lines here."""
-    text = with_full_iris(_native(statements, form, prefixes), prefixes)
+    text = serialised(statements, form, prefixes)
     # not splitlines, which splits strings at U+2028 and others
     lines = text.replace("\t", "    ").split("\n")
     declared = sorted(line for line in lines if line.startswith("@prefix"))
@@ -189,7 +195,7 @@ def _tidy(
 
 
 def _with_exponent(quad: Quad) -> Quad:
-    """Doubles as 1.23e0, which Turtle needs no quotes for; the engine drops the exponent."""
+    """The quad with doubles as 1.23e0, which Turtle writes without quotes."""
     term = quad.object
     if not isinstance(term, Literal) or term.datatype != _DOUBLE:
         return quad

@@ -57,9 +57,8 @@ def import_reference_maps(
     confidence as a share of nu, at most 1. A place never `checked` has no views yet. Each object
     is in the first place whose rectangle contains it.
 
-    Raises InvalidFactError for a file that is not of this form or all of whose content is in the
-    map already, UnknownCategoryError for a label the ontology does not know; nothing is written
-    then.
+    If an error is raised, nothing is written: InvalidFactError for a file of another form, or whose
+    whole content is in the map already; UnknownCategoryError for an unknown label.
     """
     catalogue = semantic_map.catalogue
     rooms = semantic_map.places()
@@ -75,28 +74,30 @@ def import_reference_maps(
         _object(entry, semantic_map.new_object_iri(), rooms, seen, catalogue)
         for entry in _entries(objects_json)
     )
-    _reject_repeated_import(
-        objects_json, map(_stands, objects), map(_stands, semantic_map.objects())
+    _check_not_imported(
+        objects_json, map(_key_of_object, objects), map(_key_of_object, semantic_map.objects())
     )
-    _reject_repeated_import(places_json, map(_sides, places), map(_sides, semantic_map.places()))
+    _check_not_imported(
+        places_json, map(_key_of_place, places), map(_key_of_place, semantic_map.places())
+    )
     semantic_map.apply(
         MapUpdate(objects=objects, places=places), Cause("import", note="reference maps")
     )
     return ThesisMap(len(objects), len(places))
 
 
-def _stands(record: ObjectRecord) -> tuple[object, ...]:
+def _key_of_object(record: ObjectRecord) -> tuple[object, ...]:
     return record.category, *(round(float(value), 2) for value in record.p_map)
 
 
-def _sides(place: PlaceRecord) -> tuple[object, ...]:
+def _key_of_place(place: PlaceRecord) -> tuple[object, ...]:
     return tuple(round(x, 2) for x in (place.xmin, place.xmax, place.ymin, place.ymax))
 
 
-def _reject_repeated_import(
+def _check_not_imported(
     path: Path | str | None, new: Iterable[object], known: Iterable[object]
 ) -> None:
-    """Raises InvalidFactError if the map holds all of the file already."""
+    """Raise InvalidFactError if the map holds all of the file already."""
     fresh = set(new)
     if fresh and fresh.issubset(known):
         raise InvalidFactError(f"all of {path} is in this map already; another map would take it")
@@ -109,8 +110,8 @@ def export_reference_maps(
 ) -> None:
     """Write objects and places in the form that `import_reference_maps` reads.
 
-    A place is written with its bounding rectangle. A category those networks do not have keeps its
-    own label, with id -1. Raises GraphError where a file cannot be written.
+    A place is written with its bounding rectangle. A category that those networks lack keeps its
+    own label, with id -1. Raises GraphError if a file cannot be written.
     """
     names = _network_names(semantic_map.catalogue)
     label = semantic_map.catalogue.label

@@ -21,10 +21,10 @@ _WATCHED: Final = {v.MAP_GRAPH.value, v.ASSERTIONS_GRAPH.value}
 class ExternalChanges:
     """Collects the things of graph:map that writers other than the mapper changed.
 
-    It costs little while nothing changes, and unsubscribes when it is garbage-collected. Each
-    `take` requests the changes from a running `hereabouts serve`. A plain SPARQL server sends no
-    notifications: there `take` polls the map's sequence number, and after a transaction of another
-    program it counts every thing as changed. An update that leaves that number is not noticed.
+    Garbage collection unsubscribes it. `take` requests the changes from a running `hereabouts
+    serve`. A plain SPARQL server sends no notifications: there `take` polls the map's sequence
+    number, and after a transaction of another program all things count as changed. An update that
+    does not change the number is not noticed.
     """
 
     def __init__(self, semantic_map: SemanticMap) -> None:
@@ -64,16 +64,16 @@ class ExternalChanges:
         return restored
 
     def _poll(self) -> None:
-        """Compare the sequence number; if others wrote, count every thing as changed."""
+        """Compare the sequence number; if others wrote, all things count as changed."""
         number = self._map.sequence
         with self._lock:
             missed = self._missed or number != self._sequence
             self._missed, self._sequence = False, number
         if missed:
-            present = self._all_things()
+            things = self._all_things()
             with self._lock:
-                self._touched |= self._things | present
-                self._things = present
+                self._touched |= self._things | things
+                self._things = things
 
     def _all_things(self) -> set[str]:
         quads = self._map.engine.quads_for_pattern(None, v.RDF_TYPE, None, v.MAP_GRAPH)
@@ -115,7 +115,7 @@ class ExternalChanges:
 
 
 class PerceivedObjects(dict[str, ObjectRecord]):
-    """Perceived objects by IRI; `refresh` reads again what others changed."""
+    """Perceived objects by IRI; `refresh` reads changed objects again."""
 
     def __init__(self, semantic_map: SemanticMap) -> None:
         self._map = semantic_map
@@ -127,7 +127,7 @@ class PerceivedObjects(dict[str, ObjectRecord]):
         self._watch.invalidate(iris)
 
     def refresh(self) -> frozenset[str]:
-        """IRIs of things that others changed since the last call; cheap where there are none."""
+        """IRIs of things that others changed since the last call; cheap without changes."""
         touched = self._watch.take()
         if not touched:
             return touched

@@ -1,8 +1,8 @@
 """Optimistic concurrency control for updates of remote writers.
 
 A remote mapper or robot cannot lock the map between reading and writing. It sends the number of the
-last transaction that it has read. If others changed a thing after that transaction, an update of
-this thing is refused, and the writer has to read it again.
+last transaction that it has read. An update of a thing that others changed after that transaction
+is refused; the writer has to read the thing again.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _NAMES: Final = {
     "look": "search/N/look/N",
     "obstacle": "search/N/obstacle/N",
 }
-_AHEAD: Final = 1_000_000  # largest distance of a new object number from the next free one
+_MAX_AHEAD: Final = 1_000_000  # of a new object number, from the next free one
 _WATCHED: Final = {v.MAP_GRAPH.value, v.DATASET_GRAPH.value}
 
 
@@ -43,9 +43,11 @@ def apply_remote_update(
 ) -> ChangeSet | None:
     """Apply `update`, whose writer has read up to `known_sequence` and made the transactions `own`.
 
-    Without `known_sequence` the update is applied unconditionally. Raises ConflictError where
-    others changed what it writes, InvalidFactError for a thing that is not one of this map; nothing
-    is then written.
+    Without `known_sequence` the update is applied unconditionally. If an error is raised, nothing
+    is written:
+
+    - ConflictError, if others changed a thing that the update writes
+    - InvalidFactError, for a thing of another map
     """
     with semantic_map.hold():
         _check_things(semantic_map, update)
@@ -58,13 +60,13 @@ def _check_conflicts(
     semantic_map: StoredMap, update: MapUpdate, known_sequence: int, own: Collection[int]
 ) -> None:
     base = semantic_map.base
-    # every writer replaces the robot's pose and the number of the next object
+    # all writers replace the robot's pose and the number of the next object
     writes = semantic_map.written_by(update) - {base, f"{base}robot"}
     try:
         touched = _touched(semantic_map, known_sequence, own) & writes
     except HistoryError as error:
         raise ConflictError(
-            f"what changed since #{known_sequence} is not known: {error}", writes
+            f"the changes since #{known_sequence} are not known: {error}", writes
         ) from error
     if touched:
         named = ", ".join(sorted(iri.removeprefix(base) for iri in touched)[:_MAX_NAMED])
@@ -82,9 +84,8 @@ def _touched(semantic_map: StoredMap, known_sequence: int, own: Collection[int])
     assertions = Assertions(semantic_map.base)
     found: set[str] = set()
     for change in semantic_map.history.changes(known_sequence):
-        if change.sequence in own:
-            continue
-        for quad in (*change.added, *change.removed):
+        quads = () if change.sequence in own else (*change.added, *change.removed)
+        for quad in quads:
             iri = getattr(quad.subject, "value", "")
             if getattr(quad.graph_name, "value", "") in _WATCHED:
                 found.add(iri)
@@ -94,19 +95,19 @@ def _touched(semantic_map: StoredMap, known_sequence: int, own: Collection[int])
 
 
 def _check_things(semantic_map: StoredMap, update: MapUpdate) -> None:
-    """Raise InvalidFactError for records of things that are not of this map."""
+    """Raise InvalidFactError for records of things of another map."""
     base = semantic_map.base
-    highest = semantic_map.next_object + _AHEAD
-    strange = {
+    highest = semantic_map.next_object + _MAX_AHEAD
+    unusual = {
         (iri, kind) for iri, kind in _things(update, base) if not _is_own(base, iri, kind, highest)
     }
-    if not strange:
+    if not unusual:
         return
-    # things that people added may have other names
+    # persons may have added things with other names
     known = {(record.iri, "object") for record in semantic_map.perceived.objects()}
     known |= {(record.iri, "place") for record in semantic_map.perceived.places()}
     known |= {(record.iri, "door") for record in semantic_map.doors()}
-    for iri, kind in sorted(strange - known):
+    for iri, kind in sorted(unusual - known):
         raise InvalidFactError(
             f"{iri[:200]!r} is no {kind} of this map; a new one is called {base}{_NAMES[kind]}"
         )

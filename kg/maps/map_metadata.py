@@ -70,9 +70,9 @@ def description_of(engine: QuadStore, base: str) -> Description:
 def changed_description(
     engine: QuadStore, base: str, title: str | None, licence: str | None
 ) -> tuple[list[Quad], list[Quad]]:
-    """Quads to delete and to insert for a new title or licence (None: as it is).
+    """Quads to delete and to insert for a new title or licence (None: unchanged).
 
-    Raises InvalidFactError for an empty title, and for a licence that is no absolute IRI.
+    Raises InvalidFactError for an empty title, and for a licence that is not an absolute IRI.
     """
     node = NamedNode(base)
     added = [

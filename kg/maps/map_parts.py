@@ -34,7 +34,7 @@ class MapHistory(Protocol):
         """Change sets numbered above `since`, in order."""
 
     def state_of(self, iri: str, when: Instant) -> tuple[Quad, ...]:
-        """All quads about one thing as of `when`, without replaying the whole map."""
+        """All quads about one thing at `when`, without replaying the whole map."""
 
     def diff(self, t1: Instant, t2: Instant) -> Difference:
         """The quads of `t2` that `t1` lacks, and the other way round."""
@@ -50,7 +50,7 @@ class MapHistory(Protocol):
         """
 
     def compact(self, keep: float | None = None) -> Compaction:
-        """Drop the past more than `keep` seconds back (None: keep all), and pack the history."""
+        """Drop the past older than `keep` seconds (None: keep all), and pack the history."""
 
     def retain(self, keep: float) -> None:
         """Retain the last `keep` seconds of history while the map is open; drop older ones.
@@ -68,11 +68,11 @@ class MapOntology(Protocol):
     def replace(
         self, quads: Iterable[Quad], *, by: str | None = None, whole: bool = False
     ) -> Replacement:
-        """Make the quads this map's ontology, in one transaction, while it is in use.
+        """Replace the ontology by `quads` in one transaction, while the map is in use.
 
-        What was written into graph:commonsense by other means stays. Raises OntologyError, with
-        nothing changed, where they are malformed, lack terms that the map uses, or leave out
-        ontologies of the map without `whole`; `kg.knowledge.ontology.diagnostics` reads and
+        Facts that were written directly into graph:commonsense stay. Raises OntologyError, with
+        nothing changed, if the quads are malformed, lack terms that the map uses, or (without
+        `whole`) leave out ontologies of the map. `kg.knowledge.ontology.diagnostics` reads and
         validates files.
         """
 
@@ -88,26 +88,30 @@ class MapOntology(Protocol):
 
 
 class MapAssertions(Protocol):
-    """What people assert of objects and places; it overrides perception."""
+    """Assertions of persons about objects and places; they override perception."""
 
     def all(self, iri: str | None = None) -> tuple[Assertion, ...]:
         """Assertions, with the perceived values; of one thing or of all."""
 
     def conflicts(self) -> tuple[Assertion, ...]:
-        """The assertions that perception contradicts, with since when and how strongly."""
+        """The assertions that perception contradicts, with time and strength of the conflict."""
 
     def add(self, iri: str, prop: str, value: object, *, by: str = "") -> ChangeSet | None:
         """Assert a property, which overrides perception until it is retracted.
 
-        Of an object: category (label or IRI), position ((x, y, z) [m]), existence ("present" or
-        "absent"), label, on, inside; of a place: category, label. ``object/17`` is short for its
-        IRI. `by` names the author; on a server it is the holder of the token. Raises
-        UnknownCategoryError, and InvalidFactError for unknown things, invalid properties or
+        - `iri`: an object or place; ``object/17`` is short for its IRI
+        - `prop`: of an object category, position, existence, label, on or inside; of a place
+          category or label
+        - `value`: a category's label or IRI, (x, y, z) [m], "present" or "absent", a label, or an
+          object
+        - `by`: the author; on a server the holder of the token
+
+        Raises UnknownCategoryError, and InvalidFactError for unknown things, invalid properties or
         values, and a missing author.
         """
 
     def retract(self, iri: str, prop: str, *, by: str | None = None) -> ChangeSet | None:
-        """Retract an assertion: the property is again as perception believes it.
+        """Retract an assertion: perception's estimate takes effect again.
 
-        Raises InvalidFactError where there is no such assertion.
+        Raises InvalidFactError if there is no such assertion.
         """

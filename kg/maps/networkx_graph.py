@@ -45,7 +45,7 @@ def network(
 
 
 def _pairs(objects: tuple[ObjectRecord, ...], near: float) -> Iterator[tuple[str, str, float]]:
-    """Pairs of objects within `near` [m] over the floor; only neighbouring squares are compared."""
+    """Pairs of objects within `near` [m] over the floor, found by squares of that side."""
     squares: dict[tuple[int, int], list[ObjectRecord]] = defaultdict(list)
     for record in objects:
         x, y = math.floor(record.p_map[0] / near), math.floor(record.p_map[1] / near)

@@ -18,22 +18,22 @@ _NAME = re.compile(r"[0-9]{1,18}-[0-9a-f]{8}\.jpg")
 
 
 class ObjectPictures:
-    """Pictures in the folder `path` of a map; a picture's name tells which observation it shows."""
+    """Pictures in the folder `path` of a map; a picture's name has a key of its observation."""
 
     def __init__(self, path: Path) -> None:
         self._folder = path / FOLDER
 
     def path_of(self, record: ObjectRecord) -> Path | None:
-        """File of the observation that explains `record`; None where none is kept."""
+        """File with the best observation of `record`; None without a picture."""
         path = self._path(record)
         if path is None or path.is_symlink() or not path.is_file():
             return None  # a link may lead to files that are not the map's
         return path if path.stat().st_size <= MAX_BYTES else None
 
     def write(self, record: ObjectRecord, jpeg: bytes) -> None:
-        """Keep `jpeg` as the picture of the observation that explains `record`.
+        """Write `jpeg` as the picture of the best observation of `record`.
 
-        Raises GraphError where the folder cannot be written, ValueError for one that is too large.
+        Raises GraphError if the folder cannot be written, ValueError for a larger picture.
         """
         path = self._path(record)
         if path is None:
@@ -58,7 +58,7 @@ class ObjectPictures:
             path.unlink(missing_ok=True)
 
     def limit(self) -> None:
-        """Drop the oldest pictures beyond the number that is kept."""
+        """Remove the oldest pictures beyond `MAX_PICTURES`."""
         if not self._folder.is_dir():
             return
         paths = [path for path in self._folder.iterdir() if _NAME.fullmatch(path.name)]

@@ -21,10 +21,11 @@ def placement_table(
     parameters: PlacementParameters = FITTED,
     sought: Collection[str] | None = None,
 ) -> PlacementTable:
-    """Placement table of the map's ontology, imported statistics and rooms, as of now.
+    """Placement table of the map's present ontology, imported statistics and rooms.
 
-    `sought` has the IRIs of the objects its detector can detect: only for these does a searched
-    room count as one without (None: for all). Raises OntologyError for an invalid ontology.
+    `sought` has the IRIs of the categories that the detector can detect (None: all). Only for these
+    does a viewed room without such an object count against them. Raises OntologyError for an
+    invalid ontology.
     """
     with semantic_map.hold():
         quads = semantic_map.engine.quads_for_pattern(None, None, None, v.ONTOLOGY_GRAPH)
@@ -35,8 +36,8 @@ def placement_table(
 def import_rooms(semantic_map: SemanticMap, table: RoomTable, by: str = "import rooms") -> int:
     """Import a table's statistics into a map's ontology; returns the number of changed triples.
 
-    Statistics of the same source are replaced. One transaction; importing twice changes
-    nothing the second time.
+    Statistics of the same source are replaced, in one transaction. A second import of the same
+    table changes nothing.
     """
     sources = {one.source for one in table.statistics}
     with semantic_map.hold():

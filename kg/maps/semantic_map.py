@@ -51,11 +51,11 @@ if TYPE_CHECKING:
 class SemanticMap(ABC):
     """A map in a folder, in memory or on a server; `kg.serving.opening` opens maps.
 
-    A context manager that closes itself. Safe to use from several threads of one process.
+    A context manager that closes itself; safe to use from several threads of one process.
     """
 
     base: str
-    """IRI of the map, with which the IRIs of all its things begin."""
+    """IRI of the map; the IRIs of its things begin with it."""
 
     store: TransactionalStore
     """The transactional store that holds the map."""
@@ -67,10 +67,10 @@ class SemanticMap(ABC):
     """The ontology: its quads, new labels, replacement."""
 
     assertions: MapAssertions
-    """What people assert of objects and places."""
+    """Assertions of persons about objects and places."""
 
     perceived: PerceivedRecords
-    """Objects and places as perception alone believes them, as `apply` takes them."""
+    """Objects and places as perception alone estimates them, in the form that `apply` takes."""
 
     searches: SearchRecords
     """The searches that robots made on this map."""
@@ -109,9 +109,9 @@ class SemanticMap(ABC):
     def dataset(self) -> rdflib.Dataset:
         """The live store as rdflib sees it; the default graph is the union of all graphs.
 
-        Hand it query strings: prepared queries fall back to rdflib's own, slow engine. Its
-        ``update`` is that of this class, and may write graph:commonsense; single triples it refuses
-        to write. Raises GraphError for a map on a server.
+        Pass queries as text: prepared queries use rdflib's own, slow engine. Its ``update`` is that
+        of this class, and may write graph:commonsense; it refuses to write single triples. Raises
+        GraphError for a map on a server.
         """
         if self._dataset is None:
             import rdflib
@@ -137,12 +137,15 @@ class SemanticMap(ABC):
     ) -> tuple[ObjectRecord, ...]:
         """Objects, oldest first: all, or those that satisfy every given condition.
 
-        The query `objects` lists those of existence 0.5 and above: `objects(min_existence=0.5)`.
-        `category` is a label or IRI and includes its subcategories; `place` a label, number or IRI.
-        `near` is a point (x, y) [m] of the map or the IRI of an object, which is then itself left
-        out; it selects objects within `radius` [m] over the floor, the nearest first. `at` reads
-        that past state (see `at`). Raises UnknownCategoryError, QueryParameterError for invalid
-        values, HistoryError for a past that is not kept.
+        - `category`: a label or IRI; includes its subcategories
+        - `place`: a label, number or IRI
+        - `near`: a point (x, y) [m], or the IRI of an object, which is itself left out; selects
+          objects within `radius` [m] over the floor, the nearest first
+        - `min_existence`: 0.5 gives the objects of the query `objects`
+        - `at`: reads that past state (see `at`)
+
+        Raises UnknownCategoryError, QueryParameterError for invalid values, HistoryError for a past
+        that is not kept.
         """
         if at is not None:
             with self.at(at) as then:
@@ -168,8 +171,8 @@ class SemanticMap(ABC):
     ) -> tuple[PlaceRecord, ...]:
         """Places, by number: all, or those of a category or of a subcategory.
 
-        A place counts for its most probable category; with `min_belief`, for each category of at
-        least that probability (without a category: any). `at` reads that past state (see `at`).
+        A place has its most probable category; with `min_belief` it has each category of at least
+        that probability (without `category`: any). `at` reads that past state (see `at`).
         Raises UnknownCategoryError, and HistoryError for a past that is not kept.
         """
         if at is not None:
@@ -191,15 +194,15 @@ class SemanticMap(ABC):
         return network(self.objects(), self.places(), self.catalogue, near)
 
     def robot(self) -> RobotRecord | None:
-        """The last pose of the robot; None without any."""
+        """The last pose of the robot; None without a robot."""
         return robot_in(self.engine, self.base)
 
     def departed(self, iris: Collection[str] | None = None) -> tuple[DepartedRecord, ...]:
-        """Objects that left where they stood, all or those among `iris`; the latest last."""
+        """Departed objects, all or only `iris`; the latest last."""
         return tuple(departed_in(self.engine, iris))
 
     def doors(self) -> tuple[DoorRecord, ...]:
-        """The doors between places that were found in the mapped floor."""
+        """The doors between places."""
         return doors_in(self.engine)
 
     def floor(self) -> tuple[FloorTile, ...]:
@@ -218,7 +221,7 @@ class SemanticMap(ABC):
         named graphs, and CONSTRUCT and DESCRIBE give a TripleTable. A `category` parameter takes a
         label ("banana") or an IRI, a `place` parameter a label, a number or an IRI.
         Raises UnknownQueryError, QueryParameterError, UnknownCategoryError, and QueryError for a
-        query that does not parse, that would write, or that has SERVICE.
+        query that does not parse, would write, or has SERVICE.
         """
         query = resolve_query(question, parameters)
         sparql = query.bind(parameters, self.resolve)
@@ -246,33 +249,35 @@ class SemanticMap(ABC):
 
     @abstractmethod
     def apply(self, update: MapUpdate, cause: Cause | None = None) -> ChangeSet | None:
-        """Write what changed in one transaction, and return it; None: nothing changed.
+        """Write the changes in one transaction, and return it; None if nothing changed.
 
-        Without a `cause` it is the mapper's, with the frame of `update`. Raises InvalidFactError
-        for a record that has no valid facts and, on a server, ConflictError where others changed
-        the same things since the last `subscriptions.catch_up`. Nothing is then written.
+        Without a `cause` the transaction is the mapper's, with the frame of `update`. Raises
+        InvalidFactError for an invalid record and, on a server, ConflictError if others changed the
+        same things since the last `subscriptions.catch_up`; nothing is then written.
         """
 
     @abstractmethod
     def update(
         self, sparql: str, *, by: str | None = None, confirmed: bool = False
     ) -> ChangeSet | None:
-        """Apply a SPARQL 1.1 Update of a person or program as one transaction; None: no change.
+        """Apply a SPARQL 1.1 Update of a person or program as one transaction; None if no change.
 
         A triple without GRAPH is one of graph:map; WHERE reads all graphs; relative IRIs are the
-        map's (``<object/17>``). What follows from the edit is written with it
-        (`kg.maps.update.completion`). A large deletion must be `confirmed`. Raises QueryError for
-        what does not parse or would reach out, ProtectedError, ShapeError and
-        UnconfirmedDeletionError for what may not be written; the graph is then untouched.
+        map's (``<object/17>``). Derived facts are written too
+        (`kg.maps.update.completion`). A large deletion must be `confirmed`.
+
+        If an error is raised, nothing is written: QueryError for an update that does not parse or
+        reads other sources, ProtectedError, ShapeError and UnconfirmedDeletionError for changes
+        that are not allowed.
         """
 
     @abstractmethod
     def describe(
         self, *, title: str | None = None, licence: str | None = None, by: str | None = None
     ) -> ChangeSet | None:
-        """Set the title or the licence (an absolute IRI); None: it was so before.
+        """Set the title or the licence (an absolute IRI); returns None if nothing changed.
 
-        Raises InvalidFactError for what is no title or no IRI.
+        Raises InvalidFactError for an invalid title or IRI.
         """
 
     @abstractmethod
@@ -285,30 +290,32 @@ class SemanticMap(ABC):
         confirmed: bool = False,
         dry_run: bool = False,
     ) -> Restored:
-        """Make the map what it was at `when`, in one new transaction; the history keeps both.
+        """Restore the state at `when` in one new transaction; the history keeps both states.
 
-        `only` restores some of it: "objects", "places", "assertions", "ontology", or things by IRI
-        (object/17); without it everything is restored but the number of the next object. A
-        `dry_run` counts and writes nothing. Raises HistoryError for a past that is not kept,
-        QueryParameterError for what cannot be restored, OntologyError and ShapeError where a part
-        does not fit the rest as it is now, UnconfirmedDeletionError as `update`.
+        `only` restores parts: "objects", "places", "assertions", "ontology", or things by IRI
+        (object/17). Without it everything is restored except the number of the next object. A
+        `dry_run` counts the changes and writes nothing.
+
+        Raises HistoryError for a past that is not kept, QueryParameterError for an unknown part,
+        OntologyError and ShapeError if a part does not fit the present rest, and
+        UnconfirmedDeletionError as `update` does.
         """
 
     @abstractmethod
     def hold(self) -> AbstractContextManager[None]:
         """Lock the map against writes of other threads for a block that reads and then writes.
 
-        Writers wait until it ends; keep it to milliseconds. Writers of other processes, which share
-        a map on a server, are not locked out: `apply` raises ConflictError within the block where
-        they changed the same things since it began.
+        Other threads wait until the block ends, so it should take milliseconds. Other processes,
+        which share a map on a server, are not locked out: within the block `apply` raises
+        ConflictError if they changed the same things since it began.
         """
 
     @abstractmethod
     def at(self, when: Instant) -> SemanticMap:
-        """The map as believed at `when`, for reading only, and while this one is open.
+        """The read-only state of the map at `when`, usable while this map is open.
 
         `when` is a sequence number (42 or "#42"), a datetime, or ISO 8601 text, by the clock of the
-        machine that wrote the map. Raises HistoryError where that past is not kept.
+        machine that wrote the map. Raises HistoryError for a past that is not kept.
         """
 
     @abstractmethod
@@ -316,7 +323,7 @@ class SemanticMap(ABC):
         """A read-only copy in memory of the current state."""
 
     def close(self) -> None:
-        """Flush and close the store; closing twice is fine."""
+        """Flush and close the store; a second call does nothing."""
         self.subscriptions.close()
         with self.hold():
             self._dataset = None

@@ -55,7 +55,7 @@ class StoredHistory:
         return PastStore(state, sequence, lambda: self._store.engine)
 
     def state_of(self, iri: str, when: Instant) -> tuple[Quad, ...]:
-        """All quads about one thing as of `when`."""
+        """All quads about one thing at `when`."""
         return state_of(self.log, iri, sequence_of(self.log, when))
 
     def diff(self, t1: Instant, t2: Instant) -> Difference:
@@ -68,7 +68,7 @@ class StoredHistory:
         return history_events(self.log, thing(iri, self._base), self._base)
 
     def explain(self, what: str) -> tuple[Explanation, ...]:
-        """The reasons for a thing or a fact; without a history, as far as the graph has them."""
+        """The reasons for a thing or a fact; without a history, only those in the graph."""
         from kg.history.reports.explanation import explain_fact
 
         log = self._log or without_past(self._store, self._base)
@@ -77,14 +77,14 @@ class StoredHistory:
         )
 
     def compact(self, keep: float | None = None) -> Compaction:
-        """Drop the past more than `keep` seconds back, and pack the file."""
+        """Drop the past older than `keep` seconds, and pack the file."""
         from kg.history.storage.compaction import compact
 
         self._store.check_writable()
         return compact(self.log, keep)
 
     def retain(self, keep: float) -> None:
-        """Drop what is more than `keep` seconds back, now and while the map is open."""
+        """Drop the past older than `keep` seconds, now and while the map is open."""
         from kg.history.storage.compaction import retain
 
         self._store.check_writable()

@@ -38,7 +38,7 @@ MAX_NOTE: Final = 500  # characters of an update kept with its transaction
 class StoredMap(SemanticMap):
     """A map in `store`; one thread writes at a time.
 
-    `deletion_limit` is the largest deletion that updates and restorations make unconfirmed.
+    `deletion_limit` is the largest deletion without confirmation.
     """
 
     history: StoredHistory
@@ -72,12 +72,12 @@ class StoredMap(SemanticMap):
             return self._writer.next_number
 
     def new_object_iri(self) -> str:
-        """An IRI no object of this map has had or will have."""
+        """An IRI that no object of this map has had or will have."""
         with self._guard:
             return self._writer.new_object_iri()
 
     def apply(self, update: MapUpdate, cause: Cause | None = None) -> ChangeSet | None:
-        """Write what changed in one transaction."""
+        """Write the changes in one transaction."""
         with self._guard:
             return self._writer.change(update, cause or frame_cause(update))
 
@@ -114,8 +114,8 @@ class StoredMap(SemanticMap):
     ) -> ChangeSet | None:
         """Validate and apply an evaluated update as one transaction; otherwise as `update`.
 
-        `note` is kept with the transaction. That the update fits the state of the map is for the
-        caller to ensure, within `hold`.
+        `note` is stored with the transaction. The caller must ensure, within `hold`, that the
+        update fits the state of the map.
         """
         with self._guard:
             self.store.check_writable()

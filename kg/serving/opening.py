@@ -23,10 +23,10 @@ def create_map(
     base: str | None = None,
     power_safe: bool = False,
 ) -> StoredMap:
-    """Create a map in the folder, or on the SPARQL server, at `path`; with the shipped ontologies.
+    """Create a map with the shipped ontologies, in the folder or on the SPARQL server at `path`.
 
-    Atomic, also when killed midway. With `power_safe` each transaction waits for the disk, and
-    survives a power cut too. Raises GraphError where a map exists there.
+    Creation is atomic, even if the process is killed. With `power_safe` each transaction waits for
+    the disk, and so survives a power cut. Raises GraphError if a map exists there.
     """
     if is_url(path):
         return StoredMap(TransactionalStore.create_on(str(path), first_quads(title or "map", base)))
@@ -40,11 +40,14 @@ def create_map(
 def open_map(path: Path | str, *, read_only: bool = False, power_safe: bool = False) -> SemanticMap:
     """Open the map in the folder, or on the SPARQL server, at `path` (``http://127.0.0.1:7878``).
 
-    What a crash kept from the store is applied from its history first; `power_safe` is as for
-    `create_map`. Raises MapNotFoundError (creating nothing) or MapBusyError: a folder has one
-    writer at a time and no reader beside it; readers share. Raises RemoteError where no server
-    answers. A running `hereabouts serve` gives a `kg.serving.client.remote_map.RemoteMap`: past
-    states can be queried, and all writes go through the server.
+    After a crash, transactions that are missing in the store are first applied from the history.
+    `power_safe` is as for `create_map`. A running `hereabouts serve` gives a
+    `kg.serving.client.remote_map.RemoteMap`: past states can be queried, and all writes go through
+    the server.
+
+    - MapNotFoundError: there is no map; nothing is created
+    - MapBusyError: a folder has either one writer or several readers at a time
+    - RemoteError: no server answers
     """
     if is_url(path):
         return _on_server(TransactionalStore.connect(str(path), read_only=read_only))
@@ -54,7 +57,7 @@ def open_map(path: Path | str, *, read_only: bool = False, power_safe: bool = Fa
     with one_reader_at_a_time(path):
         if (found := _up_to_date(path)) is not None:
             return found
-        open_map(path).close()  # opened for writing, it catches up
+        open_map(path).close()  # opening for writing applies the missing transactions
         return _with_history(TransactionalStore.open(path, read_only=True), path, False)
 
 
@@ -65,7 +68,7 @@ def open_or_create_map(
     base: str | None = None,
     power_safe: bool = False,
 ) -> SemanticMap:
-    """Open the map at `path` for writing, created with `title` and `base` where there is none."""
+    """Open the map at `path` for writing; without a map, create one with `title` and `base`."""
     if is_url(path):
         try:
             return open_map(path)
@@ -85,7 +88,7 @@ def in_memory_map(*, title: str = "map", base: str | None = None) -> StoredMap:
 
 
 def _up_to_date(path: Path) -> StoredMap | None:
-    """The map for reading, where its store has all transactions of its history."""
+    """The map for reading; None if its store lacks transactions of its history."""
     store = TransactionalStore.open(path, read_only=True)
     log = _history(store, path, power_safe=False)
     if log is None or log.last <= store.sequence:

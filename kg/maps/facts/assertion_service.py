@@ -1,10 +1,10 @@
-"""Assertion service: people assert and retract properties of objects and places."""
+"""Assertion service: persons assert and retract properties of objects and places."""
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 from pyoxigraph import NamedNode, Quad
@@ -84,58 +84,53 @@ class AssertionService:
         if not by.strip():
             raise InvalidFactError("an assertion needs an author: by='ann'")
         with self._guard:
-            return self._add(iri, prop, value, by)
-
-    def _add(self, iri: str, prop: str, given: object, by: str) -> ChangeSet | None:
-        record = self._record(self.full(iri))
-        kind = "object" if isinstance(record, ObjectRecord) else "place"
-        if kind == "object" and prop in SINGLE:
-            value = self._other(record.iri, prop, given)
-        else:
-            value = value_of(prop, given, self._facts.catalogue, kind)
-        asserted = self._of(record.iri)
-        label = self._label(record, asserted) if prop == "label" else None
-        made = Assertion(record.iri, prop, value, by.strip(), time.time(), label)
-        if prop in asserted and asserted[prop].value == value:
-            made = replace(made, since=asserted[prop].since)
-        cause = Cause("assert", by, f"{record.iri} {prop} {value}")
-        return self._restate(record, {**asserted, prop: made}, cause)
+            record = self._record(self.full(iri))
+            kind = "object" if isinstance(record, ObjectRecord) else "place"
+            if kind == "object" and prop in SINGLE:
+                text = self._related_object(record.iri, prop, value)
+            else:
+                text = value_of(prop, value, self._facts.catalogue, kind)
+            asserted = self._of(record.iri)
+            label = self._label(record, asserted) if prop == "label" else None
+            made = Assertion(record.iri, prop, text, by.strip(), time.time(), label)
+            if prop in asserted and asserted[prop].value == text:
+                made = replace(made, since=asserted[prop].since)
+            cause = Cause("assert", by, f"{record.iri} {prop} {text}")
+            return self._restate(record, {**asserted, prop: made}, cause)
 
     def retract(self, iri: str, prop: str, *, by: str | None = None) -> ChangeSet | None:
-        """Retract the assertion of `prop`: the value perception estimates takes effect again."""
+        """Retract the assertion of `prop`: the estimate of perception takes effect again."""
         with self._guard:
-            return self._retract(iri, prop, by)
-
-    def _retract(self, iri: str, prop: str, by: str | None) -> ChangeSet | None:
-        record = self._record(self.full(iri))
-        asserted = self._of(record.iri)
-        if prop not in asserted:
-            hint = "" if prop in PROPERTIES else did_you_mean(prop, PROPERTIES)
-            raise InvalidFactError(
-                f"the {prop} of {iri} is not asserted; "
-                f"asserted of it: {', '.join(sorted(asserted)) or 'nothing'}{hint}"
-            )
-        cause = Cause("retract", by, f"{record.iri} {prop}")
-        if prop == "existence" and isinstance(record, ObjectRecord) and record.existence <= 0:
-            update = MapUpdate(removed=(record.iri,))  # perception has removed it meanwhile
-            return self._writer.change(update, cause)
-        rest = {name: assertion for name, assertion in asserted.items() if name != prop}
-        return self._restate(record, rest, cause)
+            record = self._record(self.full(iri))
+            asserted = self._of(record.iri)
+            if prop not in asserted:
+                hint = "" if prop in PROPERTIES else did_you_mean(prop, PROPERTIES)
+                raise InvalidFactError(
+                    f"the {prop} of {iri} is not asserted; "
+                    f"asserted of it: {', '.join(sorted(asserted)) or 'nothing'}{hint}"
+                )
+            cause = Cause("retract", by, f"{record.iri} {prop}")
+            rest = {name: assertion for name, assertion in asserted.items() if name != prop}
+            if _exists_by_assertion_alone(record, asserted, rest):
+                return self._writer.change(MapUpdate(removed=(record.iri,)), cause)
+            return self._restate(record, rest, cause)
 
     def with_assertions(
         self, target: Mapping[str, PropertyAssertions]
     ) -> tuple[tuple[Quad, ...], tuple[Quad, ...], tuple[str, ...]]:
-        """Quads to delete and insert so that each subject, by IRI, has just those assertions.
+        """Quads to delete and to insert so that each subject has exactly the given assertions.
 
-        Perception's present estimates are kept. The third value has the IRIs of subjects that are
-        not in the map and so cannot have assertions.
+        `target` has the assertions by IRI. Perception's present estimates are kept. The third value
+        has the IRIs that are not in the map and so cannot have assertions.
         """
         deleted: list[Quad] = []
         kept: list[tuple[ObjectRecord | PlaceRecord, PropertyAssertions]] = []
-        for record in self._records(target):
+        records: list[ObjectRecord | PlaceRecord] = [*self._perceived.objects(tuple(target))]
+        records += (place for place in self._perceived.places() if place.iri in target)
+        for record in records:
             asserted = target[record.iri]
             if _exists_by_assertion_alone(record, self._of(record.iri), asserted):
-                deleted += self._writer.everything_of(record.iri)
+                deleted += self._writer.all_quads_of(record.iri)
             else:
                 kept.append((self._placed(record, asserted), asserted))
         stored, wanted = self._writer.restatement(kept)
@@ -155,17 +150,13 @@ class AssertionService:
     def _placed(
         self, record: ObjectRecord | PlaceRecord, asserted: PropertyAssertions
     ) -> ObjectRecord | PlaceRecord:
-        """The record, an object in the place that holds its asserted position."""
+        """The record; an object gets the place that contains its asserted position."""
         if isinstance(record, PlaceRecord):
             return record
-        x, y, _ = believed_object(record, asserted).p_map
-        return replace(record, place=self._place_at(float(x), float(y)))
-
-    def _place_at(self, x: float, y: float) -> str | None:
-        for place in self._facts.places(self._store.engine):
-            if place.area.contains(x, y):
-                return place.iri
-        return None
+        x, y = (float(value) for value in believed_object(record, asserted).p_map[:2])
+        places = self._facts.places(self._store.engine)
+        inside = (place.iri for place in places if place.area.contains(x, y))
+        return replace(record, place=next(inside, None))
 
     def _record(self, iri: str) -> ObjectRecord | PlaceRecord:
         for record in self._perceived.objects((iri,)):
@@ -177,8 +168,8 @@ class AssertionService:
             f"no object or place {iri} in this map; give its IRI, or as in object/17, place/1"
         )
 
-    def _other(self, iri: str, prop: str, given: object) -> str:
-        """The object that one is said to be on or inside of, or "nothing"."""
+    def _related_object(self, iri: str, prop: str, given: object) -> str:
+        """IRI of the object of an asserted relation (on, inside), or "nothing"."""
         text = str(given).strip()
         if text == NOTHING:
             return NOTHING
@@ -189,10 +180,6 @@ class AssertionService:
                 f"object/17, or {NOTHING}"
             )
         return other
-
-    def _records(self, iris: Collection[str]) -> Iterator[ObjectRecord | PlaceRecord]:
-        yield from self._perceived.objects(tuple(iris))
-        yield from (place for place in self._perceived.places() if place.iri in iris)
 
     def _label(
         self, record: ObjectRecord | PlaceRecord, asserted: PropertyAssertions
@@ -212,6 +199,6 @@ class AssertionService:
 def _exists_by_assertion_alone(
     record: ObjectRecord | PlaceRecord, before: PropertyAssertions, after: PropertyAssertions
 ) -> bool:
-    """Whether an object is in the map only by an assertion that `after` no longer has."""
+    """Whether only an assertion that is missing in `after` keeps an object in the map."""
     retracted = "existence" in before and "existence" not in after
     return retracted and isinstance(record, ObjectRecord) and record.existence <= 0

@@ -1,7 +1,8 @@
-"""Assertions: values that people state, kept in graph:assertions, override perception's.
+"""Assertions: values stated by persons override the estimates of perception.
 
-graph:map carries the value in effect. The value perception estimates stays on the assertion,
-kept up to date by the writer, so that retracting restores it (docs/how-to/correct.md).
+An assertion is in graph:assertions, the value in effect in graph:map. The writer also keeps
+perception's present estimate with the assertion, so that a retraction restores the estimate
+(docs/how-to/correct.md).
 """
 
 from __future__ import annotations
@@ -50,26 +51,19 @@ class Assertions:
 
     def of(self, store: QuadStore, subject: str) -> dict[str, Assertion]:
         """The assertions about a subject, by property."""
-        nodes = store.quads_for_pattern(None, _OF, NamedNode(subject), v.ASSERTIONS_GRAPH)
-        assertions = (
-            self._read(store, q.subject.value) for q in nodes if isinstance(q.subject, NamedNode)
-        )
-        return {assertion.property: assertion for assertion in assertions}
+        return {found.property: found for found in self._read_all(store, NamedNode(subject))}
 
     def all(self, store: QuadStore) -> tuple[Assertion, ...]:
         """All assertions, by subject and property."""
-        nodes = store.quads_for_pattern(None, _OF, None, v.ASSERTIONS_GRAPH)
-        assertions = [
-            self._read(store, q.subject.value) for q in nodes if isinstance(q.subject, NamedNode)
-        ]
-        return tuple(sorted(assertions, key=lambda a: (len(a.subject), a.subject, a.property)))
+        found = self._read_all(store, None)
+        return tuple(sorted(found, key=lambda a: (len(a.subject), a.subject, a.property)))
 
     def iri(self, subject: str, prop: str) -> str:
         """IRI of the assertion of a property of a subject."""
         return f"{self.base}assertion/{self._local(subject)}/{prop}"
 
     def subject(self, iri: str) -> str | None:
-        """Subject of the assertion with that IRI; None where it is no such IRI."""
+        """Subject of the assertion with this IRI; None for another IRI."""
         rest = iri.removeprefix(f"{self.base}assertion/")
         if rest == iri or "/" not in rest:
             return None
@@ -87,7 +81,7 @@ class Assertions:
                     yield from store.quads_for_pattern(fact.object, None, None, v.ASSERTIONS_GRAPH)
 
     def naming(self, store: QuadStore, other: str) -> Iterator[Quad]:
-        """All quads of assertions by which something is on or inside the object `other`."""
+        """All quads of assertions that an object is on or inside `other`."""
         for quad in store.quads_for_pattern(None, _VALUE, NamedNode(other), v.ASSERTIONS_GRAPH):
             yield from store.quads_for_pattern(quad.subject, None, None, v.ASSERTIONS_GRAPH)
 
@@ -127,6 +121,11 @@ class Assertions:
         kept = subject.removeprefix(self.base)
         return quote(subject, safe="") if kept == subject else kept
 
+    def _read_all(self, store: QuadStore, subject: NamedNode | None) -> Iterator[Assertion]:
+        for quad in store.quads_for_pattern(None, _OF, subject, v.ASSERTIONS_GRAPH):
+            if isinstance(quad.subject, NamedNode):
+                yield self._read(store, quad.subject.value)
+
     def _read(self, store: QuadStore, node: str) -> Assertion:
         values = _values(store, node)
         author = _values(store, values.get(v.PROV_ATTRIBUTED_TO, [self.base])[0])
@@ -159,7 +158,7 @@ def value_of(prop: str, given: object, catalogue: Catalogue, kind: str) -> str:
     """Normalised value of an assertion about a `kind` ("object" or "place").
 
     `given` is a category's label or IRI; (x, y, z) [m] or "x y z"; present or absent; a label.
-    Raises UnknownCategoryError, and InvalidFactError for what cannot be asserted.
+    Raises UnknownCategoryError, and InvalidFactError for an invalid property or value.
     """
     allowed = PROPERTIES if kind == "object" else PLACE_PROPERTIES
     if prop not in allowed:
@@ -181,7 +180,7 @@ def value_of(prop: str, given: object, catalogue: Catalogue, kind: str) -> str:
 
 
 def is_unicode(text: str) -> bool:
-    """Whether a text can be encoded: it has no unpaired surrogate."""
+    """Whether a text can be encoded, that is, has no unpaired surrogate."""
     try:
         text.encode()
     except UnicodeEncodeError:
@@ -190,7 +189,7 @@ def is_unicode(text: str) -> bool:
 
 
 def believed_object(record: ObjectRecord, assertions: PropertyAssertions) -> ObjectRecord:
-    """The object with its assertions applied over what perception estimates."""
+    """The object with its assertions in place of perception's estimates."""
     if (category := assertions.get("category")) is not None:
         record = replace(record, category=category.value, labels={})
     if (position := assertions.get("position")) is not None:
@@ -209,7 +208,7 @@ def believed_object(record: ObjectRecord, assertions: PropertyAssertions) -> Obj
 
 
 def perceived_object(record: ObjectRecord, assertions: PropertyAssertions) -> ObjectRecord:
-    """The object as perception estimates it, given the map's record and its assertions."""
+    """Perception's estimate of an object, from the map's record and its assertions."""
     for prop, assertion in assertions.items():
         if assertion.perceived is None:
             continue
@@ -322,8 +321,8 @@ def _position(given: object) -> str:
 
 
 def _term(prop: str, value: str) -> NamedNode | Literal:
-    names = prop == "category" or (prop in SINGLE and value != NOTHING)
-    return NamedNode(value) if names else Literal(value)
+    is_iri = prop == "category" or (prop in SINGLE and value != NOTHING)
+    return NamedNode(value) if is_iri else Literal(value)
 
 
 def _values(store: QuadStore, node: str) -> dict[str, list[str]]:

@@ -1,7 +1,8 @@
-"""Facts of objects that left the map: where each stood, when it was seen, when it was found gone.
+"""Facts of departed objects: former position, times of views, time when found gone.
 
-They are stated of the object's own IRI, so that one found elsewhere, also after a restart, goes on
-as the same. The class is none of the ontology's categories: what reads objects passes them over.
+The subject is the object's own IRI, so that an object that is found elsewhere, even after a
+restart, keeps its identity. The class is not a category of the ontology, so readers of objects
+ignore departed ones.
 """
 
 from __future__ import annotations
@@ -32,14 +33,14 @@ from kg.rdf.literals import (
 from kg.rdf.quad_store import QuadStore
 from kg.store.sparql_backend import reading_ahead
 
-#: Predicates that only objects that left have.
+#: Predicates that only departed objects have.
 OWN: Final = frozenset((v.FOUND_GONE, v.PEAK_EXISTENCE))
 
 _DEPARTED: Final = NamedNode(v.DEPARTED_OBJECT)
 
 
 def departed_quads(record: DepartedRecord) -> list[Quad]:
-    """Facts of an object that left, but for its label.
+    """Facts of a departed object, except its label.
 
     Raises InvalidFactError for numbers that are not finite or out of range.
     """
@@ -66,7 +67,7 @@ def departed_quads(record: DepartedRecord) -> list[Quad]:
 
 
 def departed_in(store: QuadStore, iris: Collection[str] | None = None) -> list[DepartedRecord]:
-    """Objects that left, or those among `iris`, by when they were found gone; oldest first."""
+    """Departed objects, all or only `iris`, by the time when they were found gone."""
     if iris is None:
         quads = store.quads_for_pattern(None, v.RDF_TYPE, _DEPARTED, v.MAP_GRAPH)
         nodes = [quad.subject for quad in quads if isinstance(quad.subject, NamedNode)]
@@ -76,8 +77,8 @@ def departed_in(store: QuadStore, iris: Collection[str] | None = None) -> list[D
     with reading_ahead(store, nodes):
         for node in nodes:
             held = properties_of(store, node.value, v.MAP_GRAPH)
-            left = v.DEPARTED_OBJECT in held.get(v.RDF_TYPE.value, ())
-            if left and {v.OF_CATEGORY, v.X, v.Y} <= held.keys():
+            is_departed = v.DEPARTED_OBJECT in held.get(v.RDF_TYPE.value, ())
+            if is_departed and {v.OF_CATEGORY, v.X, v.Y} <= held.keys():
                 found.append(_record(node.value, held))
     return sorted(found, key=lambda record: (record.found_gone, iri_order(record.iri)))
 

@@ -1,4 +1,4 @@
-"""Doors between places as quads of graph:map, and back: BOT's interfaces of two zones."""
+"""Doors between places (bot:Interface of two zones): records to quads of graph:map, and back."""
 
 from __future__ import annotations
 
@@ -12,12 +12,15 @@ from kg.model.records import DoorRecord
 from kg.rdf.literals import first, iri_node, iri_order, known_iri, number_literal, properties_of
 from kg.rdf.quad_store import QuadStore
 
-#: Predicates of a door that the writer owns; others are kept as people wrote them.
+#: Predicates of a door that the writer owns; it keeps others, which persons wrote.
 OWN: Final = {v.RDF_TYPE.value, v.RDFS_LABEL, v.X, v.Y, v.WIDTH, v.BOT_INTERFACE_OF}
 
 
 def facts_of_door(door: DoorRecord) -> list[Quad]:
-    """Facts of a door; InvalidFactError for numbers that are not finite, or one place twice."""
+    """Facts of a door.
+
+    Raises InvalidFactError for numbers that are not finite, and unless it has two places.
+    """
     what = f"door {door.iri}"
     if len(set(door.places)) != 2:
         raise InvalidFactError(f"{what}: a door is between two places, got {door.places}")
@@ -34,7 +37,7 @@ def facts_of_door(door: DoorRecord) -> list[Quad]:
 
 
 def doors_in(engine: QuadStore) -> tuple[DoorRecord, ...]:
-    """All doors between two places, by IRI; what lacks a place, or a position, is left out."""
+    """All doors between two places, by IRI; doors without a position are left out."""
     found = []
     for quad in engine.quads_for_pattern(None, v.RDF_TYPE, NamedNode(v.DOOR), v.MAP_GRAPH):
         held = properties_of(engine, getattr(quad.subject, "value", ""), v.MAP_GRAPH)

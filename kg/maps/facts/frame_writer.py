@@ -1,9 +1,9 @@
 """Frame writer: the difference between an update's quads and the stored ones, as one transaction.
 
-People write to the same graph, so the stored quads are read from the store, or from a cache that
-is dropped after a transaction of another writer (`kg.maps.facts.write_cache`). Predicates the
-writer does not own, and labels that people gave to objects, are kept. Records carry perception's
-estimates; assertions are applied to them here.
+Persons write to the same graph. Therefore the stored quads are read from the store, or from a cache
+that is cleared after a transaction of another writer (`kg.maps.facts.write_cache`). The writer
+keeps predicates that it does not own, and labels that persons gave to objects. Records have
+perception's estimates; the writer applies assertions to them.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ _OWN = {
 }
 
 
-_Quads = dict[Quad, None]  # insertion-ordered sets
+_Quads = dict[Quad, None]  # an ordered set
 
 
 class FrameWriter:
@@ -94,7 +94,7 @@ class FrameWriter:
 
     @property
     def next_number(self) -> int:
-        """The least object number that was never allocated."""
+        """The smallest object number that was never allocated."""
         return max(self._next, self._stored_next())
 
     def change(self, update: MapUpdate, cause: Cause) -> ChangeSet | None:
@@ -103,7 +103,7 @@ class FrameWriter:
         Raises InvalidFactError, before anything is written, for a record that is not valid.
         """
         self._store.check_writable()
-        _reject_duplicates(update)
+        _check_unique(update)
         with writing(), reading_ahead(self._store.engine, self.subjects(update)):
             self._synchronise()
             return self._change(update, cause)
@@ -130,17 +130,19 @@ class FrameWriter:
             stored |= self._recent.of(NamedNode(self._facts.base + "robot"))
         if update.recording is not None:
             _put(wanted, recording_quads(update.recording, self._facts.base))
-            iri = recording_iri(update.recording.name, self._facts.base)
-            _put(stored, self._owned(iri, v.DATASET_GRAPH))
+            recording = NamedNode(recording_iri(update.recording.name, self._facts.base))
+            quads = self._store.engine.quads_for_pattern(recording, None, None, v.DATASET_GRAPH)
+            _put(stored, filter(self._owns, quads))
         for tile in update.floor:
             _put(wanted, facts_of_tile(self._facts.base, tile))
             held = self._recent.of(NamedNode(iri_of(self._facts.base, tile)))
             _put(stored, (quad for quad in held if quad.predicate.value in OWN_OF_TILES))
         for iri in subjects_of(update):
-            _put(stored, self._owned_of_search(iri))
+            quads = self._store.engine.quads_for_pattern(_node(iri), None, None, v.MAP_GRAPH)
+            _put(stored, (quad for quad in quads if quad.predicate.value in OWN_OF_SEARCHES))
         _put(wanted, facts_of(update))
         for iri in update.removed:
-            _put(stored, self._everything_of(iri))
+            _put(stored, self.all_quads_of(iri))
         for departed in update.departed:
             self._departed(departed, wanted, stored)
         self._advance_number(update.objects, wanted, stored)
@@ -156,7 +158,7 @@ class FrameWriter:
     def restatement(
         self, asserted: Iterable[tuple[ObjectRecord | PlaceRecord, PropertyAssertions]]
     ) -> tuple[tuple[Quad, ...], tuple[Quad, ...]]:
-        """Quads to delete and to insert so that each subject has just those assertions."""
+        """Quads to delete and to insert so that each subject has exactly the given assertions."""
         self._synchronise()
         wanted: _Quads = {}
         stored: _Quads = {}
@@ -167,10 +169,6 @@ class FrameWriter:
                 self._place(record, wanted, stored, assertions)
         self._synchronised_at = None  # quads of the author may be stored already
         return tuple(stored), tuple(wanted)
-
-    def everything_of(self, iri: str) -> tuple[Quad, ...]:
-        """All quads of an object: its facts, observation, assertions and links to it."""
-        return tuple(self._everything_of(iri))
 
     def _commit(self, wanted: _Quads, stored: _Quads, cause: Cause) -> ChangeSet | None:
         deleted = [quad for quad in stored if quad not in wanted]
@@ -185,7 +183,7 @@ class FrameWriter:
         return change
 
     def subjects(self, update: MapUpdate) -> Iterator[NamedNode]:
-        """Subjects whose quads `update` may change; InvalidFactError for what is no IRI."""
+        """Subjects whose quads `update` may change; raises InvalidFactError for an invalid IRI."""
         objects = [*(record.iri for record in update.objects), *update.removed]
         yield from map(_node, objects)
         yield from (_node(observation_iri(self._facts.base, iri)) for iri in objects)
@@ -216,7 +214,7 @@ class FrameWriter:
             facts = [q for q in facts if q.predicate != _LABEL]
             facts.append(Quad(node, _LABEL, Literal(label), v.MAP_GRAPH))
         elif labels and "label" not in previous and _kind(node, believed.category) & before.keys():
-            # written once for a new object; people may have edited the label since
+            # a label is written once, for a new object: persons may have edited it since
             before = {quad: None for quad in before if quad not in labels}
             facts = [q for q in facts if q.predicate != _LABEL]
         _put(wanted, facts)
@@ -229,7 +227,7 @@ class FrameWriter:
                 _put(wanted, self._assertions.quads(about))
 
     def _departed(self, record: DepartedRecord, wanted: _Quads, stored: _Quads) -> None:
-        """Facts of an object that left, with the label that it had."""
+        """Facts of a departed object, with its former label."""
         self._facts.known_category(record.category, f"departed object {record.iri}", "object")
         _put(wanted, departed_quads(record))
         node = NamedNode(record.iri)
@@ -253,7 +251,7 @@ class FrameWriter:
             stored[quad] = None
             if quad.predicate == _HAS_BELIEF and isinstance(quad.object, NamedNode):
                 stored |= self._recent.of(quad.object)
-        if "category" in assertions:  # also where no view has given the place a type yet
+        if "category" in assertions:  # even if no view has given the place a type yet
             kind = NamedNode(assertions["category"].value)
             wanted[Quad(NamedNode(record.iri), v.RDF_TYPE, kind, v.MAP_GRAPH)] = None
         if assertions or previous:
@@ -263,7 +261,7 @@ class FrameWriter:
                 _put(wanted, self._assertions.quads(about))
 
     def _with_parts(self, node: NamedNode, record: ObjectRecord) -> _Quads:
-        """Stored facts that `record` replaces: of an object, its relations and alternatives."""
+        """Stored facts that `record` replaces: of the object, its relations and alternatives."""
         before = self._recent.of(node)
         if record.relations is None:
             before = {quad: None for quad in before if quad.predicate.value not in OF_OBJECT}
@@ -273,19 +271,11 @@ class FrameWriter:
         return before
 
     def _assertions_of(self, iri: str, without: Collection[str] = ()) -> PropertyAssertions:
-        """Assertions of a thing, but for relations to those that are removed."""
+        """Assertions of a thing, except relations to the things in `without`."""
         if not self._has_assertions:
             return {}
         held = self._assertions.of(self._store.engine, iri)
         return {p: a for p, a in held.items() if p not in SINGLE or a.value not in without}
-
-    def _owned(self, iri: str, graph: NamedNode) -> Iterator[Quad]:
-        quads = self._store.engine.quads_for_pattern(NamedNode(iri), None, None, graph)
-        return filter(self._owns, quads)
-
-    def _owned_of_search(self, iri: str) -> Iterator[Quad]:
-        quads = self._store.engine.quads_for_pattern(_node(iri), None, None, v.MAP_GRAPH)
-        return (quad for quad in quads if quad.predicate.value in OWN_OF_SEARCHES)
 
     def _owns(self, quad: Quad) -> bool:
         if quad.predicate != v.RDF_TYPE:
@@ -293,7 +283,8 @@ class FrameWriter:
         kind = getattr(quad.object, "value", "")
         return kind in _STRUCTURAL or self._facts.catalogue.by_iri(kind) is not None
 
-    def _everything_of(self, iri: str) -> Iterator[Quad]:
+    def all_quads_of(self, iri: str) -> Iterator[Quad]:
+        """All quads of an object: its facts, observation, assertions and links to it."""
         engine = self._store.engine
         for node in label_nodes(engine, iri):
             yield from engine.quads_for_pattern(node, None, None, v.MAP_GRAPH)
@@ -329,7 +320,7 @@ def _put(quads: _Quads, more: Iterable[Quad]) -> None:
 
 
 def _kind(node: NamedNode, category: str) -> set[Quad]:
-    """Facts that say of an object, or of one that left, what it is."""
+    """Facts of the category of an object or of a departed object."""
     kind = NamedNode(category)
     return {
         Quad(node, v.RDF_TYPE, kind, v.MAP_GRAPH),
@@ -340,7 +331,7 @@ def _kind(node: NamedNode, category: str) -> set[Quad]:
 def _asserted_label(assertions: PropertyAssertions, previous: PropertyAssertions) -> str | None:
     if "label" in assertions:
         return assertions["label"].value
-    if "label" in previous:  # it is being retracted
+    if "label" in previous:  # the assertion is being retracted
         return previous["label"].perceived
     return None
 
@@ -352,7 +343,7 @@ def _node(iri: str) -> NamedNode:
         raise InvalidFactError(f"an object's IRI must be absolute, got {iri!r}") from error
 
 
-def _reject_duplicates(update: MapUpdate) -> None:
+def _check_unique(update: MapUpdate) -> None:
     written = Counter(record.iri for record in update.objects)
     written.update(place.iri for place in update.places)
     written.update(door.iri for door in update.doors)
@@ -365,4 +356,4 @@ def _reject_duplicates(update: MapUpdate) -> None:
             raise InvalidFactError(f"{iri} is both written and removed in one update; choose one")
     for iri, times in Counter(record.iri for record in update.departed).items():
         if times > 1 or iri not in update.removed:
-            raise InvalidFactError(f"{iri} departed: give it once, and among what is removed")
+            raise InvalidFactError(f"{iri} departed: give it once, and in `removed` too")

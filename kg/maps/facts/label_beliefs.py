@@ -1,7 +1,7 @@
-"""Facts of what else an object may be: classes beside its own, each a node with its probability.
+"""Alternative classes of an object, each a node with a probability.
 
-An alternative's probability is that a thing of that class is there, as `here:existence` is of the
-object's own class; with both, and with nothing being there, they add up to 1.
+The probability of an alternative is that a thing of that class is there, as `here:existence` is for
+the object's own class. The probabilities of all classes and of no object at all add up to 1.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from kg.model import vocabulary as v
 from kg.rdf.literals import Properties, first, iri_node, known_iri, number_literal, quantised
 from kg.rdf.quad_store import QuadStore
 
-STEP: Final = 0.05  # probabilities are quantised to; less common alternatives are not stored
+STEP: Final = 0.05  # of quantised probabilities; less probable alternatives are not stored
 MAX_ALTERNATIVES: Final = 3  # alternatives of one object
 #: Predicates of the nodes, and of an object that links them.
 OWN: Final = frozenset((v.HAS_LABEL_BELIEF, v.LABEL_PROBABILITY))

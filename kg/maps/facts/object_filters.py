@@ -1,7 +1,7 @@
 """Object filters: by category, by place, near a point or near another object.
 
-The narrowest index (cells, place, category) gives the candidates, then each is checked against all
-criteria; so the cost depends on the number of candidates, not on the size of the map.
+The most selective index (cells, place, category) gives the candidates, and each is checked against
+all criteria. So the cost depends on the number of candidates, not on the size of the map.
 """
 
 from __future__ import annotations
@@ -126,7 +126,10 @@ def subcategories(engine: QuadStore, category: str) -> frozenset[str]:
 
 
 def is_believed(place: PlaceRecord, kinds: frozenset[str] | None, min_belief: float | None) -> bool:
-    """Whether a place is most likely one of `kinds`, or one of them by at least `min_belief`."""
+    """Whether a place's most probable category is in `kinds` (None: any).
+
+    With `min_belief`: whether any category in `kinds` has at least that probability.
+    """
     if min_belief is not None:
         held = [b for kind, b in place.beliefs.items() if kinds is None or kind in kinds]
         return any(belief >= min_belief for belief in held)

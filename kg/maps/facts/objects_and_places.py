@@ -1,8 +1,8 @@
 """Codec of records and quads, as docs/explanation/architecture.md draws them.
 
 Numbers are quantised when they become facts (positions to 1 cm, shares to 0.01, times to 1 s), so
-that noise below the map's accuracy never costs a write. Reading is tolerant: a person may add an
-object by SPARQL with a class and a position alone; missing properties take default values.
+that noise below the map's accuracy causes no write. Missing properties have default values, since a
+person may add an object by SPARQL with only a class and a position.
 """
 
 from __future__ import annotations
@@ -54,9 +54,9 @@ from kg.rdf.wkt import area_of_polygon, polygon_text
 from kg.store.sparql_backend import reading_ahead
 from kg.store.writer_priority import in_pieces
 
-CHUNK_SIZE = 50  # subjects read between two checks for a frame that waits to be written
-EXTENT_STEP = 0.05  # [m] extents are quantised to; they waver with each view
-MIN_BELIEF = 0.005  # beliefs below it would be stored as zero
+CHUNK_SIZE = 50  # subjects read before a frame that waits may be written
+EXTENT_STEP = 0.05  # [m] of quantised extents, which change slightly with each view
+MIN_BELIEF = 0.005  # smaller beliefs would be stored as zero
 
 
 class RecordCodec:
@@ -75,7 +75,7 @@ class RecordCodec:
         return self._catalogue if isinstance(self._catalogue, Catalogue) else self._catalogue()
 
     def of_object(self, record: ObjectRecord) -> list[Quad]:
-        """Facts of an object, of its observation, its relations and what else it may be.
+        """Facts of an object, its observation, its relations and its alternative classes.
 
         Raises InvalidFactError for numbers that are not finite or out of range, and for a category
         the ontology does not know.
@@ -126,6 +126,10 @@ class RecordCodec:
         if record.views < 0:
             raise InvalidFactError(f"{what}: views must be 0 or more, got {record.views}")
         x, y = record.area.centre
+        outline: list[tuple[str, Literal]] = []
+        if record.outline:
+            text = polygon_text(record.outline, self.base + CRS)
+            outline = [(v.OUTLINE, Literal(text, datatype=v.GEO_WKT_LITERAL))]
         facts: list[tuple[str, NamedNode | Literal]] = [
             (v.RDF_TYPE.value, known_iri(v.PLACE)),
             (v.RDF_TYPE.value, known_iri(v.BOT_SPACE)),
@@ -137,7 +141,7 @@ class RecordCodec:
             (v.X, number_literal(x, f"{what}: x")),
             (v.Y, number_literal(y, f"{what}: y")),
             (v.VIEW_COUNT, Literal(record.views)),
-            *self._outline(record, what),
+            *outline,
             *((v.BOT_ADJACENT_ZONE, iri_node(iri, f"{what}: adjacent")) for iri in record.adjacent),
             *facts_of_views(record.viewed, what),
         ]
@@ -149,12 +153,6 @@ class RecordCodec:
             top = max(record.beliefs, key=lambda category: (record.beliefs[category], category))
             facts.append((v.RDF_TYPE.value, NamedNode(top)))
         return subject_quads(record.iri, facts) + held
-
-    def _outline(self, record: PlaceRecord, what: str) -> list[tuple[str, Literal]]:
-        if not record.outline:
-            return []
-        text = polygon_text(record.outline, self.base + CRS)
-        return [(v.OUTLINE, Literal(text, datatype=v.GEO_WKT_LITERAL))]
 
     def of_beliefs(self, record: PlaceRecord) -> list[Quad]:
         """Quads of a place's category beliefs, links included."""
@@ -178,7 +176,7 @@ class RecordCodec:
         return self._objects(by_subject(in_pieces(quads, 10 * CHUNK_SIZE)))
 
     def some_objects(self, store: QuadStore, iris: Iterable[str]) -> tuple[ObjectRecord, ...]:
-        """Those of `iris` that are objects, in the order of their numbers."""
+        """The objects among `iris`, in the order of their numbers."""
         nodes = [iri_node(iri, "object") for iri in dict.fromkeys(iris)]
         with reading_ahead(store, nodes):
             subjects = {
@@ -233,7 +231,7 @@ class RecordCodec:
         return first(properties_of(store, iri, v.MAP_GRAPH), v.RDFS_LABEL, "") or None
 
     def known_category(self, iri: str, what: str, kind: str) -> str:
-        """`iri`, if a category of that `kind` or of several; raises InvalidFactError else."""
+        """`iri`, a category of this `kind` or of both; raises InvalidFactError for another."""
         category = self.catalogue.by_iri(iri)
         if category is None:
             raise InvalidFactError(
@@ -306,9 +304,9 @@ class RecordCodec:
             {
                 first(node, v.OF_CATEGORY, ""): float(first(node, predicate, "0"))
                 for node in nodes
-                if v.OF_CATEGORY in node and (predicate in node or predicate == least)
+                if v.OF_CATEGORY in node and (predicate in node or predicate == required)
             }
-            for predicate, least in ((v.BELIEF, v.BELIEF), (v.SCENE_BELIEF, ""))
+            for predicate, required in ((v.BELIEF, v.BELIEF), (v.SCENE_BELIEF, ""))
         )
         if evidence_objects:
             beliefs = {category: belief for category, belief in beliefs.items() if belief > 0}
@@ -327,7 +325,7 @@ class RecordCodec:
         )
         try:
             return record.with_area(area_of_polygon(first(properties, v.OUTLINE, "")))
-        except ValueError:  # none, or none that encloses anything
+        except ValueError:  # no outline, or one without an area
             return record
 
 

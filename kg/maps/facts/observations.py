@@ -1,4 +1,4 @@
-"""Facts of observations: the view that explains an object best (sosa:Observation)."""
+"""Facts of an object's best observation (sosa:Observation)."""
 
 from __future__ import annotations
 

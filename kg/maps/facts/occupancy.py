@@ -1,4 +1,4 @@
-"""Occupancy tiles as quads of graph:map, and back; the cells of a tile are one literal."""
+"""Occupancy tiles: records to quads of graph:map, and back. A tile's cells are one literal."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pyoxigraph import Literal, NamedNode, Quad
 
-from kg.maps.query.evaluation import Value
+from kg.maps.query.result_rows import Value
 from kg.model import vocabulary as v
 from kg.model.errors import InvalidFactError
 from kg.model.records import TALL, FloorTile
@@ -24,12 +24,12 @@ from kg.rdf.literals import number_literal, properties_of, time_literal
 from kg.rdf.quad_store import QuadStore
 from kg.store.sparql_backend import reading_ahead
 
-#: cells along a side of a tile, at most; bounds untrusted input
+#: cells along a side of a tile; limits untrusted input
 MAX_CELLS: Final = 1024
-#: tiles from the origin of the map to one of them along x or y, at most
+#: tiles along x or y from the origin of the map
 MAX_TILES: Final = 1 << 20
 
-#: Predicates of a tile that the writer owns; others are kept as people wrote them.
+#: Predicates of a tile that the writer owns; it keeps others, which persons wrote.
 OWN: Final = {
     *(v.RDF_TYPE.value, v.STOREY, v.X, v.Y, v.Z, v.CELL_SIZE, v.FLOOR_CELLS, v.SOSA_RESULT_TIME),
     v.VIEW_TIMES,
@@ -49,7 +49,10 @@ def iri_of(base: str, tile: FloorTile) -> str:
 
 
 def facts_of_tile(base: str, tile: FloorTile) -> list[Quad]:
-    """Facts of a tile; InvalidFactError for one that is not square, has no size or lies too far."""
+    """Facts of a tile.
+
+    Raises InvalidFactError for a tile that is not square, has no size, or is too far away.
+    """
     iri = iri_of(base, tile)
     sides = tile.cells.shape
     if len(sides) != 2 or sides[0] != sides[1] or not 0 < sides[0] <= MAX_CELLS:
@@ -132,14 +135,14 @@ def _packed(data: bytes) -> str:
     return base64.b64encode(zlib.compress(data, 9)).decode("ascii")
 
 
-def _unpacked(text: str, most: int) -> bytes:
-    """The bytes of a zlib stream in base64, `most` of them; none where it is not valid."""
+def _unpacked(text: str, max_bytes: int) -> bytes:
+    """Up to `max_bytes` bytes of a zlib stream in base64; empty where it is invalid or longer."""
     unpack = zlib.decompressobj()
     try:
-        data = unpack.decompress(base64.b64decode(text, validate=True), most + 1)
+        data = unpack.decompress(base64.b64decode(text, validate=True), max_bytes + 1)
     except (binascii.Error, ValueError, zlib.error):
         return b""
-    return data if unpack.eof and len(data) <= most else b""
+    return data if unpack.eof and len(data) <= max_bytes else b""
 
 
 def _are_view_times(viewed: NDArray[np.uint32]) -> bool:

@@ -1,4 +1,4 @@
-"""How much of a place was viewed, and when last, as facts of the place and back."""
+"""Views of a place (viewed share of its floor, last view): a record to facts, and back."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from kg.rdf.literals import Properties, first, number_literal, stamp_of, time_li
 
 
 def facts_of_views(viewed: PlaceViews | None, what: str) -> Iterator[tuple[str, Literal]]:
-    """Predicates and values; InvalidFactError, naming `what`, for shares that are none."""
+    """Predicates and values; raises InvalidFactError, which names `what`, for invalid shares."""
     if viewed is None:
         return
     if not 0 <= viewed.close_share <= viewed.share <= 1:

@@ -1,7 +1,7 @@
 """Facts of the spatial relations of objects: on, inside, beside.
 
-Each relation is a node with its probability; one that is at least as probable as not is a triple
-as well (``?cup here:on ?table``). An object has at most one triple of on, and one of inside.
+Each relation is a node with its probability. If the probability is at least 0.5, the relation is a
+triple too (``?cup here:on ?table``). An object has at most one triple of on, and one of inside.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ PREDICATES: Final[Mapping[RelationKind, str]] = {
 #: An object has at most one relation of each of these kinds; people can assert them.
 SINGLE: Final[tuple[RelationKind, ...]] = ("on", "inside")
 NOTHING: Final = "nothing"  # asserted or perceived instead of an object
-BELIEVED: Final = 0.5  # probability from which on a relation is a triple of the object
+BELIEVED: Final = 0.5  # a relation of at least this probability is a triple of the object
 #: Predicates of an object that state its relations, and those of their nodes.
 OF_OBJECT: Final = frozenset((*PREDICATES.values(), v.HAS_RELATION))
 OF_NODE: Final = frozenset((v.OF_RELATION, v.RELATED_TO, v.RELATION_PROBABILITY))
@@ -37,8 +37,8 @@ _KINDS: Final = {predicate: kind for kind, predicate in PREDICATES.items()}
 def relation_quads(iri: str, relations: Iterable[Relation]) -> list[Quad]:
     """Facts of the relations of the object `iri`.
 
-    Raises InvalidFactError for probabilities out of range, for a relation to itself, and where it
-    has several of a kind to the same object.
+    Raises InvalidFactError for probabilities out of range, for a relation to itself, and for two
+    relations of one kind to one object.
     """
     what, thing, relations = f"relation of {iri}", iri_node(iri, "object"), tuple(relations)
     quads = list[Quad]()
@@ -64,7 +64,7 @@ def relation_quads(iri: str, relations: Iterable[Relation]) -> list[Quad]:
 
 
 def believed_relations(relations: Iterable[Relation]) -> Iterator[Relation]:
-    """Those that are at least as probable as not; of on and of inside the most probable one."""
+    """Relations of probability 0.5 or above; of on and inside only the most probable one."""
     relations = tuple(relations)
     for kind in PREDICATES:
         found = [r for r in relations if r.kind == kind and round(r.probability, 2) >= BELIEVED]
@@ -106,13 +106,13 @@ def relations_of(
 def asserted_relations(
     relations: Iterable[Relation], kind: RelationKind, target: str | None, probability: float
 ) -> tuple[Relation, ...]:
-    """The relations with one to `target` instead of those of its kind; None or "nothing": none."""
+    """The relations with a single one of `kind`, to `target`; none for None or "nothing"."""
     kept = tuple(relation for relation in relations if relation.kind != kind)
     return kept if target in (None, NOTHING) else (*kept, Relation(kind, str(target), probability))
 
 
 def perceived_value(relations: Iterable[Relation], kind: RelationKind) -> tuple[str, float]:
-    """The object that an object is believed to be on or inside, or "nothing"; the probability."""
+    """The most probable object of a relation (on, inside) or "nothing", and its probability."""
     found = [relation for relation in relations if relation.kind == kind]
     for relation in believed_relations(found):
         return relation.target, relation.probability

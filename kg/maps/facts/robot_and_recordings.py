@@ -53,7 +53,7 @@ def robot_in(store: QuadStore, base: str) -> RobotRecord | None:
 
 
 def recording_iri(name: str, base: str) -> str:
-    """IRI of the recording called `name` in the map `base`; "search/1" is that of a search."""
+    """IRI of the recording `name` in the map `base`; the name "search/1" is a search."""
     if _SEARCH_NAME.fullmatch(name):
         return base + name
     return f"{base}recording/{quote(name, safe='')}"

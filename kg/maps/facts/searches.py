@@ -1,10 +1,10 @@
-"""Searches, looks and obstacles as facts of graph:map, and back."""
+"""Searches, looks and obstacles: records to facts of graph:map, and back."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Final
+from typing import Final, cast, get_args
 
 from pyoxigraph import Literal, NamedNode, Quad
 
@@ -28,25 +28,13 @@ from kg.rdf.quad_store import QuadStore
 from kg.store.transactional import TransactionalStore
 
 _PART = NamedNode(v.PART_OF_SEARCH)
-_STATES: Final[dict[str, SearchState]] = {
-    "running": "running",
-    "stopped": "stopped",
-    "found": "found",
-    "given up": "given up",
-}
+_STATES: Final[tuple[str, ...]] = get_args(SearchState)
 
-#: Predicates that the writer owns; others are kept as people wrote them.
+#: Predicates that the writer owns; it keeps others, which persons wrote.
 OWN = {
-    *(
-        v.RDF_TYPE.value,
-        v.RDFS_LABEL,
-        v.SEARCH_WORDS,
-        v.SEARCHED_FOR,
-        v.SEARCH_STATE,
-        v.SEARCH_SECONDS,
-    ),
-    *(v.PROBABILITY_LEFT, v.PROV_STARTED_AT, v.PROV_ENDED_AT, v.FOUND, v.PART_OF_SEARCH, v.NUMBER),
-    *(v.SOSA_RESULT_TIME, v.X, v.Y, v.HEADING, v.EXTENT, v.GLIMPSES, v.REASON),
+    *(v.RDF_TYPE.value, v.RDFS_LABEL, v.SEARCH_WORDS, v.SEARCHED_FOR, v.SEARCH_STATE),
+    *(v.SEARCH_SECONDS, v.PROV_STARTED_AT, v.PROV_ENDED_AT, v.FOUND, v.PART_OF_SEARCH, v.NUMBER),
+    *(v.PROBABILITY_LEFT, v.SOSA_RESULT_TIME, v.X, v.Y, v.HEADING, v.EXTENT, v.GLIMPSES, v.REASON),
 }
 
 _Fact = tuple[str, NamedNode | Literal]
@@ -106,7 +94,7 @@ def _of_search(record: SearchRecord) -> Iterator[_Fact]:
             f"{what}: state must be one of {', '.join(_STATES)}, got {record.state}"
         )
     if not record.words or not record.categories:
-        raise InvalidFactError(f"{what}: needs words and categories of what is searched for")
+        raise InvalidFactError(f"{what}: needs the words and categories that are searched for")
     if not 0 <= record.left <= 1:
         raise InvalidFactError(f"{what}: probability left must lie in 0..1, got {record.left}")
     yield v.RDF_TYPE.value, NamedNode(v.SEARCH)
@@ -159,7 +147,7 @@ def _search(iri: str, held: Properties) -> SearchRecord:
         iri=iri,
         words=tuple(sorted(held.get(v.SEARCH_WORDS, ()))),
         categories=tuple(sorted(held.get(v.SEARCHED_FOR, ()))),
-        state=_STATES.get(state, "running"),
+        state=cast(SearchState, state if state in _STATES else "running"),
         started=stamp_of(held, v.PROV_STARTED_AT),
         ended=seconds(min(ended)) if ended else None,
         seconds=float(first(held, v.SEARCH_SECONDS, "0")),

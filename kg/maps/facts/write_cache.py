@@ -1,8 +1,8 @@
 """Write cache: recently read or written quads of graph:map, by subject.
 
-It holds as of one transaction: the writer's own transactions are applied to it, and it is cleared
-after a transaction of another writer. With a shared server, whose other writers are not observed,
-nothing is cached.
+The cache has the state after one transaction. The writer's own transactions are applied to it; a
+transaction of another writer clears it. Nothing is cached for a shared server, since its other
+writers are not observed.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ class WriteCache:
         self._store = store
         self._owns = owns
         self._held: dict[NamedNode, dict[Quad, None]] = {}
-        self._at: int | None = None  # the transaction after which it was read
+        self._at: int | None = None  # the transaction whose state is cached
 
     def catch_up(self) -> int | None:
-        """Drop what another writer may have changed; returns the transaction as of which it holds.
+        """Clear the cache if another writer may have changed the map.
 
-        None where that is not known.
+        Returns the number of the transaction whose state the cache has; None if it is unknown.
         """
         now = None if self._store.shared else self._store.sequence
         if now is None or now != self._at:

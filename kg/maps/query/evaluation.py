@@ -37,16 +37,6 @@ from kg.rdf.sparql.vetting import check_no_service, check_no_update
 from kg.store.sparql_client import Solutions, Triples
 from kg.store.writer_priority import yield_to_writer
 
-__all__ = [
-    "Row",
-    "Table",
-    "TripleTable",
-    "Value",
-    "answer_of",
-    "evaluate",
-    "value_of",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class Table:
@@ -56,11 +46,11 @@ class Table:
     rows: tuple[Row, ...]
 
     def records(self) -> list[dict[str, Value]]:
-        """One dict a row, keyed by column."""
+        """One dict per row, by column."""
         return [dict(zip(self.columns, row, strict=True)) for row in self.rows]
 
     def to_columns(self) -> dict[str, list[Value]]:
-        """A list of values a column: what `pandas.DataFrame` and `polars.DataFrame` take."""
+        """A list of values per column, for `pandas.DataFrame` or `polars.DataFrame`."""
         return {name: [row[k] for row in self.rows] for k, name in enumerate(self.columns)}
 
     def to_json(self) -> str:
@@ -69,7 +59,7 @@ class Table:
         return json.dumps(rows, ensure_ascii=False, indent=2)
 
     def to_csv(self) -> str:
-        """Comma separated values under a header line, lines ended by a newline alone."""
+        """Comma separated values below a header line; lines end with a newline."""
         out = io.StringIO()
         writer = csv.writer(out, lineterminator="\n")
         writer.writerow(self.columns)
@@ -77,7 +67,7 @@ class Table:
         return out.getvalue()
 
     def serialise(self, form: str) -> str:
-        """As text in the form ``json``, ``csv`` or, for triples, ``ttl``; QueryError otherwise."""
+        """Text in the format ``json``, ``csv`` or, for triples, ``ttl``; QueryError for another."""
         if form == "json":
             return self.to_json()
         if form == "csv":
@@ -87,7 +77,7 @@ class Table:
         raise QueryError(f"no format {form!r} for an answer; there are: json, csv, ttl")
 
     def to_turtle(self) -> str:
-        """Turtle, which only an answer made of triples has."""
+        """Turtle; raises QueryError for a table without triples."""
         raise QueryError(
             "ttl is for CONSTRUCT and DESCRIBE; this answer is a table: choose json or csv"
         )
@@ -95,7 +85,7 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class TripleTable(Table):
-    """The answer of CONSTRUCT or DESCRIBE: a row a triple, and the triples themselves."""
+    """The answer of CONSTRUCT or DESCRIBE: one row per triple, and the triples."""
 
     triples: tuple[Triple, ...] = ()
 
@@ -117,8 +107,8 @@ def evaluate(
 
     Prefixes of the vocabulary need no declaration; relative IRIs are of `base`; a FROM clause
     narrows the union. With `total_order` an ORDER BY over mixed values cannot abort the process
-    (`kg.rdf.sparql.order_by`). Raises QueryError, in one line, for what does not parse (with the
-    position), writes, or reaches out.
+    (`kg.rdf.sparql.order_by`). Raises QueryError, in one line, for a query that does not parse
+    (with the position), writes, or reads other sources.
     """
     yield_to_writer()
     check_no_service(sparql)

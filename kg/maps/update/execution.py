@@ -1,11 +1,10 @@
 """Evaluation of SPARQL Update to ground quads: the quads that each operation deletes and inserts.
 
-Nothing is written here, so that the result can be validated and then committed as one transaction
-with its cause. Evaluation may run in another process than the writer's
-(`kg.serving.workers.ingestion`).
-The engine parses every part and evaluates every WHERE; this module instantiates the templates
-(SPARQL 1.1 Update, sections 3.1 and 4.1). A triple without GRAPH belongs to graph:map; a WHERE
-without WITH or USING reads the union of all graphs, as queries do.
+Evaluation writes nothing, so that the result can be validated and committed as one transaction. It
+may run in another process than the writer (`kg.serving.workers.ingestion`). The engine parses every
+part and evaluates every WHERE; this module instantiates the templates (SPARQL 1.1 Update, sections
+3.1 and 4.1). A triple without GRAPH belongs to graph:map; a WHERE without WITH or USING reads the
+union of all graphs, as queries do.
 """
 
 from __future__ import annotations
@@ -59,8 +58,9 @@ def evaluate_update(dataset: Dataset, sparql: str, base: str | None = None) -> G
     Each operation sees the effect of those before it. Nothing is written to `dataset`. Relative
     IRIs are resolved against `base`, where the request has no BASE of its own.
 
-    Raises QueryError, in one line, for what is no Unicode or does not parse (with position), for
-    SERVICE and LOAD, and for a CLEAR, DROP, CREATE, COPY, MOVE or ADD that fails by the standard.
+    Raises QueryError, in one line, for a text that is not Unicode or does not parse (with the
+    position), for SERVICE and LOAD, and for a CLEAR, DROP, CREATE, COPY, MOVE or ADD that fails by
+    the standard.
     """
     check_unicode(sparql)
     check_no_service(sparql)
@@ -151,7 +151,7 @@ def _effect(view: _View, operation: Operation) -> tuple[Iterable[Quad], Iterable
 
 
 def _check_syntax(sparql: str, start: int, text: str, prologue: str, guard: str = _NOTHING) -> None:
-    """Raises QueryError with the position if the engine cannot parse one operation of a request."""
+    """Raise QueryError with the position if the engine cannot parse one operation of a request."""
     head = prologue + guard
     blank = "".join(mark if mark == "\n" else " " for mark in sparql[:start])
     try:

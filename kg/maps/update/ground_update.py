@@ -22,7 +22,7 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class GroundUpdate:
-    """The operations of an update; `reads` where they depend on the state of the map."""
+    """The operations of an update; `reads` is true if they depend on the state of the map."""
 
     steps: tuple[Step, ...]
     reads: bool = False
@@ -56,7 +56,7 @@ def update_text(delete: Iterable[Quad], insert: Iterable[Quad]) -> str:
 
 
 def check_triple_terms(quads: Iterable[Quad]) -> None:
-    """Raises ShapeError if a quad has a triple term."""
+    """Raise ShapeError if a quad has a triple term."""
     for quad in quads:
         if isinstance(quad.object, Triple) or isinstance(quad.subject, Triple):
             raise ShapeError("the update is refused: triple terms <<( )>> are not used in maps")

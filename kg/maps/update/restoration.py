@@ -57,9 +57,9 @@ class Restored:
 class Restoration:
     """Computes the change that restores the state after transaction `sequence`.
 
-    `only` holds names of `SCOPES` and things, as in object/17; empty, all is restored. `pending` is
-    the change. Raises QueryParameterError for another name, HistoryError for a past that is not
-    kept, OntologyError where the restored ontology lacks categories that the map uses.
+    `only` has names of `SCOPES` and of things (object/17); if it is empty, everything is restored.
+    `pending` is the change. Raises QueryParameterError for another name, HistoryError for a past
+    that is not kept, OntologyError if the restored ontology lacks categories that the map uses.
     """
 
     def __init__(
@@ -67,12 +67,12 @@ class Restoration:
         store: TransactionalStore,
         log: HistoryLog,
         facts: RecordCodec,
-        sayings: AssertionService,
+        assertions: AssertionService,
         *,
         sequence: int,
         only: Collection[str] = (),
     ) -> None:
-        self._store, self._log, self._facts, self._sayings = store, log, facts, sayings
+        self._store, self._log, self._facts, self._service = store, log, facts, assertions
         self._sequence, self._assertions = sequence, Assertions(facts.base)
         self._scopes = {scope for scope in only if scope in SCOPES}
         self._things = {self._thing(name) for name in only if name not in SCOPES}
@@ -181,7 +181,7 @@ class Restoration:
         nodes = {_iri(quad.subject) for quad in changed if quad.graph_name == v.ASSERTIONS_GRAPH}
         about = {iri for node in nodes if (iri := self._assertions.subject(node)) is not None}
         assertions_of = {iri: self._assertions.of(self._then, iri) for iri in about}
-        delete, insert, self.skipped = self._sayings.with_assertions(assertions_of)
+        delete, insert, self.skipped = self._service.with_assertions(assertions_of)
         self.pending.change((quad for quad in delete if quad not in insert), insert)
 
     def _thing(self, name: str) -> str:

@@ -1,7 +1,7 @@
 """Change stream: the transactions of a running `hereabouts serve`, as server-sent events.
 
-Each is delivered once, in order, without a gap: after a broken connection or a restart of the
-server the stream is resumed after the last one.
+Each transaction is delivered once, in order, without a gap. After a broken connection or a restart
+of the server the stream continues after the last one.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ _CHUNK: Final = 1 << 16
 class ChangeStream:
     """Iterates over the change sets numbered above `since`, and waits for later ones.
 
-    `close`, from any thread, ends it. Raises HistoryError if the server does not keep the next one
-    any more, RemoteError if it refuses the stream.
+    `close`, from any thread, ends the iteration. Raises HistoryError if the server does not keep
+    the next change set any more, RemoteError if it refuses the stream.
     """
 
     def __init__(self, root: str, since: int) -> None:

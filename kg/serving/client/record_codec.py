@@ -32,7 +32,7 @@ _ROW = ("change", "subject", "predicate", "before", "after")
 
 
 def decoded_reply(where: str, decode: Callable[[A], T], reply: A) -> T:
-    """Decodes a reply of the server `where`; RemoteError where it has another form."""
+    """Decode a reply of the server `where`; raises RemoteError for another form."""
     try:
         return decode(reply)
     except (KeyError, TypeError, ValueError, SyntaxError, RecursionError) as error:
@@ -43,7 +43,7 @@ def decoded_reply(where: str, decode: Callable[[A], T], reply: A) -> T:
 
 
 def assertion_to_json(assertion: Assertion) -> Json:
-    """An assertion, and what perception believes of the same property."""
+    """An assertion, with perception's estimate of the same property."""
     return {
         "thing": assertion.subject,
         "property": assertion.property,

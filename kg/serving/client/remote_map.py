@@ -34,7 +34,7 @@ from kg.store.transactional import TransactionalStore
 
 
 class RemoteMap(SemanticMap):
-    """The map of a running server; the token in HEREABOUTS_TOKEN identifies who writes.
+    """The map of a running server; the token in HEREABOUTS_TOKEN identifies the writer.
 
     A mapper may run on it (`apply`, `ontology.learn`): each frame is one request, applied by the
     server's one writer.
@@ -54,7 +54,7 @@ class RemoteMap(SemanticMap):
 
     @classmethod
     def found_at(cls, store: TransactionalStore) -> RemoteMap | None:
-        """The map behind a store on a server, where that is a `hereabouts serve`; else None."""
+        """The map behind a store on a server; None unless a `hereabouts serve` runs there."""
         served = served_at(store)
         return None if served is None else cls(store, served)
 
@@ -64,7 +64,7 @@ class RemoteMap(SemanticMap):
         return self._served.sequence
 
     def at(self, when: Instant) -> SemanticMap:
-        """The map as of `when`; each query is evaluated by the server."""
+        """The map at `when`; the server evaluates each query."""
         return _past_map(self._served, when)
 
     def snapshot(self) -> SemanticMap:
@@ -72,24 +72,24 @@ class RemoteMap(SemanticMap):
         with self.hold():
             return StoredMap(TransactionalStore.in_memory(self.engine, read_only=True))
 
-    def dump(self, *, seconds: float, most: int) -> bytes:
-        """All quads of one state, as N-Quads; QueryTooLargeError beyond `most` bytes."""
+    def dump(self, *, seconds: float, max_bytes: int) -> bytes:
+        """All quads of one state, as N-Quads; raises QueryTooLargeError beyond `max_bytes`."""
         _, body = self._served.fetch(
-            "dump.nq", (), "application/n-quads", seconds=seconds, most=most
+            "dump.nq", (), "application/n-quads", seconds=seconds, max_bytes=max_bytes
         )
         return body
 
     def update(
         self, sparql: str, *, by: str | None = None, confirmed: bool = False
     ) -> ChangeSet | None:
-        """Apply a SPARQL 1.1 Update through the server, on the account of the token's holder."""
+        """Apply a SPARQL 1.1 Update through the server, as the holder of the token."""
         self.store.check_writable()
         return self._served.update(sparql, confirmed=confirmed)
 
     def describe(
         self, *, title: str | None = None, licence: str | None = None, by: str | None = None
     ) -> ChangeSet | None:
-        """Set title or licence through the server, on the account of the token's holder."""
+        """Set title or licence through the server, as the holder of the token."""
         self.store.check_writable()
         removed, added = changed_description(self.engine, self.base, title, licence)
         sparql = update_text(removed, added)
@@ -104,7 +104,7 @@ class RemoteMap(SemanticMap):
         confirmed: bool = False,
         dry_run: bool = False,
     ) -> Restored:
-        """Restore a past state through the server, on the account of the token's holder."""
+        """Restore a past state through the server, as the holder of the token."""
         self.store.check_writable()
         return self._served.restore(text_of(when), only, confirmed=confirmed, dry_run=dry_run)
 
@@ -113,10 +113,10 @@ class RemoteMap(SemanticMap):
         return self.subscriptions.hold()
 
     def apply(self, update: MapUpdate, cause: Cause | None = None) -> ChangeSet | None:
-        """Have the server apply it in one transaction; returns once that is durable.
+        """Apply an update on the server in one transaction; returns once that is durable.
 
-        Raises ConflictError, with nothing written, where others changed what it would write since
-        the last `subscriptions.catch_up`: read it again, and write what follows from that.
+        Raises ConflictError, with nothing written, if others changed the same things since the last
+        `subscriptions.catch_up`. The caller then has to read them again.
         """
         self.store.check_writable()
         with self.subscriptions.writing() as (known_sequence, own, written):
@@ -133,7 +133,7 @@ class RemoteMap(SemanticMap):
         return self._served.new_object_iri()
 
     def close(self) -> None:
-        """Close the connections; closing twice is fine."""
+        """Close the connections; a second call does nothing."""
         self.subscriptions.close()
         self._served.close()
         self._dataset = None
@@ -156,7 +156,7 @@ class RemoteHistory:
         return self._served.changes(since)
 
     def state_of(self, iri: str, when: Instant) -> tuple[Quad, ...]:
-        """All quads about one thing as of `when`."""
+        """All quads about one thing at `when`."""
         try:
             node = NamedNode(iri)
         except ValueError:
@@ -187,8 +187,8 @@ class RemoteHistory:
 
     def _elsewhere(self) -> HistoryError:
         return HistoryError(
-            f"the map at {self._served.where} keeps no history here: its server does. Read it by "
-            "log, diff and --at; set what is retained with hereabouts serve --keep"
+            f"the history of the map at {self._served.where} is on its server. Read it by log, "
+            "diff and --at; set the retained time with hereabouts serve --keep"
         )
 
 
@@ -213,7 +213,7 @@ class RemoteOntology:
         return found
 
     def replace(self, quads: object, *, by: str | None = None, whole: bool = False) -> Never:
-        """Raises GraphError; `kg.serving.editing.reloading.reload` replaces it, here too."""
+        """Raises GraphError: use `kg.serving.editing.reloading.reload`."""
         raise GraphError(
             f"the map at {self._served.where} is served: its ontology is replaced by "
             "hereabouts ontology reload"

@@ -21,7 +21,7 @@ RETRY_AFTER: Final = 5.0  # [s] until a refused subscription to the change strea
 
 
 class RemoteSubscriptions(MapSubscriptions):
-    """Listeners of one served map, and which of its transactions this process has read."""
+    """Listeners of one served map, and the number of the last transaction that was read."""
 
     def __init__(self, semantic_map: SemanticMap, served: ServedClient) -> None:
         super().__init__(semantic_map.query, lambda: semantic_map.sequence)
@@ -42,9 +42,9 @@ class RemoteSubscriptions(MapSubscriptions):
         return True
 
     def catch_up(self) -> None:
-        """Notify listeners of the commits of others so far; within `hold`, of those before it.
+        """Notify listeners of the commits of others so far (within `hold`: before its start).
 
-        Raises HistoryError where the server does not keep them any more.
+        Raises HistoryError if the server does not keep them any more.
         """
         with self._guard:
             if self._held:
@@ -54,7 +54,7 @@ class RemoteSubscriptions(MapSubscriptions):
             self._own.clear()
 
     def is_external(self, change: ChangeSet) -> bool:
-        """Whether anybody but `SemanticMap.apply` of this very map made a transaction."""
+        """Whether a transaction was not made by `SemanticMap.apply` of this object."""
         return change.sequence not in self._own
 
     @contextlib.contextmanager
@@ -70,7 +70,7 @@ class RemoteSubscriptions(MapSubscriptions):
 
     @contextlib.contextmanager
     def writing(self) -> Iterator[tuple[int, Collection[int], Callable[[ChangeSet], None]]]:
-        """The last transaction read, those made here, and a function that takes a new one."""
+        """The last transaction read, the own transactions, and a function to register a new one."""
         with self._guard:
             yield self._caught_up, self._own, self._written
 
@@ -82,14 +82,14 @@ class RemoteSubscriptions(MapSubscriptions):
     def follow(self, since: int | None = None) -> Iterator[ChangeSet]:
         """Change sets numbered above `since` (None: from now on), then each further one.
 
-        Waits for the next one; it ends when the map is closed, and reconnects where a connection
-        breaks. Raises HistoryError where the server no longer keeps the next one.
+        Waits for each next one, and reconnects if necessary; ends when the map is closed.
+        Raises HistoryError if the server does not keep the next one any more.
         """
         with self._guard:
             start = self._map.sequence if since is None else since
             follower = ChangeStream(self._served.root, start)
             self._followers.append(follower)
-        if self._closed.is_set():  # it was closed before the stream was registered
+        if self._closed.is_set():  # the map was closed before the stream was registered
             follower.close()
         try:
             yield from follower
@@ -98,9 +98,9 @@ class RemoteSubscriptions(MapSubscriptions):
             self._followers.remove(follower)
 
     def listen(self, listener: Listener) -> Callable[[], None]:
-        """Have `listener` called with each change set of any writer; returns its unsubscribe.
+        """Call `listener` with each change set of any writer; returns a function that stops it.
 
-        It runs on a thread of this map, or on the one that writes; it must be quick.
+        The listener runs on a thread of this map or on the writing thread; it must be quick.
         """
         stop = self._map.store.listen(listener)
         with self._guard:
@@ -138,7 +138,7 @@ class RemoteSubscriptions(MapSubscriptions):
                     if not self._closed.is_set():
                         self._notify((change,))
         except HistoryError as error:
-            # the changes in between are lost: notify that there were some
+            # the changes in between are lost: notify listeners of one empty change
             now = self._served.sequence
             with self._guard:
                 self._notified = now - 1
@@ -146,7 +146,7 @@ class RemoteSubscriptions(MapSubscriptions):
                 self._notify((ChangeSet(now, time.time(), cause, (), ()),))
 
     def _notify(self, changes: Iterable[ChangeSet]) -> None:
-        """Notify listeners of transactions, in order; those notified before are left out."""
+        """Notify listeners of new transactions, in order."""
         for change in changes:
             if change.sequence <= self._notified:
                 continue

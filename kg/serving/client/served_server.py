@@ -57,7 +57,7 @@ _JSON: Final = "application/json"
 _UPDATE: Final = "application/sparql-update"
 _CHUNK: Final = 1 << 16
 _N_TRIPLES: Final = "application/n-triples"
-#: asks for the change set in the response to a write (RFC 7240)
+#: requests the change set in the response to a write (RFC 7240)
 _WHOLE: Final = {"Prefer": "return=representation"}
 T = TypeVar("T")
 
@@ -65,7 +65,7 @@ T = TypeVar("T")
 class ServedClient:
     """Client of the server at `root`; writes with the token in the environment.
 
-    Raises RemoteError, and for a refusal the error of the server: HistoryError, ...
+    Methods raise RemoteError, and for a refusal the error that the server names.
     """
 
     def __init__(self, root: str) -> None:
@@ -93,7 +93,7 @@ class ServedClient:
     @property
     def sequence(self) -> int:
         """The number of the map's last transaction."""
-        return self._decoded(_sequence, "GET", "health")
+        return self._decoded(lambda data: int(data["sequence"]), "GET", "health")
 
     def assertions(self, iri: str | None) -> tuple[Assertion, ...]:
         """Assertions, of one thing or of all."""
@@ -119,7 +119,7 @@ class ServedClient:
     def restore(
         self, when: str, only: Collection[str], *, confirmed: bool, dry_run: bool
     ) -> Restored:
-        """Restore a past state; returns counts of what changed."""
+        """Restore a past state; returns counts of the changes."""
         body = json.dumps({"to": when, "only": list(only), "dry_run": dry_run})
         headers = {"Content-Type": _JSON, **_confirmation(confirmed)}
         return self._decoded(restored_from_json, "POST", "restore", data=body, headers=headers)
@@ -129,8 +129,8 @@ class ServedClient:
     ) -> ChangeSet | None:
         """Apply records in one transaction; returns once it is durable.
 
-        The writer has read the transactions up to `known_sequence`, and made those of `own` itself.
-        Raises ConflictError if others have since changed the same things.
+        The writer has read the transactions up to `known_sequence`, and made those in `own`.
+        Raises ConflictError if others have changed the same things since.
         """
         body = {
             "update": update_to_json(update),
@@ -142,7 +142,7 @@ class ServedClient:
 
     def new_object_iri(self) -> str:
         """A new object IRI, reserved for the caller."""
-        return self._post(_iri, "numbers", {})
+        return self._post(lambda data: NamedNode(data["iri"]).value, "numbers", {})
 
     def learn(self, labels: Collection[str], kind: str, model: str) -> dict[str, str]:
         """The IRI of a category for each label of a network; missing ones are added."""
@@ -173,7 +173,9 @@ class ServedClient:
 
     def sequence_at(self, when: str) -> int:
         """The number of the last transaction at or before a moment."""
-        return self._decoded(_after, "GET", "diff", {"from": when, "to": when})
+        return self._decoded(
+            lambda data: int(data["after"]), "GET", "diff", {"from": when, "to": when}
+        )
 
     def log(self, iri: str) -> tuple[HistoryEvent, ...]:
         """The history events of one thing."""
@@ -194,19 +196,19 @@ class ServedClient:
         media_type: str,
         *,
         seconds: float,
-        most: int,
+        max_bytes: int,
     ) -> tuple[str, bytes]:
         """Media type and body of the reply to a GET request.
 
-        Raises QueryTooLargeError beyond `most` bytes, and the error of a refusal.
+        Raises QueryTooLargeError beyond `max_bytes`, and the error of a refusal.
         """
         accept = {"Accept": f"{media_type}, application/problem+json;q=0.1"}
         with self._sent("GET", path, params, accept, b"", seconds) as reply:
             body = bytearray()
             for chunk in reply.iter_content(_CHUNK):
                 body += chunk
-                if len(body) > most:
-                    raise QueryTooLargeError(f"{self.where} sent more than {most} bytes")
+                if len(body) > max_bytes:
+                    raise QueryTooLargeError(f"{self.where} sent more than {max_bytes} bytes")
             if not reply.ok:
                 try:
                     content = json.loads(body)
@@ -299,14 +301,6 @@ def _check_unicode(*texts: str | bytes) -> None:
             raise QueryParameterError(f"{text[:100]!r} is no Unicode text")
 
 
-def _sequence(data: Json) -> int:
-    return int(data["sequence"])
-
-
-def _after(data: Json) -> int:
-    return int(data["after"])
-
-
 def _assertions(data: Json) -> tuple[Assertion, ...]:
     return tuple(map(assertion_from_json, data["assertions"]))
 
@@ -317,10 +311,6 @@ def _entries(data: list[Json]) -> tuple[HistoryEvent, ...]:
 
 def _reasons(data: list[Json]) -> tuple[Explanation, ...]:
     return tuple(map(reason_from_json, data))
-
-
-def _iri(data: Json) -> str:
-    return NamedNode(data["iri"]).value
 
 
 def _categories(data: Json) -> dict[str, str]:

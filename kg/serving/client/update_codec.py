@@ -2,7 +2,7 @@
 
 The encoding follows from the types of the fields: a record is an object with a member for each
 field, a tuple or an array is a list. Numbers are exact; floor cells are in the encoding of
-here:floorCells. Decoding validates every member.
+here:floorCells. Decoding validates each member.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ class Reloaded:
     """Result of a reload: the changes, the triples, and the transaction's number."""
 
     changes: tuple[OntologyChange, ...]
-    kept: tuple[str, ...] = ()  # relations that people edited in the map, which stay
+    kept: tuple[str, ...] = ()  # relations that persons edited in the map
     warnings: tuple[Finding, ...] = ()
     sequence: int = 0
     added: int = 0
@@ -47,8 +47,8 @@ def reload(
 
     `address` is a map's folder, a SPARQL server with a map, or a running `hereabouts serve`, which
     then uses the new ontology. Unless it is `whole`, a file must contain or import all ontologies
-    of the map. `reason` runs HermiT too; `dry` changes nothing. Raises OntologyError
-    for what is refused (the map is untouched then), GraphError, RemoteError.
+    of the map. `reason` runs HermiT too; `dry` changes nothing. Raises OntologyError for an invalid
+    ontology (the map is then unchanged), GraphError, RemoteError.
     """
     with IsolatedParser() as parse:
         ontology = load_with_imports(source, parse)

@@ -5,14 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-from pyoxigraph import RdfFormat, Triple, serialize
+from pyoxigraph import RdfFormat, Triple
 
 from kg.export.owl_document import with_one_header
+from kg.export.serialization import serialised
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
 from kg.model.errors import OntologyError
-from kg.rdf.turtle_names import with_full_iris
-from kg.rdf.xml_characters import in_xml
 from kg.store.atomic_file import write_atomically
 
 _FORMATS: Final = {
@@ -26,9 +25,8 @@ _FORMATS: Final = {
 def export_ontology(semantic_map: SemanticMap, path: Path) -> int:
     """Write the ontology of the map to `path`, imports included; returns the number of triples.
 
-    OWL wants one header a file: that of the map's ontology, named after the map. Raises
-    OntologyError where the ending is not .ttl, .owl, .rdf or .nt; GraphError where it cannot be
-    written.
+    The file has one OWL header, with the name of the map's ontology. Raises OntologyError for an
+    ending other than .ttl, .owl, .rdf or .nt, and GraphError if the file cannot be written.
     """
     form = _FORMATS.get(path.suffix.lower())
     if form is None:
@@ -41,10 +39,7 @@ def export_ontology(semantic_map: SemanticMap, path: Path) -> int:
         f"ontology of {semantic_map.description.title}",
     )
     triples = sorted(set(merged), key=_order)
-    body = serialize(triples, format=form, prefixes=v.PREFIXES) or b""
-    text = (in_xml(body) if form == RdfFormat.RDF_XML else body).decode("utf-8")
-    turtle = form == RdfFormat.TURTLE
-    write_atomically(path, with_full_iris(text, v.PREFIXES) if turtle else text)
+    write_atomically(path, serialised(triples, form, v.PREFIXES))
     return len(triples)
 
 

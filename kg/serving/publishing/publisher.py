@@ -1,8 +1,8 @@
 """Publisher: mirrors one map into a target, from a snapshot or from the last transaction.
 
-Each transaction is one update of the target. Where the target does not acknowledge one, whether it
-was applied is read from the target itself before anything else is sent; so a publisher continues
-exactly where the target is, whichever side failed.
+Each transaction is one update of the target. If the target does not acknowledge an update, the
+publisher first reads from the target whether it was applied. So it continues at the right
+transaction, whichever side failed.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from kg.serving.publishing.sources import snapshot_of
 from kg.serving.publishing.target import PublishTarget
 
 PAUSES: Final = (0.2, 0.5, 1.0, 2.0)  # [s] before the 1st, 2nd, ... attempt after a failed one
-ATTEMPTS: Final = 5  # in a row that a server refuses
+ATTEMPTS: Final = 5  # that a server refuses in a row
 
 
 class Publisher:
@@ -42,7 +42,7 @@ class Publisher:
     def publish(self) -> int:
         """Publish the current state; returns the number of its last transaction.
 
-        Raises RemoteError where one of the servers fails, MapBusyError for a folder in use.
+        Raises RemoteError if one of the servers fails, MapBusyError for a folder in use.
         """
         with self._opened() as semantic_map:
             self._catch_up(semantic_map)
@@ -51,8 +51,8 @@ class Publisher:
     def follow(self) -> None:
         """Publish the map, then each further transaction, until `stop`.
 
-        Waits for servers that do not answer. A folder is published once, since nobody writes it
-        while it is open here. Raises RemoteError where a server keeps refusing.
+        Waits for servers that do not answer. A folder is published once, since it has no writer
+        while it is open here. Raises RemoteError after repeated refusals of a server.
         """
         refused = 0
         while not self._stopped.is_set():
@@ -71,7 +71,7 @@ class Publisher:
             except UnreachableError as error:
                 self._report(f"{self.address} waits: {error}")
             except HistoryError:
-                continue  # the next transactions are not kept: the next attempt compares all
+                continue  # the history is too short: the next attempt compares all quads
             except RemoteError as error:
                 refused = 0 if self.acknowledged > before else refused
                 if refused + 1 >= ATTEMPTS:
@@ -105,7 +105,7 @@ class Publisher:
                 self._apply_all(semantic_map, known)
                 return
             except HistoryError:
-                pass  # the transactions since are not kept: compares all
+                pass  # the history is too short: all quads are compared
         self._synchronise(semantic_map)
 
     def _synchronise(self, semantic_map: SemanticMap) -> None:

@@ -39,5 +39,5 @@ def snapshot_of(semantic_map: SemanticMap) -> SourceSnapshot:
 def _stored(semantic_map: SemanticMap) -> Iterable[Quad]:
     if not isinstance(semantic_map, RemoteMap):
         return semantic_map.engine
-    dump = semantic_map.dump(seconds=DUMP_WITHIN, most=MAX_DUMP)
+    dump = semantic_map.dump(seconds=DUMP_WITHIN, max_bytes=MAX_DUMP)
     return parse(dump, format=RdfFormat.N_QUADS)

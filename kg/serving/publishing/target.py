@@ -1,10 +1,10 @@
 """Target of a mirror: a SPARQL 1.1 server that holds the published maps in one set of graphs.
 
-Graphs have the names that they have in a map. How far each map is published is a fact of
-graph:published, written in the same update as what it counts: ``<map> here:sequence 254``. Things
-whose IRIs are not the map's own are noted there as its parts (dcterms:hasPart), so that a stale
-copy is not taken for another map's facts. Ontology and common sense are stored once for all
-maps: missing quads are added, and a change of any map's ontology is a change of that copy.
+Graphs have the same names as in a map. The last published transaction of each map is a fact of
+graph:published (``<map> here:sequence 254``), written in the same update as the transaction. Things
+with IRIs of other origin are listed there as parts of the map (dcterms:hasPart), so that their
+facts can be assigned to it. Ontology and common sense are stored once for all maps: missing quads
+are added, and a change of any map's ontology changes that copy.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _PART: Final = NamedNode(v.DCT_HAS_PART)
 class PublishTarget:
     """The server at `url`; safe to use from several threads.
 
-    Raises RemoteError where nothing answers there, or what answers does not speak SPARQL.
+    Raises RemoteError if there is no SPARQL server.
     """
 
     def __init__(self, url: str, token: str | None = None) -> None:
@@ -48,8 +48,8 @@ class PublishTarget:
     def synchronise(self, base: str, snapshot: SourceSnapshot) -> int:
         """Make the published copy equal to a snapshot; returns the number of quads written.
 
-        Takes several requests where it is large; that it is complete is written with the last one.
-        Raises GraphError where the IRI of another published map contains that of this one.
+        A large copy takes several requests; the last one marks it as complete. Raises GraphError if
+        the IRI of another published map begins with the IRI of this one, or the other way round.
         """
         marks = self._marks()
         _check_not_nested(base, marks.keys() - {base})

@@ -1,7 +1,7 @@
 """Change broadcast: passes each commit to the followers of the map.
 
-The committing thread only hands the change set over to the event loop. Each follower has a bounded
-queue there; a follower that does not keep up is dropped, so that it does not slow the others.
+The committing thread only passes the change set to the event loop. There each follower has a
+bounded queue; a follower that is too slow is dropped, so that it does not delay the others.
 """
 
 from __future__ import annotations
@@ -123,8 +123,8 @@ class ChangeBroadcast:
     def since(self, sequence: int) -> Iterable[ChangeSet]:
         """Change sets after a sequence number, oldest first, without a gap.
 
-        Raises Problem 410 if they are not kept any more, or if the number is larger than the map's,
-        so that it comes from another map. The client must read the map anew then.
+        Raises Problem 410 if they are not kept any more, or if the number is larger than the map's.
+        The client must then read the map again.
         """
         now = self._map.sequence
         if sequence > now:
@@ -138,7 +138,7 @@ class ChangeBroadcast:
         try:
             return self._map.history.changes(sequence)
         except HistoryError as error:
-            raise Problem(410, f"{error}; read the map anew", kind="HistoryError") from error
+            raise Problem(410, f"{error}; read the map again", kind="HistoryError") from error
 
     def _deliver(self, change: ChangeSet) -> None:
         self.commits += 1

@@ -17,7 +17,7 @@ from kg.serving.workers.pool import QueryPool
 class MapServer(ServerLifecycle):
     """Serves one map; `run` blocks, a context manager serves from a thread.
 
-    The caller goes on writing the map, and closes it. The constructor raises ServerError if it
+    The caller may write the map meanwhile, and closes it. The constructor raises ServerError if it
     cannot listen at the address.
     """
 

@@ -1,7 +1,7 @@
 """Running counts of a served map: number of objects, last change of each graph.
 
-They are updated by each change set, without queries. A change of the hierarchy of categories makes
-a recount necessary.
+Each change set updates them without queries. After a change of the hierarchy of categories the
+objects are counted again.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class RunningCounts:
             self._objects += self._more(change)
 
     def _more(self, change: ChangeSet) -> int:
-        """How many objects there are more than before a change of the map alone."""
+        """The change of the number of objects by a change set that leaves categories unchanged."""
         added, removed = _types(change.added), _types(change.removed)
         more = 0
         for subject in {s for s, _ in added | removed}:

@@ -1,8 +1,8 @@
 """Fair queueing (Nagle, RFC 970): clients take turns for the workers of a pool.
 
-Each client has a short queue of its own, so that a client with too many queries delays, and is
-refused, only its own. The last free worker is reserved for a query about the present of a client
-without a running query. So a client with few requests finds a worker, whatever another one sends.
+Each client has a short queue of its own, so that a client with too many queries delays only
+itself. The last free worker is reserved for clients without a running query, for queries about the
+present. So a client with few requests finds a worker, however many requests another client sends.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from kg.model.errors import GraphError, PoolBusyError
 #: queries about the present, about the past (which may take seconds), and of subscriptions
 Lane = Literal["present", "past", "standing"]
 
-SHARES: Final = 8  # full queues of clients; with more clients each queue becomes shorter
-OVERDUE: Final = 5.0  # [s] after which the query of a subscription has no lower priority any more
+SHARES: Final = 8  # number of full queues; with more clients each queue is shorter
+OVERDUE: Final = 5.0  # [s] of waiting after which a subscription's query has normal priority
 
 
 @dataclass(eq=False, slots=True)
@@ -37,13 +37,15 @@ class Turn:
 class FairQueue:
     """Grants up to `workers` turns at once; a client may have `queue` turns waiting.
 
-    Up to half of them may be about the past. Safe from any thread.
+    Up to half of the waiting turns may be about the past. Safe from any thread.
     """
 
     def __init__(self, workers: int, queue: int) -> None:
         self._workers, self._queue = workers, queue
         self._guard = threading.Lock()
-        self._waiting: OrderedDict[str, list[Turn]] = OrderedDict()  # the last served last
+        self._waiting: OrderedDict[str, list[Turn]] = (
+            OrderedDict()
+        )  # ordered by the time of the last turn
         self._running: set[Turn] = set()
         self._closed = False
 
@@ -91,11 +93,11 @@ class FairQueue:
         clients = len(self._waiting) + (not own)
         allowed = min(self._queue, max(1, SHARES * self._queue // clients))
         if len(own) >= allowed:
-            raise PoolBusyError(f"{len(own)} queries of yours wait already; ask again later")
+            raise PoolBusyError(f"{len(own)} queries of yours wait already; try again later")
         past = sum(other.lane == "past" for other in own)
         if turn.lane == "past" and past >= allowed // 2:
             raise PoolBusyError(
-                f"{past} questions of yours about the past wait already; ask again later"
+                f"{past} queries of yours about the past wait already; try again later"
             )
 
     def _grant_next(self) -> None:

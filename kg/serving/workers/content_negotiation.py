@@ -36,8 +36,8 @@ GRAPH_TYPES = (
 def choose_format(accept: str | None, form: Form) -> str:
     """The media type for the answer to a query of a form, by the q-values of an Accept header.
 
-    The most specific range that matches a type gives its quality; among equals the first offer
-    wins. Raises NotAcceptableError if no offer is acceptable.
+    The most specific matching range gives the quality of a type; of equal types the first is taken.
+    Raises NotAcceptableError if no type is acceptable.
     """
     offered = RESULT_TYPES if form in ("select", "ask") else GRAPH_TYPES
     return negotiate(accept, offered)

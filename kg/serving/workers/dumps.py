@@ -12,9 +12,10 @@ NO_LIMIT: Final = 1 << 62  # [bytes]
 
 
 class Dump:
-    """A dump in progress: `read` until it is empty, then `close`. Raises as `WorkerProcess.ask`.
+    """A dump in progress: call `read` until it returns nothing, then `close`.
 
-    It begins with the first `read`, whose failure can still be sent as an error response.
+    The dump begins with the first `read`; a failure of that call can still become an error
+    response. Raises as `WorkerProcess.ask`.
     """
 
     def __init__(

@@ -1,9 +1,9 @@
 """Evaluation process: reads requests from stdin and answers on stdout, until stdin ends.
 
-Before it reads anything the kernel denies it the network (`kg.serving.workers.network_isolation`).
-Its parent may kill it, and an alarm of the kernel ends it at its time limit even if the parent has
-ended. Its address space, files and processor time are limited. Messages in both
-directions are a type byte, a length (4 bytes, little endian) and that many bytes:
+Before it reads anything, the kernel denies it the network
+(`kg.serving.workers.network_isolation`). Its parent may kill it, and an alarm of the kernel ends it
+at its time limit even without a parent. Its address space, files and processor time are limited.
+A message has a type byte, a length (4 bytes, little endian) and that many bytes:
 
     >  S  the settings (JSON), first       <  R  done with S or O; of S how the network is denied
     >  O  a snapshot to open (JSON)        <  H  {"media_type", "sequence", ...}
@@ -288,7 +288,7 @@ def _limit_files(size: int) -> None:
 
 
 def _limit_time(seconds: float) -> None:
-    """Have the kernel end this process after so many seconds; 0 lifts the limit."""
+    """Set an alarm of the kernel that ends this process; 0 removes it."""
     signal.setitimer(signal.ITIMER_REAL, seconds + GRACE if seconds else 0)
     used = resource.getrusage(resource.RUSAGE_SELF)
     limit = int(used.ru_utime + used.ru_stime + 2 * seconds + 2) if seconds else -1
@@ -317,7 +317,9 @@ def main() -> None:
         kind, request = message
         _limit_time(request["timeout"])
         if kind == b"O":
-            with contextlib.suppress(OSError):  # the next request names it again, and reports it
+            with contextlib.suppress(
+                OSError
+            ):  # the next request has the same folder, and reports the error
                 evaluator.open(request["folder"])
             evaluator.ready()
         else:

@@ -1,6 +1,6 @@
 """Tasks of a worker on a map's history: past states, changes of a thing, differences, explanations.
 
-It reads the history's file beside whoever writes it, all of a request from one state of it.
+A worker reads the history's file while another process writes it. One request reads one state.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ TURTLE: Final = "text/turtle"
 
 
 def past_store(states: PastStates, store: Store, request: Mapping[str, Any]) -> Store:
-    """The state right after the transaction ``at`` of a map of which `store` is a snapshot."""
+    """The state right after the transaction ``at``; `store` is a snapshot of the map."""
     with _frozen(request) as log:
         return states.at(log, store, int(request["at"]))
 

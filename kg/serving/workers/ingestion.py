@@ -1,7 +1,6 @@
 """Ingestion: updates and RDF documents of clients, evaluated and parsed in a worker.
 
-What comes back to the writer is ground: quads in N-Quads, with limited size, and without triple
-terms.
+The writer receives only ground quads, as N-Quads of limited size and without triple terms.
 """
 
 from __future__ import annotations

@@ -18,8 +18,8 @@ _WAITING: Final = 8  # queries that wait for the worker
 class LimitedQueries:
     """Evaluates untrusted SPARQL on one map; a context manager, safe from several threads.
 
-    `seconds` and `result` [bytes] bound each answer, `memory_mb` a worker. A map in a folder or in
-    memory gets a `QueryPool` with the first query; that of a map on a server is the server's own.
+    `seconds` and `result` [bytes] limit each answer, `memory_mb` a worker. For a map in a folder or
+    in memory the first query starts a `QueryPool`; a server uses its own.
     """
 
     def __init__(
@@ -38,8 +38,9 @@ class LimitedQueries:
     def ask(self, sparql: str) -> Table:
         """The answer to a query.
 
-        Raises QueryError for what does not parse, QueryRefusedError for what writes or reaches out,
-        QueryTimeoutError, QueryTooLargeError, PoolBusyError, and RemoteError of a server.
+        Raises QueryError for a query that does not parse, QueryRefusedError for a query that writes
+        or reads other sources, QueryTimeoutError, QueryTooLargeError, PoolBusyError,
+        and RemoteError of a server.
         """
         check_length(sparql)
         check_unicode(sparql)
@@ -66,7 +67,7 @@ class LimitedQueries:
             return self._pool
 
     def close(self) -> None:
-        """End the workers; closing twice is fine."""
+        """End the workers; a second call does nothing."""
         with self._guard:
             if self._pool is not None:
                 self._pool.close()

@@ -1,8 +1,8 @@
 """Queries and updates of the command line, evaluated in an isolated worker.
 
-The text may come from anywhere. So it is evaluated as a server does it: in a process that the
-kernel denies the network, which dies in place of this one where the engine fails. The limits only
-keep a mistake from taking the machine.
+The text may come from an untrusted source. So, as on a server, a separate process without network
+evaluates it; a failure of the engine ends that process only. The limits prevent a mistake from
+using all resources of the machine.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def _pool(semantic_map: SemanticMap) -> QueryPool:
 def table_of(media_type: str, body: bytes) -> Table:
     """A serialised answer, JSON results or N-Triples, as a table.
 
-    Raises QueryError for what is neither, or cut short.
+    Raises QueryError for another or an incomplete answer.
     """
     try:
         if media_type == _TRIPLES:

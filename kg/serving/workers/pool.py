@@ -31,20 +31,24 @@ from kg.serving.workers.worker_set import WorkerSet, all_busy
 from kg.store.transactional import TransactionalStore
 
 DUMPS = 2  # at once
-DUMP_SECONDS = 600.0  # of waiting for one, and of writing it
-_WARM = 10.0  # [s] without a query after which the snapshot is not refreshed in advance
-_TICK = 0.05  # [s] at least between checks whether the snapshot is due
+DUMP_SECONDS = 600.0  # to wait for a dump, and again to write it
+_WARM = 10.0  # [s] after the last query in which snapshots are refreshed in advance
+_TICK = 0.05  # [s] minimum between checks whether a new snapshot is due
 
 
 class QueryPool:
     """Worker processes that evaluate untrusted queries; a context manager.
 
-    Safe from several threads, and from an event loop through `run_async`. `timeout` [s] is each
-    query's, `memory_mb` what a worker may need beyond its start, `queue` how many queries of one
-    client may wait, `services` the endpoints SERVICE may name: what plainly names one is evaluated
-    in a process of its own, and all else in workers that the kernel denies the network. Clients
-    share the workers by fair queueing (`kg.serving.workers.admission`). Answers come from snapshots
-    that are refreshed in the background: none is more than `refresh` seconds behind the map.
+    Safe from several threads, and from an event loop through `run_async`. Clients share the workers
+    by fair queueing (`kg.serving.workers.admission`). Answers come from snapshots, which are
+    refreshed in the background.
+
+    - `timeout` [s]: the time limit of one query
+    - `memory_mb`: the memory of a worker beyond its memory at the start
+    - `refresh` [s]: the largest delay of an answer behind the map
+    - `queue`: the number of queries of one client that may wait
+    - `services`: the endpoints that SERVICE may name. A query that names one is evaluated in a
+      process of its own; to all other workers the kernel denies the network.
     """
 
     def __init__(
@@ -99,7 +103,7 @@ class QueryPool:
     def isolation(self) -> str:
         """Isolation of the workers from the network: "seccomp", "namespace", or "none".
 
-        Waits until a worker has started. Raises QueryError where none starts.
+        Waits until a worker has started. Raises QueryError if no worker starts.
         """
         with self._workers.lent(self._patience) as worker:
             worker.wait_ready()
@@ -136,15 +140,16 @@ class QueryPool:
     ) -> Answer:
         """The serialised answer to a query, in the best format an Accept header accepts.
 
-        The graphs override FROM and FROM NAMED (SPARQL 1.1 Protocol, section 2.1.4); without either
-        the default graph is the union of all. Relative IRIs are of `base`. `timeout` [s] counts
-        from when a worker is ready, and cannot exceed the pool's. The answer has seen transaction
-        `at_least`; with `at` it is that of the map right after that transaction, which of a large
-        map may have to be made first, within as much time again.
+        - `default_graphs`, `named_graphs`: override FROM and FROM NAMED (SPARQL 1.1 Protocol,
+          section 2.1.4); without either the default graph is the union of all
+        - `timeout` [s]: begins when a worker is ready, and cannot exceed the pool's
+        - `at_least`: the state of the answer includes this transaction
+        - `at`: the state right after this transaction; its replay may take another `timeout`
+        - `base`: relative IRIs are resolved against it
 
         Raises QueryRefusedError, QueryTimeoutError, QueryTooLargeError, NotAcceptableError,
-        PoolBusyError, QueryError for what does not parse, HistoryError for a past that is not kept,
-        GraphError where the pool is closed.
+        PoolBusyError, QueryError for a query that does not parse, HistoryError for a past that is
+        not kept, GraphError if the pool is closed.
         """
         check_length(sparql, self.max_query_length)
         request = request_of(sparql, accept, default_graphs, named_graphs, base)
@@ -179,7 +184,7 @@ class QueryPool:
     ) -> Answer:
         """A report on the history: "log", "diff" or "why" (`kg.serving.workers.history_tasks`).
 
-        Raises as `run_async`; HistoryError where the map keeps no history.
+        Raises as `run_async`; HistoryError if the map keeps no history.
         """
         request = {"what": what, "media_type": media_type, **options}
         return await self._in_thread(self._call(request, None, at_least, None, b"T", asker))
@@ -195,9 +200,9 @@ class QueryPool:
             self._queue.leave(turn)
 
     async def dump_async(self, request: dict[str, Any], asker: Asker = ANYONE) -> Dump:
-        """A dump of all graphs, once its turn comes; the caller closes it.
+        """A dump of all graphs, when its turn comes; the caller closes it.
 
-        Few are made at once, and one for a client. Raises PoolBusyError where too many wait.
+        Few dumps run at once, and one per client. Raises PoolBusyError if too many wait.
         """
         turn = self._dumps.enter(asker.client, "present")
         try:
@@ -243,12 +248,12 @@ class QueryPool:
             return await asyncio.wrap_future(future)
         except asyncio.CancelledError:
             call.cancel()
-            if future.cancelled():  # it had not begun
+            if future.cancelled():  # the evaluation had not begun
                 self._queue.leave(turn)
             raise
 
     def close(self) -> None:
-        """Kill the workers and remove the snapshots; closing twice is fine."""
+        """Kill the workers and remove the snapshots; a second call does nothing."""
         self._closed.set()
         self._queue.close()
         self._dumps.close()
@@ -267,10 +272,7 @@ class QueryPool:
         self.close()
 
     def freshen(self) -> None:
-        """Take a new snapshot if one is due, and have idle workers open it in advance.
-
-        One worker after the other: the rest answers from the snapshot before meanwhile.
-        """
+        """Take a new snapshot if one is due; idle workers open it one after the other."""
         self._workers.replace_slow()
         if time.monotonic() - self._last_query <= _WARM:
             self._workers.refresh()
@@ -362,7 +364,7 @@ def _history_of(semantic_map: SemanticMap) -> HistoryFile | None:
 
 
 def _answer_of(worker: WorkerProcess, call: QueryCall, request: dict[str, Any]) -> Answer:
-    """The answer of a worker; a past state is made first, within a time limit of its own."""
+    """The answer of a worker; a past state is replayed first, with a time limit of its own."""
     if call.at is not None:
         worker.ask(request | {"max_bytes": 0}, call.timeout, b"P")
         worker.past = call.at

@@ -65,8 +65,8 @@ class WorkerDiedError(QueryError):
 class WorkerProcess:
     """A process that answers one request at a time; `alive` is false after its end.
 
-    Not safe for use by several threads at once, except `kill`. Unless `network` is allowed the
-    kernel denies it; `isolation` is how, once the process is ready ("none": it cannot).
+    Not safe for use by several threads at once, except `kill`. Unless `network` is true, the kernel
+    denies it the network; `isolation` is the mechanism once the process is ready, or "none".
     """
 
     def __init__(self, settings: dict[str, Any], *, network: bool = False) -> None:
@@ -74,8 +74,8 @@ class WorkerProcess:
         self._killed = False
         self.slow = False  # whether its priority was lowered, which needs privileges to undo
         self.isolation = ""
-        self.snapshot: Snapshot | None = None  # that it reads, or was asked to open
-        self.past: int | None = None  # transaction of the last past state that it made
+        self.snapshot: Snapshot | None = None  # the assigned one
+        self.past: int | None = None  # transaction of the last replayed past state
         # without site packages and environment: it starts fast and holds no secrets
         option = ["--network" if network else "--no-network"]
         environment = {k: v for k, v in os.environ.items() if k == "LD_LIBRARY_PATH"}
@@ -118,7 +118,7 @@ class WorkerProcess:
         return not self._killed and self._process.poll() is None
 
     def prepare(self, snapshot: Snapshot, timeout: float) -> None:
-        """Have it open a snapshot in advance; the next request raises a failure."""
+        """Open a snapshot in advance; a failure is raised by the next request."""
         request = {"folder": str(snapshot.folder), "timeout": timeout}
         with contextlib.suppress(QueryError):
             self._notify(b"O", request)
@@ -126,7 +126,7 @@ class WorkerProcess:
     def ask(self, request: dict[str, Any], timeout: float, kind: bytes = b"Q") -> Answer:
         """The answer to a request (kinds: see `kg.serving.workers.evaluator`).
 
-        `timeout` counts from when the process is ready for it.
+        `timeout` [s] begins when the process is ready.
 
         Raises QueryTimeoutError, QueryTooLargeError, QueryError or HistoryError; the process is
         dead after a timeout or a crash, and accepts requests again after any other error.
@@ -172,7 +172,7 @@ class WorkerProcess:
         self._unready += 1
 
     def wait_ready(self) -> None:
-        """Wait until it has started, or has opened its snapshot."""
+        """Wait until the process has started and opened its snapshot."""
         # otherwise a slow start would reduce the time of the first query
         deadline = time.monotonic() + START_WITHIN
         self._slow_at = deadline
@@ -266,7 +266,7 @@ def _milliseconds_until(moment: float) -> float:
 
 
 def _too_slow() -> QueryTimeoutError:
-    return QueryTimeoutError("the query ran into its time limit; ask for less, or more narrowly")
+    return QueryTimeoutError("the query reached its time limit; request less, or narrow the query")
 
 
 def _as_error(reported: dict[str, str]) -> HereaboutsError:

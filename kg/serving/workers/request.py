@@ -16,9 +16,9 @@ from kg.serving.workers.process import WorkerProcess
 
 @dataclass(frozen=True, slots=True)
 class Asker:
-    """The author of a query; all queries of one `client` have one share of the pool.
+    """The author of a query; all queries of one `client` share its part of the pool.
 
-    A `standing` query (of a subscription) runs behind those that a client waits for.
+    A `standing` query (of a subscription) has lower priority than others.
     """
 
     client: str = ""
@@ -87,8 +87,8 @@ def request_of(
 ) -> dict[str, Any]:
     """A query as a request to a worker.
 
-    Raises QueryRefusedError for text that is no Unicode, NotAcceptableError where no answer of any
-    form has a format that is accepted.
+    Raises QueryRefusedError for text that is not Unicode, NotAcceptableError if the client accepts
+    no format of any kind of answer.
     """
     for text in (sparql, *default_graphs, *named_graphs):
         check_unicode(text)

@@ -1,8 +1,8 @@
 """Snapshots of a live map for other processes: hard links beside it, or a small copy.
 
-Reading Oxigraph's folder while another process writes it is undefined; a backup of it is a folder
-of its own without a writer. Backups share their files with the map, so they cost links, not
-bytes, until the map compacts the files away.
+A folder of Oxigraph must not be read while another process writes it. A backup is a separate folder
+without a writer. It shares its files with the map by hard links, so it needs no space until the map
+replaces the files.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Snapshot:
 class Snapshots:
     """The snapshots of one map: the newest, and those with readers.
 
-    Raises GraphError where no folder can be made beside the map.
+    Raises GraphError if no folder can be made beside the map.
     """
 
     def __init__(self, store: TransactionalStore, *, refresh: float) -> None:
@@ -59,9 +59,9 @@ class Snapshots:
     def lease(self, at_least: int = 0, held: Snapshot | None = None) -> Snapshot:
         """The newest snapshot, kept until `release`.
 
-        `held`, which the caller has open, is as good while it is not due to be refreshed. A new one
-        is made first where the newest holds less than transaction `at_least`, or where the map has
-        moved and the newest is older than `refresh` seconds.
+        Returns `held`, which the caller has open, while no refresh is due. A new snapshot is made
+        first if the newest lacks transaction `at_least`, or if the map has changed and the newest
+        is older than `refresh` seconds.
         """
         refreshed = False
         while True:
@@ -78,7 +78,7 @@ class Snapshots:
     def refresh(self, at_least: int | None = None) -> None:
         """Make a new snapshot if the map has changed; readers use the old one meanwhile.
 
-        With `at_least`: where the newest holds less than that transaction, or is too old.
+        With `at_least`: only if the newest lacks that transaction or is too old.
         """
         with self._making:
             current = self._current
@@ -113,7 +113,7 @@ class Snapshots:
             shutil.rmtree(folder, ignore_errors=True)
 
     def close(self) -> None:
-        """Remove all of them."""
+        """Remove all snapshots."""
         with self._guard:
             if self._closed is not None:
                 self._closed()
@@ -184,8 +184,8 @@ def make_home(path: Path | None) -> tuple[Path, int]:
         making.rename(home)  # once it is locked, so that no process removes it as abandoned
     except OSError as error:
         raise GraphError(
-            f"cannot make {home} for snapshots: {error.strerror}; queries of others are answered "
-            "from snapshots beside the map, so its parent folder must be writable"
+            f"cannot make {home} for snapshots: {error.strerror}; queries of clients need "
+            "snapshots beside the map, so its parent folder must be writable"
         ) from error
     return home, lock
 

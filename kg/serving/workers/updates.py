@@ -1,8 +1,8 @@
 """Updates and documents of clients: evaluated in a worker, applied by the writer.
 
-The worker evaluates on a snapshot. Where the result depends on the state of the map, it is applied
-only if there was no write since that state; else it is evaluated again (optimistic concurrency
-control), at last while other writers wait, for a limited time.
+The worker evaluates an update on a snapshot. A result that depends on the state of the map is
+applied only if the map has not changed since; otherwise it is evaluated again (optimistic
+concurrency control). The last attempt makes other writers wait for a limited time.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ def update_map(
 ) -> ChangeSet | None:
     """Evaluate an update in a worker and apply it as one transaction; None without changes.
 
-    `check` may refuse it right before it is applied, while no one else writes. Raises as
-    `SemanticMap.update`, and QueryTimeoutError or QueryTooLargeError at the limits of the pool.
+    `check` may raise an error right before the update is applied, while nobody else writes. Raises
+    as `SemanticMap.update`, and QueryTimeoutError or QueryTooLargeError at the limits of the pool.
     """
     semantic_map.store.check_writable()
     for attempt in range(ATTEMPTS + 1):
@@ -65,7 +65,7 @@ def update_map(
 def _evaluated(
     pool: QueryPool, semantic_map: StoredMap, request: UpdateRequest, timeout: float | None
 ) -> tuple[GroundUpdate, int]:
-    """The evaluated update, and the transaction of the state it was evaluated on."""
+    """The evaluated update, and the number of the transaction of its snapshot."""
     least = semantic_map.sequence
     body: dict[str, Any] = {
         "name": "update",
@@ -86,7 +86,7 @@ def _evaluated(
 def parsed_document(pool: QueryPool, body: bytes, form: RdfFormat, base: str) -> list[Quad]:
     """The quads of an RDF document, parsed in a worker.
 
-    Raises QueryError for what does not parse, ShapeError for triple terms.
+    Raises QueryError for a document that does not parse, ShapeError for triple terms.
     """
     request = {
         "name": "the body",

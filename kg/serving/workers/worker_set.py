@@ -57,13 +57,13 @@ class WorkerSet:
             self._give_back(worker)
 
     def assign(self, worker: WorkerProcess, at_least: int) -> Snapshot:
-        """Have a lent worker open a snapshot with transaction `at_least`."""
+        """Assign a snapshot with transaction `at_least` to a lent worker."""
         snapshot = self._snapshots.lease(at_least, worker.snapshot)
         self._reads(worker, snapshot)
         return snapshot
 
     def refresh(self) -> None:
-        """Take a new snapshot if one is due, and have the idle workers open it."""
+        """Take a new snapshot if one is due; idle workers open it."""
         self._snapshots.refresh()
         for worker in self._idle_now():
             if not self._snapshots.is_newest(worker.snapshot) and self._borrow(worker):
@@ -122,7 +122,7 @@ class WorkerSet:
     def _next(self, deadline: float, at: int | None) -> WorkerProcess | None:
         """An idle worker, dead or alive; None if a new one may be started.
 
-        Best one whose last past state was that `at` a transaction: it has it in memory.
+        A worker is preferred that has the past state `at` in memory.
         """
         with self._changed:
             while not self._idle and len(self._all) + self._starting >= self.size:
@@ -205,4 +205,4 @@ def _readiness(worker: WorkerProcess, at: int | None) -> tuple[bool, bool, int]:
 
 def all_busy() -> PoolBusyError:
     """The error if no worker becomes free in time."""
-    return PoolBusyError("all query workers are busy; ask again later")
+    return PoolBusyError("all query workers are busy; try again later")

@@ -91,7 +91,7 @@ def ask_once(url: str) -> None:
     endpoint.update("INSERT DATA {}")
     endpoint.close()
     with suppress(HereaboutsError):
-        served.fetch("sparql", (("query", "ASK {}"),), "*/*", seconds=9, most=999)
+        served.fetch("sparql", (("query", "ASK {}"),), "*/*", seconds=9, max_bytes=999)
     follower = ChangeStream(url, 0)
     with suppress(HereaboutsError):
         list(follower._connected())

@@ -14,6 +14,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
 
+from kg.export.serialization import prefixes_of
 from kg.maps.facts.assertions import PROPERTIES, Assertions, is_unicode
 from kg.model import vocabulary as v
 from kg.model.records import Assertion
@@ -24,7 +25,7 @@ from kg.serving.server.endpoints.sparql_protocol import written
 from kg.serving.server.http.bodies import JSON, json_response, query_parameters, read_json
 from kg.serving.server.http.client_departure import completed
 from kg.serving.server.http.conditions import state_of
-from kg.serving.server.http.media_types import GRAPH_FORMATS, document, prefixes_of
+from kg.serving.server.http.media_types import GRAPH_FORMATS, document
 from kg.serving.server.http.problems import Problem
 from kg.serving.server.linked_data.resource_description import local_path
 from kg.serving.workers.content_negotiation import negotiate

@@ -1,6 +1,6 @@
 """`/changes`: each transaction as a server-sent event, resumed from a sequence number.
 
-As JSON it is a page of the transactions that there are already.
+As JSON the response is a page of past transactions.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from kg.serving.server.http.problems import Problem
 from kg.serving.workers.content_negotiation import negotiate
 
 PAGE: Final = 256  # changes of one JSON response
-PAGE_BYTES: Final = 4 << 20  # characters of a response after which no change is added
+PAGE_BYTES: Final = 4 << 20  # a longer response gets no further change
 
 
 async def changes(serving: AppState, request: Request) -> ASGIApp:
@@ -79,7 +79,7 @@ async def _events(
         yield event(sent, "change", change_to_json(change))
     while True:
         change = await queue.take()
-        # changes that were committed while the past was read are in both
+        # changes that were committed while the past was read are in the queue too
         if change.sequence > sent:
             sent = change.sequence
             yield feed.event_of(change)

@@ -1,7 +1,7 @@
 """`/find?object=`: a search plan for objects; `object` may be repeated.
 
-One plan is made at a time, since planning takes a processor for about a second. A few requests wait
-for their turn; a request whose client leaves loses it.
+One plan is made at a time, since planning occupies a processor for about a second. A few requests
+may wait; a request whose client leaves is removed from the queue.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ async def _planned(serving: AppState, wanted: list[str]) -> Mapping[str, object]
     assert serving.planner is not None
     turns = serving.planning
     if turns.waiting >= MAX_WAITING:
-        raise Problem(503, "too many plans are being waited for", {"Retry-After": "5"})
+        raise Problem(503, "too many requests for plans wait already", {"Retry-After": "5"})
     turns.waiting += 1
     try:
         await turns.lock.acquire()

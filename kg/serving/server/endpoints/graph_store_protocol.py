@@ -20,6 +20,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import ASGIApp
 
+from kg.export.serialization import prefixes_of
 from kg.knowledge.ontology.replacement import Replacement
 from kg.maps.update.ground_update import GroundUpdate, Step
 from kg.model import vocabulary as v
@@ -33,7 +34,7 @@ from kg.serving.server.http import bodies
 from kg.serving.server.http.client_departure import completed
 from kg.serving.server.http.client_sessions import asker_of
 from kg.serving.server.http.conditions import State, check_preconditions, state_of
-from kg.serving.server.http.media_types import GRAPH_FORMATS, prefixes_of
+from kg.serving.server.http.media_types import GRAPH_FORMATS
 from kg.serving.server.http.problems import Problem
 from kg.serving.server.http.request_checks import is_confirmed
 from kg.serving.workers.content_negotiation import negotiate

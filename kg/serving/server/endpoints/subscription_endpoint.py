@@ -1,4 +1,4 @@
-"""`/subscribe?query=`: a continuous query, which reports the bindings that commits add and remove.
+"""`/subscribe?query=`: a continuous query; reports the bindings that commits add and remove.
 
 The query is evaluated again after each commit, at most once in `COALESCE` seconds.
 """
@@ -25,7 +25,7 @@ from kg.serving.workers.content_negotiation import negotiate
 from kg.serving.workers.process import Answer
 from kg.serving.workers.request import Asker
 
-COALESCE = 0.2  # [s] after a commit in which further ones are waited for
+COALESCE = 0.2  # [s] to wait for further commits after a commit
 MAX_ANSWER = 1 << 20  # [bytes] of an answer that can be followed
 
 
@@ -45,9 +45,9 @@ class QueryFollower:
 
 
 async def subscribe(serving: AppState, request: Request) -> ASGIApp:
-    """The bindings of a query now, then those that commits add and remove.
+    """The present bindings of a query, then the bindings that commits add and remove.
 
-    Raises Problem: 400 for a query that is no SELECT or ASK, 503 where too many are subscribed to.
+    Raises Problem: 400 for a query other than SELECT and ASK, 503 for too many subscriptions.
     """
     negotiate(request.headers.get("accept"), (EVENTS,))
     sparql = query_parameters(request).one("query")

@@ -1,8 +1,7 @@
 """`/records`, `/numbers`, `/labels`: writes of remote mappers and robots.
 
-A POST to `/records` is one transaction of a frame or of a look. The one writer applies it, and
-assertions to it. The response is sent once the transaction is in the history, so an acknowledged
-write survives a crash of client or server.
+A POST to `/records` is one transaction of a frame or of a look. The response is sent once the
+transaction is in the history, so an acknowledged write survives a crash of client or server.
 """
 
 from __future__ import annotations

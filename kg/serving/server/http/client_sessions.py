@@ -1,8 +1,8 @@
 """Sessions: the client of a request, and how recent its answers must be.
 
-A client is the holder of a token, else an address (of IPv6 its /64 network, all of which one host
-may have). It reads its own writes and never an older state than it has seen; changes by others
-reach it with the next snapshot.
+A client is the holder of a token, or else an address (for IPv6 its /64 network, which may belong to
+one host). A client reads its own writes, and never an older state than before. Changes of others
+arrive with the next snapshot.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Conditional requests (RFC 9110, section 13).
 
-A client that has the current state gets 304 Not Modified; a write over a state that the client has
-not seen gets 412 Precondition Failed.
+A client that has the current state gets 304 Not Modified. A write that names another state than the
+current one gets 412 Precondition Failed.
 """
 
 from __future__ import annotations
@@ -56,23 +56,25 @@ class State:
 
 
 def check_preconditions(request: Request, state: State, *, exists: bool) -> None:
-    """Raises Problem 412 if the precondition of a write names another state.
+    """Raise Problem 412 if the precondition of a write names another state.
 
     The format of the state does not matter. A weak tag never matches in If-Match.
     """
     match = request.headers.get("if-match")
     if match is not None:
-        seen = exists and any(_is_of(tag, state) for tag in _tags(match))
-        _check(seen, f"it is at {state.sequence}, not as If-Match has it; read it anew")
+        matches = exists and any(_is_of(tag, state) for tag in _tags(match))
+        _check(
+            matches, f"the map is at {state.sequence}, which If-Match does not name; read it again"
+        )
     elif request.headers.get("if-unmodified-since"):
         since = _moment(request.headers["if-unmodified-since"])
-        seen = since is None or (state.modified is not None and state.modified <= since)
-        _check(seen, "it was changed since; read it anew")
+        unmodified = since is None or (state.modified is not None and state.modified <= since)
+        _check(unmodified, "it was changed since; read it again")
     none = request.headers.get("if-none-match")
     if none is not None:
         tags = [tag.removeprefix("W/") for tag in _tags(none)]
-        unseen = not (exists and any(_is_of(tag, state) for tag in tags))
-        _check(unseen, "it is there, as If-None-Match has it")
+        absent = not (exists and any(_is_of(tag, state) for tag in tags))
+        _check(absent, "it exists, against If-None-Match")
 
 
 def _check(holds: bool, why: str) -> None:

@@ -1,7 +1,7 @@
 """HTTP connections with time limits, for the head of a request and for a client that does not read.
 
-uvicorn has no such limits and accepts any number of clients, so a few hundred slow clients would
-occupy all connections. Up to `max_clients` clients are served, half as many more get 503
+uvicorn has no such limits and accepts any number of clients, so that a few hundred slow clients
+could occupy all connections. Up to `max_clients` clients are served, half as many more get 503
 (`kg.serving.server.http.middleware`), and further connections are closed.
 """
 

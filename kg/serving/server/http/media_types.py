@@ -6,13 +6,11 @@ import re
 from collections.abc import Iterable
 from typing import Final
 
-from pyoxigraph import Quad, RdfFormat, Triple, serialize
+from pyoxigraph import Quad, RdfFormat, Triple
 from starlette.requests import Request
 
-from kg.model import vocabulary as v
+from kg.export.serialization import serialised
 from kg.rdf.jsonld import to_jsonld
-from kg.rdf.turtle_names import with_full_iris
-from kg.rdf.xml_characters import in_xml
 from kg.serving.server.http.bodies import RequestParameters
 from kg.serving.server.http.problems import Problem
 
@@ -73,16 +71,7 @@ def document(triples: Iterable[Triple], media_type: str, prefixes: dict[str, str
     form = GRAPH_FORMATS[media_type]
     if form == RdfFormat.JSON_LD:
         return to_jsonld(triples, prefixes).encode()
+    statements: Iterable[Triple] | Iterable[Quad] = triples
     if form in (RdfFormat.TRIG, RdfFormat.N_QUADS):
-        quads = [Quad(t.subject, t.predicate, t.object) for t in triples]
-        return serialize(quads, format=form, prefixes=prefixes) or b""
-    body = serialize(triples, format=form, prefixes=prefixes) or b""
-    if form == RdfFormat.TURTLE:
-        return with_full_iris(body.decode(), prefixes).encode()
-    return in_xml(body) if form == RdfFormat.RDF_XML else body
-
-
-def prefixes_of(base: str) -> dict[str, str]:
-    """The vocabulary's prefixes, and those of the map's own things."""
-    kinds = ("object", "observation", "place", "recording")
-    return {**v.PREFIXES, "map": base, **{kind: f"{base}{kind}/" for kind in kinds}}
+        statements = [Quad(t.subject, t.predicate, t.object) for t in triples]
+    return serialised(statements, form, prefixes).encode()

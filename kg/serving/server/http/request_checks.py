@@ -71,7 +71,7 @@ def check_site(settings: Settings, path: str, method: str, headers: Headers) -> 
 def check_token(settings: Settings, path: str, headers: Headers) -> None:
     """Raise Problem 401 if the map is private and the request has none of its tokens.
 
-    Pages that ask for a token, and their scripts, need none: they hold nothing of the map.
+    The entry pages and their scripts need no token, since they contain no data of the map.
     """
     if path in _ENTRIES or path.startswith("/files/"):
         return

@@ -1,6 +1,6 @@
 """Derived resources, which are not stored: geometries, CRS, sensors, agents, transactions.
 
-An export names them, so a server dereferences them.
+Exports contain their IRIs, so a server has to dereference them.
 """
 
 from __future__ import annotations

@@ -12,6 +12,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
 
+from kg.export.serialization import prefixes_of
 from kg.maps.query.query_files import find_query
 from kg.model import vocabulary as v
 from kg.model.errors import QueryError
@@ -23,7 +24,6 @@ from kg.serving.server.http.media_types import (
     SOLUTIONS,
     accept_of,
     document,
-    prefixes_of,
 )
 from kg.serving.workers.content_negotiation import negotiate
 

@@ -1,9 +1,10 @@
 """Memento (RFC 7089): past versions of the resources of the map.
 
-The address of a resource is its own TimeGate (pattern 1.2): with `Accept-Datetime` it responds with
-the version at that time. `Content-Location` is the address of the version, with ``?at=`` and the
-number of its transaction. `/timegate/ADDRESS` redirects there (pattern 2.1).
-`/timemap?iri=` lists the latest versions.
+- The address of a resource is its own TimeGate (pattern 1.2): with `Accept-Datetime` the response
+  is the version at that time. `Content-Location` is the address of the version, with ``?at=`` and
+  the number of its transaction.
+- `/timegate/ADDRESS` redirects to a version (pattern 2.1).
+- `/timemap?iri=` lists the latest versions.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ class Memento:
 
 def links(serving: AppState, request: Request, iri: str) -> dict[str, str]:
     """The header Link of a resource: original, TimeGate and TimeMap."""
-    if not iri.startswith(serving.semantic_map.base) or not _remembers(serving):
+    if not iri.startswith(serving.semantic_map.base) or not _has_history(serving):
         return {}
     here, times = _original(serving, request, iri), _timemap(request, iri)
     relations = f'<{here}>; rel="original"', f'<{here}>; rel="timegate"'
@@ -64,7 +65,7 @@ async def memento(serving: AppState, request: Request, iri: str) -> Memento | No
     """
     moment = query_parameters(request).one("at")
     wanted = request.headers.get("accept-datetime")
-    if moment is None and (wanted is None or not _remembers(serving)):
+    if moment is None and (wanted is None or not _has_history(serving)):
         return None
     log = serving.semantic_map.history.log
     if moment is None:
@@ -75,10 +76,10 @@ async def memento(serving: AppState, request: Request, iri: str) -> Memento | No
     else:
         sequence = await sequence_at(serving.semantic_map, moment)
         version = await run_in_threadpool(partial(version_at, log, iri, sequence))
-    about = await run_in_threadpool(partial(_said, log, iri, version))
+    about = await run_in_threadpool(partial(_facts_of, log, iri, version))
     if version is None or not about:
         headers = {"Vary": VARY, **links(serving, request, iri)}
-        raise Problem(404, f"the map had no facts about {iri[:200]} then", headers)
+        raise Problem(404, f"the map had no facts about {iri[:200]} at that time", headers)
     return Memento(ResourceDescription(iri, about, ()), _headers(serving, request, iri, version))
 
 
@@ -97,7 +98,7 @@ async def timegate(serving: AppState, request: Request) -> Response:
     version = await run_in_threadpool(find)
     headers = {"Vary": "Accept-Datetime", **links(serving, request, iri)}
     if version is None or version.empty:
-        raise Problem(404, f"no version of {iri[:200]} is kept of then", headers)
+        raise Problem(404, f"no version of {iri[:200]} at that time is kept", headers)
     headers["Location"] = _address(serving, request, iri, version)
     return Response(status_code=302, headers=headers)
 
@@ -135,7 +136,7 @@ def _closest(log: HistoryLog, iri: str, time: float) -> Version | None:
     return first_version(log, iri) if found is None else found
 
 
-def _said(log: HistoryLog, iri: str, version: Version | None) -> tuple[Quad, ...]:
+def _facts_of(log: HistoryLog, iri: str, version: Version | None) -> tuple[Quad, ...]:
     """Facts of a version; empty if it is not kept any more."""
     if version is None or version.empty:
         return ()
@@ -167,7 +168,7 @@ def _timemap(request: Request, iri: str) -> str:
     return f"{request.base_url}timemap?iri={quote(iri, safe='')}"
 
 
-def _remembers(serving: AppState) -> bool:
+def _has_history(serving: AppState) -> bool:
     try:
         return serving.semantic_map.history.log.begun
     except HistoryError:

@@ -84,7 +84,7 @@ def thing_page(thing: ResourceDescription, title: str, link: Link, base: str) ->
     about = sorted((q for q in thing.about if _is(q.subject, thing.iri)), key=_order)
     facts = "".join(_fact(quad.predicate.value, _term(quad.object, link), link) for quad in about)
     pointing = "".join(
-        _fact(quad.predicate.value, _term(quad.subject, link), link) for quad in thing.pointing
+        _fact(quad.predicate.value, _term(quad.subject, link), link) for quad in thing.referring
     )
     page = template("thing.html").substitute(
         head=head(title),

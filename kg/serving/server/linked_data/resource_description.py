@@ -21,11 +21,11 @@ _SAFE_PATH: Final = "/:@!$&'()*+,;=-._~%"
 
 @dataclass(frozen=True, slots=True)
 class ResourceDescription:
-    """A resource and its facts; `about` also has those of its blank nodes."""
+    """A resource, the facts `about` it (and its blank nodes), and the facts that refer to it."""
 
     iri: str
     about: tuple[Quad, ...]
-    pointing: tuple[Quad, ...]
+    referring: tuple[Quad, ...]
 
 
 def look_up(engine: QuadStore, iri: str, derived: Sequence[Quad] = ()) -> ResourceDescription:
@@ -33,16 +33,16 @@ def look_up(engine: QuadStore, iri: str, derived: Sequence[Quad] = ()) -> Resour
     try:
         node = NamedNode(iri)
     except ValueError as error:
-        raise Problem(404, f"{iri[:200]!r} is no IRI this map could know") from error
+        raise Problem(404, f"{iri[:200]!r} is not a valid IRI") from error
     about = list(islice(engine.quads_for_pattern(node, None, None), MAX_OUTGOING))
     for quad in about:
         if isinstance(quad.object, BlankNode) and len(about) < MAX_OUTGOING:
             about += islice(engine.quads_for_pattern(quad.object, None, None), MAX_OUTGOING)
-    pointing = tuple(islice(engine.quads_for_pattern(None, None, node), MAX_INCOMING))
+    referring = tuple(islice(engine.quads_for_pattern(None, None, node), MAX_INCOMING))
     about += [quad for quad in derived if quad not in about]
-    if not about and not pointing:
+    if not about and not referring:
         raise Problem(404, f"this map has no {iri[:200]}")
-    return ResourceDescription(iri, tuple(about), pointing)
+    return ResourceDescription(iri, tuple(about), referring)
 
 
 def iri_at(base: str, root: str, address: str) -> str:

@@ -12,11 +12,12 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
 
+from kg.export.serialization import prefixes_of
 from kg.model import vocabulary as v
 from kg.serving.server.app_state import AppState
 from kg.serving.server.http import bodies
 from kg.serving.server.http.conditions import state_of
-from kg.serving.server.http.media_types import GRAPH_FORMATS, HTML, accept_of, document, prefixes_of
+from kg.serving.server.http.media_types import GRAPH_FORMATS, HTML, accept_of, document
 from kg.serving.server.http.problems import Problem
 from kg.serving.server.linked_data.derived_resources import derived_quads
 from kg.serving.server.linked_data.memento import VARY, links, memento
@@ -88,7 +89,7 @@ async def _written(
         then = headers.get("Memento-Datetime", "")
         page = await run_in_threadpool(_page, serving, thing, then and f" on {then}")
         return Response(page, media_type=HTML, headers=headers)
-    triples = dict.fromkeys(quad.triple for quad in (*thing.about, *thing.pointing))
+    triples = dict.fromkeys(quad.triple for quad in (*thing.about, *thing.referring))
     body = document(triples, media_type, prefixes_of(serving.semantic_map.base))
     return Response(body, media_type=media_type, headers=headers)
 
