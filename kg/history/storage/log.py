@@ -30,7 +30,7 @@ from kg.history.storage.change_lines import (
     quads_of,
     subject_of,
 )
-from kg.history.storage.schema import SCHEMA, connect, is_empty
+from kg.history.storage.schema import SCHEMA, check_schema, check_tables, connect, is_empty
 from kg.model import vocabulary as v
 from kg.model.errors import GraphError, HistoryError, InvalidFactError
 from kg.model.transactions import Cause, ChangeSet
@@ -429,11 +429,13 @@ class HistoryLog:
         return GraphError(f"cannot write the history at {self.file}: {error}")
 
     def _check(self, base: str) -> None:
+        check_tables(self.db, self.file)
         if self._meta("format") != _FORMAT:
             raise HistoryError(
                 f"the history at {self.file} is of format {self._meta('format')}, this version "
                 f"reads {_FORMAT}; move the file away to begin a new one: the map itself stays"
             )
+        check_schema(self.db, self.file)
         if self._meta("base") != base:
             raise HistoryError(
                 f"the history at {self.file} is that of {self._meta('base')}, the map is {base}; "

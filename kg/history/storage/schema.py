@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
-from functools import partial
+from contextlib import closing
 from pathlib import Path
 from typing import Final
 from urllib.parse import quote
@@ -28,7 +28,11 @@ CREATE TABLE touched (
 ) WITHOUT ROWID;
 """
 
-_open = partial(sqlite3.connect, isolation_level=None, check_same_thread=False)
+
+def _open(name: str | Path, *, uri: bool = False) -> sqlite3.Connection:
+    connection = sqlite3.connect(name, isolation_level=None, check_same_thread=False, uri=uri)
+    connection.execute("PRAGMA trusted_schema = OFF")  # a stranger's file calls no functions
+    return connection
 
 
 def connect(file: Path | None, *, read_only: bool, power_safe: bool) -> sqlite3.Connection:
@@ -47,6 +51,37 @@ def connect(file: Path | None, *, read_only: bool, power_safe: bool) -> sqlite3.
     return connection
 
 
+def check_tables(connection: sqlite3.Connection, file: Path | None) -> None:
+    """Raise HistoryError if the file holds views, triggers or virtual tables: they run code."""
+    foreign = connection.execute(
+        "SELECT name FROM sqlite_master WHERE type NOT IN ('table', 'index') "
+        "OR sql LIKE 'CREATE VIRTUAL%' ORDER BY name"
+    ).fetchone()
+    if foreign:
+        raise _not_ours(file, foreign[0])
+
+
+def check_schema(connection: sqlite3.Connection, file: Path | None) -> None:
+    """Raise HistoryError if the tables differ from those that hereabouts makes."""
+    with closing(_open(":memory:")) as fresh:
+        fresh.executescript(SCHEMA)
+        differing = _entries(connection) ^ _entries(fresh)
+    if differing:
+        raise _not_ours(file, min(differing)[0])
+
+
+def _entries(connection: sqlite3.Connection) -> set[tuple[str, str]]:
+    statement = "SELECT name, sql FROM sqlite_master WHERE sql IS NOT NULL"
+    return set(connection.execute(statement))
+
+
+def _not_ours(file: Path | None, name: str) -> HistoryError:
+    return HistoryError(
+        f"the history at {file} was not made by hereabouts: {name!r} is no table of a history; "
+        "move the file away to begin a new one"
+    )
+
+
 def is_empty(connection: sqlite3.Connection) -> bool:
     """Whether the file has no tables yet."""
     return not connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
@@ -57,7 +92,7 @@ def _reader(file: Path) -> sqlite3.Connection:
     for how in ("mode=ro", "immutable=1"):
         connection = _open(f"file:{quote(str(file.resolve()))}?{how}", uri=True)
         try:
-            connection.execute("SELECT 1 FROM meta")
+            is_empty(connection)  # the first read opens the file
         except sqlite3.OperationalError:
             connection.close()
             continue

@@ -6,12 +6,14 @@ import os
 import random
 import shutil
 import signal
+import sqlite3
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -228,6 +230,29 @@ def test_a_log_that_is_none_is_refused(written: Written, tmp_path: Path, read_on
     written(1).close()
     (tmp_path / "flat.map" / FILE).write_bytes(b"not a database, but long enough to be read" * 9)
     with pytest.raises(HistoryError, match="cannot read the history"):
+        open_map(tmp_path / "flat.map", read_only=read_only)
+
+
+_ENDLESS = "WITH RECURSIVE r(n) AS (SELECT 1 UNION ALL SELECT n FROM r) SELECT n, n FROM r"
+
+
+@pytest.mark.parametrize("read_only", [False, True])
+@pytest.mark.parametrize(
+    "script",
+    [
+        f"DROP TABLE meta; CREATE VIEW meta (name, value) AS {_ENDLESS}",
+        "CREATE TRIGGER later AFTER INSERT ON commits BEGIN DELETE FROM commits; END",
+        "CREATE TABLE more (x)",
+        "CREATE INDEX other ON commits (note)",
+    ],
+)
+def test_a_strangers_tables_are_refused_at_once(
+    written: Written, tmp_path: Path, script: str, read_only: bool
+) -> None:
+    written(2).close()
+    with closing(sqlite3.connect(tmp_path / "flat.map" / FILE)) as file:
+        file.executescript(script)
+    with pytest.raises(HistoryError, match=r"was not made by hereabouts.*move the file away"):
         open_map(tmp_path / "flat.map", read_only=read_only)
 
 
