@@ -34,7 +34,8 @@ class SearchOutcome:
         after = f"after {self.seconds:.0f} s and {self.looks} looks"
         if self.state == "found":
             return f"found {after}"
-        return f"{self.state} {after}: {self.reason}; {percent(self.left)} left that it is there"
+        rest = f"it is still there with probability {percent(self.left)}"
+        return f"{self.state} {after}: {self.reason}; {rest}"
 
     def to_json(self) -> dict[str, Any]:
         """Plain values."""

@@ -21,11 +21,11 @@ class Reporter:
 
     def begin(self, name: str, record: SearchRecord, left: float, looks: int) -> None:
         """A search begins or is resumed."""
-        verb = "resumed" if looks else "begun"
+        verb = f"resumes after {looks} looks" if looks else "begins"
         self._emit(
             "begin",
-            f"{name} for {', '.join(record.words)} {verb}: {percent(left)} likely to be there, "
-            f"{looks} looks taken",
+            f"{name} for {', '.join(record.words)} {verb}: on this floor with probability "
+            f"{percent(left)}",
             search=record.iri,
             words=list(record.words),
             left=round(left, 4),
@@ -40,8 +40,8 @@ class Reporter:
         self._reason = first
         self._emit(
             "plan",
-            f"next {where}({p.x:.1f}, {p.y:.1f}), {p.seconds:.0f} s, finds it with "
-            f"{percent(p.probability)}, {percent(p.left)} likely to be here if not{why}",
+            f"next look from {where}({p.x:.1f}, {p.y:.1f}), over in {p.seconds:.0f} s: finds it "
+            f"with {percent(p.probability)}, else {percent(p.left)} remain{why}",
             place=p.place,
             x=round(p.x, 2),
             y=round(p.y, 2),
@@ -58,7 +58,7 @@ class Reporter:
         self._emit(
             "look",
             f"look {look.number}: "
-            + ("found" if look.found else f"in vain; {percent(left)} likely to be here still"),
+            + ("found" if look.found else f"nothing found, {percent(left)} remain"),
             look=look.iri,
             found=list(look.found),
             left=round(left, 4),

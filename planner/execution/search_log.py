@@ -119,7 +119,7 @@ class SearchLog:
             found=tuple(found),
             glimpses=tuple(glimpses),
         )
-        outcome = "found" if found else "in vain"
+        outcome = "found" if found else "nothing found"
         self._found(found)
         self._floor.add(viewed, self._height, record.stamp)
         floor, places = self._floor.take_changed(record.stamp)

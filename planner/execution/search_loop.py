@@ -370,7 +370,7 @@ class _Run:
             return
         changes = self._objects.decay(sighting.object, recall=self._adapter.recall)
         if changes.missed:
-            self._log.change("looked again in vain", changes)
+            self._log.change("looked again, nothing found", changes)
 
     def _blocked(self, goal: NextView, message: Blocked) -> None:
         pose = self._robot.pose

@@ -33,6 +33,7 @@ from planner.search.goals.search_goals import (
     sourced,
     times,
     whereabouts,
+    with_article,
 )
 from planner.search.goals.targets import Target
 from planner.settings import BeliefSettings
@@ -136,7 +137,7 @@ class CandidateQueries:
             fact = f"{label} may be {category} ({existence:.2f}), {where}{seen}"
         stays = f"{category} is moved within {span(half_life)} with probability 0.5"
         if age >= 1:
-            stays += f", still in place after {span(age)} with {kept:.2f}"
+            stays += f"; after {span(age)} it is still in place with probability {kept:.2f}"
         return Candidate(
             target=index,
             kind="known",
@@ -194,7 +195,7 @@ class CandidateQueries:
             p_noticed = self._settings.noticed * share
             p += (p * (1 - p_noticed) / (1 - p * p_noticed) - p) * kept
             part = f", {share:.0%} of its floor seen" if share < _ALL_SEEN else ""
-            reason = f"viewed {times(place.views)}{part} with none more noticed: {p:.2f} left"
+            reason = f"viewed {times(place.views)}{part}, without another one: {p:.2f} left"
             facts = (*facts, reason)
         return Candidate(
             target=index,
@@ -220,10 +221,10 @@ class CandidateQueries:
             p_map=area.p_map,
             probability=p_room * mean,
             facts=(
-                f"nobody has seen what lies beyond ({x:.1f}, {y:.1f}), where {area.width:.1f} m of "
-                "free floor end",
-                f"a room begins there with {p_room:.2f}, and any kind of place holds "
-                f"{target.label} with {mean:.2f}",
+                f"the area beyond ({x:.1f}, {y:.1f}) was never seen; {area.width:.1f} m of free "
+                "floor border on it",
+                f"a room begins there with probability {p_room:.2f}, and a room of unknown kind "
+                f"holds {target.label} with probability {mean:.2f}",
             ),
             place=area.iri,
         )
@@ -269,19 +270,21 @@ class _Rooms:
         parts = {kind: belief * self._p_in(kind) for kind, belief in share.items()}
         p = sum(parts.values()) + unknown * self.mean
         if not place.views or not parts:
-            reason = f"nobody has seen what kind of place {place.label} is"
-            return p, (reason, f"any kind of place holds {self._target.label} with {self.mean:.2f}")
+            chance = f"holds {self._target.label} with probability {self.mean:.2f}"
+            reason = f"the kind of {place.label} is unknown"
+            return p, (reason, f"a place of unknown kind {chance}")
         return p, self._facts(place, max(parts, key=lambda kind: (parts[kind], kind)))
 
     def _facts(self, place: Place, kind: str) -> tuple[str, ...]:
-        category, label = place.names[kind], self._target.label
-        facts = [f"{place.label} is believed to be a {category} ({place.beliefs[kind]:.2f})"]
+        a_category, label = with_article(place.names[kind]), self._target.label
+        facts = [f"{place.label} is believed to be {a_category} ({place.beliefs[kind]:.2f})"]
         row = self._rows.get(kind)
         if row is None:
-            return (*facts, f"a {category} holds {label} with {self._p_in(kind):.2f}")
+            return (*facts, f"{a_category} holds {label} with probability {self._p_in(kind):.2f}")
         sought = row["near"] or row["wanted"]
         facts.append(
-            f"{row['category']} is where to look for {sought} {sourced(row, 'probability')}"
+            f"{sought} is found in {with_article(str(row['category']))} "
+            f"{sourced(row, 'probability')}"
         )
         if row["near"] is not None:
             near = number(row, "nearProbability")
@@ -302,11 +305,6 @@ class _Rooms:
 def _product(row: Row) -> float:
     near = 1.0 if row["nearProbability"] is None else number(row, "nearProbability")
     return number(row, "probability") * near
-
-
-def with_article(noun: str) -> str:
-    """A noun with its article: ``an apple``."""
-    return f"{'an' if noun[:1].lower() in 'aeiou' else 'a'} {noun}"
 
 
 def span(seconds: float) -> str:

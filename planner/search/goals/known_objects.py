@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import PlaceRecord
 from planner.freespace.planning_map import number, text_or_none, time_or_none
-from planner.search.goals.candidate_queries import span, with_article
-from planner.search.goals.search_goals import label_of, times, whereabouts
+from planner.search.goals.candidate_queries import span
+from planner.search.goals.search_goals import label_of, times, whereabouts, with_article
 from planner.search.goals.status import stamp
 from planner.search.goals.targets import Target
 
@@ -119,7 +119,7 @@ def answer_lines(known: Sequence[KnownObject], now: float, *, address: str = "MA
         text = f"{'' if one.sure else 'perhaps '}{one.label}"
         if one.own is not None:
             text += f", which may be {with_article(one.category)}"
-        text += f": {one.where} at ({x:.1f}, {y:.1f}), {one.existence:.2f} sure"
+        text += f": {one.where} at ({x:.1f}, {y:.1f}), existence {one.existence:.2f}"
         text += _may_be(one)
         if one.found_by is not None:
             text += f", found by search/{one.found_by.rpartition('/')[2]}"

@@ -152,14 +152,19 @@ def _why_nearby(row: Row) -> str:
 def _why_place(row: Row) -> str:
     label = row["near"] or row["wanted"]
     reason = (
-        f"{row['category']} (belief {number(row, 'belief'):.2f}) is where to look for {label} "
-        f"{sourced(row, 'relationProbability')}"
+        f"this is {with_article(str(row['category']))} (belief {number(row, 'belief'):.2f}), where "
+        f"{label} is found {sourced(row, 'relationProbability')}"
     )
     if row["near"] is None:
         return reason
     return (
         f"{reason}, and {row['wanted']} is found near {label} ({number(row, 'nearProbability'):g})"
     )
+
+
+def with_article(noun: str) -> str:
+    """A noun with its article: ``an apple``."""
+    return f"{'an' if noun[:1].lower() in 'aeiou' else 'a'} {noun}"
 
 
 def label_of(row: Row) -> str:
@@ -184,7 +189,7 @@ def observed(row: Row, place: str = "place") -> str:
     if row.get("observations") is not None:
         reason = f", seen {times(number(row, 'observations'))}"
     if (last := time_or_none(row, "lastSeen")) is not None:
-        reason += f", last {last:%Y-%m-%d %H:%M:%S}"
+        reason += f", last seen {last:%Y-%m-%d %H:%M:%S}"
     if row["frame"] is not None:
         reason += f", best in {row['frame']}"
     return reason + (f", in {row[place]}" if row[place] is not None else "")

@@ -106,19 +106,19 @@ def _proof(label: str, places: Sequence[PlaceStatus]) -> str:
         best = present[0]
         more = f", and {len(present) - 1} more" if len(present) > 1 else ""
         seen = f", last seen {stamp(best.last_seen)}" if best.last_seen else ""
-        sure = f"{best.existence:.2f} sure" if best.existence is not None else "stated"
+        sure = f"existence {best.existence:.2f}" if best.existence is not None else "asserted"
         return f"{best.label or label} in {best.place_label}, {sure}{seen}{more}"
     if not places:
-        return "the map has no places, so nothing says what was viewed"
+        return "the map has no places, so the viewed area is unknown"
     least = sorted(places, key=lambda one: one.viewed_share)[:_PLACES_NAMED]
     parts = [
-        f"{one.place_label} viewed to {one.viewed_share:.0%}"
-        + (f", last {stamp(one.last_viewed)}" if one.last_viewed else "")
+        f"{one.viewed_share:.0%} of {one.place_label}"
+        + (f" (last at {stamp(one.last_viewed)})" if one.last_viewed else "")
         for one in least
     ]
     others = len(places) - len(least)
-    rest = f"; {others} more places to more than that" if others else ""
-    return f"no {label} in what was viewed: {'; '.join(parts)}{rest}"
+    rest = f", and more of {others} other places" if others else ""
+    return f"no {label} was seen, and the robot viewed {', '.join(parts)}{rest}"
 
 
 def stamp(time: datetime | None) -> str:
@@ -138,7 +138,7 @@ def _object_status(semantic_map: SemanticMap, what: str) -> Status:
         if record.existence >= PRESENT:
             value = "present"
         where = place.label if place else "no place"
-        proof = f"in {where}, {record.existence:.2f} sure, last seen {stamp(seen)}"
+        proof = f"in {where}, existence {record.existence:.2f}, last seen {stamp(seen)}"
         if value != "present" and views is not None:
             viewed = datetime.fromtimestamp(views.last, UTC)
             proof += f"; {where} last viewed {stamp(viewed)}"
@@ -147,7 +147,9 @@ def _object_status(semantic_map: SemanticMap, what: str) -> Status:
         seen, gone = (datetime.fromtimestamp(t, UTC) for t in (left.last_seen, left.found_gone))
         x, y, _ = left.p_map
         area = next((p.label for p in places.values() if p.area.contains(x, y)), "no place")
-        proof = f"left ({x:.2f}, {y:.2f}) in {area}: last seen {stamp(seen)}, gone {stamp(gone)}"
+        proof = (
+            f"left ({x:.2f}, {y:.2f}) in {area}: last seen {stamp(seen)}, found gone {stamp(gone)}"
+        )
         return Status(what, "gone", proof, ())
     *_, last = semantic_map.history.events(iri)
     if not any(change.endswith("removed") for change in last.changes):

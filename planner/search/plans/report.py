@@ -187,8 +187,8 @@ def plan_lines(plan: ViewPlan) -> list[str]:
     if count == 1:
         lines = [
             f"{plan.targets[0]} is on this floor with probability {plan.present:.2f}; these looks "
-            f"find it with probability {plan.probability:.2f}, after {plan.expected_seconds:.0f} s "
-            "on average if they do"
+            f"find it with probability {plan.probability:.2f}, on average after "
+            f"{plan.expected_seconds:.0f} s"
         ]
     else:
         lines = [
@@ -221,10 +221,10 @@ def step_lines(number: int, step: ViewStep) -> list[str]:
         lines += [f"          {fact}" for fact in reason.candidate.facts[1:]]
     if len(step.why) > 5:
         rest = sum(reason.probability for reason in step.why[5:])
-        lines.append(f"   {rest:.3f}  for {len(step.why) - 5} lesser reasons")
+        lines.append(f"   {rest:.3f}  further reasons ({len(step.why) - 5})")
     lines.append(
-        f"   Takes {step.cost:.0f} s, over at {step.seconds:.0f} s after {step.metres:.1f} m. "
-        f"Finds it here first with {step.probability:.3f}, which leaves {step.left:.3f}."
+        f"   Takes {step.cost:.0f} s; ends after {step.seconds:.0f} s and {step.metres:.1f} m in "
+        f"all. Finds it here first with probability {step.probability:.3f}; {step.left:.3f} remain."
     )
     return lines
 

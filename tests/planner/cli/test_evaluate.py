@@ -153,7 +153,7 @@ def test_whose_world_the_truth_is_in(
     transforms.write_text(json.dumps({"sequences": {"kitchen": {"T_map_world": shifted}}}))
     other = ("--name", "shifted", "--transform", transforms)
     prints("map", kitchen, "--into", mapped, *other)
-    assert "kitchen, shifted; --name NAME" in fails(*words)
+    assert "kitchen, shifted; give --name NAME" in fails(*words)
     assert (
         prints(*words, "--name", "kitchen").splitlines()[3].split()[:3]
         == (alone.splitlines()[3].split()[:3])

@@ -424,9 +424,9 @@ def test_a_signal_ends_it_though_stdin_is_open(flat: Path, by: signal.Signals) -
     ("words", "hint"),
     [
         (["--write"], "--by NAME"),
-        (["--by", "ann"], "--by is for --write"),
+        (["--by", "ann"], "--by needs --write"),
         (["--http", "0", "--write"], "--token-file"),
-        (["--token-file", "x"], "are for --http"),
+        (["--token-file", "x"], "need --http"),
         (["--http", "high"], "needs a port"),
     ],
 )

@@ -199,7 +199,7 @@ def test_a_recording_is_mapped_while_questions_are_answered(
         if "done" in str(state):
             break
         time.sleep(0.02)  # or it is too many requests for a server
-    assert state == "done: 8 frames mapped, 0 were there"
+    assert state == "done: 8 frames mapped, 0 were mapped before"
     sequence = process.get("health").json()["sequence"]
     assert sequence >= 8
     assert process.end() == 0

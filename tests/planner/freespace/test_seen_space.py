@@ -267,8 +267,8 @@ def test_a_search_goes_to_see_what_nobody_has_seen(semantic_map: SemanticMap) ->
     beyond = [step for step in found.steps if step.p_map[1] > 4.0]
     assert beyond
     words = "\n".join(step_lines(1, beyond[0]))
-    assert re.search(r"nobody has seen what lies beyond \((1\.9|2\.1), 4\.[123]\)", words)
-    assert "a room begins there with 0.30" in words
+    assert re.search(r"the area beyond \((1\.9|2\.1), 4\.[123]\) was never seen", words)
+    assert "a room begins there with probability 0.30" in words
     (goal,) = [g for g in found.goals if g.candidate.kind == "frontier"]
     assert goal.seconds is not None
 

@@ -41,13 +41,13 @@ def line(chart: SemanticMap, target: str) -> str:
 
 def test_a_cup_that_may_be_a_bowl_says_so(chart: SemanticMap) -> None:
     assert line(chart, "cup") == (
-        "cup 1: at (1.0, 2.0) m at (1.0, 2.0), 0.60 sure, may also be a bowl (0.30)"
+        "cup 1: at (1.0, 2.0) m at (1.0, 2.0), existence 0.60, may also be a bowl (0.30)"
     )
 
 
 def test_it_is_an_answer_for_bowls_too(chart: SemanticMap) -> None:
     assert line(chart, "bowl") == (
-        "perhaps cup 1, which may be a bowl: at (1.0, 2.0) m at (1.0, 2.0), 0.30 sure"
+        "perhaps cup 1, which may be a bowl: at (1.0, 2.0) m at (1.0, 2.0), existence 0.30"
     )
 
 

@@ -102,7 +102,7 @@ def test_an_explored_place_where_the_ontology_puts_it_is_a_goal_at_its_centre(
     assert (goal.iri, goal.kind, goal.label) == (kitchen.iri, "place", "place 1")
     assert goal.p_map.tolist() == [6, 1]
     assert goal.probability == pytest.approx(0.81 * float(str(listed["probability"])), abs=1e-6)
-    assert goal.why.startswith("kitchen (belief 0.81) is where to look for toaster (")
+    assert goal.why.startswith("this is a kitchen (belief 0.81), where toaster is found (")
     assert str(listed["source"]) in goal.why
 
 
@@ -139,7 +139,7 @@ def test_food_is_searched_as_any_of_its_members_each_goal_saying_which(home: Sem
     # the banana is food itself; that it also lies near apples is the weaker reason
     assert goals[banana.iri].kind == "known"
     assert goals[pizza.iri].why.startswith("pizza")
-    assert "is where to look for" in goals[kitchen.iri].why
+    assert ", where " in goals[kitchen.iri].why
     assert "cake" in goals[kitchen.iri].why
     assert "pizza" in goals[kitchen.iri].why
 
@@ -185,7 +185,7 @@ def test_a_relation_added_by_hand_counts_at_once_for_members_too(home: SemanticM
     )
     (goal,) = derive_goals(home, "banana")
     assert (goal.iri, goal.probability) == (bath.iri, pytest.approx(0.15))
-    assert goal.why == "shower (belief 0.50) is where to look for food (0.3, Ada)"
+    assert goal.why == "this is a shower (belief 0.50), where food is found (0.3, Ada)"
 
 
 def test_targets_are_named_by_label_synonym_iri_in_any_spelling(home: SemanticMap) -> None:

@@ -63,7 +63,7 @@ def test_each_place_has_its_own_answer(semantic_map: SemanticMap) -> None:
     assert values(semantic_map, "banana")["hall"] == "hidden"
     found = status(semantic_map, "cup")
     assert found.value == "present"
-    assert "in hall, 0.90 sure, last seen 2023-11-14 22:13:20" in found.proof
+    assert "in hall, existence 0.90, last seen 2023-11-14 22:13:20" in found.proof
 
 
 def test_no_and_never_looked_are_different_answers(semantic_map: SemanticMap) -> None:
@@ -72,7 +72,7 @@ def test_no_and_never_looked_are_different_answers(semantic_map: SemanticMap) ->
     assert status(semantic_map, "banana", "HALL").value == "hidden"
     found = status(semantic_map, "banana")
     assert found.value == "hidden"
-    assert "attic viewed to 0%" in found.proof
+    assert "0% of attic" in found.proof
     with pytest.raises(QueryParameterError, match="there are: kitchen, hall, den, attic"):
         status(semantic_map, "banana", "cellar")
     with pytest.raises(UnknownCategoryError, match="did you mean banana"):
@@ -105,10 +105,10 @@ def test_a_thing_that_is_doubted_is_gone_only_if_its_place_was_viewed_since(
     semantic_map.apply(MapUpdate(objects=(certain, just_seen, unviewed, outside)))
     found = [status(semantic_map, one.iri) for one in (certain, just_seen, unviewed, outside)]
     assert [one.value for one in found] == ["present", "hidden", "hidden", "hidden"]
-    assert "in kitchen, 0.50 sure" in found[0].proof
+    assert "in kitchen, existence 0.50" in found[0].proof
     assert "last viewed" not in found[0].proof
     assert "kitchen last viewed 2023-11-14 22:14:20" in found[1].proof
-    assert found[3].proof.startswith("in no place, 0.40 sure")
+    assert found[3].proof.startswith("in no place, existence 0.40")
 
 
 def test_a_thing_that_left_its_spot_is_gone_with_spot_and_times(semantic_map: SemanticMap) -> None:
@@ -129,7 +129,7 @@ def test_a_thing_that_left_its_spot_is_gone_with_spot_and_times(semantic_map: Se
     found = status(semantic_map, cup.iri)
     assert found.value == "gone"
     assert found.proof == (
-        "left (11.00, 1.00) in hall: last seen 2023-11-14 22:13:20, gone 2023-11-14 22:14:20"
+        "left (11.00, 1.00) in hall: last seen 2023-11-14 22:13:20, found gone 2023-11-14 22:14:20"
     )
 
 
