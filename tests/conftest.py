@@ -12,9 +12,13 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import HealthCheck, settings
+
+if TYPE_CHECKING:
+    from kg.maps.semantic_map import SemanticMap
 
 # the same examples in every run, on a machine however slow: what one run finds, anybody finds again
 _PATIENT = [HealthCheck.too_slow]
@@ -50,6 +54,15 @@ def shared_path(relative: str) -> Path:
 def shared() -> object:
     """Callable: relative path -> path of shared data."""
     return shared_path
+
+
+@pytest.fixture
+def semantic_map() -> Iterator[SemanticMap]:
+    """A real, empty map in memory."""
+    from kg.serving.opening import in_memory_map  # the tests of `perception` need no map
+
+    with in_memory_map(base="https://example.org/map/") as made:
+        yield made
 
 
 @contextmanager

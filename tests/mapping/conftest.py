@@ -7,10 +7,8 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 import pytest
 
-from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import RecordingError
 from kg.model.records import ObjectRecord
-from kg.serving.opening import in_memory_map
 from perception.frames import Detections, Frame, SceneScores
 
 #: camera -> map: looks along map x, image right is map -y, image down is map -z; 1 m above floor
@@ -92,13 +90,6 @@ def make_object() -> Callable[..., ObjectRecord]:
         )
 
     return make
-
-
-@pytest.fixture
-def semantic_map() -> Iterator[SemanticMap]:
-    """A real, empty map in memory."""
-    with in_memory_map(base="https://example.org/map/") as made:
-        yield made
 
 
 class ListRecording:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -25,12 +25,6 @@ from tests.planner.robots import APPLE, START, ring, run
 
 THROUGH_THE_DOOR = [(1.9, 7.05), (2.5, 7.1), (3.1, 7.2), (3.6, 7.3)]  # the apple is behind it
 ANYWHERE = RobotPose(0.0, 0.0, 0.0)
-
-
-@pytest.fixture
-def semantic_map() -> Iterator[SemanticMap]:
-    with in_memory_map() as semantic_map:
-        yield semantic_map
 
 
 def _towards_apple(camera: SimulatedCamera, spots: Sequence[tuple[float, float]]) -> list[View]:

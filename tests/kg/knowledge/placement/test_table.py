@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from itertools import permutations
 from pathlib import Path
 
@@ -41,12 +40,6 @@ def iri(label: str) -> str:
 
 def place(label: str) -> str:
     return CATALOGUE.find(label, "place").iri
-
-
-@pytest.fixture
-def semantic_map() -> Iterator[SemanticMap]:
-    with in_memory_map() as opened:
-        yield opened
 
 
 @pytest.fixture

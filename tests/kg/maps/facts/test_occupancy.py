@@ -26,12 +26,6 @@ CELLS[10:20] = FREE
 TILE = FloorTile(0, 2, -1, 0.0, 0.05, CELLS, 1e9)
 
 
-@pytest.fixture
-def semantic_map():
-    with in_memory_map(base=BASE) as made:
-        yield made
-
-
 a_few = settings(max_examples=25)  # a map each
 tiles = st.builds(
     FloorTile,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import replace
 
 import pytest
@@ -13,9 +12,8 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
 from kg.model.errors import InvalidFactError
 from kg.model.records import LookRecord, MapUpdate, ObstacleRecord, SearchRecord
-from kg.serving.opening import in_memory_map
 
-BASE = "https://example.org/flat/"
+BASE = "https://example.org/map/"
 CUP, APPLE = v.HERE + "Cup", v.HERE + "Apple"
 SEARCH = SearchRecord(
     iri=f"{BASE}search/1",
@@ -45,12 +43,6 @@ OBSTACLE = ObstacleRecord(
 )
 
 
-@pytest.fixture
-def semantic_map() -> Iterator[SemanticMap]:
-    with in_memory_map(base=BASE) as made:
-        yield made
-
-
 def test_a_search_comes_back_as_it_was(semantic_map: SemanticMap) -> None:
     second = replace(LOOK, iri=f"{SEARCH.iri}/look/2", number=2, found=(), glimpses=())
     semantic_map.apply(MapUpdate(search=SEARCH, looks=(second, LOOK), obstacles=(OBSTACLE,)))
@@ -73,11 +65,11 @@ def test_the_state_of_a_search_replaces_its_last_one(semantic_map: SemanticMap) 
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        (MapUpdate(search=replace(SEARCH, left=1.01)), "left must lie in 0..1"),
-        (MapUpdate(search=replace(SEARCH, left=-0.01)), "left must lie in 0..1"),
-        (MapUpdate(search=replace(SEARCH, words=())), "needs words and categories"),
-        (MapUpdate(search=replace(SEARCH, categories=())), "needs words and categories"),
-        (MapUpdate(search=replace(SEARCH, state="lost")), "state must be one of running"),  # type: ignore[arg-type]
+        (MapUpdate(search=replace(SEARCH, left=1.01)), "left"),
+        (MapUpdate(search=replace(SEARCH, left=-0.01)), "left"),
+        (MapUpdate(search=replace(SEARCH, words=())), "needs .*words and"),
+        (MapUpdate(search=replace(SEARCH, categories=())), "needs .*words and"),
+        (MapUpdate(search=replace(SEARCH, state="lost")), "running, stopped, found"),  # type: ignore[arg-type]
         (MapUpdate(looks=(replace(LOOK, glimpses=((0.0, math.nan, 0.0),)),)), "glimpses"),
         (MapUpdate(looks=(replace(LOOK, position=(math.inf, 0.0)),)), "position"),
     ],

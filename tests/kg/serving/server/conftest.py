@@ -202,6 +202,13 @@ def served(serve: Callable[..., Served]) -> Served:
 
 
 @pytest.fixture
+def token(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The token of `served` in the environment, trusted to its address."""
+    monkeypatch.setenv("HEREABOUTS_TOKEN", TOKEN)
+    monkeypatch.setenv("HEREABOUTS_SERVER", served.url)
+
+
+@pytest.fixture
 def on_disk() -> Callable[..., AbstractContextManager[Served]]:
     """Callable: folder of a map, settings by name -> its server, in a `with` statement."""
 

@@ -164,12 +164,6 @@ def test_a_server_that_only_reads_takes_nothing_said(serve: Callable[..., Served
     assert served.get("assertions").json()["assertions"] == []
 
 
-@pytest.fixture
-def token(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("HEREABOUTS_TOKEN", served.bearer()["Authorization"].removeprefix("Bearer "))
-    monkeypatch.setenv("HEREABOUTS_SERVER", served.url)
-
-
 def assert_recorded(served: Served, change: ChangeSet) -> None:
     (kept,) = served.map.history.changes(change.sequence - 1)
     assert (change.sequence, change.time, change.cause) == (kept.sequence, kept.time, kept.cause)

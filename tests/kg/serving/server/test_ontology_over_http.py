@@ -40,12 +40,6 @@ def mine(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.fixture
-def token(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("HEREABOUTS_TOKEN", served.bearer()["Authorization"].removeprefix("Bearer "))
-    monkeypatch.setenv("HEREABOUTS_SERVER", served.url)
-
-
 @pytest.mark.usefixtures("token")
 def test_a_served_map_goes_on_with_the_new_ontology(served: Served, mine: Path) -> None:
     before = served.map.sequence

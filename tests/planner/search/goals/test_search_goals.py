@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-from collections.abc import Iterator
 from datetime import UTC, datetime
 
 import numpy as np
@@ -9,24 +8,17 @@ import pytest
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import UnknownCategoryError
 from kg.model.records import Evidence, MapUpdate, ObjectRecord, PlaceRecord
-from kg.serving.opening import in_memory_map
 from planner.search.goals.search_goals import Goal, derive_goals, explain_none, resolve_target
 
 SEEN = datetime(2026, 3, 4, 5, 6, 7, tzinfo=UTC).timestamp()
 
 
-@pytest.fixture
-def home() -> Iterator[SemanticMap]:
-    with in_memory_map(title="home") as semantic_map:
-        yield semantic_map
-
-
 def add_object(
-    home: SemanticMap, label: str, x: float, y: float, existence: float = 0.8
+    semantic_map: SemanticMap, label: str, x: float, y: float, existence: float = 0.8
 ) -> ObjectRecord:
     record = ObjectRecord(
-        iri=home.new_object_iri(),
-        category=home.catalogue.find(label, "object").iri,
+        iri=semantic_map.new_object_iri(),
+        category=semantic_map.catalogue.find(label, "object").iri,
         p_map=np.array([x, y, 0.9]),
         confidence=2.0,
         existence=existence,
@@ -35,22 +27,22 @@ def add_object(
         last_seen=SEEN,
         evidence=Evidence("frame-000056", "walk", SEEN, (1, 2, 3, 4), 0.7, "a detector"),
     )
-    home.apply(MapUpdate(objects=(record,)))
+    semantic_map.apply(MapUpdate(objects=(record,)))
     return record
 
 
-def add_place(home: SemanticMap, number: int, **beliefs: float) -> PlaceRecord:
+def add_place(semantic_map: SemanticMap, number: int, **beliefs: float) -> PlaceRecord:
     record = PlaceRecord(
-        iri=home.place_iri(number),
+        iri=semantic_map.place_iri(number),
         label=f"place {number}",
         xmin=4.0 * number,
         xmax=4.0 * number + 4,
         ymin=0.0,
         ymax=2.0,
         views=int(bool(beliefs)) * 9,
-        beliefs={home.catalogue.find(k, "place").iri: b for k, b in beliefs.items()},
+        beliefs={semantic_map.catalogue.find(k, "place").iri: b for k, b in beliefs.items()},
     )
-    home.apply(MapUpdate(places=(record,)))
+    semantic_map.apply(MapUpdate(places=(record,)))
     return record
 
 
@@ -59,10 +51,12 @@ def by_iri(goals: tuple[Goal, ...]) -> dict[str, Goal]:
     return {goal.iri: goal for goal in goals}
 
 
-def test_a_known_object_is_a_goal_with_its_existence_and_its_history(home: SemanticMap) -> None:
-    cup = add_object(home, "cup", 1.5, -2.25)
-    add_object(home, "car", 9, 9)
-    (goal,) = derive_goals(home, "cup")
+def test_a_known_object_is_a_goal_with_its_existence_and_its_history(
+    semantic_map: SemanticMap,
+) -> None:
+    cup = add_object(semantic_map, "cup", 1.5, -2.25)
+    add_object(semantic_map, "car", 9, 9)
+    (goal,) = derive_goals(semantic_map, "cup")
     assert (goal.iri, goal.kind, goal.probability) == (cup.iri, "known", pytest.approx(0.8))
     assert goal.p_map.tolist() == [1.5, -2.25]
     for fact in ("cup", "existence 0.80", "seen 14 times", "2026-03-04 05:06:07", "frame-000056"):
@@ -71,32 +65,32 @@ def test_a_known_object_is_a_goal_with_its_existence_and_its_history(home: Seman
 
 
 def test_an_object_known_to_be_near_it_is_a_goal_in_the_direction_of_the_relation(
-    home: SemanticMap,
+    semantic_map: SemanticMap,
 ) -> None:
-    banana = add_object(home, "banana", 1, 1)
-    (goal,) = derive_goals(home, "apple")
+    banana = add_object(semantic_map, "banana", 1, 1)
+    (goal,) = derive_goals(semantic_map, "apple")
     (relation,) = [
         row
-        for row in home.query("goals-relations", category="apple").records()
+        for row in semantic_map.query("goals-relations", category="apple").records()
         if row["target"] == "banana"
     ]
     assert (goal.iri, goal.kind) == (banana.iri, "nearby")
     assert goal.probability == pytest.approx(0.8 * float(str(relation["probability"])), abs=1e-6)
     assert "apple is found near banana" in goal.why
-    add_object(home, "apple", 5, 5)
-    assert by_iri(derive_goals(home, "banana")).keys() == {banana.iri}
+    add_object(semantic_map, "apple", 5, 5)
+    assert by_iri(derive_goals(semantic_map, "banana")).keys() == {banana.iri}
 
 
 def test_an_explored_place_where_the_ontology_puts_it_is_a_goal_at_its_centre(
-    home: SemanticMap,
+    semantic_map: SemanticMap,
 ) -> None:
-    kitchen = add_place(home, 1, kitchen=0.81, bedroom=0.1)
-    add_place(home, 2, bedroom=0.9, kitchen=0.1)
-    add_place(home, 3)
-    (goal,) = derive_goals(home, "toaster")
+    kitchen = add_place(semantic_map, 1, kitchen=0.81, bedroom=0.1)
+    add_place(semantic_map, 2, bedroom=0.9, kitchen=0.1)
+    add_place(semantic_map, 3)
+    (goal,) = derive_goals(semantic_map, "toaster")
     (listed,) = [
         row
-        for row in home.query("goals-relations", category="toaster").records()
+        for row in semantic_map.query("goals-relations", category="toaster").records()
         if row["target"] == "kitchen"
     ]
     assert (goal.iri, goal.kind, goal.label) == (kitchen.iri, "place", "place 1")
@@ -106,35 +100,37 @@ def test_an_explored_place_where_the_ontology_puts_it_is_a_goal_at_its_centre(
     assert str(listed["source"]) in goal.why
 
 
-def test_places_of_what_is_near_it_are_searched_too(home: SemanticMap) -> None:
-    kitchen = add_place(home, 1, kitchen=1.0)
-    (goal,) = derive_goals(home, "apple")
+def test_places_of_what_is_near_it_are_searched_too(semantic_map: SemanticMap) -> None:
+    kitchen = add_place(semantic_map, 1, kitchen=1.0)
+    (goal,) = derive_goals(semantic_map, "apple")
     assert goal.iri == kitchen.iri
     assert "kitchen" in goal.why
     assert "apple is found near" in goal.why
 
 
-def test_the_authors_finder_takes_every_category_believed_enough(home: SemanticMap) -> None:
-    toaster = resolve_target(home.catalogue, "toaster").iri
+def test_the_authors_finder_takes_every_category_believed_enough(semantic_map: SemanticMap) -> None:
+    toaster = resolve_target(semantic_map.catalogue, "toaster").iri
 
     def places(**widened: float) -> list[object]:
-        rows = home.query("goals-places", category=toaster, **widened).records()
+        rows = semantic_map.query("goals-places", category=toaster, **widened).records()
         return [row["label"] for row in rows]
 
-    add_place(home, 1, bedroom=0.6, kitchen=0.3)
-    add_place(home, 2, bedroom=0.6, kitchen=0.2)
-    assert derive_goals(home, "toaster") == ()
+    add_place(semantic_map, 1, bedroom=0.6, kitchen=0.3)
+    add_place(semantic_map, 2, bedroom=0.6, kitchen=0.2)
+    assert derive_goals(semantic_map, "toaster") == ()
     assert places(minBelief=0.25, anyCategory=1) == ["place 1"]
-    add_place(home, 3, kitchen=0.2)
-    assert [goal.label for goal in derive_goals(home, "toaster")] == ["place 3"]
+    add_place(semantic_map, 3, kitchen=0.2)
+    assert [goal.label for goal in derive_goals(semantic_map, "toaster")] == ["place 3"]
     assert places(minBelief=0.25) == []
 
 
-def test_food_is_searched_as_any_of_its_members_each_goal_saying_which(home: SemanticMap) -> None:
-    banana = add_object(home, "banana", 1, 1)
-    pizza = add_object(home, "pizza", 2, 2, existence=0.6)
-    kitchen = add_place(home, 1, kitchen=0.9)
-    goals = by_iri(derive_goals(home, "food"))
+def test_food_is_searched_as_any_of_its_members_each_goal_saying_which(
+    semantic_map: SemanticMap,
+) -> None:
+    banana = add_object(semantic_map, "banana", 1, 1)
+    pizza = add_object(semantic_map, "pizza", 2, 2, existence=0.6)
+    kitchen = add_place(semantic_map, 1, kitchen=0.9)
+    goals = by_iri(derive_goals(semantic_map, "food"))
     assert goals.keys() == {banana.iri, pizza.iri, kitchen.iri}
     # the banana is food itself; that it also lies near apples is the weaker reason
     assert goals[banana.iri].kind == "known"
@@ -144,75 +140,75 @@ def test_food_is_searched_as_any_of_its_members_each_goal_saying_which(home: Sem
     assert "pizza" in goals[kitchen.iri].why
 
 
-def test_the_strongest_reason_for_a_place_stands(home: SemanticMap) -> None:
-    add_place(home, 1, kitchen=0.9)
-    rows = home.query("goals-places", category="food").records()
+def test_the_strongest_reason_for_a_place_stands(semantic_map: SemanticMap) -> None:
+    add_place(semantic_map, 1, kitchen=0.9)
+    rows = semantic_map.query("goals-places", category="food").records()
     assert len(rows) > 1
-    (goal,) = derive_goals(home, "food")
+    (goal,) = derive_goals(semantic_map, "food")
     assert goal.probability == max(row["probability"] for row in rows)  # type: ignore[type-var]
 
 
-def test_what_has_no_probability_is_no_goal(home: SemanticMap) -> None:
-    add_object(home, "cup", 0, 0, existence=0.0)
-    assert derive_goals(home, "cup") == ()
+def test_what_has_no_probability_is_no_goal(semantic_map: SemanticMap) -> None:
+    add_object(semantic_map, "cup", 0, 0, existence=0.0)
+    assert derive_goals(semantic_map, "cup") == ()
 
 
-def test_goals_come_in_order_of_probability(home: SemanticMap) -> None:
+def test_goals_come_in_order_of_probability(semantic_map: SemanticMap) -> None:
     for existence in (0.3, 0.9, 0.6):
-        add_object(home, "cup", 0, 0, existence)
-    assert [goal.probability for goal in derive_goals(home, "cup")] == pytest.approx(
+        add_object(semantic_map, "cup", 0, 0, existence)
+    assert [goal.probability for goal in derive_goals(semantic_map, "cup")] == pytest.approx(
         [0.9, 0.6, 0.3]
     )
 
 
-def test_a_fact_added_by_hand_counts_at_once(home: SemanticMap) -> None:
-    assert derive_goals(home, "cup") == ()
-    home.dataset.update(
+def test_a_fact_added_by_hand_counts_at_once(semantic_map: SemanticMap) -> None:
+    assert derive_goals(semantic_map, "cup") == ()
+    semantic_map.dataset.update(
         "INSERT DATA { GRAPH graph:map { <http://example.org/mine> a here:Cup ; here:x 1.0e0 ; "
         "here:y 2.0e0 } }"
     )
-    (goal,) = derive_goals(home, "cup")
+    (goal,) = derive_goals(semantic_map, "cup")
     assert (goal.iri, goal.probability) == ("http://example.org/mine", 1.0)
 
 
-def test_a_relation_added_by_hand_counts_at_once_for_members_too(home: SemanticMap) -> None:
-    bath = add_place(home, 1, shower=0.5)
-    assert derive_goals(home, "banana") == ()
-    home.dataset.update(
+def test_a_relation_added_by_hand_counts_at_once_for_members_too(semantic_map: SemanticMap) -> None:
+    bath = add_place(semantic_map, 1, shower=0.5)
+    assert derive_goals(semantic_map, "banana") == ()
+    semantic_map.dataset.update(
         "INSERT DATA { GRAPH graph:commonsense { <http://example.org/r> a here:LocatedAtRelation ; "
         "here:relationSubject here:Food ; here:relationTarget here:Shower ; "
         'here:relationProbability 0.3e0 ; dct:source "Ada" } }'
     )
-    (goal,) = derive_goals(home, "banana")
+    (goal,) = derive_goals(semantic_map, "banana")
     assert (goal.iri, goal.probability) == (bath.iri, pytest.approx(0.15))
     assert goal.why == "this is a shower (belief 0.50), where food is found (0.3, Ada)"
 
 
-def test_targets_are_named_by_label_synonym_iri_in_any_spelling(home: SemanticMap) -> None:
-    couch = resolve_target(home.catalogue, "couch")
+def test_targets_are_named_by_label_synonym_iri_in_any_spelling(semantic_map: SemanticMap) -> None:
+    couch = resolve_target(semantic_map.catalogue, "couch")
     for name in ("sofa", "Couch", couch.iri):
-        assert resolve_target(home.catalogue, name) == couch
-    glass = resolve_target(home.catalogue, "wine glass")
-    assert resolve_target(home.catalogue, "Wine_Glass") == glass
+        assert resolve_target(semantic_map.catalogue, name) == couch
+    glass = resolve_target(semantic_map.catalogue, "wine glass")
+    assert resolve_target(semantic_map.catalogue, "Wine_Glass") == glass
 
 
-def test_what_is_no_category_is_refused_with_what_there_is(home: SemanticMap) -> None:
+def test_what_is_no_category_is_refused_with_what_there_is(semantic_map: SemanticMap) -> None:
     with pytest.raises(UnknownCategoryError, match=r"no category 'fruit'.*food") as refused:
-        derive_goals(home, "fruit")
+        derive_goals(semantic_map, "fruit")
     assert "\n" not in str(refused.value)
     with pytest.raises(UnknownCategoryError, match="did you mean banana"):
-        derive_goals(home, "bananna")
+        derive_goals(semantic_map, "bananna")
     with pytest.raises(UnknownCategoryError, match="'kitchen' is a kind of place"):
-        derive_goals(home, "kitchen")
+        derive_goals(semantic_map, "kitchen")
 
 
-def test_no_goals_are_explained_by_what_map_and_ontology_lack(home: SemanticMap) -> None:
-    assert derive_goals(home, "zebra") == ()
-    assert "no ontology says where it is found" in explain_none(home, "zebra")
-    add_place(home, 1)
-    add_place(home, 2, bedroom=1.0)
-    assert derive_goals(home, "toaster") == ()
-    said = explain_none(home, "toaster")
+def test_no_goals_are_explained_by_what_map_and_ontology_lack(semantic_map: SemanticMap) -> None:
+    assert derive_goals(semantic_map, "zebra") == ()
+    assert "no ontology says where it is found" in explain_none(semantic_map, "zebra")
+    add_place(semantic_map, 1)
+    add_place(semantic_map, 2, bedroom=1.0)
+    assert derive_goals(semantic_map, "toaster") == ()
+    said = explain_none(semantic_map, "toaster")
     assert "kitchen" in said
     assert "1 of its 2 places are explored" in said
-    assert "banana" in explain_none(home, "apple")
+    assert "banana" in explain_none(semantic_map, "apple")
