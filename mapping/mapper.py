@@ -98,9 +98,26 @@ class Mapper:
         self._place_mapper = PlaceMapper(
             semantic_map, self._places, s, model=scene_model, labels=options.labels
         )
-        self._objects = _object_mapper(
-            semantic_map, options, self._places, recording=recording, model=detector
-        )
+        self._objects: ObjectMapper
+        if options.mode == "reference":
+            self._objects = ReferenceObjectMapper(
+                semantic_map,
+                s,
+                self._places,
+                recording=recording,
+                model=detector,
+                labels=options.labels,
+            )
+        else:
+            self._objects = BayesObjectMapper(
+                semantic_map,
+                options.objects,
+                self._places,
+                recording=recording,
+                model=detector,
+                labels=options.labels,
+                unknown_labels=s.unknown_labels,
+            )
         self._relations = RelationMapper(semantic_map, self._objects.cache)
         self._occupancy = OccupancyMap(semantic_map) if options.occupancy else None
         evidence = ObjectEvidence(semantic_map, self._places, s) if s.places_from_objects else None
@@ -326,42 +343,14 @@ class Mapper:
                     written = self._map.apply(update)
                     self.changed_triples = len(written) if written else 0
             except ConflictError:
-                self._undo(changes, update)
+                self._objects.undo(changes)
+                self._places.undo(update.places)
+                if self._occupancy is not None:
+                    self._occupancy.undo(update.floor)
                 raise
             self._found = FoundChanges()
             self._lease.renew(update.recording)
             return update
-
-    def _undo(self, changes: ObjectChanges, update: MapUpdate) -> None:
-        self._objects.undo(changes)
-        self._places.undo(update.places)
-        if self._occupancy is not None:
-            self._occupancy.undo(update.floor)
-
-
-def _object_mapper(
-    semantic_map: SemanticMap,
-    options: MappingOptions,
-    places: PlaceRegistry,
-    *,
-    recording: str,
-    model: str,
-) -> ObjectMapper:
-    """The object mapper of the options' mode."""
-    reference, labels = options.reference, options.labels
-    if options.mode == "reference":
-        return ReferenceObjectMapper(
-            semantic_map, reference, places, recording=recording, model=model, labels=labels
-        )
-    return BayesObjectMapper(
-        semantic_map,
-        options.objects,
-        places,
-        recording=recording,
-        model=model,
-        labels=labels,
-        unknown_labels=reference.unknown_labels,
-    )
 
 
 def robot_at(frame: Frame) -> RobotRecord:

@@ -11,7 +11,7 @@ from kg.model.records import RecordingRecord
 class MapperLease:
     """Lease of a recording by one mapper, in a map that other programs write too.
 
-    It is not held: a recording's progress in the map tells whether another mapper has advanced it.
+    Nothing is locked: the recording's progress in the map shows whether another mapper advanced it.
     `record` is the progress when the lease was taken, None for a recording new to the map.
     """
 

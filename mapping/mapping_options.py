@@ -32,7 +32,7 @@ class MappingOptions:
             require its floor to fit the map.
         check_poses: whether poses are compared with the depth. Jumps and drift give a warning
             (`mapping.pose_monitor`), another pose convention is an error
-            (`mapping.pose_convention`).
+            (`mapping.frame_checks`).
         pictures: whether a small picture of each object is kept in the map's folder
             (`mapping.picture_keeper`). Pictures of people are never kept.
     """

@@ -1,4 +1,4 @@
-"""Persistence of objects: half-lives of classes, from a table and from what this map has seen."""
+"""Persistence of objects: half-lives of classes, from a table and from a map's observations."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ import numpy as np
 _HOUR: Final = 3600.0
 _DAY: Final = 24 * _HOUR
 
-#: [s] after which half of the objects of a mobility class no longer stand where they were seen.
-#: Orders of magnitude, not measurements; `mapping/mobility.csv` says which class is what.
+#: [s] after which half of the objects of a mobility class have left the spot where they were seen.
+#: Orders of magnitude, not measurements; `mapping/mobility.csv` has the class of each category.
 HALF_LIVES: Final = MappingProxyType(
     {
         "moving": 300.0,  # goes by itself: people, animals, vehicles
@@ -27,7 +27,7 @@ HALF_LIVES: Final = MappingProxyType(
         "fixed": 3650 * _DAY,  # refrigerators, toilets, sinks
     }
 )
-#: what is in no line of that file
+#: mobility class of categories that the file does not list
 UNLISTED: Final = "carried"
 MIN_DEPARTED: Final = 0.02  # greatest prior probability that a thing left at once, ...
 MAX_DEPARTED: Final = 0.2  # ... and after any time
@@ -50,13 +50,14 @@ def listed_half_life(label: str, above: Collection[str] = ()) -> float:
 
 
 def departed(half_life: float, age: float) -> float:
-    """Prior probability that what was last seen `age` seconds ago stands there no longer.
+    """Prior probability that a thing last seen `age` seconds ago has left its spot.
 
-    Of what was touched most stands where it stood before. At once it is that of a day, within
-    bounds: things are carried away before the camera.
+    It stays at or below MAX_DEPARTED, since most things that people use return to their spots. It
+    begins with the probability of a day, at most MIN_DEPARTED, since people carry things away in
+    front of the camera.
     """
-    least = min(MIN_DEPARTED, _DAY / half_life)
-    return least + (MAX_DEPARTED - least) * (1.0 - holds(half_life, age))
+    first = min(MIN_DEPARTED, _DAY / half_life)
+    return first + (MAX_DEPARTED - first) * (1.0 - holds(half_life, age))
 
 
 def learned_half_life(listed: float, stays: Iterable[float]) -> float:
@@ -72,5 +73,5 @@ def learned_half_life(listed: float, stays: Iterable[float]) -> float:
 
 
 def holds(half_life: float, age: float) -> float:
-    """Chance that what was seen `age` seconds ago has not moved since."""
+    """Probability that a thing seen `age` seconds ago has not moved since."""
     return float(0.5 ** (max(age, 0.0) / half_life))

@@ -17,16 +17,16 @@ from perception.object_picture import object_picture
 Image = NDArray[np.uint8]  # (H, W, 3)
 Boxes = NDArray[np.float32]  # (n, 4) xyxy [px]
 
-PERSON: Final = "person"  # of whom no picture is kept
-RECENT: Final = 15  # frames held: a thing is a candidate for some before it is an object
+PERSON: Final = "person"  # label of things whose pictures are never kept
+RECENT: Final = 15  # frames held, since a thing is a candidate before it is an object
 _SURE: Final = 0.1  # score from which a detected person is made unrecognisable in others' pictures
 
 
 class PictureKeeper:
     """Keeps pictures of the objects that frames of one recording explain best.
 
-    Nothing is kept of a map that has no folder of its own here. A folder that cannot be written
-    ends the keeping, not the mapping.
+    A map without a folder here keeps no pictures. Where the folder cannot be written, mapping
+    continues without pictures.
     """
 
     def __init__(self, semantic_map: SemanticMap, recording: str) -> None:

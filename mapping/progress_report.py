@@ -43,11 +43,11 @@ class MappingReport:
     views: int  # frames that were used for a place
     unplaced: int  # detections without usable depth
     unknown_labels: Mapping[str, int]  # network labels without a category -> how often
-    provisional: tuple[str, ...] = ()  # labels of provisional categories that it met
-    problems: tuple[str, ...] = ()  # what depth says is wrong with the poses
-    fit: str = ""  # how it fits the recordings that the map held before
+    provisional: tuple[str, ...] = ()  # labels of provisional categories in the recording
+    problems: tuple[str, ...] = ()  # errors of the poses, found by depth
+    fit: str = ""  # fit into the map's other recordings, in one line
     doubted: int = 0  # things that were seen but exist with less than 0.5
-    most_probable: tuple[DoubtedThing, ...] = ()  # of these, in order
+    most_probable: tuple[DoubtedThing, ...] = ()  # the same things, the most probable first
 
     @property
     def frames_per_second(self) -> float:
@@ -61,23 +61,13 @@ class MappingReport:
 
     def to_json(self) -> dict[str, Any]:
         """Plain values, for `--json`."""
-        return {
-            "recording": self.recording,
-            "frames": self.frames,
-            "skipped": self.skipped,
+        values = asdict(self)
+        del values["stage_seconds"]
+        return values | {
             "seconds": round(self.seconds, 3),
             "frames_per_second": round(self.frames_per_second, 2),
             "milliseconds_per_frame": {k: round(v, 2) for k, v in self.milliseconds.items()},
-            "objects": self.objects,
-            "places": self.places,
-            "views": self.views,
-            "unplaced": self.unplaced,
-            "unknown_labels": dict(self.unknown_labels),
-            "provisional": list(self.provisional),
-            "problems": list(self.problems),
-            "fit": self.fit,
-            "doubted": self.doubted,
-            "most_probable_doubted": [asdict(thing) for thing in self.most_probable[:_MAX_DOUBTED]],
+            "most_probable_doubted": values.pop("most_probable")[:_MAX_DOUBTED],
         }
 
 

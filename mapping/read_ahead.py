@@ -9,15 +9,15 @@ from typing import Final, TypeVar
 
 T = TypeVar("T")
 
-AHEAD: Final = 2  # items made before they are asked for
+AHEAD: Final = 2  # items made in advance
 
 
 def read_ahead(items: Iterator[T], count: int = AHEAD) -> Generator[T]:
-    """The items in their order, at most `count` of them made before they are asked for.
+    """The items in their order, at most `count` of them made in advance.
 
-    What the iterator raises is raised where its next item would have come. The iterator is used by
-    one thread alone, which has ended once the generator is closed or exhausted. Stages chained this
-    way run side by side: `read_ahead(detect(read_ahead(read())))`.
+    An exception of the iterator is raised in place of its next item. One thread alone uses the
+    iterator; it has ended once the generator is closed or exhausted. Stages chained this way run
+    side by side: `read_ahead(detect(read_ahead(read())))`.
     """
     made: SimpleQueue[tuple[T] | BaseException | None] = SimpleQueue()
     room, ended = threading.Semaphore(count), threading.Event()

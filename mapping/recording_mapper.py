@@ -91,7 +91,8 @@ def map_recording(
             for index, one in enumerate(detected, start):
                 report, scores = run.map(index, one)
                 if on_detections is not None:
-                    on_detections(one.frame, _strong(one.detections, options.min_score), scores)
+                    strong = np.flatnonzero(one.detections.score >= options.min_score)
+                    on_detections(one.frame, one.detections.chosen(strong), scores)
                 if on_frame is not None:
                     on_frame(report)
     except RecordingError:
@@ -99,12 +100,6 @@ def map_recording(
         raise
     mapper.flush()
     return run.report(start)
-
-
-def _strong(detections: Detections, min_score: float) -> Detections:
-    """Detections of at least that score."""
-    strong = detections.score >= min_score
-    return detections if strong.all() else detections.chosen(np.nonzero(strong)[0])
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
-"""Resumption: the rest of a recording is mapped by the transform of what the map has of it.
+"""Resumption: the rest of a recording is mapped by the transform that the map has of it.
 
-How a recording's world is aligned with gravity is estimated from all that it shows, so the estimate
-changes a little when the recording has grown. The map's transform is kept.
+The gravity alignment of a recording's world is estimated from all its frames, so it changes a
+little when the recording grows. The map's transform is kept.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A small picture of one thing in a frame, for people who ask what the map saw."""
+"""Object pictures: a small JPEG of one thing in a frame, with people made unrecognisable."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ def object_picture(
     rgb: NDArray[np.uint8],
     box: tuple[float, float, float, float],
     people: NDArray[np.float32],
-    most_bytes: int,
+    max_bytes: int,
 ) -> bytes | None:
-    """JPEG of `box` (xyxy [px]) in an image (H, W, 3), with a margin, of `most_bytes` at most.
+    """JPEG of `box` (xyxy [px]) in an image (H, W, 3), with a margin, of `max_bytes` at most.
 
-    What lies in the boxes `people` (n, 4) is coarsened beyond recognition. None where nothing of
-    the box is in the image, or it cannot be made small enough.
+    The parts of it in the boxes `people` (n, 4) are coarsened beyond recognition. None where the
+    box lies outside the image, or the JPEG cannot be made small enough.
     """
     height, width = rgb.shape[:2]
     x1, y1, x2, y2 = box
@@ -41,7 +41,7 @@ def object_picture(
     small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA if scale < 1 else 1)
     for quality in (80, 60, 40, 20):
         data = encode_jpeg(small.astype(np.uint8), quality)
-        if len(data) <= most_bytes:
+        if len(data) <= max_bytes:
             return data
     return None
 

@@ -22,7 +22,7 @@ from mapping.alignment.temporary_map import temporary_map
 from mapping.mapper import Mapper
 from mapping.mapper_lease import MapperLease
 from mapping.mapping_options import DEFAULT_OPTIONS, MappingOptions
-from mapping.objects.assignment import assign
+from mapping.objects.association import assign
 from mapping.objects.sightings import intersection_over_union
 from mapping.occupancy.tiles import States
 from mapping.places.layout import Layout

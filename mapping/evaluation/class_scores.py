@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import statistics
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -53,22 +53,9 @@ class MapScore:
 
     def to_json(self) -> dict[str, Any]:
         """Plain values, for `--json`."""
-        return {
-            "precision": self.precision,
-            "recall": self.recall,
-            "position_error_median": self.position_error_median,
-            "duplicates": self.duplicates,
-            "per_class": {
-                label: {
-                    "truth": c.truth,
-                    "mapped": c.mapped,
-                    "matched": c.matched,
-                    "duplicates": c.duplicates,
-                    "position_error_median": c.position_error_median,
-                }
-                for label, c in self.per_class.items()
-            },
-        }
+        values = asdict(self)
+        del values["complete_for"]
+        return values
 
 
 def load_truth(path: Path) -> Truth:

@@ -10,7 +10,6 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import HistoryError
 from kg.model.records import ObjectRecord
 from mapping.evaluation.average_precision import ExistenceCurve, existence_curve, pooled_curve
-from mapping.evaluation.existence_calibration import calibration
 from mapping.evaluation.existence_scores import (
     THRESHOLDS,
     ExistenceScore,
@@ -26,7 +25,7 @@ from mapping.evaluation.relation_scores import (
     relation_outcomes,
 )
 from mapping.evaluation.truth_matching import MappedObject, Matching, TruthMatcher
-from perception.evaluation.calibration import Calibration
+from perception.evaluation.calibration import Calibration, reliability
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,3 +130,17 @@ def mapped_objects(
         )
         for record in records
     )
+
+
+def calibration(matchings: Iterable[Matching]) -> Calibration:
+    """Calibration of existence over all objects of one or several maps, matched at existence 0.
+
+    An object is true if it is matched; duplicates, wrong labels and ghosts are false; ignored ones
+    are left out.
+    """
+    outcomes = list[tuple[float, bool]]()
+    for matching in matchings:
+        false = (*matching.duplicates, *matching.wrong, *matching.ghosts)
+        for pairs, is_true in ((matching.matched, True), (false, False)):
+            outcomes += [(matching.mapped[pair.mapped].existence, is_true) for pair in pairs]
+    return reliability(outcomes)

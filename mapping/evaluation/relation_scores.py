@@ -1,9 +1,9 @@
 """Scores of spatial relations against a complete truth.
 
 A relation counts where its object is matched to an entry whose relations the truth knows. It is
-right if the object that it points at is matched to the true one. What a thing truly stands on is
-in the truth; what is truly beside it stands on the same, and has its box within the limits of
-`mapping.relations.probabilities`.
+right if its target is matched to the true target. The truth names the support of each thing. Two
+things are truly beside each other if they have the same support and their boxes lie within the
+limits of `mapping.relations.probabilities`.
 """
 
 from __future__ import annotations

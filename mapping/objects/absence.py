@@ -1,9 +1,9 @@
 """Absence: how probable it is that a thing has left the spot where it was last seen.
 
-The prior is that of its class for the time since (`mapping.persistence`). Each view since that
-should show the thing and does not counts by the thing's own rate of detection, a Beta-binomial with
-the detector's recall as its mean, so that a run of misses saturates; rays through its volume
-(`mapping.objects.volume_view`) count besides.
+The prior is that of its class for the time since (`mapping.persistence`). Each later view that
+should show the thing and does not is a miss. It counts by the thing's own rate of detection, a
+Beta-binomial with the detector's recall as its mean, so that a run of misses saturates. Rays
+through the thing's volume (`mapping.objects.volume_view`) count too.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Absence:
         self.log_ratio += weight * ratio
 
     def merge(self, other: Absence) -> None:
-        """Add all views of another track of the same thing, one of which was just seen."""
+        """Add all views of another track of the same thing, just after either was seen."""
         self.hits += other.hits
         self.misses += other.misses
         self.log_ratio = min(self.log_ratio, other.log_ratio)

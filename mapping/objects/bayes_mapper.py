@@ -45,7 +45,7 @@ from mapping.reference.settings import UnknownLabels
 from mapping.sighting import Sighting, ThingSighting
 from perception.frames import Detections, Frame
 
-_NEARBY = 6.0  # [m] tracks farther from every sighting are not looked at
+_NEARBY = 6.0  # [m] tracks farther from every sighting are skipped
 
 
 class BayesObjectMapper(ObjectMapper):
@@ -91,13 +91,8 @@ class BayesObjectMapper(ObjectMapper):
         """Objects and candidates."""
         return self._tracks
 
-    @property
-    def unplaced(self) -> int:
-        """Things detected so far without usable depth."""
-        return self._extractor.unplaced
-
     def belief_of(self, sighting: Sighting | ThingSighting) -> tuple[str | None, float]:
-        """IRI (None: a candidate's) and existence of what `sighting` is associated with now."""
+        """IRI (None: a candidate) and existence of the thing that `sighting` shows now."""
         if isinstance(sighting, Sighting):
             sighting = self._extractor.of_position(sighting)
         known = self._associated((sighting,))
@@ -115,7 +110,7 @@ class BayesObjectMapper(ObjectMapper):
             self._store.save(self._tracks, self._run, sequence)
 
     def add(self, frame: Frame, detections: Detections) -> ObjectChanges:
-        """Process one frame: evidence for what is seen and what is missed, candidates, merges."""
+        """Process one frame: hits, misses, new candidates, merges."""
         self.refresh()
         self._updater.begin(frame.stamp)
         self.fates.begin(self._tracks)
@@ -123,6 +118,7 @@ class BayesObjectMapper(ObjectMapper):
         for name in detections.detectors:
             self._run.looked_from[name] = frame.T_map_cam.tolist()
         self.sightings = sightings = self._extractor.sightings(frame, detections)
+        self.unplaced = self._extractor.unplaced
         known = self._associated(sightings)
         for sighting, track in known:
             self._updater.see(track, sighting, frame, view)
@@ -180,9 +176,10 @@ class BayesObjectMapper(ObjectMapper):
         return self._changes(seen, [], merged)
 
     def decay(self, iri: str, times: int = 1, recall: float | None = None) -> ObjectChanges:
-        """Count `times` looks that should have shown the object and did not.
+        """Count `times` misses of the object.
 
-        Each would have with probability `recall`; by default that of what fills the image.
+        `recall` is the probability of each detection; by default that of a thing that fills the
+        image.
         """
         self.refresh()
         self._updater.begin()
@@ -209,7 +206,7 @@ class BayesObjectMapper(ObjectMapper):
         self._identity.departures.undo()
 
     def refresh(self) -> None:
-        """Read again what others changed since the last call; cheap where nothing was."""
+        """Read changes of other writers since the last call; cheap where there are none."""
         if self._places is not None:
             self._places.refresh()
         if self._map.catalogue is not self._catalogue:
@@ -232,7 +229,7 @@ class BayesObjectMapper(ObjectMapper):
         ]
 
     def _forget_categories(self) -> None:
-        """Forget what speaks for categories that the ontology no longer has, and such things."""
+        """Forget categories that left the ontology, and things without evidence of others."""
         self._catalogue = self._map.catalogue
         for track in [*self._tracks, *self._identity.departures.tracks]:
             unknown = [c for c in track.evidence if self._catalogue.by_iri(c) is None]
@@ -302,7 +299,7 @@ class BayesObjectMapper(ObjectMapper):
     def _merge(self, touched: Sequence[Track]) -> list[tuple[Track, Track]]:
         """Merge tracks that are one thing; returns pairs of those kept and absorbed.
 
-        An object of which people assert anything stays itself.
+        An object with assertions is never absorbed.
         """
         found = [
             (kept, absorbed)
@@ -332,7 +329,8 @@ class BayesObjectMapper(ObjectMapper):
         gone = {id(track) for track in absorbed}
         every = {id(track): track for track in (*seen, *missed, *(kept for kept, _ in merged))}
         touched = [track for key, track in every.items() if key not in gone]
-        new = self._confirmed(touched)
+        confirmed = self._settings.confirmed
+        new = [track for track in touched if track.iri is None and track.existence >= confirmed]
         lost = [track for track in touched if track.iri is not None and self._improbable(track)]
         removed = {track.iri for track in (*lost, *absorbed) if track.iri is not None}
         updater = self._updater
@@ -360,14 +358,8 @@ class BayesObjectMapper(ObjectMapper):
         counts = len(new), len(seen), len(missed)
         return ObjectChanges(tuple(written.values()), tuple(sorted(removed)), *counts, departed)
 
-    def _confirmed(self, touched: Sequence[Track]) -> list[Track]:
-        """Candidates that are probable enough to enter the map."""
-        s = self._settings
-        return [track for track in touched if track.iri is None and track.existence >= s.confirmed]
-
     def _improbable(self, track: Track) -> bool:
-        """Whether an object is to leave the map: looks in vain alone do not prove that it left."""
-        assert track.iri is not None
+        """Whether an object leaves the map; misses alone do not prove that it is gone."""
         if self.cache.asserted_present(track.iri):
             return False
         s = self._settings
@@ -376,7 +368,7 @@ class BayesObjectMapper(ObjectMapper):
         return bool(track.clear_views) and track.existence < s.removed
 
     def _drop(self, lost: Sequence[Track]) -> None:
-        """Forget what left the map, and candidates that are improbable or long unseen."""
+        """Forget objects that left the map, and candidates that are improbable or long unseen."""
         s, gone = self._settings, {id(track) for track in lost}
         least = logit(s.removed)
         self._tracks = [

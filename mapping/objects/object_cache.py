@@ -15,7 +15,7 @@ from kg.model.records import ObjectRecord
 
 
 class ObjectCache:
-    """Cache of a map's objects, ahead of the map by what is not written yet."""
+    """Cache of a map's objects, with changes that are not written yet."""
 
     def __init__(self, semantic_map: SemanticMap) -> None:
         self._map = semantic_map
@@ -48,16 +48,16 @@ class ObjectCache:
                 yield replace(record, category=believed.category)
                 yield replace(record, p_map=believed.p_map)
 
-    def asserted_present(self, iri: str) -> bool:
+    def asserted_present(self, iri: str | None) -> bool:
         """Whether the object's existence is asserted."""
         return self._asserted_existence(iri) == "present"
 
-    def asserted_absent(self, iri: str) -> bool:
+    def asserted_absent(self, iri: str | None) -> bool:
         """Whether it is asserted that the object is not there."""
         return self._asserted_existence(iri) == "absent"
 
-    def _asserted_existence(self, iri: str) -> str | None:
-        existence = self._assertions.get(iri, {}).get("existence")
+    def _asserted_existence(self, iri: str | None) -> str | None:
+        existence = self._assertions.get(iri or "", {}).get("existence")
         return None if existence is None else existence.value
 
     def asserted(self, iri: str | None) -> tuple[NDArray[np.float64] | None, str | None]:

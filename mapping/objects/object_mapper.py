@@ -14,13 +14,13 @@ from kg.model.records import DepartedRecord, Evidence, ObjectRecord
 from mapping.labels.label_resolver import LabelResolver
 from mapping.labels.label_table import LabelTable
 from mapping.objects.detection_fates import DetectionFates
-from mapping.objects.detection_localiser import DetectionLocaliser
 from mapping.objects.object_cache import ObjectCache
 from mapping.objects.tracks import Track
 from mapping.places.place_registry import PlaceRegistry
-from mapping.reference.confidence import decayed, existence
+from mapping.projection import to_map
+from mapping.reference.depth_histogram import localise
 from mapping.reference.nearest_association import Association, associate, most_confident
-from mapping.reference.object_update import new_object, updated_object
+from mapping.reference.object_update import decayed, existence, new_object, updated_object
 from mapping.reference.settings import ReferenceSettings
 from mapping.reference.visibility import missed
 from mapping.sighting import Sighting
@@ -36,10 +36,10 @@ class ObjectChanges:
     new: int = 0
     seen: int = 0
     missed: int = 0
-    departed: tuple[DepartedRecord, ...] = ()  # of those removed, what is remembered
+    departed: tuple[DepartedRecord, ...] = ()  # records of removed objects that left
 
     def followed_by(self, later: ObjectChanges) -> ObjectChanges:
-        """Both as one: of each object what became of it in the end."""
+        """Both changes as one, with the last state of each object."""
         latest = {record.iri: record for record in (*self.updated, *later.updated)}
         removed = {*self.removed, *later.removed} - {record.iri for record in later.updated}
         left = {record.iri: record for record in (*self.departed, *later.departed)}
@@ -70,6 +70,7 @@ class ObjectMapper(ABC):
 
     labels: LabelResolver
     fates: DetectionFates | None = None  # of all detections; None: the mapper does not count them
+    unplaced = 0  # detections so far without usable depth
 
     def __init__(self, semantic_map: SemanticMap, places: PlaceRegistry | None) -> None:
         self._map, self._places = semantic_map, places
@@ -80,11 +81,6 @@ class ObjectMapper(ABC):
     def tracks(self) -> Sequence[Track]:
         """Objects and candidates that the mapper follows, if any."""
         return ()
-
-    @property
-    @abstractmethod
-    def unplaced(self) -> int:
-        """Detections so far without usable depth."""
 
     @property
     def looked_from(self) -> dict[str, NDArray[np.float64]]:
@@ -133,7 +129,7 @@ class ObjectMapper(ABC):
         self._revision = -1
 
     def refresh(self) -> None:
-        """Read again what others changed since the last call; cheap where nothing was."""
+        """Read changes of other writers since the last call; cheap where there are none."""
         if self._places is not None:
             self._places.refresh()
         self.cache.refresh()
@@ -179,17 +175,11 @@ class ReferenceObjectMapper(ObjectMapper):
         self.labels = LabelResolver(
             semantic_map, "object", table=labels, unknown=settings.unknown_labels, model=model
         )
-        self._localiser = DetectionLocaliser(self.labels, settings)
-
-    @property
-    def unplaced(self) -> int:
-        """Detections so far without usable depth."""
-        return self._localiser.unplaced
 
     def add(self, frame: Frame, detections: Detections) -> ObjectChanges:
-        """Process one frame: reinforce what is seen, register what is new, decay what is missed."""
+        """Process one frame: reinforce seen objects, register new ones, decay missed ones."""
         self.refresh()
-        found = self._associated(self._localiser.sightings(frame, detections))
+        found = self._associated(self._sightings(frame, detections))
         missing = self._missing(frame, found.matched)
         changes = self._changes(found, missing, _Source(frame.stamp, frame.id))
         moved = self._moved()
@@ -208,6 +198,32 @@ class ReferenceObjectMapper(ObjectMapper):
         """Process detections that have positions already; `robot` does not count here."""
         self.refresh()
         return self._changes(self._associated(sightings), (), _Source(stamp, frame))
+
+    def _sightings(self, frame: Frame, detections: Detections) -> list[Sighting]:
+        """Localised detections of known labels, in their order."""
+        s, sightings = self._settings, list[Sighting]()
+        self.labels.learn(
+            label
+            for label, score in zip(detections.label, detections.score, strict=True)
+            if score >= s.min_score
+        )
+        sources = detections.source or ("",) * len(detections)
+        reference = detections.detectors[:1] or ("",)  # the thesis knows one detector
+        masks = detections.mask or (None,) * len(detections)
+        for box, score, label, source, mask in zip(
+            detections.xyxy, detections.score, detections.label, sources, masks, strict=True
+        ):
+            category = self.labels.category(label) if source in reference else None
+            if category is None or score < s.min_score:
+                continue
+            p_cam = localise(frame, box, s, mask)
+            if p_cam is None:
+                self.unplaced += 1
+                continue
+            x1, y1, x2, y2 = (float(side) for side in box)
+            p_map, depth = to_map(frame.T_map_cam, p_cam), float(p_cam[2])
+            sightings.append(Sighting(category, float(score), p_map, depth, (x1, y1, x2, y2)))
+        return sightings
 
     def _changes(
         self, found: Association, missing: Sequence[ObjectRecord], source: _Source

@@ -19,8 +19,8 @@ from mapping.sighting import Box, Floats, Sighting, ThingSighting
 from perception.frames import Detections, Frame
 
 _SAMPLES = 1000  # pixels of a box that are looked at
-_LEAST_DEPTH = 0.05  # share of a box with depth; lit screens and glass have less
-_LEAST_PIXELS = 10
+_MIN_DEPTH = 0.05  # share of a box with depth; lit screens and glass have less
+_MIN_PIXELS = 10
 _PERCENTILE = 35  # of the depths in a box
 _THICKNESS = 0.25  # share of its longer side that a thing's surface lies before or behind its depth
 _RING = 0.15  # width of the ring around such a box, as a share of its side
@@ -139,7 +139,7 @@ def group_detections(
         best, chosen = 0.0, None
         for group in groups:
             overlap = intersection_over_union(group[0].box, one.box)
-            if overlap > max(best, _least_overlap(group, one, settings)):
+            if overlap > max(best, _min_overlap(group, one, settings)):
                 best, chosen = overlap, group
         if chosen is None:
             groups.append([one])
@@ -148,7 +148,7 @@ def group_detections(
     return groups
 
 
-def _least_overlap(group: Sequence[_Detection], one: _Detection, settings: ObjectSettings) -> float:
+def _min_overlap(group: Sequence[_Detection], one: _Detection, settings: ObjectSettings) -> float:
     """IoU above which `one` shows the thing of `group`."""
     same = [other for other in group if other.category == one.category]
     if any(other.detector == one.detector for other in same):
@@ -188,7 +188,7 @@ def _visible_surface(frame: Frame, group: Sequence[_Detection]) -> _Surface | No
     patch, (top, bottom, left, right), counted = found
     step = max(1, int(np.sqrt(counted / _SAMPLES)))
     rows, columns = np.nonzero(patch[::step, ::step] > 0)  # nan compares false
-    if len(rows) * step**2 < max(_LEAST_DEPTH * counted, _LEAST_PIXELS):
+    if len(rows) * step**2 < max(_MIN_DEPTH * counted, _MIN_PIXELS):
         depth = _ring_depth(frame, (top, bottom, left, right))
         if depth is None:
             return None

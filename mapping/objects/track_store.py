@@ -1,23 +1,21 @@
-"""Track store: the tracks of a mapper, beside its map, so that a run that ended goes on as it was.
+"""Track store: the tracks of a mapper, kept beside its map, so that a restart changes no result.
 
-The map holds facts; a track also knows its evidence, viewpoints and boxes, and candidates are no
-facts at all. The rows of a transaction are written before it, marked with its number, and the
-former ones are kept until the next: of a run that was killed between the two the former ones hold.
-Nothing depends on the file. Where it is missing, foreign or damaged, tracks start from the facts.
+The map holds facts. A track also has evidence, viewpoints and boxes, and candidates are no facts.
+The rows of a transaction are written before the transaction and marked with its number. The former
+rows are kept until the next one: they hold if the run is killed between the two writes. Nothing
+depends on the file. Where it is missing, foreign or damaged, tracks start from the facts.
 """
 
 from __future__ import annotations
 
 import json
-import math
 import sqlite3
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from kg.model.records import Evidence
 from mapping.objects.absence import Absence
@@ -27,24 +25,24 @@ from mapping.objects.tracks import Track
 
 FILE: Final = "tracks.sqlite"
 MAX_BYTES: Final = 1 << 28  # of a file that is read
-_VERSION: Final = 2
+_VERSION: Final = 3
 _SCHEMA: Final = (
-    "CREATE TABLE tracks (number INTEGER, mark INTEGER, state TEXT, boxes BLOB,"
-    " PRIMARY KEY (number, mark))"
+    "CREATE TABLE tracks (number INTEGER, mark INTEGER, state TEXT, PRIMARY KEY (number, mark))"
 )
-_RUN: Final = 0  # number of the row that holds what belongs to no track
+_RUN: Final = 0  # number of the row that holds the state of the run
 _PLAIN: Final = (
     *("iri", "size", "looks", "absent", "peak", "observations", "weight"),
     *("first_seen", "last_seen", "last_frame", "place"),
 )
+_POINTS: Final = ("p_map", "low", "high")
 
 
 @dataclass(slots=True)
 class RunState:
-    """What a run knows beside its tracks."""
+    """State of a run beside its tracks."""
 
-    frame: int = 0  # number of the last one
-    stamp: float = 0.0  # [s] of the last one
+    frame: int = 0  # number of the last frame
+    stamp: float = 0.0  # [s] of the last frame
     looked_from: dict[str, list[list[float]]] = field(default_factory=dict)  # detector -> pose
 
 
@@ -53,24 +51,26 @@ class TrackStore:
 
     def __init__(self, folder: Path) -> None:
         self._path = folder / FILE
-        self._known: set[int] = set()  # numbers of the tracks that it holds
+        self._stored: set[int] = set()  # numbers of the tracks that it holds
         self._file: sqlite3.Connection | None = None
 
     def load(self, sequence: int, settings: ObjectSettings) -> tuple[list[Track], RunState]:
         """Tracks as they were when the map's last transaction was number `sequence`."""
         try:
             self._file = self._opened()
-            rows = {number: (state, boxes) for number, state, boxes in self._rows(sequence)}
-            run = RunState(**json.loads(rows.pop(_RUN, ("{}", b""))[0]))
+            with self._file as file:  # rows that the map's transactions do not reach
+                file.execute("DELETE FROM tracks WHERE mark > ?", (sequence,))
+            rows = dict(self._file.execute("SELECT number, state FROM tracks ORDER BY mark"))
+            run = RunState(**json.loads(rows.pop(_RUN, "{}")))
             tracks = [
-                _track(number, json.loads(state), boxes, settings)
-                for number, (state, boxes) in sorted(rows.items())
+                _track(number, json.loads(state), settings)
+                for number, state in sorted(rows.items())
                 if state is not None
             ]
         except (sqlite3.Error, OSError, ValueError, TypeError, KeyError, RecursionError):
             self._discard()
             return [], RunState()
-        self._known = {track.number for track in tracks}
+        self._stored = {track.number for track in tracks}
         return tracks, run
 
     def save(self, tracks: Iterable[Track], run: RunState, mark: int) -> None:
@@ -78,13 +78,13 @@ class TrackStore:
         if self._file is None:
             return
         present = {track.number: track for track in tracks}
-        rows: list[tuple[int, int, str | None, bytes | None]] = [
-            (number, mark, json.dumps(_state(track)), _boxes(track))
+        rows: list[tuple[int, int, str | None]] = [
+            (number, mark, json.dumps(_state(track)))
             for number, track in present.items()
-            if track.changed or number not in self._known
+            if track.changed or number not in self._stored
         ]
-        rows += [(number, mark, None, None) for number in self._known - present.keys()]
-        rows.append((_RUN, mark, json.dumps(asdict(run)), None))
+        rows += [(number, mark, None) for number in self._stored - present.keys()]
+        rows.append((_RUN, mark, json.dumps(asdict(run))))
         former = [(row[0], row[0], mark) for row in rows]
         try:
             with self._file as file:
@@ -93,13 +93,13 @@ class TrackStore:
                     " (SELECT MAX(mark) FROM tracks WHERE number = ? AND mark < ?)",
                     former,
                 )
-                file.executemany("INSERT OR REPLACE INTO tracks VALUES (?, ?, ?, ?)", rows)
+                file.executemany("INSERT OR REPLACE INTO tracks VALUES (?, ?, ?)", rows)
         except sqlite3.Error:
             self._discard()
             return
         for track in present.values():
             track.changed = False
-        self._known = set(present)
+        self._stored = set(present)
 
     def _opened(self) -> sqlite3.Connection:
         if self._path.is_symlink() or (
@@ -120,18 +120,11 @@ class TrackStore:
             file.execute(f"PRAGMA user_version = {_VERSION}")
         return file
 
-    def _rows(self, sequence: int) -> Iterator[tuple[int, str, bytes]]:
-        """Number, state and boxes by mark; rows that the map's transactions do not reach go."""
-        assert self._file is not None
-        with self._file as file:
-            file.execute("DELETE FROM tracks WHERE mark > ?", (sequence,))
-        yield from self._file.execute("SELECT number, state, boxes FROM tracks ORDER BY mark")
-
     def _discard(self) -> None:
         """Start anew; where that fails, nothing is kept."""
         if self._file is not None:
             self._file.close()
-        self._known, self._file = set(), None
+        self._stored, self._file = set(), None
         try:
             for suffix in ("", "-wal", "-shm"):
                 Path(f"{self._path}{suffix}").unlink(missing_ok=True)
@@ -147,9 +140,12 @@ class TrackStore:
 
 
 def _state(track: Track) -> dict[str, Any]:
-    """A track but for its boxes, as plain values."""
+    """A track as plain values."""
     return {name: getattr(track, name) for name in _PLAIN} | {
-        "p_map": track.p_map.tolist(),
+        **{name: getattr(track, name).tolist() for name in _POINTS},
+        "sizes": [*track.sizes],
+        "lows": [low.tolist() for low in track.lows],
+        "highs": [high.tolist() for high in track.highs],
         "evidence": {c: [e.strength, e.looks] for c, e in track.evidence.items()},
         "absence": asdict(track.absence),
         "viewpoints": [[*view, looks] for view, looks in track.viewpoints.items()],
@@ -160,24 +156,14 @@ def _state(track: Track) -> dict[str, Any]:
     }
 
 
-def _boxes(track: Track) -> bytes:
-    """Numbers of sizes and of boxes, then the sizes, the boxes' corners, and the track's own."""
-    parts = [[len(track.sizes), len(track.lows)], track.sizes]
-    corners = [*track.lows, *track.highs, track.low, track.high]
-    return np.concatenate([*map(np.asarray, parts), *corners]).astype(np.float64).tobytes()
-
-
-def _track(number: int, state: Mapping[str, Any], boxes: bytes, s: ObjectSettings) -> Track:
-    values = np.frombuffer(boxes, np.float64)
-    sizes, count = int(values[0]), int(values[1])
-    corners = values[2 + sizes :].reshape(2 * count + 2, 3).copy()
-    p_map: NDArray[np.float64] = np.array(state["p_map"], np.float64).reshape(3)
+def _track(number: int, state: Mapping[str, Any], s: ObjectSettings) -> Track:
     plain = {name: state[name] for name in _PLAIN}
-    track = Track(p_map=p_map, settings=s, number=number, changed=False, **plain)
-    track.sizes.extend(values[2 : 2 + sizes].tolist())
-    track.lows.extend(corners[:count])
-    track.highs.extend(corners[count : 2 * count])
-    track.low, track.high = corners[-2], corners[-1]
+    points = {name: np.array(state[name], np.float64).reshape(3) for name in _POINTS}
+    lows, highs = (np.array(state[name], np.float64).reshape(-1, 3) for name in ("lows", "highs"))
+    track = Track(**points, **plain, settings=s, number=number, changed=False)
+    track.sizes.extend(map(float, state["sizes"]))
+    track.lows.extend(lows)
+    track.highs.extend(highs)
     track.evidence = {c: CategoryEvidence(*held) for c, held in state["evidence"].items()}
     track.absence = Absence(**state["absence"])
     track.viewpoints = {tuple(view): looks for *view, looks in state["viewpoints"]}
@@ -188,6 +174,7 @@ def _track(number: int, state: Mapping[str, Any], boxes: bytes, s: ObjectSetting
         best = dict(state["best"])
         track.best = Evidence(**best | {"box": tuple(best["box"])})
     numbers = [track.size, track.looks, track.weight, track.first_seen, track.last_seen]
-    if not all(map(math.isfinite, numbers)) or not np.isfinite(values).all():
+    boxes = (*points.values(), *lows, *highs, track.sizes)
+    if len(lows) != len(highs) or not all(np.isfinite(part).all() for part in (*boxes, numbers)):
         raise ValueError("a number that is not finite")
     return track

@@ -1,4 +1,4 @@
-"""Tracks: what the Bayes mapper knows of one thing, from its first candidate detection on."""
+"""Tracks: the Bayes mapper's evidence for one thing, from its first candidate detection on."""
 
 from __future__ import annotations
 
@@ -122,8 +122,8 @@ class Track:
     def locate(self, sighting: ThingSighting, novelty: float) -> None:
         """Update position and extent with a sighting.
 
-        One that no gate reaches shows a thing whose position was asserted elsewhere: both start
-        anew from it.
+        A sighting beyond every gate shows a thing whose position was asserted elsewhere. Position
+        and extent then start anew from the sighting.
         """
         s = self.settings
         reach = s.gate + 2 * s.gate_size * min(max(self.size, sighting.size), s.largest)
@@ -156,7 +156,7 @@ class Track:
         self.high = np.sort(self.highs, axis=0)[-1 - outliers]
 
     def assume_extent(self) -> None:
-        """Make a cube of its size the extent of a thing of which only a position was measured."""
+        """Use a cube of its size as the extent, where only the position was measured."""
         if self.lows and float((self.high - self.low).max()) < 0.05:
             half = self.size / 2
             self.lows.clear()
@@ -207,7 +207,7 @@ class Track:
         return found
 
     def merge(self, other: Track) -> None:
-        """Take over all that is known of `other`, which is the same thing."""
+        """Take over the evidence of `other`, which is the same thing."""
         for category, held in other.evidence.items():
             self.evidence.setdefault(category, CategoryEvidence()).merge(held)
         self.looks += other.looks
@@ -253,7 +253,7 @@ class Track:
         )
 
     def departed_record(self, now: float) -> DepartedRecord:
-        """What is remembered of it, found gone at `now` [s]."""
+        """Its record as a departed object, found gone at `now` [s]."""
         assert self.iri is not None
         return DepartedRecord(
             iri=self.iri,
@@ -269,7 +269,7 @@ class Track:
 
 
 def track_of(record: ObjectRecord, settings: ObjectSettings, usual_size: SizeOf) -> Track:
-    """Track of an object of the map, with what its record tells of the evidence.
+    """Track of an object of the map, with evidence that agrees with its record.
 
     A thing whose record has no extent is of its category's usual size.
     """
@@ -340,7 +340,7 @@ def _log_odds(record: ObjectRecord) -> dict[str, float]:
     return {c: math.log(min(max(p, 0.005), 0.995) / nothing) for c, p in believed.items()}
 
 
-SEEN_TOGETHER: Final = 2  # frames with a detection of each, which shows that they are two
+SEEN_TOGETHER: Final = 2  # frames with a detection of each that prove two things
 
 
 def count_together(tracks: Sequence[Track]) -> None:

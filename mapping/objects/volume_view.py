@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 
 
 class VolumeView(Enum):
-    """What a frame shows of a volume."""
+    """View of a volume in a frame."""
 
     NOTHING = "not in view, hidden, or cut by the border"
     SURFACE = "rays end inside it"
@@ -38,7 +38,7 @@ def in_front(frame: Frame, positions: Floats, settings: ObjectSettings) -> NDArr
 
 
 def ray_test(frame: Frame, p_map: Floats, size: float, settings: ObjectSettings) -> VolumeView:
-    """What `frame` shows of a volume of side `size` [m] around `p_map` (3,) [m]."""
+    """View in `frame` of a volume of side `size` [m] around `p_map` (3,) [m]."""
     s = settings
     x, y, depth = to_camera(frame.T_map_cam, p_map)
     half = size / 2 * frame.K[0, 0] / depth

@@ -16,7 +16,7 @@ from kg.maps.facts.occupancy import tile_iri, tile_of
 from kg.maps.semantic_map import SemanticMap
 from kg.model.areas import Area
 from kg.model.records import UNKNOWN, FloorTile, PlaceViews
-from mapping.occupancy.depth_projection import Floats, FloorEvidence, floor_evidence, frame_points
+from mapping.occupancy.depth_projection import Floats, floor_evidence, frame_points
 from mapping.occupancy.occupancy_settings import OccupancySettings
 from mapping.occupancy.storeys import Storeys
 from mapping.occupancy.tiles import (
@@ -83,11 +83,9 @@ class OccupancyMap:
         if storey is None:
             return
         height = self._storeys.heights[storey]
-        self._update(storey, floor_evidence(points, camera, height, self._settings), frame.stamp)
-
-    def _update(self, storey: int, observed: FloorEvidence, stamp: float) -> None:
+        observed = floor_evidence(points, camera, height, self._settings)
         for number, evidence in tile_evidence(observed, self._settings):
-            self._add_to_tile((storey, number), evidence, stamp)
+            self._add_to_tile((storey, number), evidence, frame.stamp)
 
     def add_views(
         self, p_map: Floats, close: NDArray[np.bool_], height: float, stamp: float
@@ -133,8 +131,8 @@ class OccupancyMap:
     def take_changed(self, stamp: float) -> tuple[FloorTile, ...]:
         """Tiles to be written with the frame of `stamp` [s].
 
-        Those that have changed enough and were not written just before, and those that leave the
-        cache.
+        These are tiles that have changed enough since they were last written, some time ago, and
+        tiles that leave the cache.
         """
         s = self._settings
         old = list(self._tiles)[: max(len(self._tiles) - s.kept, 0)]

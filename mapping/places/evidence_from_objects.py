@@ -2,7 +2,7 @@
 
 The views of a place make the prior, the objects mapped in it the likelihood
 (`kg.knowledge.placement`): each kind of object counts as far as one of it is believed to exist
-there. What this map itself believes of its places is no part of the table, or a place would confirm
+there. The table leaves out this map's own beliefs about its places, or a place would confirm
 itself.
 """
 

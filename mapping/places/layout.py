@@ -12,7 +12,7 @@ from __future__ import annotations
 import csv
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -71,39 +71,30 @@ def load_layout(path: Path) -> Layout:
     """
     try:
         text = path.read_text(encoding="utf-8-sig")
-        entries: Any = _csv(text) if path.suffix.lower() == ".csv" else json.loads(text)
+        is_csv = path.suffix.lower() == ".csv"
+        rows = csv.DictReader(text.splitlines(), skipinitialspace=True)
+        entries: Any = list(rows) if is_csv else json.loads(text)
     except (OSError, ValueError, RecursionError, csv.Error) as error:
         raise LayoutError(f"cannot read places from {path}: {error}") from error
     try:
         if is_geojson(entries):
-            return Layout(tuple(_of_polygons(entries)))
+            areas = enumerate(polygons(entries), start=1)
+            return Layout(tuple(_place(properties, n, area) for n, (properties, area) in areas))
         if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
             raise LayoutError(
                 "no list of places; [{xmin, xmax, ymin, ymax}] or GeoJSON polygons would work"
             )
-        return Layout(tuple(_place(entry, n) for n, entry in enumerate(entries, start=1)))
+        return Layout(
+            tuple(
+                _place(entry, n, Rectangle(**{side: _side(entry, side, n) for side in SIDES}))
+                for n, entry in enumerate(entries, start=1)
+            )
+        )
     except LayoutError as error:
         raise LayoutError(f"{path}: {error}") from error
 
 
-def _csv(text: str) -> Sequence[Mapping[str, Any]]:
-    return list(csv.DictReader(text.splitlines(), skipinitialspace=True))
-
-
-def _of_polygons(document: Mapping[str, Any]) -> list[LayoutPlace]:
-    return [
-        _labelled(properties, position, area)
-        for position, (properties, area) in enumerate(polygons(document), start=1)
-    ]
-
-
-def _place(entry: Mapping[str, Any], position: int) -> LayoutPlace:
-    return _labelled(
-        entry, position, Rectangle(**{side: _side(entry, side, position) for side in SIDES})
-    )
-
-
-def _labelled(entry: Mapping[str, Any], position: int, area: Rectangle) -> LayoutPlace:
+def _place(entry: Mapping[str, Any], position: int, area: Rectangle) -> LayoutPlace:
     number = _number(entry, position)
     label = entry.get("label") or entry.get("name") or f"place {number}"
     category = entry.get("category") or None

@@ -19,10 +19,9 @@ from mapping.places.place_registry import PlaceRegistry
 
 
 class ViewedFloor:
-    """Floor in view of looks, and the places on it; writes nothing.
+    """Floor that a robot's camera had in view, and the places on it; writes nothing.
 
-    Views of floor that no depth image has shown do not count. What could not be written
-    goes back with `undo`.
+    Views of floor that no depth image has shown do not count.
     """
 
     def __init__(self, semantic_map: SemanticMap) -> None:
@@ -31,7 +30,7 @@ class ViewedFloor:
         self._places = PlaceRegistry(semantic_map, recording=None)
 
     def add(self, views: Sequence[FloorView], height: float, stamp: float) -> None:
-        """Add what a robot whose position has height `height` [m] had in view at `stamp` [s]."""
+        """Add the floor in view of a robot at height `height` [m] at `stamp` [s]."""
         points = [self._points(view) for view in views if len(view.p_map)]
         if points:
             p_map, close = (np.concatenate(part) for part in zip(*points, strict=True))

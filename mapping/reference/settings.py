@@ -15,27 +15,9 @@ UnknownLabels = Literal["ignore", "provisional"]
 
 #: Section 4.3: the indoor categories that the system is expected to meet ("prior knowledge").
 INDOOR_CATEGORIES: Final = (
-    "attic",
-    "auditorium",
-    "bar",
-    "bedroom",
-    "classroom",
-    "corridor",
-    "dining room",
-    "dinette",
-    "home office",
-    "kitchen",
-    "living room",
-    "lobby",
-    "office",
-    "pantry",
-    "parking lot",
-    "parlor",
-    "patio",
-    "pavilion",
-    "staircase",
-    "veranda",
-    "waiting room",
+    *("attic", "auditorium", "bar", "bedroom", "classroom", "corridor", "dining room", "dinette"),
+    *("home office", "kitchen", "living room", "lobby", "office", "pantry", "parking lot"),
+    *("parlor", "patio", "pavilion", "staircase", "veranda", "waiting room"),
 )
 
 _CHOICES: Final = {

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from perception.camera.poses import motion
 from perception.frames import Frame
 
 
@@ -29,18 +29,9 @@ def main_owner(owners: NDArray[np.intp], purity: float) -> int | None:
     return best if counts[best] >= purity * len(owners) else None
 
 
-def rotation_angle(T_a: NDArray[np.float64], T_b: NDArray[np.float64]) -> float:
-    """Rotation angle [rad] between two poses (4, 4)."""
-    trace = float(np.sum(T_a[:3, :3] * T_b[:3, :3]))
-    return math.acos(min(max((trace - 1) / 2, -1.0), 1.0))
-
-
 def repeats_view(
     T: NDArray[np.float64], history: Iterable[NDArray[np.float64]], distance: float, angle: float
 ) -> bool:
     """Repeated-view test: pose `T` (4, 4) within `distance` [m] and `angle` [rad] of one before."""
-    return any(
-        float(np.linalg.norm(T[:3, 3] - past[:3, 3])) <= distance
-        and rotation_angle(T, past) <= angle
-        for past in history
-    )
+    motions = (motion(past, T) for past in history)
+    return any(moved <= distance and turned <= angle for moved, turned in motions)

@@ -179,11 +179,11 @@ class Trajectory:
     t: NDArray[np.float64]  # (n, 3) [m]
     q: NDArray[np.float64]  # (n, 4) x y z w, length 1
 
-    def at(self, stamp: float, tolerance: float, longest_gap: float = MAX_GAP) -> Pose | None:
+    def at(self, stamp: float, tolerance: float, max_gap: float = MAX_GAP) -> Pose | None:
         """Pose at `stamp` [s]: between its two neighbours, or of one nearer than `tolerance` [s].
 
         None where the trajectory does not reach: before its start, after its end, or in a gap
-        longer than `longest_gap` [s]. Rotation is interpolated spherically.
+        longer than `max_gap` [s]. Rotation is interpolated spherically.
         """
         after = int(np.searchsorted(self.stamp, stamp))
         near = min(
@@ -191,7 +191,7 @@ class Trajectory:
             key=lambda i: abs(self.stamp[i] - stamp),
         )
         inside = 0 < after < len(self.stamp) and self.stamp[near] != stamp
-        if inside and self.stamp[after] - self.stamp[after - 1] <= longest_gap:
+        if inside and self.stamp[after] - self.stamp[after - 1] <= max_gap:
             return self._between(after - 1, stamp)
         if abs(self.stamp[near] - stamp) <= tolerance:
             return pose_from_quaternion(self.t[near], self.q[near], f"pose at {stamp:.6f}")

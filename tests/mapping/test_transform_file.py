@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from kg.model.errors import LayoutError
-from mapping.transform_file import checked_rigid, load_transform
+from mapping.transform_file import load_transform
 
 
 def test_the_building_of_two_recordings_is_read(shared):
@@ -48,11 +48,17 @@ INFINITE = np.eye(4) + np.array([[0, 0, 0, np.inf]] + [[0] * 4] * 3)
 
 
 @pytest.mark.parametrize(
-    "matrix", [SCALED, MIRRORED, PROJECTIVE, INFINITE, np.eye(3), "one", [[1, 2], [3]], None]
+    "matrix",
+    [
+        *(T.tolist() for T in (SCALED, MIRRORED, PROJECTIVE, INFINITE, np.eye(3))),
+        *("one", [[1, 2], [3]], None),
+    ],
 )
-def test_only_rigid_transforms_pass(matrix):
-    with pytest.raises(LayoutError, match="the matrix"):
-        checked_rigid(matrix, "the matrix")
+def test_only_rigid_transforms_pass(tmp_path, matrix):
+    path = tmp_path / "transforms.json"
+    path.write_text(json.dumps({"sequences": {"a": {"T_map_world": matrix}}}))
+    with pytest.raises(LayoutError, match=r"T_map_world of 'a' in .*transforms.json"):
+        load_transform(path, "a")
 
 
 def test_matrix_written_with_six_digits_passes(tmp_path):

@@ -1,7 +1,7 @@
-"""Departures: objects that left where they stood, and the moves by which they were found again.
+"""Departures: objects that left their spots, and the moves by which they were found again.
 
-What left is in the map, too (`kg.maps.facts.departed_objects`), so that it is found after a
-restart.
+The map holds departed objects too (`kg.maps.facts.departed_objects`), so that they are found after
+a restart.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from mapping.objects.reidentification.moves import Absentee, Departed, in_one_sp
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.tracks import Track
 
-_REAL = 0.5  # existence that an object once had, below which it may never have been there
+_REAL = 0.5  # least peak existence of a departed object; below it may have been a mistake
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -23,7 +23,7 @@ class Move:
 
     old: Track  # as it was known where it left
     track: Track  # where it was found
-    former_iri: str | None  # of that track, None where it was none of an object
+    former_iri: str | None  # of that track; None where it was a candidate
     first_seen: float  # [s] of that track
     observations: int
 
@@ -52,7 +52,7 @@ class Departures:
         self._left += left
 
     def changes(self, now: float) -> tuple[tuple[DepartedRecord, ...], frozenset[str]]:
-        """What the map is to remember since the present frame, at `now` [s], and IRIs to forget."""
+        """Records of objects that the present frame, at `now` [s], adds, and IRIs to forget."""
         departed = tuple(t.departed_record(now) for t in self._added if t in self._left)
         return departed, frozenset(track.iri or "" for track in self._dropped)
 
@@ -67,11 +67,11 @@ class Departures:
 
     @property
     def tracks(self) -> list[Track]:
-        """All that is remembered of what left."""
+        """Tracks of all objects that left, found again or not."""
         return [*self._left, *(move.old for move in self._moves)]
 
     def forget_unknown(self) -> None:
-        """Forget objects of which no evidence is left."""
+        """Forget objects without evidence of any category."""
         self._left = [track for track in self._left if track.evidence]
         self._moves = [move for move in self._moves if move.old.evidence]
 
@@ -99,7 +99,7 @@ class Departures:
         return list(self._latest)
 
     def back(self, track: Track) -> Move | None:
-        """The move that `track` shows to be none, as it stands in the old spot; forgotten here."""
+        """Forget and return the move that `track`, which stands in the old spot, disproves."""
         for move in reversed(self._moves):
             if move.track.iri == move.old.iri and in_one_spot(move.old, track, self._settings):
                 self._moves.remove(move)

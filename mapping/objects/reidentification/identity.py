@@ -1,4 +1,4 @@
-"""Identity of objects: things that appear go on as the objects that left elsewhere."""
+"""Identity of objects: a thing that appears takes over the IRI of an object that left."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from mapping.objects.usual_sizes import SizeOf
 
 
 class IdentityResolver:
-    """Decides which things are objects that left where they stood; `objects` is the map's cache."""
+    """Finds departed objects again among the things that appear; `objects` is the map's cache."""
 
     def __init__(
         self,
@@ -30,7 +30,7 @@ class IdentityResolver:
         self._remember(None)
 
     def refresh(self, touched: frozenset[str]) -> None:
-        """Read again which of the things that others `touched` are objects that left."""
+        """Read again the departed objects among the things that other writers `touched`."""
         prefix = self._map.base + "object/"
         known = self.departures.iris
         iris = {iri for iri in touched if iri in known or iri.startswith(prefix)}
@@ -40,7 +40,7 @@ class IdentityResolver:
             self.departures.forget(iris - self._remember(iris))
 
     def _remember(self, iris: Collection[str] | None) -> set[str]:
-        """Remember objects that left by the map, all or those among `iris`; returns their IRIs."""
+        """Remember the map's departed objects, all or those of `iris`; returns their IRIs."""
         known, catalogue = self.departures.iris, self._map.catalogue
         records = self._map.departed(iris)
         self.departures.remember(
@@ -62,12 +62,14 @@ class IdentityResolver:
         departed: Departed,
         now: float,
     ) -> tuple[list[Track], list[Track]]:
-        """Let things that appeared go on as the objects that left elsewhere.
+        """Let things that appeared take over the identity of objects that left elsewhere.
 
-        Returns the tracks to be written besides, and those of `tracks` that others go on as;
+        Returns the other tracks to be written, and the tracks whose identity others took over;
         changes the IRIs that are `removed`. `now` is the frame's stamp [s].
         """
-        self.departures.add([t for t in lost if not self._fixed(t) and not self._denied(t)])
+        self.departures.add(
+            [t for t in lost if not self._fixed(t) and not self._objects.asserted_absent(t.iri)]
+        )
         also = self._returned(new, tracks)
         old = list[Track]()
         gone = {id(track) for track in lost}
@@ -94,9 +96,9 @@ class IdentityResolver:
         return also, old
 
     def _returned(self, new: Sequence[Track], tracks: Sequence[Track]) -> list[Track]:
-        """Undo moves of things that stand in their old spot after all; the tracks they were given.
+        """Undo moves of things that stand in their old spots; returns the tracks of these moves.
 
-        What was taken for the object is one of its own again.
+        Such a track is an object of its own again.
         """
         others, present = list[Track](), {id(track) for track in tracks}
         for track in new:
@@ -111,11 +113,7 @@ class IdentityResolver:
             others.append(other)
         return others
 
-    def _denied(self, track: Track) -> bool:
-        """Whether people assert that an object is not there."""
-        return track.iri is not None and self._objects.asserted_absent(track.iri)
-
     def _fixed(self, track: Track) -> bool:
         """Whether people assert where an object is, or that it is there."""
-        asserted = track.iri is not None and self._objects.asserted_present(track.iri)
-        return asserted or self._objects.asserted(track.iri)[0] is not None
+        present = self._objects.asserted_present(track.iri)
+        return present or self._objects.asserted(track.iri)[0] is not None

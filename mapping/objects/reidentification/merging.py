@@ -11,8 +11,8 @@ from mapping.objects.settings import ObjectSettings
 from mapping.objects.tracks import SEEN_TOGETHER, Track
 from mapping.objects.usual_sizes import UNUSUAL, SizeOf, UsualSize
 
-_LARGE = 1.2  # [m] usual size of things that are seen in parts
-_PARTS = 0.1  # footprint that large things of one name share at most, as they are seen in parts
+_LARGE = 1.2  # [m] usual size from which things are seen in parts
+_PARTS = 0.1  # greatest shared footprint of two large things of one category
 _TOLERANCE = 1.15  # of the usual size
 _LIKELY = 0.5  # existence
 
@@ -20,23 +20,22 @@ _LIKELY = 0.5  # existence
 def duplicates(
     touched: Sequence[Track], tracks: Sequence[Track], usual: SizeOf, settings: ObjectSettings
 ) -> list[tuple[Track, Track]]:
-    """Pairs (kept, absorbed) of tracks that are one thing; only `touched` ones are looked at.
+    """Pairs (kept, absorbed) of tracks that are one thing, each with one of the `touched` tracks.
 
-    Objects of the map absorb candidates, those that were once likely absorb others, older ones
-    younger ones.
+    Objects of the map absorb candidates; tracks that were once likely absorb others; older tracks
+    absorb younger ones.
     """
     if not touched or len(tracks) < 2:
         return []
     positions = np.array([track.p_map for track in tracks])
     lows, highs = np.array([t.low for t in tracks]), np.array([t.high for t in tracks])
-    farthest = 2.0  # [m] largest distance of two parts of one thing
     found, gone = list[tuple[Track, Track]](), set[int]()
     for track in touched:
         if id(track) in gone:
             continue
         distances = np.linalg.norm(positions - track.p_map, axis=1)
-        near = distances < farthest
-        near |= boxes_touch(track.low, track.high, lows, highs)
+        # parts of one thing lie up to 2 m apart
+        near = (distances < 2.0) | boxes_touch(track.low, track.high, lows, highs)
         for index in np.nonzero(near)[0]:
             other = tracks[int(index)]
             if other is track or id(other) in gone or id(track) in gone:
@@ -51,7 +50,7 @@ def duplicates(
 
 
 def _seniority(track: Track) -> tuple[bool, bool, float]:
-    """Sorts objects of the map first, among them those that were once likely, then older ones."""
+    """Sort key: objects of the map first, then tracks that were once likely, then older ones."""
     return track.iri is None, track.peak < _LIKELY, track.first_seen
 
 
@@ -66,8 +65,8 @@ def same_thing(a: Track, b: Track, usual: SizeOf, s: ObjectSettings) -> bool:
     if distance < max(s.separation * expected.width, 0.1 * max(sizes)):
         return True
     shared = shared_footprint(a.low, a.high, b.low, b.high)
-    most = _PARTS if expected.longest >= _LARGE else s.interpenetration
-    if max(sizes) > UNUSUAL.longest and shared > most:
+    max_shared = _PARTS if expected.longest >= _LARGE else s.interpenetration
+    if max(sizes) > UNUSUAL.longest and shared > max_shared:
         return True
     if apart:
         return False

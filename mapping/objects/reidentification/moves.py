@@ -1,10 +1,10 @@
-"""Moved things: which of the things that appeared are things that left elsewhere.
+"""Moved things: pairs of a thing that left one spot and a thing that appeared at another.
 
-The probability that the thing n is the thing o, which left, weighs each pair by its labels, sizes,
+The probability that the new thing n is the old thing o weighs each pair by its labels, sizes,
 places and times against two alternatives: n has another origin (it is new, or was missed so far),
-and o went elsewhere. Pairs are assigned at greatest total probability, and hold where it is
-probable enough that n is one of the things that left, and o one of those that appeared: of two
-equal cups that were exchanged either may be either.
+and o went elsewhere. Pairs are assigned at greatest total probability. A pair holds where n is
+probably any of the things that left, and o any of the things that appeared: after an exchange of
+two equal cups, each of the new ones may be either of the old ones.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapping.objects.assignment import assign
+from mapping.objects.association import assign
 from mapping.objects.existence import category_probabilities
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.tracks import Track
@@ -30,8 +30,8 @@ class Absentee:
     """A thing that is perhaps not where it was last seen."""
 
     track: Track
-    left: float  # probability that it left, by what was seen of its spot since
-    looked: bool  # whether its spot was looked at; only such things are found elsewhere
+    left: float  # probability that it left, by the views of its spot since
+    looked: bool  # whether its spot was viewed; only such things are found elsewhere
 
 
 def moved_things(

@@ -78,11 +78,12 @@ def pairs_above(
 
 
 def suppress(
-    xyxy: Floats, score: Floats, label: NDArray[np.int64], overlap: float, most: int
+    xyxy: Floats, score: Floats, label: NDArray[np.int64], overlap: float, max_count: int
 ) -> NDArray[np.int64]:
     """Indices of the boxes (n, 4) that no better box of their class overlaps, best first.
 
-    `overlap` is the IoU above which the weaker of two is dropped; of a class at most `most` stay.
+    `overlap` is the IoU above which the weaker of two is dropped; each class keeps at most
+    `max_count` boxes.
     """
     corners = xyxy.astype(np.float64)
     boxes = np.concatenate([corners[:, :2], corners[:, 2:] - corners[:, :2]], axis=1)
@@ -92,6 +93,6 @@ def suppress(
         best = cv2.dnn.NMSBoxes(
             boxes[of_class].tolist(), score[of_class].tolist(), 0.0, overlap, top_k=MAX_OF_A_CLASS
         )
-        kept.append(of_class[np.asarray(best, np.int64).ravel()[:most]])
+        kept.append(of_class[np.asarray(best, np.int64).ravel()[:max_count]])
     chosen = np.concatenate(kept)
     return chosen[np.argsort(-score[chosen], kind="stable")]

@@ -10,9 +10,8 @@ import pytest
 from kg.model.records import MapUpdate, ObjectRecord
 from kg.serving.opening import create_map, in_memory_map, open_map
 from mapping.evaluation.complete_truth import TrueObject
-from mapping.evaluation.existence_calibration import calibration
 from mapping.evaluation.identity_switches import identity_switches
-from mapping.evaluation.map_evaluation import evaluate_map, mapped_objects, pooled
+from mapping.evaluation.map_evaluation import calibration, evaluate_map, mapped_objects, pooled
 from mapping.evaluation.position_coverage import coverage
 from mapping.evaluation.truth_matching import MappedObject, TruthMatcher
 

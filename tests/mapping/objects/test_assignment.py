@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from mapping.objects.assignment import assign
+from mapping.objects.association import assign
 
 Costs = NDArray[np.float64]
 

@@ -14,7 +14,8 @@ from mapping.places.place_mapper import PlaceMapper
 from mapping.places.place_registry import PlaceRegistry
 from mapping.projection import map_points
 from mapping.reference.settings import ReferenceSettings
-from mapping.reference.viewpoint_gate import main_owner, repeats_view, rotation_angle, unknown_share
+from mapping.reference.viewpoint_gate import main_owner, repeats_view, unknown_share
+from perception.camera.poses import motion
 from perception.frames import SceneScores
 
 WEST_EAST = Layout(
@@ -156,5 +157,5 @@ def test_unknown_share(make_frame):
 @given(st.floats(-3.1, 3.1))
 def test_turn_is_the_angle_between_poses(yaw):
     T = shifted(np.eye(4), yaw=yaw)
-    assert rotation_angle(np.eye(4), T) == pytest.approx(abs(yaw), abs=1e-6)
+    assert motion(np.eye(4), T)[1] == pytest.approx(abs(yaw), abs=1e-6)
     assert not repeats_view(T, [], 0.15, 0.17)

@@ -218,7 +218,7 @@ def test_suppression_keeps_the_best_and_separates_what_it_keeps(rows):
     xyxy = np.array([[x, y, x + w, y + h] for x, y, w, h, _, _ in rows], np.float32).reshape(-1, 4)
     score = np.array([row[4] for row in rows], np.float32)
     label = np.array([row[5] for row in rows], np.int64)
-    kept = suppress(xyxy, score, label, overlap=0.6, most=100)
+    kept = suppress(xyxy, score, label, overlap=0.6, max_count=100)
     for c in set(label.tolist()):
         of_class = [i for i in kept if label[i] == c]
         assert score[of_class].max() == score[label == c].max()

@@ -9,7 +9,7 @@ import pytest
 
 from kg.model.errors import PictureError
 from mapping.evaluation.complete_truth import TrueObject
-from mapping.evaluation.existence_calibration import calibration
+from mapping.evaluation.map_evaluation import calibration
 from mapping.evaluation.truth_matching import MappedObject, TruthMatcher
 from planner.display.plots.reliability_plot import plot_reliability
 from planner.display.plots.truth_plot import plot_truth, truth_outline

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mapping.reference.confidence import decayed, existence, mean_position, reinforced
+from mapping.reference.object_update import decayed, existence, mean_position, reinforced
 
 
 def test_first_confidence_is_phi_times_the_score():
