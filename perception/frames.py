@@ -1,4 +1,4 @@
-"""Frames, detections, scene scores, and the protocols of what makes them.
+"""Frames, detections and scene scores, and the protocols of their sources.
 
 Pixels are (column, row) with the origin at the centre of the top left pixel; the camera looks along
 +z with x right and y down; `T_map_cam` takes camera coordinates to map coordinates.
@@ -21,8 +21,8 @@ from kg.model.errors import FrameError
 class Frame:
     """RGB-D image, registered, with its pose.
 
-    Raises FrameError, a ValueError, where shapes or types are not the ones below. What the numbers
-    may be is checked where frames are mapped (`mapping.frame_checks`).
+    Raises FrameError, a ValueError, where shapes or types are not the ones below. The values are
+    checked where frames are mapped (`mapping.frame_checks`).
     """
 
     id: str
@@ -56,7 +56,7 @@ class Detections:
     score: NDArray[np.float32]  # (n,) 0..1
     label: tuple[str, ...]  # (n,) the network's own label
     source: tuple[str, ...] = ()  # (n,) name of each one's detector; (): there is only one
-    detectors: tuple[str, ...] = ()  # names of all that looked at the image; (): there is only one
+    detectors: tuple[str, ...] = ()  # names of all that ran on the image; (): there is only one
     # (n,) the thing's pixels in its box, (h, w) as `box_pixels` counts; None: no mask; (): of none
     mask: tuple[NDArray[np.bool_] | None, ...] = ()
 
@@ -77,7 +77,7 @@ class Detections:
         return len(self.label)
 
     def chosen(self, indices: NDArray[np.integer]) -> Detections:
-        """Those at `indices`, in that order."""
+        """Detections at `indices`, in that order."""
         at = [int(index) for index in indices]
         return Detections(
             self.xyxy[at],

@@ -158,7 +158,9 @@ def _state(track: Track) -> dict[str, Any]:
 
 def _track(number: int, state: Mapping[str, Any], s: ObjectSettings) -> Track:
     plain = {name: state[name] for name in _PLAIN}
-    points = {name: np.array(state[name], np.float64).reshape(3) for name in _POINTS}
+    points: dict[str, Any] = {
+        name: np.array(state[name], np.float64).reshape(3) for name in _POINTS
+    }
     lows, highs = (np.array(state[name], np.float64).reshape(-1, 3) for name in ("lows", "highs"))
     track = Track(**points, **plain, settings=s, number=number, changed=False)
     track.sizes.extend(map(float, state["sizes"]))

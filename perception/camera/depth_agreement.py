@@ -2,9 +2,9 @@
 
 Points of one image are transformed into the other camera and compared with the depth measured
 there (projective data association: Blais and Levine, IEEE PAMI 17, 1995). A point on the measured
-surface agrees; one in front of it contradicts, since the other camera saw through it; one behind
-says nothing, since it may be hidden. Distances are relative, so that a wrong unit of depth is the
-same as a wrong length of the motion.
+surface agrees. A point in front of it contradicts, since the other camera saw through it. A point
+behind it does not count, since it may be hidden. Distances are relative, so that a wrong unit of
+depth is the same as a wrong length of the motion.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Gravity alignment of a recording's world: z up, floor about z = 0.
 
 Up comes from, in this order: the caller; the folder's gravity-direction.txt (7-Scenes); the
-surfaces seen. From surfaces, up is the direction that most patches of depth agree on as level,
-among those that face the way the cameras' own up does (so a recording held on its side needs `up`),
-and that is square to most other patches, the walls.
+surfaces in the depth images. From surfaces, up is the normal that most flat patches share, while
+most other patches, the walls, are square to it. Only normals near the cameras' own up are
+candidates, so a recording held on its side needs `up`.
 
 The heading is kept: the map's x axis is the world's x axis laid flat (the world's z axis, where x
 is itself upright). The map's origin lies straight below (or above) the world's, on the floor.

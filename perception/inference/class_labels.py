@@ -105,7 +105,7 @@ def coco_by_id() -> tuple[str, ...]:
 
 
 def is_object(label: str) -> bool:
-    """Whether a class is one of things, and not what lists have for "nothing there"."""
+    """Whether a class is one of things; lists also have names for "no object"."""
     return label.strip("_ ").lower() not in (NO_OBJECT, "", "background", "no object")
 
 

@@ -1,8 +1,8 @@
-"""Find objects in a frame with an ONNX network.
+"""Object detectors that run an ONNX network.
 
-What a network's outputs mean is recognised by its signature (`perception.inference.heads`). How it
-wants its images is the first of: its card (`perception.inference.model_zoo`), its own metadata
-`resize` and `values`, and what networks with such a head usually want.
+The signature of a network tells the meaning of its outputs (`perception.inference.heads`). The
+format of its input comes from the first of: its card (`perception.inference.model_zoo`), its own
+metadata `resize` and `values`, and the usual format of networks with such a head.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Detector pair: two networks that are weak alone and err in different ways, as one detector.
 
-The first looks at every frame, the second, which is slower, at those from a new point of view.
+The first runs on every frame. The second, which is slower, runs on frames from a new point of view.
 Detections keep the name of their network.
 """
 
@@ -38,7 +38,7 @@ class DetectorPair:
         return str(getattr(self._first, "device", ""))
 
     def resume(self, looked_from: Mapping[str, NDArray[np.float64]]) -> None:
-        """Go on after an earlier run, by the pose (4, 4) that each network last looked from."""
+        """Continue an earlier run, by the pose (4, 4) of the last frame of each network."""
         self._looked_from = looked_from.get(self._second.name)
 
     def detect(self, frame: Frame) -> Detections:

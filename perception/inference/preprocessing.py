@@ -1,4 +1,4 @@
-"""Bring an image to the size and the range a network expects, and boxes back."""
+"""Preprocessing of images to the size and values of a network's input, and of boxes back."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Fitted:
 
 
 def fit(rgb: NDArray[np.uint8], size: tuple[int, int], resize: str, values: str) -> Fitted:
-    """`rgb` (H, W, 3) as a network of input `size` (height, width) wants it.
+    """Input of `size` (height, width) for a network, from an image `rgb` (H, W, 3).
 
     `resize`: "stretch" to the size, "letterbox" (aspect kept, grey below and right), "crop" (the
     centre, after shrinking the shorter side). `values`: "0..255", "0..1" or "imagenet" (mean and

@@ -1,4 +1,4 @@
-"""Say what kind of place a frame shows, with an ONNX image classifier.
+"""Scene classifiers that run an ONNX network.
 
 One image input [N, 3, H, W] -> class scores [N, C], the output `probs` or else the first; scores
 that are no probabilities yet go through a softmax. A second output `features` [N, F], where the

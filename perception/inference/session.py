@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from kg.model.errors import ModelError
 
-# Before the import, which is when it is read: onnxruntime reports its use to its makers and keeps a
-# number for this machine on disk. Nobody asked for either; who wants them sets it to 0.
+# onnxruntime reports its use to its makers and keeps a number of this machine on disk, unless this
+# variable is set before the import. Users who want that set it to 0.
 os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
 
 import onnxruntime as ort
@@ -31,9 +31,9 @@ _FAILURES = (
 )
 THREADS_VARIABLE = "HEREABOUTS_THREADS"
 MAX_THREADS = 4
-#: a thread that spins while it waits takes the processor from whoever it waits for
+#: a thread that spins while it waits takes the processor from the thread that it waits for
 SPINNING: Final = "0"
-#: [px] of a network's input where it takes any size and does not say which it was made for, ...
+#: [px] side of the input of a network that takes any size and names none, ...
 USUAL_SIZE = 640
 MAX_SIZE = 4096  # ... and the largest side of any
 _SUFFIX = "ExecutionProvider"
@@ -82,7 +82,7 @@ def provider_of(device: str) -> str:
 
 
 class Session:
-    """A network ready to run, and what it says of its inputs and outputs.
+    """A network ready to run, with its inputs, outputs and metadata.
 
     `device`: "auto", or one of `available_devices`. Raises ModelError for a file that is no
     network, and where a device that is named does not work.

@@ -3,8 +3,8 @@
 With features f of an image, centred at the mean of the examples and of length one, and the
 network's own probability p_c, the taught category c scores log p_c + w_c f; categories that were
 not taught score log p_c. The weights are those of a multinomial logistic regression over the
-examples with an L2 penalty. They sum to zero over the categories, so that one kind of room alone
-changes nothing: there is nothing to tell it from.
+examples with an L2 penalty. They sum to zero over the categories, so that a single taught kind of
+room changes nothing.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def room_examples(
 
 @dataclass(frozen=True, slots=True)
 class RoomExamples:
-    """Features of images, each with what kind of room it shows and where it was taken."""
+    """Features of images, each with the kind of its room and with its place."""
 
     network: str  # whose features they are
     features: NDArray[np.float32]  # (n, F)
@@ -84,7 +84,7 @@ class RoomExamples:
             raise ValueError("numbers that are not finite")
 
     def with_place(self, other: RoomExamples) -> RoomExamples:
-        """These, with `other` in place of what was taught of its places.
+        """These examples, with `other` in place of the examples of its places.
 
         Raises ModelError where they are of different networks, or too many together.
         """
@@ -105,7 +105,7 @@ class RoomExamples:
         )
 
     def save(self, folder: Path) -> None:
-        """Keep them in the folder of a map, in place of what is there; raises ModelError."""
+        """Write them into the folder of a map, over former ones; raises ModelError."""
         path = folder / FILE
         packed = io.BytesIO()
         np.savez_compressed(

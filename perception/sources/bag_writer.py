@@ -2,8 +2,8 @@
 
 Images are kept to the last bit (`perception.sources.ros.message_maker`). Topics are called as
 camera drivers call them; poses are transforms of the camera's optical frame in `world`, and `world`
-in `map`, which has z up. What ROS has no message for, names of frames and how the world was
-levelled, is one string of JSON on a topic of its own.
+in `map`, which has z up. ROS has no message for the names of frames and for the transform of the
+world into the map; one string of JSON on a topic of its own holds both.
 """
 
 from __future__ import annotations
@@ -171,7 +171,7 @@ class _Writer:
         }
 
     def begin(self, recording: FolderRecording, stamp: int) -> None:
-        """Write what holds for the whole recording."""
+        """Write the messages that hold for the whole recording."""
         note = {
             "frame": WORLD,
             "T_map_world": [float(x) for x in recording.T_map_world.ravel()],

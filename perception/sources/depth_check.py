@@ -1,8 +1,9 @@
 """Check of a recording's depth against its poses and its colour, before anything is mapped.
 
 Pairs of frames that a short motion separates must agree on the surfaces they show
-(`perception.camera.depth_agreement`). Where they do not, and would with another unit of depth or
-another convention of poses, the recording is read wrongly, and that is what would work.
+(`perception.camera.depth_agreement`). Where they disagree, but would agree with another unit of
+depth or another convention of poses, the recording is read wrongly, and the error names the other
+unit or convention.
 """
 
 from __future__ import annotations
@@ -66,7 +67,7 @@ class DepthFindings:
 
     share: float | None  # of points that two frames share and agree on; None: too few to tell
     registration: EdgeOffset | None  # of depth's edges against colour's; None: too few to tell
-    error: str | None  # what another depth scale or convention of poses would explain
+    error: str | None  # names another depth scale or pose convention that explains the depth
     warnings: tuple[str, ...]
 
 

@@ -1,8 +1,8 @@
-"""Summary of a recording: its streams, their rates and gaps, and what would be read of them."""
+"""Summary of a recording: its streams, with rates, gaps and use."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -23,15 +23,15 @@ class StreamSummary:
     rate: float | None  # [Hz] median; None: fewer than two stamps
     gap: float | None  # [s] longest between two stamps
     frame: str
-    use: str  # what it would be read for, "" if it would not
+    use: str  # "colour", "depth", ...; "" where it is not read
 
     def to_json(self) -> dict[str, Any]:
         """The fields by name."""
-        return {name: getattr(self, name) for name in self.__slots__}
+        return asdict(self)
 
 
 def bag_streams(index: BagIndex, choice: Choice | None) -> list[StreamSummary]:
-    """All topics of a bag; of those that are neither images, cameras nor poses only the count."""
+    """All topics of a bag; topics other than images, cameras and poses have a count alone."""
     uses = _uses(index, choice)
     known = [
         _summary(s.topic, _holds(s), s.seconds, s.frame, uses.get(s.topic, ""))

@@ -1,4 +1,4 @@
-"""Which head a network has, by names, types and shapes of its inputs and outputs."""
+"""Recognition of a network's head by names, types and shapes of its inputs and outputs."""
 
 from __future__ import annotations
 

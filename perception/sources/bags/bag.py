@@ -127,7 +127,7 @@ def _posed(index: BagIndex, colour: Stream, streams: Streams) -> Stream | None:
 
 
 def add_poses(index: BagIndex, topic: str, camera: str) -> None:
-    """Add the poses of a topic to the tree; those that name no child are the camera's own."""
+    """Add the poses of a topic to the tree; poses without a child frame are the camera's own."""
     found = index.poses[topic]
     child = found.child or camera
     for place, stamp in enumerate(found.stamps):
@@ -315,7 +315,7 @@ _Key = tuple[str, int, int]
 
 
 class _Tape:
-    """A bag read on from message to message; what it passes on the way is kept for a while."""
+    """A bag read from message to message; messages passed on the way are kept for a while."""
 
     def __init__(self, bag: BagFile, topics: tuple[str, ...]) -> None:
         self._bag = bag
@@ -337,7 +337,7 @@ class _Tape:
             if not self._now <= key[1] <= self._now + AHEAD:
                 self._wind(key[1])
             raw = self._found(key)
-        if raw is None:  # it was passed, and not kept
+        if raw is None:  # passed before, and not kept
             self._wind(key[1])
             raw = self._found(key)
         if raw is None:

@@ -1,7 +1,7 @@
 """Bags on disk: ROS 1 bags, ROS 2 bags (folder or file, SQLite or MCAP), read without ROS.
 
-All that knows the package `rosbags` when reading. Messages are taken by the definitions that ship
-with it, never by those in the file: no code is made from what a file says.
+No other module reads with the package `rosbags`. Messages are decoded by the definitions that ship
+with it, never by the definitions in a file, so that no code is made from the content of a file.
 """
 
 from __future__ import annotations
@@ -145,32 +145,32 @@ def message_types(is_ros1: bool) -> Any:
 
 @contextlib.contextmanager
 def _errors(path: Path | str, what: str = "") -> Iterator[None]:
-    """Whatever the parsers of files from anywhere raise, in one line."""
+    """Turn any error of a parser into a RecordingError of one line."""
     try:
         yield
     except RecordingError:
         raise
     except Exception as error:  # rosbags parses hostile bytes and asserts much
-        said = " ".join(str(error).split()) or type(error).__name__
+        reason = " ".join(str(error).split()) or type(error).__name__
         where = f"{path}: {what}" if what else str(path)
-        raise RecordingError(f"{where} cannot be read: {said[:300]}{_hint(said)}") from error
+        raise RecordingError(f"{where} cannot be read: {reason[:300]}{_hint(reason)}") from error
 
 
-def _hint(said: str) -> str:
-    if "not indexed" in said or "index looks damaged" in said:
+def _hint(reason: str) -> str:
+    if "not indexed" in reason or "index looks damaged" in reason:
         return " (`rosbag reindex` would repair a bag whose recording was cut short)"
-    if said == "Profile is not ros2.":
+    if reason == "Profile is not ros2.":
         return " (recordings hold ROS 2 messages; this is an MCAP file of another kind)"
-    if "end magic" in said or "footer" in said:
+    if "end magic" in reason or "footer" in reason:
         return " (`mcap recover` would repair a file whose recording was cut short)"
     return ""
 
 
 @functools.cache
 def _bound_decompression() -> None:
-    """Chunks that expand to more than they say, or than any chunk has, are refused.
+    """Let rosbags refuse chunks that expand to more than their stated size, or than MAX_CHUNK.
 
-    rosbags decompresses whatever a chunk holds. A file of kilobytes could fill the memory.
+    Otherwise a file of kilobytes could fill the memory.
     """
     import lz4.frame
     from rosbags.rosbag1 import reader

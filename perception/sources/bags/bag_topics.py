@@ -1,4 +1,4 @@
-"""Which topics of a bag are its colour, depth, camera and poses, where nobody says.
+"""Choice of a bag's topics of colour, depth, camera and poses, where the user names none.
 
 Colour: images of a colour encoding, before grey ones; before others those with `color` or `rgb` in
 their name, then those with a CameraInfo, then the most messages. Depth: images of a depth encoding;

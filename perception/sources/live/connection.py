@@ -54,23 +54,23 @@ def full_name(type_: str) -> str:
 class Retry:
     """Pauses between attempts to connect, each twice as long as the one before.
 
-    Each failure gives one warning. Connections to one peer share the set `said`, so that a failure
-    of all gives one warning too.
+    Each failure gives one warning. Connections to one peer share the set `warned`, so that a
+    failure of all of them gives one warning too.
     """
 
     def __init__(
-        self, where: str, ended: threading.Event, said: set[tuple[str, str]] | None = None
+        self, where: str, ended: threading.Event, warned: set[tuple[str, str]] | None = None
     ) -> None:
         self._where, self._ended = where, ended
-        self._said = set[tuple[str, str]]() if said is None else said
+        self._warned = set[tuple[str, str]]() if warned is None else warned
         self._pauses, self._failing = _pauses(), False
 
     def failed(self, error: object) -> None:
         """Warn of the error, and wait."""
         reason = " ".join(str(error).split())[:200] or type(error).__name__
-        if (self._where, reason) not in self._said and len(self._said) < MAX_WARNINGS:
+        if (self._where, reason) not in self._warned and len(self._warned) < MAX_WARNINGS:
             _log.warning("%s: %s; trying again", self._where, reason)
-            self._said.add((self._where, reason))
+            self._warned.add((self._where, reason))
         self._failing = True
         self.wait()
 

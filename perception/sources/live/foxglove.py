@@ -93,20 +93,20 @@ class _Session:
                 self._subscribe()
                 continue
             if isinstance(data, str):
-                self._told(data)
+                self._take_json(data)
                 self._subscribe()
             else:
                 self._received(data)
 
-    def _told(self, text: str) -> None:
+    def _take_json(self, text: str) -> None:
         try:
-            told = json.loads(text)
-            kind = told["op"]
+            message = json.loads(text)
+            kind = message["op"]
             if kind == "advertise":
-                for channel in told["channels"]:
+                for channel in message["channels"]:
                     self._advertised(channel)
             elif kind == "unadvertise":
-                gone = set(map(int, told["channelIds"]))
+                gone = set(map(int, message["channelIds"]))
                 self._channels = {k: v for k, v in self._channels.items() if k not in gone}
         except (ValueError, TypeError, LookupError, RecursionError) as error:
             raise RecordingError(f"malformed JSON of the server: {error}") from error
@@ -128,15 +128,15 @@ class _Session:
         for channel in wanted.values():
             self._last += 1
             self._subscribed[self._last] = channel
-            asked = {"id": self._last, "channelId": channel.id}
-            self._send({"op": "subscribe", "subscriptions": [asked]})
+            subscription = {"id": self._last, "channelId": channel.id}
+            self._send({"op": "subscribe", "subscriptions": [subscription]})
 
-    def _send(self, what: dict[str, Any]) -> None:
-        self._socket.send(json.dumps(what))
+    def _send(self, message: dict[str, Any]) -> None:
+        self._socket.send(json.dumps(message))
 
     def _received(self, data: bytes) -> None:
         if len(data) < _MESSAGE.size or data[0] != 1:
-            return  # time, or an answer to what was not asked
+            return  # a message of another kind, such as the time
         _, number, stamp = _MESSAGE.unpack_from(data)
         channel = self._subscribed.get(number)
         if channel is None or len(data) - _MESSAGE.size > max_size(channel.type):

@@ -1,4 +1,4 @@
-"""Folders that are being written: a recording whose frames are read as they are added, in order."""
+"""Growing folders: a recording that is still being written, read in order as frames are added."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ def first_opened(
 ) -> FolderRecording | None:
     """The recording once it can be opened; None where `ended` was set before.
 
-    Without `level` how its world is stood upright is found from what it shows: then it waits for
-    FRAMES frames, or until no more come.
+    Without `level` the gravity alignment is estimated from the frames. The call then waits for
+    FRAMES frames, or until no more are added.
     """
-    said, count, since = "", 0, time.monotonic()
+    warning, count, since = "", 0, time.monotonic()
     while not ended.is_set():
         try:
             recording = opened()
         except RecordingError as error:
-            if str(error) != said and time.monotonic() - since > QUIET:
-                said = str(error)
-                _log.warning("waiting: %s", said)
+            if str(error) != warning and time.monotonic() - since > QUIET:
+                warning = str(error)
+                _log.warning("waiting: %s", warning)
         else:
             if len(recording) != count:
                 count, since = len(recording), time.monotonic()
@@ -77,7 +77,7 @@ class GrowingRecording:
         return len(self.now)
 
     def frames(self, start: int = 0) -> Iterator[Frame]:
-        """Frames from index `start` on, those that are added meanwhile too.
+        """Frames from index `start` on, including frames that are added meanwhile.
 
         Raises RecordingError where the folder cannot be read for STUCK seconds, or loses frames.
         """

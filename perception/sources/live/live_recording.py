@@ -63,7 +63,7 @@ class LiveRecording:
             raise failed[0]
 
     def _until_ended(self) -> Iterator[Frame]:
-        last, given, said = time.monotonic(), 0, ""
+        last, given, warning = time.monotonic(), 0, ""
         while not self.ended.is_set() and (self.limit is None or given < self.limit):
             frame = self.stream.next_frame(0.1)
             now = time.monotonic()
@@ -73,6 +73,6 @@ class LiveRecording:
                 last = time.monotonic()
             elif self.idle is not None and now - last >= self.idle:
                 return
-            elif self.stream.problem not in ("", said) and now - last >= SILENT:
-                said = self.stream.problem
-                _log.warning("waiting: %s", said)
+            elif self.stream.problem not in ("", warning) and now - last >= SILENT:
+                warning = self.stream.problem
+                _log.warning("waiting: %s", warning)

@@ -23,7 +23,7 @@ from perception.sources.live.ros1_api import CALLER, FAILURES, PATIENCE, ask
 from perception.sources.live.tcpros import TcprosConnection
 
 PORT: Final = 11311
-POLL: Final = 0.2  # [s] between two looks at the master
+POLL: Final = 0.2  # [s] between two requests to the master
 MAX_SUBSCRIPTIONS: Final = 100
 
 _Key = tuple[str, str, str]  # topic, type as the publisher names it, node
@@ -35,7 +35,7 @@ class Ros1Master:
 
     host: str
     port: int
-    caller: str = CALLER  # the name that it and its nodes know us by
+    caller: str = CALLER  # our own name among its nodes
 
     @classmethod
     def at(cls, address: str) -> Ros1Master:
@@ -73,7 +73,7 @@ class Ros1Master:
         """Give messages to `inbox` until `ended`."""
         retry = Retry(self.address, ended)
         running: dict[_Key, _Subscription] = {}
-        said = set[tuple[str, str]]()
+        warned = set[tuple[str, str]]()
         while not ended.is_set():
             try:
                 wanted = _publishers(self, inbox)
@@ -84,7 +84,7 @@ class Ros1Master:
             for key in running.keys() - wanted:
                 running.pop(key).close()
             for key in sorted(wanted - running.keys())[: MAX_SUBSCRIPTIONS - len(running)]:
-                running[key] = _Subscription(self, key, inbox, said)
+                running[key] = _Subscription(self, key, inbox, warned)
             ended.wait(POLL)
         for one in running.values():
             one.close()
@@ -103,9 +103,9 @@ class _Subscription:
     """A topic of one publisher, received by a thread of its own."""
 
     def __init__(
-        self, master: Ros1Master, key: _Key, inbox: Inbox, said: set[tuple[str, str]]
+        self, master: Ros1Master, key: _Key, inbox: Inbox, warned: set[tuple[str, str]]
     ) -> None:
-        self._master, self._inbox, self._said = master, inbox, said
+        self._master, self._inbox, self._warned = master, inbox, warned
         self._topic, self._type, self._node = key
         self._ended = threading.Event()
         threading.Thread(target=self._run, name=f"ros1 {self._topic}", daemon=True).start()
@@ -115,7 +115,7 @@ class _Subscription:
         self._ended.set()
 
     def _run(self) -> None:
-        retry = Retry(self._node, self._ended, self._said)
+        retry = Retry(self._node, self._ended, self._warned)
         while not self._ended.is_set():
             try:
                 for data in self._messages():

@@ -25,7 +25,7 @@ from perception.sources.live.ros1_api import CALLER, FAILURES, PATIENCE
 from perception.sources.live.tcpros import TcprosConnection, block
 
 CHECK_INTERVAL: Final = 1.0  # [s] between two checks that the master still knows the node
-MAX_CONNECTIONS: Final = 64  # of subscribers, also of those that have not named a topic yet
+MAX_CONNECTIONS: Final = 64  # of subscribers, with or without a topic so far
 MAX_REQUEST: Final = 1 << 20  # [bytes]
 
 

@@ -1,9 +1,9 @@
 """ROS 2: topics over DDS, without ROS; through Eclipse Cyclone DDS.
 
-What ROS 2 makes of a topic: /tf is rt/tf, sensor_msgs/msg/Image is sensor_msgs::msg::dds_::Image_,
-and a message is its CDR (design.ros2.org: Topic and Service name mapping to DDS). Types are made
-from the same definitions as those of bags; messages are taken as bytes and decoded like those of
-bags.
+ROS 2 maps the topic /tf to rt/tf, the type sensor_msgs/msg/Image to
+sensor_msgs::msg::dds_::Image_, and a message to its CDR (design.ros2.org: Topic and Service name
+mapping to DDS). Types are made from the definitions that bags use too; messages are received as
+bytes and decoded like those of bags.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from perception.sources.bags.bag_file import RawMessage, message_types
 from perception.sources.bags.bag_index import IMAGES
 from perception.sources.live.connection import MAX_WARNINGS, Inbox, max_size
 
-POLL: Final = 0.2  # [s] between two looks at who publishes
+POLL: Final = 0.2  # [s] between two readings of the publishers
 MAX_READERS: Final = 100
 MAX_WRITERS: Final = 10_000
 MAX_DOMAIN: Final = 232
@@ -37,17 +37,17 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class _Topic:
-    """A topic and how it can be read from all that publish it."""
+    """A topic, with the quality of service that all its publishers offer."""
 
     name: str  # e.g. /tf
     type: str  # e.g. tf2_msgs/msg/TFMessage
     reliable: bool
-    durable: bool  # whether its last messages are kept for who comes later
+    durable: bool  # whether later subscribers get its last messages too
 
 
 @dataclass(frozen=True, slots=True)
 class Ros2Domain:
-    """A ROS 2 domain: all that publishes in it, as far as this computer's network shows it.
+    """A ROS 2 domain: all publishers that this computer reaches over its network.
 
     CYCLONEDDS_URI configures the network, as it does for ROS 2 with rmw_cyclonedds.
     """
@@ -87,7 +87,7 @@ class Ros2Domain:
 
 
 class _Participant:
-    """Our part in a domain: who publishes what, and a reader of each topic that is wanted."""
+    """Participant of a domain: reads its publications, and each topic that is wanted."""
 
     def __init__(self, domain: int, inbox: Inbox) -> None:
         from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
@@ -101,22 +101,22 @@ class _Participant:
         self._alive = ReadCondition(self._writers, alive)
         self._news = InstanceState.Any | SampleState.NotRead | ViewState.Any
         self._waiting = WaitSet(self._participant)
-        self._said = set[_Topic]()
+        self._warned = set[_Topic]()
         self._readers: dict[_Topic, tuple[Any, Any]] = {}  # reader, and its condition
 
     def run(self, ended: threading.Event) -> None:
-        looked = 0.0
+        subscribed = 0.0
         while not ended.is_set():
-            if time.monotonic() >= looked + POLL:
+            if time.monotonic() >= subscribed + POLL:
                 self._subscribe()
-                looked = time.monotonic()
+                subscribed = time.monotonic()
             self._waiting.wait(round(POLL * 1e9))
             for topic, (reader, _) in self._readers.items():
                 for sample in reader.take(TAKEN):
                     self._received(topic, getattr(sample, "cdr", None))
 
     def _subscribe(self) -> None:
-        """Have a reader of each topic that is wanted now, and of no other."""
+        """Keep a reader of each topic that is wanted now, and of no other."""
         from cyclonedds.core import DDSException, ReadCondition
 
         there = topics_of(self._writers.read(MAX_WRITERS, self._alive))
@@ -129,7 +129,7 @@ class _Participant:
                 try:
                     reader = self._reader(topic)
                 except DDSException as error:  # e.g. of a type that it had not before
-                    self._tell(topic, error)
+                    self._warn(topic, error)
                     continue
                 condition = ReadCondition(reader, self._news)
                 self._waiting.attach(condition)
@@ -152,9 +152,9 @@ class _Participant:
         made = Topic(self._participant, f"{_TOPIC}{topic.name}", idl_type(topic.type))
         return DataReader(self._participant, made, qos=quality)
 
-    def _tell(self, topic: _Topic, error: object) -> None:
-        if topic not in self._said and len(self._said) < MAX_WARNINGS:
-            self._said.add(topic)
+    def _warn(self, topic: _Topic, error: object) -> None:
+        if topic not in self._warned and len(self._warned) < MAX_WARNINGS:
+            self._warned.add(topic)
             said = " ".join(str(error).split())[:200]
             _log.warning("%s of type %s cannot be read: %s", topic.name, topic.type, said)
 
@@ -165,7 +165,7 @@ class _Participant:
 
 
 def topics_of(writers: Iterable[Any]) -> list[_Topic]:
-    """Topics of messages whose types are known, as all that write each can be read."""
+    """Topics of known types, each with the quality of service that all its writers offer."""
     from cyclonedds.qos import Policy
 
     known = message_types(False).fielddefs
@@ -190,7 +190,7 @@ class Sample:
 
     def __init__(self, cdr: bytes) -> None:
         self.cdr = cdr  # with the header that says how it is encoded
-        self.sample_info: Any = None  # what cyclonedds says of it
+        self.sample_info: Any = None  # set by cyclonedds
 
 
 @cache
@@ -212,12 +212,12 @@ def _idl_of(node: tuple[Any, Any]) -> Any:
     from cyclonedds.idl import types
     from rosbags.interfaces import Nodetype
 
-    kind, what = node
+    kind, content = node
     if kind == Nodetype.BASE:
         plain = {"bool": bool, "string": str, "byte": types.uint8, "char": types.uint8}
-        return plain.get(what[0]) or getattr(types, what[0])
+        return plain.get(content[0]) or getattr(types, content[0])
     if kind == Nodetype.NAME:
-        return idl_type(what)
+        return idl_type(content)
     holder: Any = types.array if kind == Nodetype.ARRAY else types.sequence
-    each, length = _idl_of(what[0]), what[1]
-    return holder[each, length] if kind == Nodetype.ARRAY else holder[each]
+    item, length = _idl_of(content[0]), content[1]
+    return holder[item, length] if kind == Nodetype.ARRAY else holder[item]

@@ -1,4 +1,4 @@
-"""Live streams of messages as frames: the newest whole one whenever one is asked for.
+"""Live streams of messages as frames: on request, the newest frame that is complete.
 
 Topics are chosen, colour and depth paired and poses looked up as in bags (`perception.sources`):
 nearest stamps within a tolerance, the transform at colour's stamp. A pair waits until no nearer
@@ -92,7 +92,7 @@ class FrameStream:
     _advertised: set[str] = field(default_factory=set)
     _held: dict[str, HeldImages] = field(default_factory=dict)
     _camera: FolderRecording | None = None
-    _said: set[str] = field(default_factory=set)
+    _warned: set[str] = field(default_factory=set)
     _changed: threading.Condition = field(default_factory=threading.Condition)
 
     def __post_init__(self) -> None:
@@ -153,7 +153,7 @@ class FrameStream:
             try:
                 self._add(raw, decoder)
             except (RecordingError, ValueError, ArithmeticError) as error:
-                self._tell(raw.topic, error)
+                self._warn(raw.topic, error)
 
     def next_frame(self, seconds: float) -> Frame | None:
         """The newest whole frame, waiting for it up to `seconds`; None where none came."""
@@ -204,12 +204,12 @@ class FrameStream:
             rows.stamps = rows.stamps[len(rows.stamps) - poses :]
             rows.rows = rows.rows[len(rows.rows) - 7 * poses :]
         if index.refused:
-            self._tell(topic, index.refusal)
+            self._warn(topic, index.refusal)
         index.refused, index.refusal = 0, ""
 
-    def _tell(self, topic: str, problem: object) -> None:
-        if topic not in self._said:
-            self._said.add(topic)
+    def _warn(self, topic: str, problem: object) -> None:
+        if topic not in self._warned:
+            self._warned.add(topic)
             _log.warning("%s: messages of %s are skipped: %s", self.address, topic, problem)
 
     def _newest(self) -> FrameEntry | None:
@@ -259,7 +259,7 @@ class FrameStream:
             if waited or span is None or span[1] >= stamp:
                 return True, tree.at(*names, stamp)
         except RecordingError as error:
-            self._tell("/tf", error)
+            self._warn("/tf", error)
             return waited, None
         return False, None
 
@@ -276,7 +276,7 @@ class FrameStream:
                 self._counts.without_depth += 1
 
     def _choose(self) -> bool:
-        """Choose the topics once they are there; whether it was done."""
+        """Choose the topics once they are there; returns whether they are chosen."""
         index, now = self._index, time.monotonic()
         there = (*index.streams, *index.tree.frames)
         if there != self._judged:
@@ -294,7 +294,7 @@ class FrameStream:
             return False
         self.problem, self._choice = "", choice
         self._held = {t: held for t, held in self._held.items() if self._is_used(t)}
-        _log.warning("%s: %s", self.address, _told(choice))
+        _log.warning("%s: %s", self.address, _description(choice))
         return True
 
     def _judge(self) -> Choice | RecordingError:
@@ -320,7 +320,7 @@ class FrameStream:
             frame = self._camera.decoded(entry)
         except (RecordingError, ValueError) as error:
             self._counts.unreadable += 1
-            self._tell("images", error)
+            self._warn("images", error)
             return None
         self._counts.taken += 1
         return frame
@@ -348,7 +348,7 @@ class FrameStream:
         )
 
 
-def _told(choice: Choice) -> str:
+def _description(choice: Choice) -> str:
     by = "tf" if choice.pose is None else choice.pose.topic
     return (
         f"colour {choice.colour.topic}, depth {choice.depth.topic}, poses of "

@@ -30,8 +30,9 @@ def pose_numbers(position: Any, orientation: Any) -> tuple[float, ...]:
 class TransformTree:
     """Links of frames to their parents, each a static transform or one over time.
 
-    With `kept` a link has that many transforms at most, the latest; it forgets those before time
-    went back, as where a simulation begins anew; and links are MAX_LINKS at most.
+    With `kept` a link keeps that many transforms at most, the latest ones. Where stamps jump back,
+    as at the restart of a simulation, it forgets all earlier ones. There are MAX_LINKS links at
+    most.
     """
 
     def __init__(self, kept: int | None = None) -> None:
@@ -40,7 +41,7 @@ class TransformTree:
         self._preferred: dict[str, str] = {}
 
     def add_message(self, message: Any, *, static: bool) -> list[str]:
-        """Add the transforms of a tf2_msgs/TFMessage; says of those that are none, why."""
+        """Add the transforms of a tf2_msgs/TFMessage; returns a message for each invalid one."""
         refused = []
         for one in message.transforms:
             numbers = pose_numbers(one.transform.translation, one.transform.rotation)
@@ -188,7 +189,7 @@ class _Link:
         self._ordered = None
 
     def forget(self, stamp: int, kept: int) -> None:
-        """Forget what is not needed once a transform of `stamp` [ns] comes."""
+        """Forget transforms that are not needed beside a new one of `stamp` [ns]."""
         if self.static or not len(self):
             return
         if stamp / NANOSECONDS < self._rows[-8] - MAX_GAP:
