@@ -79,7 +79,10 @@ def _corner(position: object) -> tuple[float, float]:
     """x and y [m] of a position; a third number, the height, is left out."""
     if not isinstance(position, list) or len(position) < 2 or not all(map(_is_number, position)):
         raise TypeError
-    return float(position[0]), float(position[1])
+    try:
+        return float(position[0]), float(position[1])
+    except OverflowError:
+        raise TypeError from None
 
 
 def _is_number(value: object) -> bool:

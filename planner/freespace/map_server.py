@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import LayoutError
+from kg.model.regular_files import check_regular
 from kg.store.atomic_file import write_atomically
 from mapping.occupancy.mapped_floor import MappedFloor
 from planner.freespace.grid import FreeSpace, Room
@@ -99,7 +100,8 @@ def _occupancy(image: Path, negate: bool) -> NDArray[np.float64]:
 
 def _of_npy(image: Path) -> NDArray[np.float64]:
     try:
-        values = np.load(image, allow_pickle=False)
+        check_regular(image)
+        values = np.load(image, allow_pickle=False, mmap_mode="r")  # no more than the file has
         known = np.asarray(values, np.float64)
     except (OSError, ValueError, TypeError, EOFError) as error:
         raise LayoutError(f"{image.name} is not an npy array of numbers") from error
@@ -113,6 +115,7 @@ def _of_npy(image: Path) -> NDArray[np.float64]:
 def _keys(path: Path) -> dict[str, str]:
     """The flat `key: value` lines of a YAML file; items of a list below a key, joined by commas."""
     try:
+        check_regular(path)
         with path.open("rb") as file:
             text = file.read(_MAX_BYTES).decode("utf-8")
     except UnicodeDecodeError as error:
@@ -153,6 +156,7 @@ _HEADER = re.compile(
 def _of_pgm(path: Path) -> NDArray[np.float64]:
     """(rows, columns) values 0..1 of a PGM image, plain or binary."""
     try:
+        check_regular(path)
         with path.open("rb") as file:
             data = file.read(8 * _MAX_PIXELS)
     except OSError as error:
