@@ -8,7 +8,7 @@ from typing import Any
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.areas import Ring
-from kg.model.records import DepartedRecord, ObjectRecord, PlaceRecord, RobotRecord
+from kg.model.records import DepartedRecord, ObjectRecord, PlaceRecord
 from kg.rdf.standard_terms import CRS
 
 _FRAME = "local frame of this map: metres, z up, the floor about z = 0; not geographic"
@@ -44,7 +44,12 @@ def rooms_document(semantic_map: SemanticMap, min_existence: float = 0.5) -> dic
         ],
         "elsewhere": held.get(None, []),
         "departed": [names.departed(record) for record in semantic_map.departed()],
-        "robot": None if robot is None else _robot(robot),
+        "robot": robot
+        and {
+            "position": [round(float(c), 3) for c in robot.p_map],
+            "heading": round(robot.heading, 4),
+            "stamp": robot.stamp,
+        },
     }
 
 
@@ -147,14 +152,6 @@ def _shown(semantic_map: SemanticMap, min_existence: float) -> Iterable[ObjectRe
         for record in semantic_map.objects()
         if record.existence >= min_existence and all(math.isfinite(c) for c in record.p_map)
     )
-
-
-def _robot(robot: RobotRecord) -> dict[str, Any]:
-    return {
-        "position": [round(float(c), 3) for c in robot.p_map],
-        "heading": round(robot.heading, 4),
-        "stamp": robot.stamp,
-    }
 
 
 def _feature(

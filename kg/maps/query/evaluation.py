@@ -143,21 +143,18 @@ def answer_of(
     if isinstance(results, QueryBoolean):
         return Table(("answer",), ((bool(results),),))
     if isinstance(results, QueryTriples | Triples):
-        triples = tuple(sorted(set(_triples(results)), key=str))
+        found: Iterable[Triple] = results
+        if isinstance(results, QueryTriples):
+            # as in `kg.maps.query.result_rows`: evaluated whole, without the interpreter's lock
+            text = results.serialize(format=RdfFormat.N_TRIPLES) or b""
+            found = (quad.triple for quad in parse(text, format=RdfFormat.N_TRIPLES))
+        triples = tuple(sorted(set(found), key=str))
         rows = _rows((t.subject, t.predicate, t.object) for t in triples)
         return TripleTable(("subject", "predicate", "object"), rows, triples)
     columns = tuple(variable.value for variable in results.variables)
     if isinstance(results, QuerySolutions):
         return Table(columns, rows_of(results))
     return Table(columns, _rows(tuple(solution) for solution in results))
-
-
-def _triples(results: QueryTriples | Triples) -> Iterable[Triple]:
-    if isinstance(results, Triples):
-        return results
-    # as in `kg.maps.query.result_rows`: evaluated whole, without the interpreter's lock
-    text = results.serialize(format=RdfFormat.N_TRIPLES) or b""
-    return (quad.triple for quad in parse(text, format=RdfFormat.N_TRIPLES))
 
 
 def _rows(terms: Iterable[Iterable[object]]) -> tuple[tuple[Value, ...], ...]:

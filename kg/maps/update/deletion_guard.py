@@ -63,7 +63,9 @@ def things_in(quads: Iterable[Quad], facts: RecordCodec) -> frozenset[Subject]:
     return frozenset(
         quad.subject
         for quad in quads
-        if quad.predicate == v.RDF_TYPE and quad.graph_name == v.MAP_GRAPH and _is_kind(quad, facts)
+        if quad.predicate == v.RDF_TYPE
+        and quad.graph_name == v.MAP_GRAPH
+        and (quad.object == _PLACE or facts.catalogue.by_iri(getattr(quad.object, "value", "")))
     )
 
 
@@ -77,8 +79,3 @@ def is_place(read: Read, facts: RecordCodec, subject: Subject) -> bool:
 
 def _is_thing(read: Read, facts: RecordCodec, subject: Subject) -> bool:
     return bool(things_in(read(subject, v.RDF_TYPE, None, v.MAP_GRAPH), facts))
-
-
-def _is_kind(quad: Quad, facts: RecordCodec) -> bool:
-    category = getattr(quad.object, "value", "")
-    return quad.object == _PLACE or facts.catalogue.by_iri(category) is not None

@@ -34,10 +34,6 @@ from kg.store.transactional import TransactionalStore
 #: Scopes of a restoration, beside single things by their IRI.
 SCOPES: Final = ("objects", "places", "assertions", "ontology")
 
-_DEPARTED: Final = NamedNode(v.DEPARTED_OBJECT)
-_NEXT_OBJECT: Final = NamedNode(v.NEXT_OBJECT)
-_ATTRIBUTED: Final = NamedNode(v.PROV_ATTRIBUTED_TO)
-
 
 @dataclass(frozen=True, slots=True)
 class Restored:
@@ -81,7 +77,7 @@ class Restoration:
         if only:
             self._undo_scopes()
         else:
-            self._undo(lambda quad: quad.predicate != _NEXT_OBJECT)
+            self._undo(lambda quad: quad.predicate.value != v.NEXT_OBJECT)
 
     @property
     def changes_ontology(self) -> bool:
@@ -154,9 +150,9 @@ class Restoration:
             for read in (self.pending.before, self._then.quads_for_pattern):
                 if things_in(read(node, None, None, v.MAP_GRAPH), self._facts):
                     kinds[iri] = "places" if is_place(read, self._facts, node) else "objects"
-                elif _DEPARTED in (
-                    quad.object for quad in read(node, v.RDF_TYPE, None, v.MAP_GRAPH)
-                ):
+                    continue
+                types = [quad.object for quad in read(node, v.RDF_TYPE, None, v.MAP_GRAPH)]
+                if NamedNode(v.DEPARTED_OBJECT) in types:
                     kinds.setdefault(iri, "objects")
         return kinds
 
@@ -172,7 +168,11 @@ class Restoration:
 
     def _add_agents(self) -> None:
         """Describe the authors of restored assertions."""
-        agents = {quad.object for quad in self.pending.added if quad.predicate == _ATTRIBUTED}
+        agents = {
+            quad.object
+            for quad in self.pending.added
+            if quad.predicate.value == v.PROV_ATTRIBUTED_TO
+        }
         back = self._difference.added
         self.pending.change((), (quad for quad in back if quad.subject in agents))
 

@@ -40,7 +40,6 @@ PROTECTED: Final = {
 }
 _COUNTERS: Final = {v.SEQUENCE, v.NEXT_OBJECT, v.FRAMES_APPLIED, v.LAST_FRAME, v.TRANSFORM}
 _SHAPED: Final = (v.MAP_GRAPH, v.DATASET_GRAPH, v.ASSERTIONS_GRAPH)
-_SUB_CLASS: Final = NamedNode(v.RDFS_SUB_CLASS_OF)
 _MAX_SHOWN = 3  # violations in one message
 
 
@@ -88,12 +87,11 @@ class UpdateValidator:
             for term in (quad.subject, quad.predicate, quad.object):
                 if isinstance(term, Triple):
                     raise ShapeError(f"the update is refused: triple terms are not used: {term}")
-                if isinstance(term, NamedNode) and term.value.startswith(v.HERE):
-                    self._check_declared(term.value, quad)
-
-    def _check_declared(self, iri: str, quad: Quad) -> None:
-        if iri not in self._declared and quad.graph_name != v.ONTOLOGY_GRAPH:
-            raise ShapeError(f"the update is refused: {undeclared(iri, self._declared)}")
+                if not isinstance(term, NamedNode) or not term.value.startswith(v.HERE):
+                    continue
+                if term.value not in self._declared and quad.graph_name != v.ONTOLOGY_GRAPH:
+                    problem = undeclared(term.value, self._declared)
+                    raise ShapeError(f"the update is refused: {problem}")
 
     def _findings(
         self, focus: dict[Subject, None], pending: ChangeDraft, *, after: bool
@@ -130,13 +128,14 @@ class UpdateValidator:
         yield from self._hierarchy(classes)
 
     def _hierarchy(self, classes: Iterable[str]) -> Iterator[Quad]:
+        sub_class_of = NamedNode(v.RDFS_SUB_CLASS_OF)
         for iri in classes:
-            for above in self._above.get(iri, ()):
+            for above in self._superclasses.get(iri, ()):
                 if above != iri:
-                    yield Quad(NamedNode(iri), _SUB_CLASS, NamedNode(above), v.ONTOLOGY_GRAPH)
+                    yield Quad(NamedNode(iri), sub_class_of, NamedNode(above), v.ONTOLOGY_GRAPH)
 
     @cached_property
-    def _above(self) -> dict[str, tuple[str, ...]]:
+    def _superclasses(self) -> dict[str, tuple[str, ...]]:
         return superclasses(
             self._store.engine.quads_for_pattern(None, None, None, v.ONTOLOGY_GRAPH)
         )

@@ -77,7 +77,7 @@ class ChangeStream:
             self._check_status(reply)
             where = without_secrets(self._root)
             for data in _data(reply):
-                yield decoded_reply(where, _change, data)
+                yield decoded_reply(where, lambda data: change_from_json(json.loads(data)), data)
 
     def _check_status(self, reply: requests.Response) -> None:
         if reply.status_code == 200:
@@ -89,10 +89,6 @@ class ChangeStream:
             raise HistoryError(detail)
         where, status = without_secrets(self._root), reply.status_code
         raise RemoteError(f"{where} refused the change stream ({status}): {detail}")
-
-
-def _change(data: str) -> ChangeSet:
-    return change_from_json(json.loads(data))
 
 
 def _data(reply: requests.Response) -> Iterator[str]:

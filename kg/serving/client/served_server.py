@@ -97,7 +97,12 @@ class ServedClient:
 
     def assertions(self, iri: str | None) -> tuple[Assertion, ...]:
         """Assertions, of one thing or of all."""
-        return self._decoded(_assertions, "GET", "assertions", {} if iri is None else {"iri": iri})
+        return self._decoded(
+            lambda data: tuple(map(assertion_from_json, data["assertions"])),
+            "GET",
+            "assertions",
+            {} if iri is None else {"iri": iri},
+        )
 
     def assert_(self, iri: str, prop: str, value: object) -> ChangeSet | None:
         """Assert a property, by the holder of the token."""
@@ -179,7 +184,9 @@ class ServedClient:
 
     def log(self, iri: str) -> tuple[HistoryEvent, ...]:
         """The history events of one thing."""
-        return self._decoded(_entries, "GET", "log", {"iri": iri})
+        return self._decoded(
+            lambda data: tuple(map(entry_from_json, data)), "GET", "log", {"iri": iri}
+        )
 
     def diff(self, before: str, after: str) -> Difference:
         """The difference between the states at two moments."""
@@ -187,7 +194,9 @@ class ServedClient:
 
     def why(self, what: str) -> tuple[Explanation, ...]:
         """The explanation of a thing or of a fact."""
-        return self._decoded(_reasons, "GET", "why", {"what": what})
+        return self._decoded(
+            lambda data: tuple(map(reason_from_json, data)), "GET", "why", {"what": what}
+        )
 
     def fetch(
         self,
@@ -299,18 +308,6 @@ def _check_unicode(*texts: str | bytes) -> None:
     for text in texts:
         if isinstance(text, str) and not is_unicode(text):
             raise QueryParameterError(f"{text[:100]!r} is no Unicode text")
-
-
-def _assertions(data: Json) -> tuple[Assertion, ...]:
-    return tuple(map(assertion_from_json, data["assertions"]))
-
-
-def _entries(data: list[Json]) -> tuple[HistoryEvent, ...]:
-    return tuple(map(entry_from_json, data))
-
-
-def _reasons(data: list[Json]) -> tuple[Explanation, ...]:
-    return tuple(map(reason_from_json, data))
 
 
 def _categories(data: Json) -> dict[str, str]:

@@ -56,7 +56,11 @@ class PublishTarget:
         background = [quad for quad in snapshot.quads if quad.graph_name in BACKGROUND]
         own = {quad for quad in snapshot.quads if quad.graph_name not in BACKGROUND}
         stored = set(self._stored(base))
-        known = {quad for graph in BACKGROUND for quad in self._graph(graph)}
+        known = {
+            quad
+            for graph in BACKGROUND
+            for quad in self._quads(f"BIND({graph} AS ?g) GRAPH {graph} {{ ?s ?p ?o }}")
+        }
         delete = sorted(stored - own, key=str)
         insert = [quad for quad in background if quad not in known]
         insert += sorted(own - stored, key=str)
@@ -88,9 +92,6 @@ class PublishTarget:
         yield from self._quads(f"{facts} FILTER(STRSTARTS(STR(?s), {Literal(base)}))")
         part = f"GRAPH {v.PUBLISHED_GRAPH} {{ {NamedNode(base)} {_PART} ?s }}"
         yield from self._quads(f"{part} {facts}")
-
-    def _graph(self, graph: NamedNode) -> Iterator[Quad]:
-        yield from self._quads(f"BIND({graph} AS ?g) GRAPH {graph} {{ ?s ?p ?o }}")
 
     def _quads(self, pattern: str) -> Iterator[Quad]:
         (count,) = self._select("(COUNT(*) AS ?n)", pattern).rows

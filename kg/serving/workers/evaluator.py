@@ -87,16 +87,19 @@ class Evaluator:
         """Write the whole answer to a request, or one error."""
         try:
             if kind == b"L":
-                self._parse(request)
+                from kg.serving.workers.ingestion import parse_document  # few workers need it
+
+                self._send_all("application/n-quads", parse_document(request), request)
                 return
             self.open(request["folder"])
             if kind in _OF_SNAPSHOT:
                 _OF_SNAPSHOT[kind](self, request)
-            elif "at" in request:
-                self._write_past(request)
             else:
                 self._vet(request)
-                self._write(request, self._store, self._sequence)
+                if "at" in request:
+                    self._write(request, self._past_state(request), int(request["at"]))
+                else:
+                    self._write(request, self._store, self._sequence)
         except HereaboutsError as error:
             self._fail(type(error).__name__, str(error))
         except MemoryError:
@@ -119,10 +122,6 @@ class Evaluator:
         if not self._denied:
             check_network_words(request["sparql"], self._settings["services"])
         vet(request["sparql"], services=self._settings["services"])
-
-    def _write_past(self, request: Request) -> None:
-        self._vet(request)
-        self._write(request, self._past_state(request), int(request["at"]))
 
     def _prepare_past(self, request: Request) -> None:
         self._past_state(request)
@@ -161,11 +160,6 @@ class Evaluator:
         self._store.dump(cast(IO[bytes], sink), form, prefixes=request["prefixes"])
         sink.end()
         self._send(b".", b"")
-
-    def _parse(self, request: Request) -> None:
-        from kg.serving.workers.ingestion import parse_document  # as above
-
-        self._send_all("application/n-quads", parse_document(request), request)
 
     def _report_history(self, request: Request) -> None:
         from kg.serving.workers.history_tasks import history_report  # as above

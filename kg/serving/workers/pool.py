@@ -324,7 +324,9 @@ class QueryPool:
                 snapshot = self._workers.assign(worker, least)
                 request = call.request | {"folder": str(snapshot.folder)}
                 if call.is_of_past:
-                    request |= self._history_of_map().request() | {"at": call.at}
+                    if self._history is None:
+                        raise HistoryError("this map keeps no history")
+                    request |= self._history.request() | {"at": call.at}
                 return self._answer(worker, call, request)
             finally:
                 call.end()
@@ -338,11 +340,6 @@ class QueryPool:
                 call.begin(federated)
                 return _answer_of(federated, call, request)
         return _answer_of(worker, call, request)
-
-    def _history_of_map(self) -> HistoryFile:
-        if self._history is None:
-            raise HistoryError("this map keeps no history")
-        return self._history
 
 
 def _keep_fresh(reference: weakref.ref[QueryPool], closed: threading.Event, refresh: float) -> None:

@@ -38,7 +38,10 @@ async def changes(serving: AppState, request: Request) -> ASGIApp:
     since = _since(request)
     feed = serving.feed
     if kind == JSON:
-        return await _page(serving, since)
+        if since is None:
+            raise Problem(400, "changes as JSON need ?since=, a sequence number")
+        body = await run_in_threadpool(partial(_page_of, feed.since(since), since))
+        return Response(body, media_type=JSON, headers={"Cache-Control": "no-store"})
     queue = Queue(serving.settings.limits.feed_backlog)
     feed.add(queue, request.state.client)
     try:
@@ -48,14 +51,6 @@ async def changes(serving: AppState, request: Request) -> ASGIApp:
         raise
     events = _events(feed, queue, past, since or 0)
     return EventStream(events, queue.ended, partial(feed.remove, queue))
-
-
-async def _page(serving: AppState, since: int | None) -> Response:
-    if since is None:
-        raise Problem(400, "changes as JSON need ?since=, a sequence number")
-    past = serving.feed.since(since)
-    body = await run_in_threadpool(partial(_page_of, past, since))
-    return Response(body, media_type=JSON, headers={"Cache-Control": "no-store"})
 
 
 def _page_of(past: Iterable[ChangeSet], since: int) -> bytes:

@@ -53,7 +53,8 @@ def links(serving: AppState, request: Request, iri: str) -> dict[str, str]:
     """The header Link of a resource: original, TimeGate and TimeMap."""
     if not iri.startswith(serving.semantic_map.base) or not _has_history(serving):
         return {}
-    here, times = _original(serving, request, iri), _timemap(request, iri)
+    here = _original(serving, request, iri)
+    times = f"{request.base_url}timemap?iri={quote(iri, safe='')}"
     relations = f'<{here}>; rel="original"', f'<{here}>; rel="timegate"'
     return {"Link": ", ".join((*relations, f'<{times}>; rel="timemap"; type="{LINKS}"'))}
 
@@ -162,10 +163,6 @@ def _address(serving: AppState, request: Request, iri: str, version: Version) ->
 
 def _original(serving: AppState, request: Request, iri: str) -> str:
     return str(request.base_url).rstrip("/") + local_path(serving.semantic_map.base, iri)
-
-
-def _timemap(request: Request, iri: str) -> str:
-    return f"{request.base_url}timemap?iri={quote(iri, safe='')}"
 
 
 def _has_history(serving: AppState) -> bool:

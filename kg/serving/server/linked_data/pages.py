@@ -86,11 +86,12 @@ def thing_page(thing: ResourceDescription, title: str, link: Link, base: str) ->
     pointing = "".join(
         _fact(quad.predicate.value, _term(quad.subject, link), link) for quad in thing.referring
     )
+    address = link(thing.iri)[0]
     page = template("thing.html").substitute(
         head=head(title),
         title=escape(title),
         iri=escape(thing.iri),
-        turtle=escape(_turtle_address(link(thing.iri)[0])),
+        turtle=escape(f"{address}{'&' if '?' in address else '?'}format=ttl"),
         place=_on_the_map(thing, base),
         facts=facts,
         pointing=pointing,
@@ -106,10 +107,6 @@ def _on_the_map(thing: ResourceDescription, base: str) -> str:
         return ""
     name = quote(thing.iri.removeprefix(base), safe="/:@!$&'()*+,;=?#-._~")
     return f'<p><a href="/#{escape(name)}">show it on the map</a></p>'
-
-
-def _turtle_address(href: str) -> str:
-    return f"{href}{'&' if '?' in href else '?'}format=ttl"
 
 
 def compact(iri: str, base: str) -> str:
