@@ -148,11 +148,15 @@ class Mapper:
     ) -> MapUpdate:
         """Map one frame: objects, places, occupancy and the robot's pose; returns what was written.
 
-        `scores` count where `viewed_place` says so. Raises MapBusyError where another mapper writes
-        the same stream, ConflictError where others keep writing the same things, and RecordingError
-        for what cannot be right (`mapping.frame_checks`: depth in other units, no depth in the
-        first frames, poses that are no rigid camera-to-map transforms, detections of another type);
-        the map is then as before.
+        `scores` count only for the place that `viewed_place` gives. After an error the map is as
+        before.
+
+        Raises:
+            MapBusyError: another mapper writes the same stream.
+            ConflictError: others keep writing the same things.
+            RecordingError: an input is impossible (`mapping.frame_checks`): depth in other units,
+                no depth in the first frames, poses that are no rigid camera-to-map transforms,
+                detections of another type.
         """
         with self.timer.stage("map"):
             check_detections(detections, scores)
@@ -179,9 +183,13 @@ class Mapper:
     ) -> MapUpdate:
         """Map detections that have positions already; returns what was written.
 
-        As `add` by association, confidence and corrections, but without negative evidence: nothing
-        is known of what the sensor could see. `stamp` [s since 1970] is when they were taken;
-        where the `robot` was then is stored, and what it sees again from there counts less.
+        As `add`, but without negative evidence, since the sensor's field of view is unknown.
+
+        Args:
+            sightings: the detections.
+            stamp: when they were taken [s since 1970].
+            robot: pose of the robot then, which is stored; sightings of a thing from one spot
+                count less each time.
         """
 
         def change() -> _Change:
@@ -199,8 +207,8 @@ class Mapper:
     def viewed_place(self, frame: Frame) -> str | None:
         """IRI of the place whose category belief the scene scores of `frame` would update.
 
-        None: they would not count (little depth, several places in view, a repeated view), so that
-        the scene classifier need not be run. Raises RecordingError where `add` would.
+        None: they would not count (little depth, several places in view, a repeated view), so the
+        scene classifier can be skipped. Raises RecordingError where `add` would.
         """
         if self._viewed is None or self._viewed[0] is not frame:
             with self.timer.stage("map"):
@@ -209,7 +217,7 @@ class Mapper:
         return self._viewed[1]
 
     def flush(self) -> None:
-        """Write what is left of the occupancy map, the rooms of all of it, and the detections."""
+        """Write the rest of the occupancy map, the rooms of the whole floor, and the detections."""
         if self._occupancy is not None:
             self._apply(self._rest_of_occupancy)
         if self._rooms is not None:
@@ -229,7 +237,7 @@ class Mapper:
     def detection_report(self) -> DetectionReport:
         """Fates of all detections, and the things that were seen but are not believed.
 
-        A map with a folder keeps it there (`detections.json`) and counts on from earlier runs.
+        The folder of a map keeps the report (`detections.json`); later runs add to its counts.
         """
         return self._reporter.report()
 

@@ -1,4 +1,4 @@
-"""Floor match: how well the floor that a recording shows lies on the one that a map holds."""
+"""Floor match: how well a recording's floor lies on a map's floor."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _MARGIN: Final = 4  # cells around the map's
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FloorPoints:
-    """Cells of a floor as points (n, 2) [m] at their centres, by what is known of them."""
+    """Centres (n, 2) [m] of the cells of a floor, free ones and obstacles."""
 
     free: Floats
     obstacles: Floats

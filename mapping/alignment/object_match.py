@@ -1,4 +1,4 @@
-"""Object match: how well the objects that a recording shows lie on those of a map, by category."""
+"""Object match: how well a recording's objects lie on a map's objects of the same categories."""
 
 from __future__ import annotations
 

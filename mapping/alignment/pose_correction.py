@@ -1,4 +1,4 @@
-"""Pose correction: everything mapped from a recording moves to where better poses put it.
+"""Pose correction: moves everything mapped from a recording by its corrected poses.
 
 The recording is mapped into a temporary map by the corrected poses. One transaction then replaces
 its part of the map. Objects keep their identity where their evidence, moved with its frame, shows
@@ -9,7 +9,7 @@ people and facts from other recordings stay.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -53,15 +53,9 @@ class CorrectionReport:
 
     def to_json(self) -> dict[str, Any]:
         """Plain values, for `--json`."""
-        return {
-            "recording": self.recording,
-            "frames": self.frames,
-            "kept": self.kept,
-            "median_distance": round(self.distance, 3),
-            "new": self.new,
-            "removed": self.removed,
-            "floor_tiles": self.tiles,
-        }
+        values = asdict(self)
+        distance, tiles = values.pop("distance"), values.pop("tiles")
+        return values | {"median_distance": round(distance, 3), "floor_tiles": tiles}
 
 
 def is_mapped(recording: FolderRecording, semantic_map: SemanticMap) -> bool:
@@ -76,7 +70,7 @@ def correct_poses(
     remap: Callable[[FolderRecording, SemanticMap], MappingReport],
     options: MappingOptions = DEFAULT_OPTIONS,
 ) -> CorrectionReport:
-    """Replace what `semantic_map` has of a recording by what its corrected poses make of it.
+    """Replace a recording's part of `semantic_map` by the result of its corrected poses.
 
     `previous` is the same recording by the poses it was mapped with; `remap` maps one into a map.
     The corrected poses are in the recording's own world, whose transform into the map is kept.

@@ -1,8 +1,8 @@
-"""Fit of a recording into a map that holds others: refused, or aligned, where it is not known.
+"""Fit of a recording into a map that holds others: checked by its floor, or found by alignment.
 
-A recording's own world begins where its camera was switched on, so two recordings of one room share
-nothing by themselves. A transform that is given is taken; otherwise the floor that the recording
-shows must lie on the map's.
+A recording's own world begins where its camera was switched on, so the worlds of two recordings of
+one room differ. A given transform is used as it is. Without one the recording's floor must lie on
+the map's floor.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from perception.sources.recording import FolderRecording
 FITS: Final = 0.9  # `Match.quality` of a floor that is taken for the map's
 ALIGNED: Final = 0.6  # ... of one whose place was searched, and ...
 RIVAL: Final = 0.8  # ... share of its score that any other place may have
-CONTRADICTS: Final = 0.0  # `Match.quality` of a floor that is not where it is said to be
-OBJECTS: Final = 5  # matched objects that do where the floors hardly overlap
+CONTRADICTS: Final = 0.0  # `Match.quality` below which a floor contradicts the given transform
+OBJECTS: Final = 5  # matched objects that suffice where the floors hardly overlap
 CHECKED: Final = 24  # frames, spread evenly
 SEARCHED: Final = 80
 
@@ -44,9 +44,12 @@ _log = logging.getLogger(__name__)
 def check_fit(recording: Recording, semantic_map: SemanticMap, *, same_frame: bool = False) -> str:
     """Check that a recording new to a map of others fits; returns what was found, one line or "".
 
-    Recordings that are no folder's have poses in the map's frame. `same_frame` says the same of
-    this one; then, and where its transform was given, a contradicting floor is warned of. Raises
-    LayoutError where it was not and the floor does not tell.
+    Live recordings have poses in the map frame; with `same_frame` this recording has too. With
+    `same_frame` or a given transform, a contradicting floor gives a warning. Otherwise the floor
+    must fit.
+
+    Raises:
+        LayoutError: neither is given, and the floor does not fit or is too small to tell.
     """
     others = [r.name for r in semantic_map.recordings() if r.frames_applied]
     if not isinstance(recording, FolderRecording) or not others or recording.name in others:
@@ -115,7 +118,7 @@ def aligned(
         )
     _check_certain(recording.name, found)
     T = found.T @ recording.T_map_world
-    return replace(recording.placed(T), transform_given=True), _told(recording.name, found)
+    return replace(recording.placed(T), transform_given=True), _summary(recording.name, found)
 
 
 def _check_certain(name: str, found: Alignment) -> None:
@@ -135,7 +138,7 @@ def _check_certain(name: str, found: Alignment) -> None:
         )
 
 
-def _told(name: str, found: Alignment) -> str:
+def _summary(name: str, found: Alignment) -> str:
     x, y, z = found.T[:3, 3]
     turn = np.degrees(np.arctan2(found.T[1, 0], found.T[0, 0]))
     return (

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import HistoryError
@@ -18,7 +21,6 @@ from mapping.evaluation.existence_scores import (
     scores_by_existence,
 )
 from mapping.evaluation.identity_switches import SHOWN, identity_switches, object_states
-from mapping.evaluation.position_coverage import Coverage, coverage
 from mapping.evaluation.relation_scores import (
     RelationOutcomes,
     RelationScore,
@@ -26,6 +28,18 @@ from mapping.evaluation.relation_scores import (
 )
 from mapping.evaluation.truth_matching import MappedObject, Matching, TruthMatcher
 from perception.evaluation.calibration import Calibration, reliability
+
+CHI2_95: Final = {2: 5.991, 3: 7.815}  # 95 % quantiles by degrees of freedom
+_ROUNDING: Final = 0.003  # [m] standard deviation of positions stored to the centimetre
+
+
+@dataclass(frozen=True, slots=True)
+class Coverage:
+    """Share of matched objects whose 95 % region holds the true position; None of nothing."""
+
+    objects: int  # matched, with a covariance
+    ellipse: float | None  # over the floor: x and y
+    ellipsoid: float | None  # x, y and z
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,3 +158,29 @@ def calibration(matchings: Iterable[Matching]) -> Calibration:
         for pairs, is_true in ((matching.matched, True), (false, False)):
             outcomes += [(matching.mapped[pair.mapped].existence, is_true) for pair in pairs]
     return reliability(outcomes)
+
+
+def coverage(maps: Iterable[tuple[Matching, TruthMatcher]]) -> Coverage:
+    """Coverage over the matched objects of one or several maps."""
+    errors = [
+        (o.p_map - matcher.p_map[pair.true], o.covariance)
+        for matching, matcher in maps
+        for pair in matching.matched
+        if (o := matching.mapped[pair.mapped]).covariance is not None
+    ]
+    return Coverage(
+        objects=len(errors),
+        ellipse=_share([_inside(e, c, 2) for e, c in errors if c is not None]),
+        ellipsoid=_share([_inside(e, c, 3) for e, c in errors if c is not None]),
+    )
+
+
+def _inside(error: NDArray[np.float64], covariance: NDArray[np.float64], axes: int) -> bool:
+    """Whether `error` (3,) [m] lies in the 95 % region of the first `axes` axes."""
+    spread = covariance[:axes, :axes] + _ROUNDING**2 * np.eye(axes)
+    squared = error[:axes] @ np.linalg.solve(spread, error[:axes])
+    return bool(squared <= CHI2_95[axes])
+
+
+def _share(inside: list[bool]) -> float | None:
+    return sum(inside) / len(inside) if inside else None

@@ -35,7 +35,7 @@ class LabelResolver:
         self.provisional: dict[str, None] = {}  # in the order in which they were met
 
     def learn(self, labels: Iterable[str]) -> None:
-        """Make provisional categories of labels without a category, where `unknown` is that."""
+        """Make provisional categories of labels without one, if `unknown` is "provisional"."""
         if self._unknown == "ignore":
             return
         new = [label for label in dict.fromkeys(labels) if self._known(label) is None]

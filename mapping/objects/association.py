@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 #: position (3,) [m] and categories of a track as people assert them; None where they do not
 Asserted = Callable[[Track], tuple[Floats | None, str | None]]
 
-_SLACK = 0.05  # [m] added to each footprint, which are surfaces seen from one side
+_SLACK = 0.05  # [m] added to each footprint, since it covers only the visible side
 _OTHER = 1.0  # cost of unequal categories, above that of any equal ones
 
 
@@ -27,8 +27,9 @@ def associate(
 ) -> dict[int, int]:
     """Index of a sighting -> index of its track, each at most once, at least total cost.
 
-    An equal category passes a gate that grows with both sizes and with depth, or overlapping
-    footprints; another category only what is in the same spot and of about the same size.
+    A pair of one category needs a distance below a gate, which grows with both sizes and with
+    depth, or overlapping footprints. A pair of two categories needs the same spot and about the
+    same size.
     """
     if not sightings or not tracks:
         return {}
@@ -77,7 +78,7 @@ def _cost(
 
 
 def boxes_touch(low: Floats, high: Floats, lows: Floats, highs: Floats) -> NDArray[np.bool_]:
-    """Which boxes, corners (n, 3) [m], touch a box, corners (3,), but for the slack."""
+    """(n,) whether boxes, corners (n, 3) [m], touch a box, corners (3,), up to the slack."""
     below, above = lows - 2 * _SLACK, highs + 2 * _SLACK
     return np.asarray(((below < high) & (low < above)).all(axis=1))
 

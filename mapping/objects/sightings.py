@@ -18,7 +18,7 @@ from mapping.reference.depth_histogram import box_depth
 from mapping.sighting import Box, Floats, Sighting, ThingSighting
 from perception.frames import Detections, Frame
 
-_SAMPLES = 1000  # pixels of a box that are looked at
+_SAMPLES = 1000  # pixels of a box that are sampled
 _MIN_DEPTH = 0.05  # share of a box with depth; lit screens and glass have less
 _MIN_PIXELS = 10
 _PERCENTILE = 35  # of the depths in a box
@@ -86,10 +86,8 @@ class SightingExtractor:
                 x1, y1, x2, y2 = (float(side) for side in box)
                 yield _Detection(source, category, float(score), (x1, y1, x2, y2), mask)
             elif score >= least:
-                self.fates.unused(self._unused(label), (label,))
-
-    def _unused(self, label: str) -> Fate:
-        return Fate.IGNORED if self._labels.ignores(label) else Fate.UNKNOWN
+                fate = Fate.IGNORED if self._labels.ignores(label) else Fate.UNKNOWN
+                self.fates.unused(fate, (label,))
 
     def _localised(self, frame: Frame, group: Sequence[_Detection]) -> ThingSighting | None:
         s, box = self._settings, group[0].box
@@ -152,7 +150,7 @@ def _min_overlap(group: Sequence[_Detection], one: _Detection, settings: ObjectS
     """IoU above which `one` shows the thing of `group`."""
     same = [other for other in group if other.category == one.category]
     if any(other.detector == one.detector for other in same):
-        return 0.75  # the detector itself took them for two
+        return 0.75  # the detector itself suppressed duplicates
     return settings.same_label_overlap if same else settings.other_label_overlap
 
 
@@ -177,9 +175,9 @@ class _Surface:
 def _visible_surface(frame: Frame, group: Sequence[_Detection]) -> _Surface | None:
     """Surface of the thing that a group shows, by its strongest box or mask; None without depth.
 
-    Its depth is a low percentile of the box's, as more of a box shows what lies behind a thing than
-    what lies before it. Of a box that has hardly any depth (a lit screen, glass) it is that of the
-    ring around it.
+    Its depth is a low percentile of the depths in the box, since a box shows more of the background
+    than of the foreground. For a box with hardly any depth (a lit screen, glass) it is the depth of
+    the ring around the box.
     """
     best = next((one for one in group if one.mask is not None), group[0])
     found = box_depth(frame, np.array(best.box), best.mask)
@@ -219,6 +217,6 @@ def _ring_depth(frame: Frame, clipped: tuple[int, int, int, int]) -> float | Non
 
 
 def _percentile(values: NDArray[np.floating], percent: int) -> float:
-    """One of the `values` (n,), so that much of the way from the least to the greatest."""
+    """Percentile of `values` (n,), as one of them."""
     rank = (len(values) - 1) * percent // 100
     return float(np.partition(values, rank)[rank])

@@ -1,4 +1,4 @@
-"""Track updater: counts what frames show, and what they should have shown, as evidence."""
+"""Track updater: counts the hits and misses of each frame as evidence for tracks."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ from perception.frames import Frame
 class TrackUpdater:
     """Updates tracks with the views of one frame after another.
 
-    `model` is the detector where detections name none, `recording` what observations come from.
+    `recording` and `model`, the detector, are kept with observations; detections may name another
+    detector.
     """
 
     def __init__(
@@ -39,7 +40,7 @@ class TrackUpdater:
         self.stamp = self.stamp if stamp is None else stamp
 
     def see(self, track: Track, sighting: ThingSighting, frame: Frame, view: Viewpoint) -> None:
-        """Count a sighting as a look that shows the track."""
+        """Count a sighting as a hit of the track."""
         weight = track.look(view)
         track.absence.hit(weight)
         track.clear_views.clear()
@@ -53,7 +54,7 @@ class TrackUpdater:
         self.finish(track, sighting, frame.stamp, frame.id)
 
     def miss(self, tracks: Iterable[Track], frame: Frame, view: Viewpoint) -> list[Track]:
-        """Count the frame against those of `tracks` that it should have shown; returns them."""
+        """Count a miss of each of `tracks` that the frame should show; returns these tracks."""
         s, camera = self._settings, frame.T_map_cam[:3, 3]
         missed = list[Track]()
         for track in tracks:
@@ -72,7 +73,7 @@ class TrackUpdater:
         return missed
 
     def new_track(self, sighting: ThingSighting, stamp: float) -> Track:
-        """A candidate where `sighting` shows a thing, seen at `stamp` [s]; nothing is counted."""
+        """A candidate at the position of `sighting`, without evidence so far; `stamp` [s]."""
         return Track(
             p_map=sighting.p_map.copy(),
             size=sighting.size,
@@ -89,7 +90,7 @@ class TrackUpdater:
         track.last_frame = self.frame
 
     def finish(self, track: Track, sighting: ThingSighting, stamp: float, frame: str) -> None:
-        """Assess the track, and keep the sighting where it explains the track best."""
+        """Assess the track, and keep the sighting if it is the best observation so far."""
         self.assess(track)
         shown = {d: score for (d, c), score in sighting.scores.items() if c == track.category}
         if sighting.box is None or not shown:

@@ -6,7 +6,7 @@ import math
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -234,38 +234,31 @@ class Track:
 
     def record(self) -> ObjectRecord:
         """Its record, as perception believes it."""
-        assert self.iri is not None
-        existence = self.existence
         return ObjectRecord(
-            iri=self.iri,
-            category=self.category,
-            p_map=self.position,
-            confidence=3 * existence,
-            existence=existence,
-            observations=self.observations,
-            first_seen=self.first_seen,
-            last_seen=self.last_seen,
+            **self._common_fields(),
+            confidence=3 * self.existence,
+            existence=self.existence,
             place=self.place,
             evidence=self.best,
             deviation=self.deviation,
-            extent=self.high - self.low,
             labels=self.alternatives,
         )
 
     def departed_record(self, now: float) -> DepartedRecord:
         """Its record as a departed object, found gone at `now` [s]."""
-        assert self.iri is not None
-        return DepartedRecord(
-            iri=self.iri,
-            category=self.category,
-            p_map=self.position,
-            peak=self.peak,
-            observations=self.observations,
-            first_seen=self.first_seen,
-            last_seen=self.last_seen,
-            found_gone=max(now, self.last_seen),
-            extent=self.high - self.low,
-        )
+        found_gone = max(now, self.last_seen)
+        return DepartedRecord(**self._common_fields(), peak=self.peak, found_gone=found_gone)
+
+    def _common_fields(self) -> dict[str, Any]:
+        return {
+            "iri": self.iri,
+            "category": self.category,
+            "p_map": self.position,
+            "observations": self.observations,
+            "first_seen": self.first_seen,
+            "last_seen": self.last_seen,
+            "extent": self.high - self.low,
+        }
 
 
 def track_of(record: ObjectRecord, settings: ObjectSettings, usual_size: SizeOf) -> Track:
@@ -316,17 +309,10 @@ def track_of_departed(
     record: DepartedRecord, settings: ObjectSettings, usual_size: SizeOf
 ) -> Track:
     """Track of an object that left the map, as it was known there."""
-    known = ObjectRecord(
-        iri=record.iri,
-        category=record.category,
-        p_map=record.p_map,
-        confidence=3 * record.peak,
-        existence=record.peak,
-        observations=record.observations,
-        first_seen=record.first_seen,
-        last_seen=record.last_seen,
-        extent=record.extent,
-    )
+    fields = {name: getattr(record, name) for name in DepartedRecord.__slots__}
+    peak = fields.pop("peak")
+    del fields["found_gone"]
+    known = ObjectRecord(**fields, confidence=3 * peak, existence=peak)
     return track_of(known, settings, usual_size)
 
 

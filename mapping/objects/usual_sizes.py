@@ -43,7 +43,7 @@ def usual_sizes() -> Mapping[str, UsualSize]:
 def size_log_likelihood(size: float, usual: UsualSize | None) -> float:
     """Log-likelihood of a longest dimension `size` [m], log-normal about `usual`; 0 at its mode.
 
-    Sizes below the usual one count less, as what is seen of a thing is often a part of it.
+    Deviations below the usual size count less, since often only a part of a thing is visible.
     """
     if usual is None or size <= 0:
         return 0.0

@@ -14,7 +14,7 @@ from kg.model.records import FREE, LOW, TALL, UNKNOWN, FloorTile
 
 _MAX_CAMERA_HEIGHT: Final = 2.4  # [m] above its floor
 _CELLS: Final = (0.001, 1.0)  # [m] least and greatest side of a cell
-_REACH: Final = 4096  # cells from the middle of a floor that are kept: 205 m
+_REACH: Final = 4096  # greatest distance of a kept cell from the middle [cells]: 205 m
 _MAX_TILE: Final = 10**9  # number of a tile
 
 States = NDArray[np.uint8]
@@ -115,11 +115,11 @@ def _cut(tile: FloorTile) -> tuple[int, float]:
 
 
 def _about_the_middle(
-    tiles: Iterable[FloorTile], of: Sequence[FloorTile], reach: int
+    tiles: Iterable[FloorTile], centre: Sequence[FloorTile], reach: int
 ) -> list[FloorTile]:
-    """The `tiles` no more than `reach` tiles from the one in the middle `of` these."""
-    x, y = (sorted(numbers)[len(of) // 2] for numbers in zip(*map(_number, of), strict=True))
-    middle = min(of, key=lambda t: (abs(t.column - x) + abs(t.row - y), _number(t)))
+    """The `tiles` up to `reach` tiles from the middle one of `centre`."""
+    x, y = (sorted(n)[len(centre) // 2] for n in zip(*map(_number, centre), strict=True))
+    middle = min(centre, key=lambda t: (abs(t.column - x) + abs(t.row - y), _number(t)))
     return [
         tile
         for tile in tiles

@@ -87,8 +87,8 @@ def segmented(floor: MappedFloor, settings: SegmentationSettings | None = None) 
     return Segmentation(origin, cell, rooms, doors, areas)
 
 
-def _without_pillars(states: NDArray[np.uint8], least: float) -> NDArray[np.uint8]:
-    """`states` with tall parts that are no longer than `least` cells as low ones."""
+def _without_pillars(states: NDArray[np.uint8], max_length: float) -> NDArray[np.uint8]:
+    """`states` with tall parts up to `max_length` cells long as low ones."""
     parts = connected_components(states == TALL)
     at = np.argwhere(parts >= 0)
     if not len(at):
@@ -101,7 +101,7 @@ def _without_pillars(states: NDArray[np.uint8], least: float) -> NDArray[np.uint
         np.minimum.at(low, number, at[:, axis])
         np.maximum.at(high, number, at[:, axis] + 1)
         size = np.maximum(size, high - low)
-    small = np.append(size <= least, False)[parts]
+    small = np.append(size <= max_length, False)[parts]
     return np.where(small, np.uint8(LOW), states)
 
 
@@ -116,7 +116,7 @@ def _floor(states: NDArray[np.uint8], hole: float) -> NDArray[np.bool_]:
 
 
 def _gaps(states: NDArray[np.uint8], inside: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
-    """Unknown cells up to `reach` cells from floor, which must not narrow it to a door."""
+    """Unknown cells up to `reach` cells from floor; as walls they would look like doors."""
     if reach <= 0:
         return np.zeros_like(inside)
     near = distance_to_walls(~np.pad(inside, reach + 1), reach + 1)[
@@ -196,12 +196,12 @@ class _Flood:
         return k
 
 
-def _without_small(labels: NDArray[np.int64], least: float) -> NDArray[np.int32]:
-    """Rooms numbered by size; those under `least` cells joined to a neighbour, or dropped."""
+def _without_small(labels: NDArray[np.int64], min_size: float) -> NDArray[np.int32]:
+    """Rooms numbered by size; those under `min_size` cells joined to a neighbour, or dropped."""
     labels = labels.copy()
     while True:
         sizes = np.bincount(labels[labels >= 0], minlength=1)
-        small = np.flatnonzero((sizes > 0) & (sizes < least))
+        small = np.flatnonzero((sizes > 0) & (sizes < min_size))
         if not len(small):
             break
         part = int(small[np.argmin(sizes[small])])

@@ -1,4 +1,4 @@
-"""Storeys: which one a camera is on, and the height of its floor."""
+"""Storeys of a building: heights of their floors, and the storey of a camera."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Storeys:
         return min(near, key=lambda n: (near[n], n)) if near else None
 
     def _level_below(self, z: float, points: FramePoints) -> float | None:
-        """Height [m] that a good part of the points below the camera share."""
+        """Height [m] of the largest level among the points below the camera; None without one."""
         s = self._settings
         heights = points.xyz[2][np.isfinite(points.depth)]
         below = heights[(heights < z - s.lowest_camera) & (heights > z - s.highest_camera)]

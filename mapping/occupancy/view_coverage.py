@@ -1,4 +1,4 @@
-"""View coverage: how much of an area was viewed, by the view times of floor tiles."""
+"""View coverage: share of an area that was viewed, by the view times of floor tiles."""
 
 from __future__ import annotations
 

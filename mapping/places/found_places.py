@@ -1,8 +1,8 @@
 """Places found in the mapped floor: rooms become places, which keep their identity as they change.
 
-A room becomes the place with which it shares most of its area. A place with assertions of people is
-never merged into another, and is preferred when several match a room. Given places (from a file, or
-drawn by people) do not change, and rooms that lie in them belong to them.
+A room becomes the place with which it shares most of its area. A place with assertions is never
+merged into another, and is preferred when several match a room. Given places (from a file, or drawn
+by people) do not change; a room that lies in one is a part of it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from mapping.places.place_registry import PlaceRegistry
 
 _SAME: Final = 0.5  # share of the smaller of two areas that both must have to be one place
 _ALIKE: Final = 0.97  # intersection over union from which an outline is not written again
-_COVERED: Final = 0.5  # share of a room in a given place that makes it part of that
+_COVERED: Final = 0.5  # share of a room in a given place that makes it a part of that place
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,7 @@ class FoundPlaces:
         self._map, self._places, self._recording = semantic_map, places, recording
         self._settings = settings or SegmentationSettings()
         self._prefix = semantic_map.place_iri(0)[:-1]
-        self._next = 1  # number of the next new place; none is given twice
+        self._next = 1  # number of the next new place; each is used once
 
     def update(self) -> FoundChanges:
         """Segment the floor that the map holds, and update the places."""
@@ -165,7 +165,7 @@ def find_places(
 
 
 def objects_elsewhere(semantic_map: SemanticMap, places: PlaceRegistry) -> tuple[ObjectRecord, ...]:
-    """Objects of a map that are in another place now, by where they are believed to be."""
+    """Objects of a map whose believed positions lie in another place now."""
     believed = {record.iri: record.p_map for record in semantic_map.objects()}
     now = (
         replace(record, place=places.at(believed.get(record.iri, record.p_map)))

@@ -1,8 +1,8 @@
 """Polygons of places from GeoJSON (RFC 7946), in metres of the map frame.
 
-RFC 7946 has longitude and latitude; for plans in metres its predecessor's "crs" member and plain
-x and y are in use, which is what is read here. A document is refused that names a geographic
-reference system, or has a polygon so small that it must be in degrees.
+RFC 7946 has longitude and latitude. Plans in metres use plain x and y and the "crs" member of the
+format's predecessor; this module reads such plans. A document that names a geographic reference
+system, or has a polygon so small that it must be in degrees, is an error.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def is_geojson(document: object) -> bool:
 def polygons(document: Mapping[str, Any]) -> list[tuple[Mapping[str, Any], Area]]:
     """Properties and area of each polygon, in order; an "id" of the feature is among them.
 
-    Points are passed over: exported maps have their objects so, plans their labels.
+    Points are skipped: they are objects of exported maps, or labels of plans.
 
     Raises LayoutError, naming the feature, where one is no polygon, or is in degrees.
     """

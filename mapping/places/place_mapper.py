@@ -25,8 +25,8 @@ class PlaceMapper:
     """Place mapper: updates beliefs over place categories with scene scores.
 
     Views and beliefs come from the graph (through `places`) and go back into it; the latest poses
-    are remembered for this run only. `labels` resolves the network's labels; the probability of
-    one without a category is dropped, and the rest is not scaled up for it.
+    are kept for this run only. `labels` resolves the network's labels; the probability of a label
+    without a category is dropped, and the others are not scaled up.
     """
 
     def __init__(

@@ -21,11 +21,11 @@ from mapping.places.layout import Layout, LayoutPlace
 class PlaceRegistry:
     """All places of a map, those of this run first; a cache that the graph can rebuild.
 
-    With a layout its places are this run's places. Without one the run has a single place,
-    labelled with the recording's name, that grows with what is seen: with `find` until places are
-    found in the floor. With `recording` None it has no places of its own. Places that the map holds
-    from other runs stay behind them, with their views and beliefs. All as perception believes them;
-    what others wrote is taken over by `refresh`.
+    With a layout, its places are this run's places. Without one, the run has a single place,
+    labelled with the recording's name, that grows with the viewed area; with `find` only until
+    places are found in the floor. With `recording` None the run has no places of its own. Places of
+    other runs follow, with their views and beliefs. All are as perception believes them; `refresh`
+    reads changes of other writers.
 
     Raises LayoutError where the layout names a category that the ontology does not have.
     """
@@ -59,7 +59,7 @@ class PlaceRegistry:
         return tuple(self._places.values())
 
     def refresh(self) -> None:
-        """Read again what others changed since the last call; cheap where nothing was."""
+        """Read changes of other writers since the last call; cheap where there are none."""
         touched = self._watch.take()
         if not touched:
             return
@@ -72,7 +72,7 @@ class PlaceRegistry:
         self.revision += 1
 
     def put(self, record: PlaceRecord) -> None:
-        """Store a place's new record, if it is new."""
+        """Store a record of a place, if it differs from the former one."""
         old = self._places.get(record.iri)
         if old == record:
             return
@@ -98,7 +98,7 @@ class PlaceRegistry:
         return changed
 
     def undo(self, records: Iterable[PlaceRecord]) -> None:
-        """Mark records as changed again, that could not be written."""
+        """Mark records that could not be written as changed again."""
         self._changed |= {record.iri for record in records if record.iri in self._places}
 
     def observe(self, points: NDArray[np.float64]) -> None:

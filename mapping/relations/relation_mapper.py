@@ -109,8 +109,8 @@ class RelationMapper:
     def _computed(self, moved: Sequence[Box]) -> dict[str, _Relations]:
         """Relations, by IRI, of all objects for which those of the `moved` boxes may matter.
 
-        What is within reach of a box may relate to it; what is within reach of that may lose a
-        nearer neighbour by it.
+        An object within reach of a box may relate to it. Objects within reach of that object may
+        lose it as a neighbour.
         """
         near = list(self._boxes.within(moved, 4 * MAX_DISTANCE))
         inner = self._boxes.within(moved, 2 * MAX_DISTANCE)

@@ -11,8 +11,13 @@ from kg.model.records import MapUpdate, ObjectRecord
 from kg.serving.opening import create_map, in_memory_map, open_map
 from mapping.evaluation.complete_truth import TrueObject
 from mapping.evaluation.identity_switches import identity_switches
-from mapping.evaluation.map_evaluation import calibration, evaluate_map, mapped_objects, pooled
-from mapping.evaluation.position_coverage import coverage
+from mapping.evaluation.map_evaluation import (
+    calibration,
+    coverage,
+    evaluate_map,
+    mapped_objects,
+    pooled,
+)
 from mapping.evaluation.truth_matching import MappedObject, TruthMatcher
 
 IDENTITY = np.eye(4)
